@@ -1,0 +1,3 @@
+PYTHON ?= python3.11
+VENV := .venv
+RUN := $(VENV)/bin/python -m pipeline

@@ -1,0 +1,121 @@
+"""Contradictions between values that are each allowed: in a study, and between provenance and the numbers it is of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from pipeline.config.design import Design
+from pipeline.config.section import MISSING, Problem, nearest_name
+from pipeline.config.study import Cycle, Metrics, Reduce, Samples
+
+LARGEST_HYPERCUBE = 100_000
+"""A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
+RESERVED_NAMES = ("verify", "paper_tables", "bench", "blind", "identify")
+"""Run folders of the targets that are no study."""
+
+
+def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Problem]:
+    """Contradictions among the valid sections of a study.
+
+    Parameters
+    ----------
+    parts : the sections that are valid by themselves, by name.
+    raw : the file as read, which also tells what was left to its default.
+    """
+    found: list[Problem] = []
+    samples, cycle, metrics, reduce, design = (
+        parts.get(name) for name in ("samples", "cycle", "metrics", "reduce", "design")
+    )
+    if parts.get("name") in RESERVED_NAMES:
+        found.append(Problem("file name", parts["name"], "is the run folder of another target; rename the study file"))
+    if samples:
+        found += _samples(samples, raw)
+    if cycle:
+        found += _cycle(cycle, samples)
+    if cycle and metrics:
+        found += _metrics(metrics, cycle)
+    if reduce and design:
+        found += _patches(reduce, design)
+    return found
+
+
+def number_keys(raw: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Dotted keys of all numbers of a design file, its provenance left out."""
+    keys: list[str] = []
+    for name, value in raw.items():
+        if isinstance(value, Mapping) and prefix + name != "provenance":
+            keys += number_keys(value, f"{prefix}{name}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            keys.append(prefix + name)
+    return keys
+
+
+def provenance_problems(parts: Mapping[str, Any], numbers: Iterable[str]) -> Iterator[Problem]:
+    """Provenance of a number that the design does not have."""
+    numbers = list(numbers)
+    for key in parts.get("provenance", ()):
+        if key not in numbers:
+            yield Problem(f'provenance."{key}"', None, f"no such number in this file; {nearest_name(key, numbers)}")
+
+
+def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Problem]:
+    cases = raw.get("cases", ())
+    listed = len(cases) if isinstance(cases, tuple) else 0
+    if samples.experiment == "cases":
+        if listed == 0:
+            yield Problem("cases", MISSING, 'experiment = "cases" needs at least one [[cases]]')
+        elif samples.count != listed:
+            yield Problem("samples.count", samples.count, f"must be {listed}, the number of [[cases]]; or leave it out")
+        if "tolerances" in raw:
+            yield Problem("tolerances", None, "a case states total values; delete the section, or the cases")
+    elif listed:
+        yield Problem("samples.experiment", samples.experiment, 'must be "cases" where [[cases]] are listed')
+    if samples.experiment == "latin_hypercube" and samples.count > LARGEST_HYPERCUBE:
+        yield Problem(
+            "samples.count",
+            samples.count,
+            f"must be <= {LARGEST_HYPERCUBE} in a Latin hypercube, which is held as a whole; take sobol or monte_carlo",
+        )
+    if samples.replicated and samples.count % samples.randomisations:
+        rounded = -(-samples.count // samples.randomisations) * samples.randomisations
+        yield Problem(
+            "samples.count",
+            samples.count,
+            f"must be a multiple of randomisations = {samples.randomisations}; take {rounded}",
+        )
+
+
+def _cycle(cycle: Cycle, samples: Samples | None) -> Iterator[Problem]:
+    if len(set(cycle.crank_deg)) < len(cycle.crank_deg):
+        yield Problem("cycle.crank_deg", cycle.crank_deg, "angles must differ")
+    if cycle.keep_contacts == "all":
+        return
+    if len(set(cycle.keep_contacts)) < len(cycle.keep_contacts):
+        yield Problem("cycle.keep_contacts", cycle.keep_contacts, "samples must differ")
+    if samples and max(cycle.keep_contacts, default=0) >= samples.rows:
+        yield Problem("cycle.keep_contacts", cycle.keep_contacts, f"samples are numbered 0 to {samples.rows - 1}")
+
+
+def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Problem]:
+    low, high = metrics.rigidity_percent
+    if low >= high:
+        yield Problem("metrics.rigidity_percent", metrics.rigidity_percent, "must rise: [lower, upper]")
+    reached = 100 * cycle.torque_fraction
+    for name, needed in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
+        if needed > reached:
+            yield Problem(
+                f"metrics.{name}",
+                getattr(metrics, name),
+                f"must be <= {reached:g}, which cycle.torque_fraction reaches; raise the one or lower the other",
+            )
+
+
+def _patches(reduce: Reduce, design: Design) -> Iterator[Problem]:
+    radii = {
+        "patch_half_width_mm": design.cycloid.pin_radius_mm,
+        "roller_patch_half_width_mm": design.output.roller_radius_mm,
+    }
+    for name, radius in radii.items():
+        if getattr(reduce, name) >= radius:
+            yield Problem(f"reduce.{name}", getattr(reduce, name), f"must be < {radius:g} mm, the rolling radius")

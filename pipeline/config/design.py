@@ -1,0 +1,109 @@
+"""The design file: the nominal reducer, its materials, and where each number comes from."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pipeline.config.section import NotNegative, Positive, Section
+
+
+class Cycloid(Section):
+    """Cycloid stage: ring of pins and one disk with `pins - 1` lobes."""
+
+    pins: Annotated[int, Field(ge=4)]
+    pin_radius_mm: Positive
+    pin_circle_radius_mm: Positive
+    eccentricity_mm: Positive
+    rated_torque_Nm: Positive
+
+    @property
+    def lobes(self) -> int:
+        """Number of lobes of the disk, which is also the reduction ratio."""
+        return self.pins - 1
+
+
+class Housing(Section):
+    """Ring that holds the pins."""
+
+    outer_diameter_mm: Positive
+
+
+class Material(Section):
+    """Isotropic linear elastic material."""
+
+    # Diamond has 1.2e6 MPa: anything above was typed in another unit.
+    youngs_modulus_MPa: Annotated[float, Field(gt=0, le=1.3e6)]
+    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5)]
+
+
+class Disk(Section):
+    """Cycloid disk: a slice of constant thickness, carried on the input bearing in its bore."""
+
+    material: str
+    thickness_mm: Positive
+    bore_radius_mm: Positive
+    stress: Literal["plane_stress", "plane_strain"]
+
+
+class Pins(Section):
+    """Pins in the housing."""
+
+    material: str
+
+
+class Bearing(Section):
+    """Input bearing between crank and disk: F = K (d - c)^n beyond its radial clearance c, with d in mm."""
+
+    stiffness_N_per_mm_power: Positive
+    exponent: Annotated[float, Field(ge=1)]
+    clearance_um: NotNegative
+
+
+class RollerPlate(Section):
+    """Sliding plate between disk and output, on two crossed tongues with rows of rollers along their faces.
+
+    Each of the two interfaces has two faces at +-`face_offset_mm` from the axis; on each face a row of rollers stands
+    at each end of the slide, at stations equally spaced from `outer_station_mm` to `inner_station_mm`.
+    """
+
+    mechanism: Literal["roller_plate"]
+    roller_radius_mm: Positive
+    rollers: Annotated[int, Field(ge=8, multiple_of=8)]
+    roller_length_mm: Positive
+    roller_material: str
+    inner_station_mm: Positive
+    outer_station_mm: Positive
+    face_offset_mm: Positive
+    slide_angle_deg: Annotated[float, Field(ge=-360, le=360)]
+    plate: Literal["rotates", "floats"]
+    flat_depth_mm: Positive
+    plate_material: str
+
+    @property
+    def stations(self) -> int:
+        """Rollers in a row: 2 interfaces x 2 faces x 2 ends share all rollers."""
+        return self.rollers // 8
+
+
+class Provenance(Section):
+    """Where a number comes from, and why it can be trusted or not."""
+
+    status: Literal["published", "given", "chosen", "calibrated"]
+    reason: Annotated[str, Field(min_length=1)]
+
+
+class Design(Section):
+    """A nominal one-stage cycloid reducer. Lengths in mm, moduli in MPa, as the names say."""
+
+    title: str
+    source: str
+    cycloid: Cycloid
+    housing: Housing
+    materials: Annotated[dict[str, Material], Field(min_length=1)]
+    disk: Disk
+    pins: Pins
+    bearing: Bearing
+    output: RollerPlate
+    provenance: dict[str, Provenance] = {}

@@ -1,0 +1,177 @@
+"""Design and study files read from TOML; all problems of all files are reported together."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from pipeline.config.cases import Case, case_problems
+from pipeline.config.consistency import number_keys, provenance_problems, study_problems
+from pipeline.config.design import Design
+from pipeline.config.geometry import geometry_problems
+from pipeline.config.messages import problems_of
+from pipeline.config.section import MISSING, Problem, nearest_name
+from pipeline.config.study import Study
+from pipeline.config.tolerances import Tolerances, tolerance_problems
+from pipeline.errors import InputError
+
+
+def load_design(path_or_stem: str | Path, root: Path) -> Design:
+    """The design of a TOML file.
+
+    Parameters
+    ----------
+    path_or_stem : a path, or the stem of a file in data/designs.
+    root : the project's folder.
+
+    Raises
+    ------
+    InputError : the file is missing, is no TOML, or holds values that are not allowed; with all of its problems.
+    """
+    path = _found(path_or_stem, root, "designs", [Path(), root])
+    return parse_design(_toml(path), path.name)
+
+
+def load_study(path_or_stem: str | Path, root: Path) -> Study:
+    """The study of a TOML file, with its design; its name is the file's stem.
+
+    Parameters
+    ----------
+    path_or_stem : a path, or the stem of a file in data/studies.
+    root : the project's folder.
+
+    Raises
+    ------
+    InputError : a file is missing, is no TOML, or holds values that are not allowed; with all problems of both files.
+    """
+    path = _found(path_or_stem, root, "studies", [Path(), root])
+    return parse_study(_toml(path), path.stem, path.name, lambda name: _study_design(name, path, root))
+
+
+def parse_design(data: Mapping[str, Any], file: str) -> Design:
+    """The design in the parsed TOML `data`; `file` names it in messages.
+
+    Raises
+    ------
+    InputError : with every problem found.
+    """
+    raw = _tuples(data)
+    problems, parts = _validated(Design, raw)
+    problems += geometry_problems(parts)
+    problems += provenance_problems(parts, number_keys(raw))
+    _raise_if(problems, file)
+    return Design.model_validate(raw)
+
+
+def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Callable[[str], Design]) -> Study:
+    """The study in the parsed TOML `data`.
+
+    Parameters
+    ----------
+    data : the file's content; `design` is the name that `read_design` resolves.
+    name : of the study, its run folder.
+    file : names the study file in messages.
+    read_design : the design of a name; may raise InputError, whose problems join the study's own.
+
+    Raises
+    ------
+    InputError : with every problem found in both files.
+    """
+    raw = _tuples(data)
+    design, others = _referred(raw.get("design"), read_design)
+    cases = raw.get("cases", ()) if isinstance(raw.get("cases", ()), tuple) else ()
+    if isinstance(raw.get("samples"), dict) and raw["samples"].get("experiment") == "cases":
+        raw["samples"].setdefault("count", max(1, len(cases)))
+    problems, parts = _validated(Study, {**raw, "name": name, "design": design})
+    problems = [problem for problem in problems if problem.key != "design"]
+    problems += study_problems(parts, raw)
+    if "design" not in raw or not (design or others):
+        problems.append(Problem("design", raw.get("design", MISSING), "must be the name of a design file"))
+    if "name" in raw:
+        problems.append(Problem("name", raw["name"], "unknown key; a study has the name of its file"))
+    problems += tolerance_problems(_valid_fields(Tolerances, raw.get("tolerances", {})), design)
+    problems += case_problems(_valid_cases(cases), design)
+    _raise_if(problems, file, others)
+    return Study.model_validate({**raw, "name": name, "design": design})
+
+
+def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Design | None, Sequence[str]]:
+    """The design that a study names, or the problems of its file."""
+    try:
+        return (read_design(name), ()) if isinstance(name, str) else (None, ())
+    except InputError as error:
+        return None, error.problems
+
+
+def _validated(model: type[BaseModel], raw: Mapping[str, Any]) -> tuple[list[Problem], dict[str, Any]]:
+    """The problems of `raw` as pydantic finds them, and the sections that are valid by themselves."""
+    try:
+        instance = model.model_validate(raw)
+    except ValidationError as error:
+        return problems_of(error, model), _valid_fields(model, raw)
+    return [], {name: getattr(instance, name) for name in model.model_fields}
+
+
+def _valid_fields(model: type[BaseModel], raw: object) -> dict[str, Any]:
+    if not isinstance(raw, dict):
+        return {}
+    valid = {}
+    for name, field in model.model_fields.items():
+        if name not in raw:
+            continue
+        try:
+            valid[name] = TypeAdapter(field.rebuild_annotation()).validate_python(raw[name], strict=True)
+        except ValidationError:
+            continue
+    return valid
+
+
+def _valid_cases(raw: tuple[object, ...]) -> dict[int, Case]:
+    valid = {}
+    for position, case in enumerate(raw):
+        try:
+            valid[position] = Case.model_validate(case)
+        except ValidationError:
+            continue
+    return valid
+
+
+def _tuples(value: Any) -> Any:
+    """`value` with lists as tuples, which strict validation asks of frozen sections."""
+    if isinstance(value, Mapping):
+        return {key: _tuples(item) for key, item in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError([f"{path.name}: not a TOML file: {error}; correct the line"]) from None
+
+
+def _study_design(name: str, study: Path, root: Path) -> Design:
+    path = _found(name, root, "designs", [study.parent, root], f"{study.name}: design")
+    return parse_design(_toml(path), path.name)
+
+
+def _found(name: str | Path, root: Path, kind: str, bases: list[Path], where: str = "") -> Path:
+    """The file of a path (under one of `bases`) or of a stem (under data/`kind`)."""
+    home = root / "data" / kind
+    places = [base / name for base in bases] if Path(name).suffix == ".toml" else [home / f"{name}.toml"]
+    for place in places:
+        if place.is_file():
+            return place
+    stems = [path.stem for path in home.glob("*.toml")]
+    advice = nearest_name(Path(name).stem, stems) if stems else f"data/{kind} is empty"
+    raise InputError([f"{where or kind} = {str(name)!r}; no such file; {advice}"])
+
+
+def _raise_if(problems: list[Problem], file: str, others: Sequence[str] = ()) -> None:
+    lines = [problem.line(file) for problem in problems] + list(others)
+    if lines:
+        raise InputError(lines)

@@ -1,0 +1,194 @@
+"""What a result depends on: settings, sources, package versions, inputs; and which of them changed."""
+
+import ast
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cache, cached_property, reduce
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import to_jsonable_python
+
+from pipeline.engine.stage import Stage
+
+PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
+"""Libraries whose version may change a number."""
+
+OWN_PACKAGES = ("pipeline", "stages")
+NO_EFFECT = ("pipeline.engine.progress",)
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """All that the result of a stage depends on; the number of jobs and the size of a chunk are not in it.
+
+    Attributes
+    ----------
+    settings : mapping
+        Values of the used sections by dotted name ("cycle.crank_deg").
+    sources : mapping
+        Hash of each source file by its path ("pipeline/model/contact.py"); comments and docstrings do not count.
+    packages : mapping
+        Version of each library in `PACKAGES`, and of Python.
+    inputs : mapping
+        Content hash of each upstream table or file ("clearance/gaps").
+    """
+
+    stage: str
+    settings: Mapping[str, Any]
+    sources: Mapping[str, str]
+    packages: Mapping[str, str]
+    inputs: Mapping[str, str]
+
+    @cached_property
+    def key(self) -> str:
+        """One hash of it all."""
+        return _digest(asdict(self))
+
+    @cached_property
+    def code(self) -> str:
+        """Hash of the sources and packages alone: what a cached computation depends on besides its own key."""
+        return _digest([self.sources, self.packages])
+
+    def changes_since(self, record: Mapping[str, Any]) -> list[str]:
+        """Plain sentences: what differs from the fingerprint in a stage's record."""
+        changes = []
+        for name, before, now in _differences(record["settings"], self.settings):
+            changes.append(f"setting {name} changed: {_short(before)} -> {_short(now)}")
+        for name, before, now in _differences(record["sources"], self.sources):
+            changes.append(f"source {name} {'added' if before is _NONE else 'removed' if now is _NONE else 'changed'}")
+        for name, before, now in _differences(record["packages"], self.packages):
+            changes.append(f"package {name} {before} -> {now}")
+        for name, _, _ in _differences(record["inputs"], self.inputs):
+            changes.append(f"input {name} changed")
+        return changes
+
+
+def fingerprint(stage: Stage, study: Any, inputs: Mapping[str, str]) -> Fingerprint:
+    """Fingerprint of a stage for a study, given the content hashes of its inputs."""
+    sections = {name: reduce(getattr, name.split("."), study) for name in stage.sections}
+    settings = dict(_leaves(to_jsonable_python(sections)))
+    return Fingerprint(stage.name, settings, source_hashes(stage.module), package_versions(), dict(inputs))
+
+
+@cache
+def package_versions() -> dict[str, str]:
+    """Versions of `PACKAGES` and of Python (its minor version)."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"python": python} | {name: importlib.metadata.version(name) for name in PACKAGES}
+
+
+def source_hashes(module: str) -> dict[str, str]:
+    """Hash of the file of a module and of every own file that it imports, directly or not.
+
+    Parameters
+    ----------
+    module : str
+        Dotted name of the root module.
+
+    Returns
+    -------
+    dict of str to str
+        Hash by path relative to the folder that holds the root package.
+    """
+    own = {*OWN_PACKAGES, module.partition(".")[0]}
+    hashes: dict[str, str] = {}
+    seen: set[str] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name in seen or name in NO_EFFECT or name.partition(".")[0] not in own:
+            continue
+        seen.add(name)
+        root, path = _locate(name)
+        if path is not None:
+            hashes[path.relative_to(root).as_posix()], imports = _source(path, path.stat().st_mtime_ns, name)
+            waiting += imports
+            waiting.append(name.rpartition(".")[0])
+    if not hashes:
+        raise TypeError(f"module {module}: no source file found")
+    return hashes
+
+
+def _locate(name: str) -> tuple[Path, Path | None]:
+    """Folder of the top package and the file of a module; no file if the name is not a module but a thing in one."""
+    top, *rest = name.split(".")
+    spec = importlib.util.find_spec(top) if top else None
+    if spec is None or spec.origin is None:
+        return Path(), None
+    origin = Path(spec.origin)
+    root = origin.parent.parent if spec.submodule_search_locations else origin.parent
+    base = root.joinpath(top, *rest)
+    return root, next((p for p in (base / "__init__.py", base.with_suffix(".py")) if p.is_file()), None)
+
+
+@cache
+def _source(path: Path, _modified: int, name: str) -> tuple[str, tuple[str, ...]]:
+    """Hash of what a file does, and the names it imports; remembered until the file is modified."""
+    tree = _Effective().visit(ast.parse(path.read_bytes()))
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(_imported(tree, package))
+
+
+class _Effective(ast.NodeTransformer):
+    """Removes what has no effect on a result: docstrings, and imports for type checkers only."""
+
+    def _without_docstring(self, node: Any) -> Any:
+        first = node.body[0] if node.body else None
+        if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str):
+            node.body = node.body[1:]
+        return self.generic_visit(node)
+
+    visit_Module = visit_ClassDef = visit_FunctionDef = visit_AsyncFunctionDef = _without_docstring
+
+    def visit_If(self, node: ast.If) -> Any:
+        checkers_only = ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING") and not node.orelse
+        return None if checkers_only else self.generic_visit(node)
+
+
+def _imported(tree: ast.AST, package: str) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+_NONE = object()
+
+
+def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    for name in sorted({*before, *now}):
+        pair = before.get(name, _NONE), now.get(name, _NONE)
+        if pair[0] != pair[1]:
+            yield name, *pair
+
+
+def _short(value: Any, width: int = 60) -> str:
+    text = "nothing" if value is _NONE else json.dumps(value)
+    return text if len(text) <= width else text[: width - 4] + " ..."
+
+
+def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted names and values; a list of plain values is one value."""
+    if isinstance(value, dict) and value:
+        children = value.items()
+    elif isinstance(value, list) and any(isinstance(element, dict | list) for element in value):
+        children = dict(enumerate(value)).items()
+    else:
+        yield name, value
+        return
+    for key, child in children:
+        yield from _leaves(child, f"{name}.{key}" if name else str(key))
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,203 @@
+"""Chunks on any joblib backend: what crosses to a worker and back, how much is in flight, what an error says.
+
+A worker gets the stage, its chunk's input rows and a handle of what all chunks share, and returns Parquet bytes: no
+shared file system is needed, and compression runs in parallel. Results are independent of the backend, since every
+chunk runs the same function with one BLAS thread.
+"""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import joblib
+from threadpoolctl import threadpool_limits
+
+from pipeline.engine.stage import Chunk, Stage, Tables
+from pipeline.engine.table import ITEM, Part
+from pipeline.errors import InputError
+
+WAVE = 32
+"""Chunks a process between two moments at which every result is written. Workers outrun a slow disk by no more than
+that, which bounds memory; waiting for the last of a wave costs about half a chunk in 32."""
+
+
+class ChunkError(RuntimeError):
+    """A body failed on a chunk; says stage, items and how to come back to it."""
+
+
+@dataclass(frozen=True)
+class Backend:
+    """A joblib backend by name, with the options that `joblib.parallel_config` hands to it."""
+
+    name: str = "loky"
+    options: Mapping[str, Any] = field(default_factory=lambda: {"inner_max_num_threads": 1})
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What a worker returns: a part of each table that has rows, and how many items failed."""
+
+    start: int
+    stop: int
+    parts: Mapping[str, Part]
+    failed: int
+
+
+@dataclass(frozen=True)
+class Value:
+    """Handle of the shared value, itself."""
+
+    value: Any
+
+    def load(self) -> Any:
+        """The value."""
+        return self.value
+
+
+@dataclass(frozen=True)
+class Dumped:
+    """Handle of the shared value in a file: mapped, not read, and once a process however many chunks it solves."""
+
+    path: Path
+    key: str
+
+    def load(self) -> Any:
+        """The value; its arrays are writable (private) maps, so that compiled code sees the same types in a worker."""
+        if self.key not in _LOADED:
+            if not _LOADED:
+                threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+            _LOADED.clear()  # a worker serves one stage after the other
+            _LOADED[self.key] = joblib.load(self.path, mmap_mode="c")
+        return _LOADED[self.key]
+
+
+_LOADED: dict[str, Any] = {}
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this worker when its parent is gone: if that was killed, loky would let the worker wait for five minutes."""
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
+
+
+def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved:
+    """Solve one chunk; runs in a worker.
+
+    Raises
+    ------
+    ChunkError
+        If the body fails or returns other tables than its contract; the cause is chained.
+    InputError
+        As raised by the body.
+    """
+    try:
+        assert stage.solve is not None
+        tables = stage.solve(shared.load(), chunk)
+        parts = {name: part for name, part in parts_of(stage, tables).items() if part.rows}
+        _check_items(stage, parts, chunk)
+        return Solved(chunk.start, chunk.stop, parts, stage.failures(tables) if stage.failures else 0)
+    except InputError:
+        raise
+    except Exception as error:
+        raise ChunkError(
+            f"{stage.name}: {stage.unit} {chunk.start} to {chunk.stop - 1} failed: {type(error).__name__}: {error}. "
+            "Finished chunks are kept: the same command with one job goes on with the unfinished ones, in this process"
+        ) from error
+
+
+def parts_of(stage: Stage, tables: Tables) -> dict[str, Part]:
+    """What a body returned as Parquet files; raises TypeError unless it is exactly what its stage declares."""
+    expected = {table.name for table in stage.tables}
+    if set(tables) != expected:
+        raise TypeError(f"stage {stage.name} returned tables {sorted(tables)}, its contract is {sorted(expected)}")
+    return {table.name: table.part(tables[table.name]) for table in stage.tables}
+
+
+def _check_items(stage: Stage, parts: Mapping[str, Part], chunk: Chunk) -> None:
+    for name in (table.name for table in stage.tables if ITEM in table.schema.names and table.name in parts):
+        first, last = parts[name].first, parts[name].last
+        if first is None or last is None or first < chunk.start or last >= chunk.stop:
+            raise TypeError(f"table {name}: column {ITEM} must be sorted and inside the chunk")
+
+
+def solved_chunks(
+    stage: Stage,
+    shared: Any,
+    chunks: Sequence[tuple[int, int]],
+    read: Callable[[int, int], Chunk],
+    scratch: Path,
+    jobs: int,
+    backend: Backend,
+) -> Generator[Solved]:
+    """Solve chunks and yield each as it finishes, in no order.
+
+    Parameters
+    ----------
+    stage, shared
+        The stage, and what its `prepare` returned.
+    chunks : sequence of (start, stop)
+        What is to be solved.
+    read : callable
+        `read(start, stop)`: a chunk with its input rows; called when a worker is nearly free, not before.
+    scratch : Path
+        Folder for the file in which `shared` goes to processes of this machine.
+    jobs : int
+        Processes; with one (or one chunk) everything happens in this process.
+    backend : Backend
+
+    Raises
+    ------
+    ChunkError, InputError
+        As `solve_chunk`; what was yielded before stays valid.
+    """
+    if not chunks:
+        return
+    if backend.name == "loky" and min(jobs, len(chunks)) == 1:
+        with threadpool_limits(1):
+            for start, stop in chunks:
+                yield solve_chunk(stage, Value(shared), read(start, stop))
+        return
+    handle = _dumped(shared, scratch) if backend.name == "loky" else Value(shared)
+    once = {"scatter": [handle]} if backend.name == "dask" else {}  # else Dask would send it with every chunk
+    waiting = iter(chunks)
+    with joblib.parallel_config(backend=backend.name, n_jobs=jobs, **backend.options, **once):
+        wave = WAVE * joblib.effective_n_jobs()
+        while batch := list(islice(waiting, wave)):
+            yield from _wave(stage, handle, batch, read)
+
+
+def _wave(
+    stage: Stage, handle: Value | Dumped, chunks: Iterable[tuple[int, int]], read: Callable[[int, int], Chunk]
+) -> Generator[Solved]:
+    errors: list[Exception] = []
+
+    def tasks() -> Iterator[Any]:
+        try:
+            for start, stop in chunks:
+                yield joblib.delayed(solve_chunk)(stage, handle, read(start, stop))
+        except Exception as error:  # joblib asks for tasks in a thread of its own, where an error would be lost
+            errors.append(error)
+
+    # chunks are large tasks: one a batch; their inputs are small: no detour over files
+    try:
+        yield from joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)(tasks())
+    except BrokenExecutor as error:
+        raise ChunkError(
+            f"{stage.name}: a worker process was ended from outside, by the system perhaps for want of memory. "
+            "Finished chunks are kept: the same command goes on; with smaller chunks or one job it needs less memory"
+        ) from error
+    if errors:
+        raise errors[0]
+
+
+def _dumped(shared: Any, scratch: Path) -> Dumped:
+    path = scratch / "shared.joblib"
+    joblib.dump(shared, path)
+    return Dumped(path, f"{path}@{path.stat().st_mtime_ns}")

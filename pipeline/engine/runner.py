@@ -1,0 +1,188 @@
+"""Running stages: what a target depends on, if it is missing or stale, and nothing else; and why a stage is stale."""
+
+import difflib
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine import progress
+from pipeline.engine.fingerprint import Fingerprint, fingerprint
+from pipeline.engine.parallel import Backend, parts_of, solved_chunks
+from pipeline.engine.stage import Chunk, Job, Stage
+from pipeline.engine.store import Cache, Output, Work, locked
+from pipeline.errors import InputError
+
+
+@dataclass(frozen=True)
+class Means:
+    """What a run may use; none of it changes a value: processes, items a chunk, and where chunks are solved."""
+
+    jobs: int
+    chunk: int
+    backend: Backend = Backend()
+
+
+def run(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path, means: Means) -> dict[str, Output]:
+    """Bring the targets up to date.
+
+    Parameters
+    ----------
+    stages : sequence of Stage
+        All stages, upstream ones first.
+    study : object
+        The validated study; its `name` names the run.
+    targets : sequence of str
+        Stages wanted.
+    runs : Path
+        Folder of all runs.
+    means : Means
+        Processes, chunk size, backend.
+
+    Returns
+    -------
+    dict of str to Output
+        The targets and all that they depend on.
+
+    Raises
+    ------
+    InputError
+        If a target is unknown, another process writes the run, or a file is damaged.
+    ChunkError
+        If a body fails on a chunk.
+    """
+    outputs: dict[str, Output] = {}
+    needed = _needed(stages, targets)
+    with locked(runs / study.name):
+        for stage in needed:
+            inputs = {name: outputs[name] for name in stage.reads}
+            now = fingerprint(stage, study, _content(inputs))
+            output = Output.open(runs / study.name / stage.name)
+            if output is not None and not _reasons(output, now):
+                progress.say(stage.name, "up to date")
+            else:
+                output = _executed(stage, study, now, inputs, runs, means)
+            outputs[stage.name] = output
+    return outputs
+
+
+def why(stages: Sequence[Stage], study: Any, target: str, runs: Path) -> list[str]:
+    """Reasons for which a target would run, as plain sentences; "up to date" if it would not.
+
+    Reasons of a stage upstream come first and name it. It runs first, and if its tables come out equal, the target does
+    not run.
+
+    Raises
+    ------
+    InputError
+        If the target is unknown.
+    """
+    sentences: list[str] = []
+    outputs: dict[str, Output] = {}
+    for stage in _needed(stages, [target]):
+        output = Output.open(runs / study.name / stage.name)
+        if output is None:
+            reasons = ["never run"]
+        else:
+            known = {name: outputs[name] for name in stage.reads if name in outputs}
+            lost = {name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in known}
+            reasons = _reasons(output, fingerprint(stage, study, _content(known) | lost))
+            outputs[stage.name] = output
+        sentences += reasons if stage.name == target else [f"{stage.name} runs first: {text}" for text in reasons]
+    return sentences or ["up to date"]
+
+
+def _needed(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:
+    """The targets and what they depend on, upstream first."""
+    names = [stage.name for stage in stages]
+    unknown = [target for target in targets if target not in names]
+    if unknown:
+        raise InputError(
+            f"stage {name} is unknown; stages are {', '.join(names)}{_hint(name, names)}" for name in unknown
+        )
+    wanted = set(targets)
+    for stage in reversed(stages):
+        if stage.name in wanted:
+            wanted |= set(stage.reads)
+    return [stage for stage in stages if stage.name in wanted]
+
+
+def _hint(name: str, names: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, names, 1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _content(outputs: Mapping[str, Output]) -> dict[str, str]:
+    return {f"{stage}/{name}": digest for stage, output in outputs.items() for name, digest in output.hashes.items()}
+
+
+def _reasons(output: Output, now: Fingerprint) -> list[str]:
+    changes = [] if output.record["key"] == now.key else now.changes_since(output.record)
+    return changes + output.faults()
+
+
+def _executed(
+    stage: Stage, study: Any, now: Fingerprint, inputs: Mapping[str, Output], runs: Path, means: Means
+) -> Output:
+    """Run a stage and publish its output."""
+    started = datetime.now(UTC).isoformat(timespec="seconds")
+    with progress.Meter() as meter:
+        state = {"key": now.key, "chunk": means.chunk} if stage.solve else None
+        work = Work(runs / study.name, stage.name, state)
+        job = Job(study, means.jobs, work.output, inputs, Cache(runs / ".cache", now.code))
+        counts = _solve_chunks(stage, job, work, means) if stage.solve else _run_whole(stage, job, work)
+        contents = work.contents(stage.tables)
+    if not stage.solve:
+        rows = sum(table["rows"] for table in contents["tables"].values())
+        progress.say(stage.name, f"{rows} rows", f"{meter.seconds:.1f} s")
+    record = {
+        "stage": stage.name,
+        "status": "complete",
+        "key": now.key,
+        "settings": now.settings,
+        "inputs": now.inputs,
+        "packages": now.packages,
+        "sources": now.sources,
+        **counts,
+        **contents,
+        "started": started,
+        "seconds": round(meter.seconds, 3),
+        "peak_memory_bytes": meter.peak_bytes,
+        "host": {"cores": os.cpu_count(), "machine": platform.machine(), "system": platform.platform()},
+        "jobs": means.jobs,
+        "backend": means.backend.name,
+    }
+    return work.publish(record)
+
+
+def _run_whole(stage: Stage, job: Job, work: Work) -> dict[str, int]:
+    assert stage.run is not None
+    work.write_whole(parts_of(stage, stage.run(job)))
+    return {}
+
+
+def _solve_chunks(stage: Stage, job: Job, work: Work, means: Means) -> dict[str, int]:
+    assert stage.items is not None
+    assert stage.prepare is not None
+    total = stage.items(job)
+    bounds = [(start, min(start + means.chunk, total)) for start in range(0, total, means.chunk)]
+    left = [bound for bound in bounds if bound[0] not in work.finished]
+    reads = {name: name.partition("/") for name in stage.chunk_reads}
+
+    def read(start: int, stop: int) -> Chunk:
+        tables = {name: job.inputs[at].read_items(table, start, stop) for name, (at, _, table) in reads.items()}
+        return Chunk(start, stop, tables)
+
+    with progress.Line(stage.name, stage.unit, total) as line:
+        for start, stop in set(bounds) - set(left):
+            line.advance(stop - start, work.finished[start]["failed"])
+        shared = stage.prepare(job) if left else None
+        with closing(solved_chunks(stage, shared, left, read, work.folder, means.jobs, means.backend)) as solved:
+            for part in solved:
+                work.write_chunk(part.start, part.parts, part.failed)
+                line.advance(part.stop - part.start, part.failed)
+    return {"items": total, "failed": line.failed, "chunk": means.chunk}

@@ -1,0 +1,41 @@
+"""VTK files of meshed bodies, for ParaView."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+
+def write_vtk(
+    path: Path, nodes: NDArray[np.complex128], triangles: NDArray[np.intp], point_data: Mapping[str, NDArray]
+) -> None:
+    """Write quadratic triangles and fields on their nodes.
+
+    Parameters
+    ----------
+    path
+        File to write; its suffix is the format: ``.vtu`` (compressed) or ``.vtk``.
+    nodes
+        (n_nodes,) complex [mm].
+    triangles
+        Nodes of every triangle (n_triangles, 6): corners, then the midpoints of edges 01, 12, 20, as in VTK.
+    point_data
+        Fields by name with the unit in it, ``displacement_um``: scalars (n_nodes,), or vectors (n_nodes,) complex,
+        written with a third component of 0 so that ParaView can warp by them.
+
+    Raises
+    ------
+    ValueError
+        A field does not hold one value a node.
+    """
+    for name, field in point_data.items():
+        if np.shape(field) != nodes.shape:
+            raise ValueError(f"field {name} has shape {np.shape(field)}; must be {nodes.shape}, one value a node")
+    fields = {name: _in_space(field) if np.iscomplexobj(field) else field for name, field in point_data.items()}
+    meshio.Mesh(_in_space(nodes), [("triangle6", triangles)], point_data=fields).write(path)
+
+
+def _in_space(vectors: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.stack([vectors.real, vectors.imag, np.zeros(len(vectors))], axis=-1)

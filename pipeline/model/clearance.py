@@ -1,0 +1,218 @@
+"""Manufacturing errors to the raw gaps of every contact at the nominal pose, before any take-up.
+
+Gaps are (n_samples, n_contacts) [mm]; a negative gap is an interference (preload) and legal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from pipeline.model.profile import CycloidProfile, Real, disk_rotation
+from pipeline.model.reducer import OUTPUT, Reducer
+
+DISK_READINGS = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}
+"""What a disk profile error of 1 is at the flank: a shift of the pin circle that generates it (radial; half of
+it if the error is a size on the diameter), or material taken off along the normal."""
+ROLLER_READINGS = {"diameter": 1.0, "half_diameter": 0.5}
+"""Gap per missing roller diameter: all of it, or the half on each side of a roller that lies centred."""
+
+VALLEY_SCAN = 65
+"""Points per valley, tip to tip, at which the distance is scanned before refinement where feet may be many."""
+SINGLE_FOOT = 0.05
+"""A foot point is unique, and Newton finds it from the nominal one, while the pin's displacement stays below this
+share of the nominal locus' radius of curvature."""
+FOOT_ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Manufacturing errors of ``n`` samples [mm]; signs as in the study file.
+
+    Attributes
+    ----------
+    pin_radial, pin_tangential, pin_radius : (n, n_pins); outward, counterclockwise, larger positive.
+    lobe : (n, n_lobes) material off each lobe's flank, the uniform part included.
+    eccentricity : (n,) larger positive.
+    roller_diameter : (n, n_rollers) larger positive, in the order of the output contacts.
+    """
+
+    pin_radial: Real
+    pin_tangential: Real
+    pin_radius: Real
+    lobe: Real
+    eccentricity: Real
+    roller_diameter: Real
+
+
+def pin_lobes(profile: CycloidProfile, reducer: Reducer) -> tuple[np.ndarray, np.ndarray]:
+    """The lobes on the two sides of the valley in which each pin lies, (n_pins,) each.
+
+    The first has phases beta < 0 (counterclockwise of the root), the second beta > 0. Lobes are numbered
+    clockwise, lobe 0 from the root at angle 0 of the disk frame.
+    """
+    valley = np.rint(-(reducer.pins.flank_parameter + reducer.pins.phase / profile.lobes) / profile.lobe_pitch)
+    valley = valley.astype(np.int64)
+    return (valley - 1) % profile.lobes, valley % profile.lobes
+
+
+def first_order_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str) -> Real:
+    """Gaps of the pins to first order in the errors, (n, n_pins) [mm].
+
+    Notes
+    -----
+    -n.dA - ds + w + n.u de, with w the material off the flank. Fails at the roots, where the pin centre
+    lies close to the evolute of the flank. Where a root separates unequal lobes the nearer flank counts.
+    """
+    pins = reducer.pins
+    radial = pins.centre / np.abs(pins.centre)
+    along = np.real(np.conj(pins.normal) * radial)
+    across = np.real(np.conj(pins.normal) * 1j * radial)
+    eccentric = np.real(np.conj(pins.normal) * np.exp(1j * reducer.crank))
+    before, behind = pin_lobes(profile, reducer)
+    at_root = np.isclose(pins.phase, 0.0, atol=1e-9)
+    own = np.where(pins.phase < 0, before, behind)
+    lobe = np.where(at_root, np.minimum(errors.lobe[:, before], errors.lobe[:, behind]), errors.lobe[:, own])
+    off_flank = DISK_READINGS[disk_reading] * lobe * (1.0 if disk_reading == "normal" else -along)
+    return (
+        off_flank
+        - along * errors.pin_radial
+        - across * errors.pin_tangential
+        - errors.pin_radius
+        + eccentric * errors.eccentricity[:, None]
+    )
+
+
+@njit(cache=True, nogil=True)
+def _locus(psi: float, circle: float, eccentricity: float, pins: int) -> tuple[complex, complex, complex]:
+    """Locus q and its first two derivatives by psi."""
+    slow = circle * complex(np.cos(psi), np.sin(psi))
+    fast = eccentricity * complex(np.cos(pins * psi), np.sin(pins * psi))
+    return slow - fast, 1j * (slow - pins * fast), -(slow - pins * pins * fast)
+
+
+@njit(cache=True, nogil=True)
+def _distance(psi, centre, circle, offset, eccentricity, pins):
+    """Distance of ``centre`` from the flank point at ``psi``."""
+    q, dq, _ = _locus(psi, circle, eccentricity, pins)
+    return abs(centre - q - offset * 1j * dq / abs(dq))
+
+
+@njit(cache=True, nogil=True)
+def _foot(psi, low, high, centre, circle, eccentricity, pins):
+    """Foot point of ``centre`` on the locus near ``psi``, held to [low, high]."""
+    for _ in range(FOOT_ITERATIONS):
+        q, dq, ddq = _locus(psi, circle, eccentricity, pins)
+        away = q - centre
+        slope = away.real * dq.real + away.imag * dq.imag
+        bend = abs(dq) ** 2 + away.real * ddq.real + away.imag * ddq.imag
+        step = -slope / bend if bend > 0 else -np.sign(slope) * 0.01 * (high - low)
+        moved = min(max(psi + step, low), high)
+        if abs(moved - psi) <= 1e-15:
+            return moved
+        psi = moved
+    return psi
+
+
+@njit(cache=True, nogil=True)
+def _nearest(root, low, high, centre, circle, offset, eccentricity, pins):
+    """Smallest distance of ``centre`` from the flank over [low, high], every local minimum refined."""
+    best = np.inf
+    step = (high - low) / VALLEY_SCAN
+    previous, here = np.inf, _distance(low, centre, circle, offset, eccentricity, pins)
+    for k in range(VALLEY_SCAN + 1):
+        ahead = np.inf
+        if k < VALLEY_SCAN:
+            ahead = _distance(low + (k + 1) * step, centre, circle, offset, eccentricity, pins)
+        if here <= previous and here <= ahead:
+            left, right = max(low, low + (k - 1) * step), min(high, low + (k + 1) * step)
+            psi = _foot(low + k * step, left, right, centre, circle, eccentricity, pins)
+            best = min(best, here, _distance(psi, centre, circle, offset, eccentricity, pins))
+        previous, here = here, ahead
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _exact_gaps(psi, root, half, single, centre, radius, circle, offset, before, behind, eccentricity, pins):
+    """Signed distances (n, n_pins); see ``exact_gaps``. circle, offset: (n, n_lobes)."""
+    n, n_pins = centre.shape
+    gaps = np.empty((n, n_pins))
+    for s in range(n):
+        for i in range(n_pins):
+            own = before[i] if psi[i] > root[i] else behind[i]
+            q, _, _ = _locus(psi[i], circle[s, own], eccentricity, pins)
+            if abs(centre[s, i] - q) <= single[i]:
+                low, high = (root[i], root[i] + half) if psi[i] > root[i] else (root[i] - half, root[i])
+                foot = _foot(psi[i], low - half, high + half, centre[s, i], circle[s, own], eccentricity, pins)
+                nearest = _distance(foot, centre[s, i], circle[s, own], offset[s, own], eccentricity, pins)
+            else:
+                nearest = min(
+                    _nearest(root[i], root[i], root[i] + half, centre[s, i], circle[s, before[i]],
+                             offset[s, before[i]], eccentricity, pins),
+                    _nearest(root[i], root[i] - half, root[i], centre[s, i], circle[s, behind[i]],
+                             offset[s, behind[i]], eccentricity, pins),
+                )
+            gaps[s, i] = nearest - radius[s, i]
+    return gaps
+
+
+def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str) -> Real:
+    """Signed distance of each actual pin from the actual flank, (n, n_pins) [mm].
+
+    The foot point is searched over both flanks of the valley in which the pin lies, tip to tip; each lobe
+    has the flank of its own error.
+
+    Notes
+    -----
+    With ``radial`` readings a lobe's flank is generated by a pin circle smaller by its error, with
+    ``normal`` it is the parallel of the nominal flank.
+    """
+    pins = reducer.pins
+    radial = pins.centre / np.abs(pins.centre)
+    moved = (
+        pins.centre
+        + radial * (errors.pin_radial + 1j * errors.pin_tangential)
+        - (profile.eccentricity + errors.eccentricity[:, None]) * np.exp(1j * reducer.crank)
+    )
+    centre = moved * np.exp(-1j * disk_rotation(profile, reducer.crank))
+    off = DISK_READINGS[disk_reading] * errors.lobe
+    nominal = np.zeros_like(off)
+    circle = profile.pin_circle_radius - (nominal if disk_reading == "normal" else off)
+    offset = profile.pin_radius + (off if disk_reading == "normal" else nominal)
+    before, behind = pin_lobes(profile, reducer)
+    return _exact_gaps(
+        pins.flank_parameter,
+        pins.flank_parameter + pins.phase / profile.lobes,
+        0.5 * profile.lobe_pitch,
+        SINGLE_FOOT * np.abs(profile.locus_radius(pins.phase)),
+        centre,
+        profile.pin_radius + errors.pin_radius,
+        circle,
+        offset,
+        before,
+        behind,
+        profile.eccentricity,
+        profile.pins,
+    )
+
+
+def roller_gaps(errors: Errors, roller_reading: str) -> Real:
+    """Gaps of the output rollers between their faces, (n, n_rollers) [mm]."""
+    return -ROLLER_READINGS[roller_reading] * errors.roller_diameter
+
+
+def gaps(
+    profile: CycloidProfile,
+    reducer: Reducer,
+    errors: Errors,
+    *,
+    method: str,
+    disk_reading: str,
+    roller_reading: str,
+) -> Real:
+    """Raw gap of every contact, (n, n_contacts) [mm]; ``method`` is ``"exact"`` or ``"first_order"``."""
+    of_pins = {"exact": exact_gaps, "first_order": first_order_gaps}[method]
+    n_rollers = int(np.count_nonzero(reducer.contacts.kind == OUTPUT))
+    if errors.roller_diameter.shape[1] != n_rollers:
+        raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {n_rollers} rollers")
+    return np.hstack([of_pins(profile, reducer, errors, disk_reading), roller_gaps(errors, roller_reading)])

@@ -1,0 +1,111 @@
+"""Designs of experiment: which uniform numbers belong to a draw.
+
+Draws are counted, not consumed: the numbers of draw k are the same however the draws are divided. Under Monte Carlo
+and Sobol' they do not depend on how many follow either; in a Latin hypercube they must, since its strata are counted.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from pipeline.config.study import Samples
+
+Real = NDArray[np.float64]
+
+BLOCK = 4
+"""Numbers that Philox makes per step of its counter."""
+
+
+def uniforms(samples: Samples, dimensions: int, start: int, stop: int) -> Real:
+    """Uniform numbers of the draws [start, stop).
+
+    Parameters
+    ----------
+    samples : experiment, seed, count and randomisations.
+    dimensions : numbers per draw; draw k is the same only for the same dimensions.
+    start, stop : first draw, and the one after the last; draw 0 is the first random one.
+
+    Returns
+    -------
+    (stop - start, dimensions) in [0, 1).
+
+    Raises
+    ------
+    ValueError : listed cases are not drawn.
+    """
+    match samples.experiment:
+        case "monte_carlo":
+            return _philox(samples.seed, dimensions, start, stop)
+        case "sobol" | "latin_hypercube":
+            return _interleaved(samples, dimensions, start, stop)
+    raise ValueError(f"the experiment {samples.experiment!r} has no random numbers")
+
+
+def replicates(samples: Samples, sample: NDArray[np.integer]) -> NDArray[np.integer] | None:
+    """Independent randomisation to which each sample belongs; None where the samples themselves are independent.
+
+    Parameters
+    ----------
+    samples : experiment and randomisations.
+    sample : any shape, as numbered in the tables; the nominal sample is in no replicate and must be left out.
+
+    Returns
+    -------
+    Same shape, 0 to randomisations - 1; or None.
+    """
+    return (sample - samples.nominal_first) % samples.randomisations if samples.replicated else None
+
+
+def _philox(seed: int, dimensions: int, start: int, stop: int) -> Real:
+    steps = -(-dimensions // BLOCK)
+    stream = np.random.Philox(np.random.SeedSequence(seed))
+    stream.advance(start * steps)
+    numbers = np.random.Generator(stream).random((stop - start, steps * BLOCK))
+    return numbers[:, :dimensions]
+
+
+def _interleaved(samples: Samples, dimensions: int, start: int, stop: int) -> Real:
+    """Draw k is point k // randomisations of the replicate k % randomisations."""
+    draw = np.arange(start, stop)
+    point, replicate = np.divmod(draw, samples.randomisations)
+    numbers = np.empty((len(draw), dimensions))
+    for r in np.unique(replicate):
+        mine = replicate == r
+        first, last = int(point[mine][0]), int(point[mine][-1])
+        if samples.experiment == "sobol":
+            numbers[mine] = _sobol(samples.seed, int(r), dimensions, first, last + 1)
+        else:
+            strata = samples.count // samples.randomisations
+            numbers[mine] = _hypercube(samples.seed, int(r), dimensions, strata)[first : last + 1]
+    return numbers
+
+
+def _generator(seed: int, replicate: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(replicate,)))
+
+
+def _sobol(seed: int, replicate: int, dimensions: int, start: int, stop: int) -> Real:
+    engine = deepcopy(_scrambled(seed, replicate, dimensions))
+    if start > 0:
+        engine.fast_forward(start)
+    # SciPy warns of any other number than a power of two, for the sake of an error estimate that is not ours.
+    return engine.random(1 << (stop - start - 1).bit_length())[: stop - start]
+
+
+@lru_cache(maxsize=64)
+def _scrambled(seed: int, replicate: int, dimensions: int) -> qmc.Sobol:
+    """A Sobol' sequence at its first point; it moves on when it is drawn from, so only copies of it are."""
+    return qmc.Sobol(dimensions, scramble=True, rng=_generator(seed, replicate))
+
+
+@lru_cache(maxsize=64)
+def _hypercube(seed: int, replicate: int, dimensions: int, strata: int) -> Real:
+    """One whole hypercube (strata, dimensions): no part of it can be had alone, so it is kept for the next chunk."""
+    numbers = qmc.LatinHypercube(dimensions, rng=_generator(seed, replicate)).random(strata)
+    numbers.flags.writeable = False
+    return numbers

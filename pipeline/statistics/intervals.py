@@ -1,0 +1,175 @@
+"""Mean, standard deviation, quantiles and yield of a metric, each with a confidence interval.
+
+Independent samples (Monte Carlo) have intervals without an assumed distribution. The points of a Sobol' sequence or a
+Latin hypercube are not independent; their intervals come from the spread between independent randomisations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Real = NDArray[np.float64]
+Interval = tuple[float, float]
+
+QUANTILES = {"p01": 0.01, "p05": 0.05, "p25": 0.25, "p50": 0.50, "p75": 0.75, "p95": 0.95, "p99": 0.99}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A statistic with its confidence interval, from `n` samples.
+
+    A bound that the samples do not determine is infinite: a 1 % quantile has no lower bound among 50 samples.
+    """
+
+    value: float
+    ci_low: float
+    ci_high: float
+    n: int
+
+
+def distribution(values: Real, confidence: float, replicate: NDArray[np.integer] | None = None) -> dict[str, Estimate]:
+    """Mean, std and the quantiles of `QUANTILES`, by name.
+
+    Parameters
+    ----------
+    values : (n_samples,) a metric, in any unit.
+    confidence : level of the intervals, in (0, 1).
+    replicate : (n_samples,) the randomisation of each sample; None for independent samples.
+
+    Raises
+    ------
+    ValueError : a value is not finite, or there are no values.
+
+    Notes
+    -----
+    Independent samples: mean by Student's t, std by Bonett, quantiles by order statistics. Replicates: Student's t over
+    the replicates' own statistics, about the statistic of all samples together, whose bias is smaller.
+    """
+    values = np.asarray(values, float)
+    if values.size == 0 or not np.all(np.isfinite(values)):
+        raise ValueError(f"{np.sum(~np.isfinite(values))} of {values.size} values are not finite; select them first")
+    statistics: dict[str, Callable[[Real], float]] = {"mean": _mean, "std": _std}
+    intervals: dict[str, Callable[[Real, float], Interval]] = {"mean": mean_interval, "std": std_interval}
+    for name, level in QUANTILES.items():
+        statistics[name] = partial(_quantile, level=level)
+        intervals[name] = partial(quantile_interval, level=level)
+    return {
+        name: _estimate(statistic, intervals[name], values, confidence, replicate)
+        for name, statistic in statistics.items()
+    }
+
+
+def pass_share(passed: NDArray[np.bool_], confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:
+    """Yield: the share of samples that keep a limit.
+
+    Parameters
+    ----------
+    passed : (n_samples,) whether each sample keeps it.
+    confidence, replicate : as in `distribution`.
+
+    Notes
+    -----
+    Clopper-Pearson for independent samples. Replicates that all pass, or all fail, have no spread to tell how sure that
+    is; they then get the interval of independent samples, which is wider than theirs.
+    """
+    unanimous = bool(np.all(passed) or not np.any(passed))
+    estimate = _estimate(_mean, share_interval, np.asarray(passed, float), confidence, None if unanimous else replicate)
+    return Estimate(estimate.value, max(0.0, estimate.ci_low), min(1.0, estimate.ci_high), estimate.n)
+
+
+def mean_interval(values: Real, confidence: float) -> Interval:
+    """Student's t interval of the mean; unbounded for one value."""
+    if values.size < 2:
+        return -np.inf, np.inf
+    half = stats.t.ppf((1 + confidence) / 2, values.size - 1) * _std(values) / np.sqrt(values.size)
+    return _mean(values) - half, _mean(values) + half
+
+
+def std_interval(values: Real, confidence: float) -> Interval:
+    """Interval of the standard deviation that allows for the kurtosis of the values; unbounded below 5 values.
+
+    Notes
+    -----
+    ln(c s^2) +- z c sqrt((k - (n-3)/n)/(n-1)), c = n/(n - z), k the kurtosis about the trimmed mean. The usual chi^2
+    interval holds for normal values only and does not improve with n.
+
+    Source
+    ------
+    Bonett, Approximate confidence interval for standard deviation of nonnormal distributions, Comput. Stat. Data Anal.
+    50 (2006) 775.
+    """
+    n, variance = values.size, _std(values) ** 2
+    if n < 5:
+        return 0.0, np.inf
+    if variance == 0:
+        return 0.0, 0.0
+    z = stats.norm.ppf((1 + confidence) / 2)
+    centre = stats.trim_mean(values, 1 / (2 * np.sqrt(n - 4)) if n > 5 else 0.0)
+    kurtosis = n * np.sum((values - centre) ** 4) / ((n - 1) * variance) ** 2
+    small_sample = n / (n - z)
+    half = z * small_sample * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
+    return float(np.sqrt(small_sample * variance * np.exp(-half))), float(
+        np.sqrt(small_sample * variance * np.exp(half))
+    )
+
+
+def quantile_interval(values: Real, confidence: float, level: float) -> Interval:
+    """Interval of the `level` quantile between two order statistics, exact for any continuous distribution.
+
+    Notes
+    -----
+    The number of values below the quantile is binomial (n, level); the ranks are its quantiles, so that the coverage is
+    at least `confidence`. A rank outside the sample leaves that side unbounded.
+    """
+    n, ordered = values.size, np.sort(values)
+    low, high = (int(rank) for rank in stats.binom.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n, level))
+    return (ordered[low - 1] if low >= 1 else -np.inf), (ordered[high] if high < n else np.inf)
+
+
+def share_interval(passed: Real, confidence: float) -> Interval:
+    """Clopper-Pearson interval of a share; `passed` holds 0 and 1."""
+    test = stats.binomtest(int(np.sum(passed)), passed.size)
+    interval = test.proportion_ci(confidence_level=confidence, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+def replicated_interval(whole: float, parts: Real, confidence: float) -> Interval:
+    """Student's t interval about `whole`, from the spread of one statistic per independent replicate."""
+    half = stats.t.ppf((1 + confidence) / 2, parts.size - 1) * np.std(parts, ddof=1) / np.sqrt(parts.size)
+    return whole - float(half), whole + float(half)
+
+
+def _estimate(
+    statistic: Callable[[Real], float],
+    interval: Callable[[Real, float], Interval],
+    values: Real,
+    confidence: float,
+    replicate: NDArray[np.integer] | None,
+) -> Estimate:
+    whole = statistic(values)
+    if replicate is None:
+        low, high = interval(values, confidence)
+    else:
+        parts = np.array([statistic(values[replicate == r]) for r in np.unique(replicate)])
+        low, high = replicated_interval(whole, parts, confidence)
+    return Estimate(whole, float(low), float(high), values.size)
+
+
+def _mean(values: Real) -> float:
+    return float(np.mean(values))
+
+
+def _std(values: Real) -> float:
+    """Standard deviation; 0 for equal values, whose mean may be off by a rounding, and for a single one."""
+    return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
+
+
+def _quantile(values: Real, level: float) -> float:
+    """Quantile whose bias is nil in the median for any distribution (Hyndman and Fan's eighth)."""
+    return float(np.quantile(values, level, method="median_unbiased"))

@@ -1,0 +1,118 @@
+"""A study of pure arithmetic, with each kind of stage that the engine knows: no mechanics."""
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.engine.stage import Chunk, Job, Stage, Tables
+from pipeline.engine.table import Column, Table
+
+
+@dataclass(frozen=True)
+class Numbers:
+    count: int = 40
+    seed: int = 1
+    slope: float = 2.0
+
+
+@dataclass(frozen=True)
+class Work:
+    seconds: float = 0.0
+    fail_at: int = -1
+
+
+@dataclass(frozen=True)
+class Toy:
+    name: str = "toy"
+    numbers: Numbers = field(default_factory=Numbers)
+    work: Work = field(default_factory=Work)
+    plan: dict[str, list[int]] = field(default_factory=lambda: {"powers": [1, 2]})
+
+
+SAMPLE = Column("sample", "int32", "1", "number of the sample")
+POINTS = Table(
+    "points",
+    "sample, point",
+    (
+        SAMPLE,
+        Column("point", "int32", "1", "number of the point"),
+        Column("x_mm", "float64", "mm", "abscissa"),
+        Column("side", "label", "", "side of zero"),
+    ),
+)
+SUMS = Table(
+    "sums",
+    "sample",
+    (SAMPLE, Column("sum_mm", "float64", "mm", "sum of the powers"), Column("large", "bool", "", "sum above one")),
+)
+KEPT = Table("kept", "sample 0 only", (SAMPLE, Column("side", "label", "", "side of zero")))
+TOTAL = Table("total", "statistic", (Column("statistic", "label", "", "name"), Column("value", "float64", "mm", "it")))
+POINTS_PER_SAMPLE = 3
+
+
+def draw(job: Job) -> Tables:
+    n = job.study.numbers.count
+    x = np.random.default_rng(job.study.numbers.seed).normal(size=n * POINTS_PER_SAMPLE)
+    columns = {
+        "sample": np.repeat(np.arange(n, dtype=np.int32), POINTS_PER_SAMPLE),
+        "point": np.tile(np.arange(POINTS_PER_SAMPLE, dtype=np.int32), n),
+        "x_mm": x,
+        "side": pd.Categorical.from_codes((x > 0).astype(np.int8), ["minus", "plus"]),
+    }
+    return {"points": columns}
+
+
+def count(job: Job) -> int:
+    return job.study.numbers.count
+
+
+def powers(job: Job) -> dict[str, object]:
+    def make(folder: Path) -> None:
+        np.save(folder / "powers.npy", np.array(job.study.plan["powers"], dtype=float))
+
+    stored = np.load(job.memo(f"powers {job.study.plan['powers']}", make) / "powers.npy")
+    job.path("powers.txt").write_text(str(stored))
+    return {"powers": stored, "slope": job.study.numbers.slope, "work": job.study.work}
+
+
+def add(shared: dict, chunk: Chunk) -> Tables:
+    points = chunk.tables["draw/points"]
+    time.sleep(shared["work"].seconds)
+    if chunk.start <= shared["work"].fail_at < chunk.stop:
+        raise ValueError(f"cannot add sample {shared['work'].fail_at}")
+    total = (points["x_mm"][:, None] ** shared["powers"]).sum(axis=1).reshape(-1, POINTS_PER_SAMPLE).sum(axis=1)
+    sums = {"sample": np.arange(chunk.start, chunk.stop), "sum_mm": shared["slope"] * total, "large": total > 1}
+    kept = {"sample": [0], "side": points["side"][:1]} if chunk.start == 0 else KEPT.empty()
+    return {"sums": sums, "kept": kept}
+
+
+def failures(tables: Tables) -> int:
+    return int(tables["sums"]["large"].sum())
+
+
+def finish(job: Job) -> Tables:
+    sums = job.read("add", "sums")["sum_mm"]
+    text = job.input_path("add", "powers.txt").read_text()
+    return {"total": {"statistic": ["mean", "characters"], "value": [sums.mean(), len(text)]}}
+
+
+STAGES = (
+    Stage("draw", (), ("numbers.count", "numbers.seed"), (POINTS,), "toy_study", run=draw),
+    Stage(
+        name="add",
+        reads=("draw",),
+        sections=("numbers.slope", "plan"),
+        tables=(SUMS, KEPT),
+        module="toy_study",
+        unit="samples",
+        items=count,
+        prepare=powers,
+        solve=add,
+        chunk_reads=("draw/points",),
+        failures=failures,
+    ),
+    Stage("finish", ("add",), (), (TOTAL,), "toy_study", run=finish),
+)

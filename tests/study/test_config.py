@@ -1,0 +1,249 @@
+"""Design and study files: what is accepted, and how every mistake is reported."""
+
+import copy
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pipeline.config import load_design, load_study, parse_design, parse_study
+from pipeline.config.consistency import number_keys
+from pipeline.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+DESIGNS = sorted((ROOT / "data/designs").glob("*.toml"))
+STUDIES = sorted((ROOT / "data/studies").glob("*.toml"))
+
+
+@pytest.fixture
+def design_data():
+    return tomllib.loads((ROOT / "data/designs/pham2017.toml").read_text())
+
+
+@pytest.fixture
+def study_data():
+    return tomllib.loads((ROOT / "data/studies/quick.toml").read_text())
+
+
+def read_design(name):
+    return load_design(name, ROOT)
+
+
+def design_problems(data):
+    with pytest.raises(InputError) as caught:
+        parse_design(data, "d.toml")
+    return list(caught.value.problems)
+
+
+def study_problems(data, name="s", read=read_design):
+    with pytest.raises(InputError) as caught:
+        parse_study(data, name, "s.toml", read)
+    return list(caught.value.problems)
+
+
+def changed(data, key, value):
+    """A copy of `data` with the dotted `key` set, or removed where the value is None."""
+    data = copy.deepcopy(data)
+    *sections, last = key.split(".")
+    table = data
+    for section in sections:
+        table = table.setdefault(section, {})
+    if value is None:
+        del table[last]
+    else:
+        table[last] = value
+    return data
+
+
+@pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
+def test_every_number_of_a_committed_design_has_a_provenance(path):
+    design = load_design(path.stem, ROOT)
+    assert set(design.provenance) == set(number_keys(tomllib.loads(path.read_text())))
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_committed_studies_are_valid(path):
+    study = load_study(path.stem, ROOT)
+    assert study.name == path.stem
+    assert study == load_study(path, ROOT)
+
+
+def test_table_1_of_the_paper():
+    design = read_design("pham2017")
+    assert design.cycloid.model_dump() == {
+        "pins": 80,
+        "pin_radius_mm": 0.8,
+        "pin_circle_radius_mm": 32.5,
+        "eccentricity_mm": 0.35,
+        "rated_torque_Nm": 12.0,
+    }
+    assert design.cycloid.lobes == 79  # the published reduction ratio
+    assert (design.output.rollers, design.output.roller_radius_mm, design.output.stations) == (40, 1.5, 5)
+    assert design.housing.outer_diameter_mm == 69.0
+
+
+def test_nominal_sample_counts_as_a_row(study_data):
+    assert parse_study(study_data, "s", "s.toml", read_design).samples.rows == 51
+    without = changed(study_data, "samples.nominal_first", False)
+    assert parse_study(without, "s", "s.toml", read_design).samples.rows == 50
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "line"),
+    [
+        ("cycloid.pins", 3, "cycloid.pins = 3; must be >= 4"),
+        ("cycloid.pins", None, "cycloid.pins is missing; add it"),
+        ("cycloid.eccentricity_mm", 0.41, "cycloid.eccentricity_mm = 0.41; eccentricity x pins / pin circle radius"),
+        ("cycloid.pin_radius_mm", 1.1, "cycloid.pin_radius_mm = 1.1; must be < 1.045 mm, the smallest convex radius"),
+        ("housing.outer_diameter_mm", 34.5, "housing.outer_diameter_mm = 34.5; must be > 66.6 mm"),
+        ("disk.thickness_mm", -1.0, "disk.thickness_mm = -1.0; must be > 0"),
+        ("disk.bore_radius_mm", 32.0, "disk.bore_radius_mm = 32.0; must be < 31.35 mm"),
+        ("disk.stress", "plane_stres", "disk.stress = \"plane_stres\"; must be 'plane_stress' or 'plane_strain'"),
+        ("disk.material", "stel", "disk.material = \"stel\"; no such section [materials.stel]; did you mean 'steel'?"),
+        ("materials.steel.youngs_modulus_MPa", 2.06e11, "materials.steel.youngs_modulus_MPa = 206000000000.0; must be"),
+        ("bearing.exponent", 0.5, "bearing.exponent = 0.5; must be >= 1"),
+        ("output.rollers", 36, "output.rollers = 36; must be a multiple of 8"),
+        ("output.outer_station_mm", 16.5, "output.outer_station_mm = 16.5; must be >= 16.6 mm"),
+        ("output.outer_station_mm", 30.0, "output.outer_station_mm = 30.0; the outermost rollers reach"),
+        ("output.inner_station_mm", 1.0, "output.inner_station_mm = 1.0; must be >= 1.5 mm"),
+        ("output.face_offset_mm", 2.0, "output.face_offset_mm = 2.0; must be > 3 mm, the bore's radius"),
+        ("output.roller_radius_um", 1500.0, "output.roller_radius_um = 1500.0; unknown key; did you mean"),
+        ("output.mechanism", "pin_in_hole", "output.mechanism = \"pin_in_hole\"; must be 'roller_plate'"),
+        ("output", None, "output is missing; add it"),
+        ("cycloid.pins", "80", 'cycloid.pins = "80"; must be an integer'),
+        ("cycloid.pin_radius_mm", float("nan"), "cycloid.pin_radius_mm = NaN; must be a finite number"),
+        ("title", 5, "title = 5; must be a text in quotes"),
+    ],
+)
+def test_a_wrong_design_names_file_key_value_and_remedy(design_data, key, value, line):
+    problems = design_problems(changed(design_data, key, value))
+    assert any(problem.startswith(f"d.toml: {line}") for problem in problems), problems
+
+
+def test_pins_that_overlap_on_the_circle(design_data):
+    data = changed(changed(design_data, "cycloid.eccentricity_mm", 0.05), "cycloid.pin_radius_mm", 1.28)
+    assert design_problems(data) == [
+        "d.toml: cycloid.pin_radius_mm = 1.28; must be < 1.276 mm, half the pitch of 80 pins on the circle of 32.5 mm: "
+        "neighbouring pins overlap; take smaller or fewer pins"
+    ]
+
+
+def test_provenance_of_a_number_that_is_not_there(design_data):
+    design_data["provenance"]["cycloid.pin_number"] = {"status": "published", "reason": "Table 1"}
+    (problem,) = design_problems(design_data)
+    assert problem.startswith('d.toml: provenance."cycloid.pin_number"; no such number in this file; did you mean')
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "line"),
+    [
+        ("tolerances.pin_radial.sigma_um", -1, "tolerances.pin_radial.sigma_um = -1; must be >= 0"),
+        ("tolerances.pin_radial.sigma", 1, "tolerances.pin_radial.sigma = 1; unknown key; did you mean 'sigma_um'?"),
+        ("tolerances.pin_radil", {}, "tolerances.pin_radil = {}; unknown key; did you mean 'pin_radial'?"),
+        ("tolerances.pin_radial.lower_um", 4.0, "tolerances.pin_radial.upper_um = 3.0; must be > lower_um = 4"),
+        ("tolerances.pin_radial.mean_um", 4.0, "tolerances.pin_radial.mean_um = 4.0; must lie within the limits -3 to"),
+        (
+            "tolerances.disk_profile.mode_um",
+            9.0,
+            "tolerances.disk_profile.mode_um = 9.0; must lie within the limits 0 to",
+        ),
+        ("tolerances.pin_radial.lower_um", -3e3, "tolerances.pin_radial.lower_um = -3000.0; must be >= -1000"),
+        ("tolerances.pin_radius.lower_um", -900.0, "tolerances.pin_radius.lower_um = -900.0; leaves nothing of the"),
+        ("tolerances.ovality_2.lower_um", -1.0, "tolerances.ovality_2.lower_um = -1.0; must be >= 0"),
+        ("tolerances.eccentricity.correlation_length_mm", 1.0, "tolerances.eccentricity.correlation_length_mm = 1.0; "),
+        ("tolerances.eccentricity.distribution", "gauss", 'tolerances.eccentricity.distribution = "gauss"; must be'),
+        ("tolerances.eccentricity.distribution", None, "tolerances.eccentricity.distribution is missing; add it"),
+        ("samples.count", "50", 'samples.count = "50"; must be an integer'),
+        ("samples.experiment", "sobol", "samples.count = 50; must be a multiple of randomisations = 8; take 56"),
+        ("samples.randomisations", 4, "samples.randomisations = 4; must be >= 8"),
+        ("samples.experiment", "cases", "cases is missing; experiment"),
+        ("cases", [{"label": "a"}], 'samples.experiment = "monte_carlo"; must be "cases" where'),
+        ("cycle.crank_deg", [0.0, 360.0], "cycle.crank_deg[1] = 360.0; must be < 360"),
+        ("cycle.crank_deg", [0.0, 0.0], "cycle.crank_deg = [0.0, 0.0]; angles must differ"),
+        ("cycle.keep_contacts", "some", "cycle.keep_contacts = \"some\"; must be 'all', or a list"),
+        ("cycle.keep_contacts", [51], "cycle.keep_contacts = [51]; samples are numbered 0 to 50"),
+        ("cycle.torque_fraction", 0.8, "metrics.rigidity_percent = [50.0, 100.0]; must be <= 80"),
+        ("metrics.rigidity_percent", [100.0, 50.0], "metrics.rigidity_percent = [100.0, 50.0]; must rise"),
+        ("reduce.patch_half_width_mm", 0.8, "reduce.patch_half_width_mm = 0.8; must be < 0.8 mm"),
+        ("clearence", {}, "clearence = {}; unknown key; did you mean 'clearance'?"),
+        ("name", "x", 'name = "x"; unknown key'),
+        ("design", 5, "design = 5; must be the name of a design file"),
+        ("design", None, "design is missing; must be the name of a design file"),
+        ("reduce", 5, "reduce = 5; must be a section"),
+    ],
+)
+def test_a_wrong_study_names_file_key_value_and_remedy(study_data, key, value, line):
+    problems = study_problems(changed(study_data, key, value))
+    assert any(problem.startswith(f"s.toml: {line}") for problem in problems), problems
+
+
+def test_a_latin_hypercube_must_fit_into_memory(study_data):
+    study_data["samples"] |= {"experiment": "latin_hypercube", "count": 200_000}
+    (problem,) = study_problems(study_data)
+    assert problem.startswith("s.toml: samples.count = 200000; must be <= 100000")
+
+
+def test_run_folders_of_other_targets_are_no_study(study_data):
+    assert study_problems(study_data, name="bench") == [
+        's.toml: file name = "bench"; is the run folder of another target; rename the study file'
+    ]
+
+
+def test_all_problems_of_both_files_come_at_once(study_data, design_data):
+    wrong_design = changed(changed(design_data, "disk.thickness_mm", -1.0), "cycloid.pin_radius_mm", 1.1)
+    wrong_study = changed(changed(study_data, "samples.count", 0), "tolerances.pin_radial.lower_um", 4.0)
+    problems = study_problems(wrong_study, read=lambda name: parse_design(wrong_design, "d.toml"))
+    keys = [problem.split(" = ")[0] for problem in problems]
+    assert keys == [
+        "s.toml: samples.count",
+        "s.toml: tolerances.pin_radial.upper_um",
+        "d.toml: disk.thickness_mm",
+        "d.toml: cycloid.pin_radius_mm",
+    ]
+
+
+def test_cases_state_total_values(study_data):
+    del study_data["tolerances"]
+    study_data["samples"] = {"experiment": "cases"}
+    study_data["cases"] = [{"label": "a", "disk_profile": 5.0}, {"label": "b", "pin_radial": [0.5] * 80}]
+    study = parse_study(study_data, "s", "s.toml", read_design)
+    assert study.samples.rows == 3
+    assert study.cases[1].pin_radial == (0.5,) * 80
+    study_data["cases"] += [{"label": "a", "roller_diameter": [1.0] * 39, "ovality_2": -1.0}]
+    study_data["samples"]["count"] = 2
+    study_data["tolerances"] = {}
+    assert study_problems(study_data) == [
+        "s.toml: samples.count = 2; must be 3, the number of [[cases]]; or leave it out",
+        "s.toml: tolerances; a case states total values; delete the section, or the cases",
+        's.toml: cases[2].label = "a"; cases[0] has it already; labels must differ',
+        "s.toml: cases[2].ovality_2 = -1.0; must be >= 0",
+        's.toml: cases[2].roller_diameter = "list of 39"; must have 40, or be a number',
+    ]
+
+
+def test_a_value_in_a_list_of_a_case_is_named(study_data):
+    study_data["cases"] = [{"label": "a", "pin_radial": [1.0, "b"]}]
+    assert 's.toml: cases[0].pin_radial = "b"; must be a number' in study_problems(study_data)
+
+
+def test_missing_files_name_the_nearest(tmp_path):
+    with pytest.raises(InputError, match=r"studies = 'papr'; no such file; did you mean 'paper'\?"):
+        load_study("papr", ROOT)
+    with pytest.raises(InputError, match="designs = 'x.toml'; no such file; data/designs is empty"):
+        load_design("x.toml", tmp_path)
+
+
+def test_a_design_may_lie_beside_its_study(tmp_path, study_data):
+    (tmp_path / "mine.toml").write_text((ROOT / "data/designs/pham2017.toml").read_text().replace("12.0", "13.0"))
+    text = (ROOT / "data/studies/quick.toml").read_text().replace('"pham2017"', '"mine.toml"')
+    (tmp_path / "s.toml").write_text(text)
+    assert load_study(tmp_path / "s.toml", ROOT).design.cycloid.rated_torque_Nm == 13.0
+    (tmp_path / "mine.toml").unlink()
+    with pytest.raises(InputError, match="s.toml: design = 'mine.toml'; no such file"):
+        load_study(tmp_path / "s.toml", ROOT)
+
+
+def test_a_file_that_is_no_toml(tmp_path):
+    (tmp_path / "s.toml").write_text("count = \n")
+    with pytest.raises(InputError, match="s.toml: not a TOML file: .*line 1"):
+        load_study(tmp_path / "s.toml", ROOT)

@@ -1,0 +1,228 @@
+"""Samples of a study: counted, correctly distributed, correlated as asked."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from pipeline.config import load_study
+from pipeline.config.cases import Case
+from pipeline.config.tolerances import Fixed, Normal, Tolerances, Triangular, Uniform
+from pipeline.sampling import draw, oval_shift, replicates
+from pipeline.sampling.designs import uniforms
+from pipeline.sampling.distributions import correlated, deviation
+
+STUDY = load_study("quick", Path(__file__).parents[2])
+NAMES = [field.name for field in fields(draw(STUDY, 0, 0))]
+EXPERIMENTS = ("monte_carlo", "sobol", "latin_hypercube")
+
+
+def study(experiment="monte_carlo", count=48, tolerances=None, **samples):
+    samples = STUDY.samples.model_copy(update={"experiment": experiment, "count": count, **samples})
+    return STUDY.model_copy(update={"samples": samples, "tolerances": tolerances or STUDY.tolerances})
+
+
+def assert_equal(errors, other):
+    for name in NAMES:
+        np.testing.assert_array_equal(getattr(errors, name), getattr(other, name), err_msg=name)
+
+
+def rows(errors, part):
+    return type(errors)(**{name: getattr(errors, name)[part] for name in NAMES})
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+@given(cut=st.tuples(st.integers(0, 49), st.integers(0, 49)).map(sorted), nominal=st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_a_sample_is_the_same_in_any_division(experiment, cut, nominal):
+    whole = study(experiment, nominal_first=nominal)
+    start, stop = min(cut[0], whole.samples.rows), min(cut[1], whole.samples.rows)
+    assert_equal(draw(whole, start, stop), rows(draw(whole, 0, whole.samples.rows), slice(start, stop)))
+
+
+@pytest.mark.parametrize("experiment", ["monte_carlo", "sobol"])
+def test_a_sample_does_not_depend_on_how_many_follow(experiment):
+    assert_equal(draw(study(experiment), 0, 49), draw(study(experiment, count=480), 0, 49))
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_another_seed_gives_other_samples(experiment):
+    errors, others = draw(study(experiment), 1, 49), draw(study(experiment, seed=1), 1, 49)
+    assert np.all(errors.pin_tangential != others.pin_tangential)
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_a_tolerance_leaves_the_random_numbers_of_the_others_alone(experiment):
+    changed = STUDY.tolerances.model_copy(
+        update={
+            "pin_tangential": Fixed(distribution="fixed", value_um=1.0),
+            "bearing_clearance": Uniform(distribution="uniform", lower_um=0.0, upper_um=1.0),
+        }
+    )
+    errors, others = draw(study(experiment), 0, 49), draw(study(experiment, tolerances=changed), 0, 49)
+    np.testing.assert_array_equal(others.pin_tangential[1:], 1.0)
+    for name in set(NAMES) - {"pin_tangential", "bearing_clearance"}:
+        np.testing.assert_array_equal(getattr(errors, name), getattr(others, name), err_msg=name)
+
+
+def test_no_samples_are_no_samples():
+    assert [len(draw(study(), k, k)) for k in (0, 5, 49)] == [0, 0, 0]
+
+
+def test_samples_outside_the_study_are_refused():
+    with pytest.raises(ValueError, match="samples 40 to 50 asked of 49"):
+        draw(study(), 40, 50)
+
+
+def test_the_nominal_sample_has_the_allowances_only():
+    tolerances = Tolerances(
+        disk_profile=Triangular(distribution="triangular", lower_um=0.0, upper_um=4.0, allowance_um=8.0),
+        eccentricity=Fixed(distribution="fixed", value_um=2.0, allowance_um=1.0),
+        ovality_2=Uniform(distribution="uniform", lower_um=0.0, upper_um=1.0, allowance_um=0.5),
+    )
+    errors = draw(study(tolerances=tolerances), 0, 2)
+    assert (errors.disk_profile[0], errors.eccentricity[0], errors.eccentricity[1]) == (8.0, 1.0, 3.0)
+    theta = -2 * np.pi * np.arange(80) / 80
+    np.testing.assert_allclose(errors.pin_radial[0], 0.5 * np.cos(2 * theta), atol=1e-12)
+    for name in ("pin_tangential", "pin_radius", "lobe_profile", "roller_diameter"):
+        assert not np.any(getattr(errors, name)[0])
+
+
+def test_shapes_and_limits_of_every_error():
+    tolerances, errors = STUDY.tolerances, draw(study(count=2000), 1, 2001)
+    shapes = {"pin_tangential": 80, "pin_radius": 80, "lobe_profile": 79, "roller_diameter": 40}
+    for name, elements in shapes.items():
+        assert getattr(errors, name).shape == (2000, elements)
+    for name in [*shapes, "disk_profile", "eccentricity"]:
+        tolerance, values = getattr(tolerances, name), getattr(errors, name)
+        lower, upper = (limit + tolerance.allowance_um for limit in tolerance.limits_um)
+        assert lower <= values.min() < lower + 0.2 * (upper - lower)
+        assert upper >= values.max() > upper - 0.2 * (upper - lower)
+
+
+DISTRIBUTIONS = [
+    (Uniform(distribution="uniform", lower_um=-1.0, upper_um=3.0), stats.uniform(-1, 4)),
+    (Triangular(distribution="triangular", lower_um=-1.0, upper_um=3.0), stats.triang(0.5, -1, 4)),
+    (Triangular(distribution="triangular", lower_um=-1.0, upper_um=3.0, mode_um=0.0), stats.triang(0.25, -1, 4)),
+    (Triangular(distribution="triangular", lower_um=-1.0, upper_um=3.0, mode_um=3.0), stats.triang(1, -1, 4)),
+    (Normal(distribution="normal", lower_um=-1.0, upper_um=3.0), stats.truncnorm(-3, 3, 1, 4 / 6)),
+    (
+        Normal(distribution="normal", lower_um=-1.0, upper_um=3.0, mean_um=2.0, sigma_um=2.0),
+        stats.truncnorm(-1.5, 0.5, 2, 2),
+    ),
+]
+
+
+@pytest.mark.parametrize(("tolerance", "exact"), DISTRIBUTIONS)
+def test_deviations_are_the_inverse_of_the_distribution_function(tolerance, exact):
+    probability = np.linspace(0, 1, 201)
+    values = deviation(tolerance, probability)
+    np.testing.assert_allclose(exact.cdf(values), probability, atol=1e-12)
+    np.testing.assert_allclose(values[[0, -1]], tolerance.limits_um, atol=1e-12)
+
+
+def test_a_normal_without_spread_is_its_mean():
+    still = Normal(distribution="normal", lower_um=-1.0, upper_um=3.0, mean_um=2.0, sigma_um=0.0)
+    np.testing.assert_array_equal(deviation(still, np.array([0.0, 0.3, 1.0])), 2.0)
+
+
+@pytest.mark.parametrize("n", [79, 80])
+@pytest.mark.parametrize("length", [0.5, 8.0, 200.0, 1e6])
+def test_scores_along_the_circle_have_exactly_the_correlation_asked(n, length):
+    # The copula is linear in the normal scores: its response to one score at a time is the root of the matrix.
+    step = 1e-3
+    root = stats.norm.ppf(correlated(stats.norm.cdf(step * np.eye(n)), 204.0, length)) / step
+    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    arc = 204.0 / n * np.minimum(apart, n - apart)
+    np.testing.assert_allclose(root @ root.T, np.exp(-arc / length), atol=1e-9)
+
+
+def test_correlated_elements_keep_their_own_distribution():
+    numbers = correlated(np.random.default_rng(1).random((4000, 80)), 204.0, 8.0)
+    assert stats.kstest(numbers[:, 17], "uniform").pvalue > 0.01
+    assert stats.spearmanr(numbers[:, 0], numbers[:, 79])[0] == pytest.approx(
+        6 / np.pi * np.arcsin(np.exp(-204 / 80 / 8) / 2),
+        abs=0.03,  # Spearman's coefficient of a Gaussian copula
+    )
+
+
+def test_zero_of_a_generator_has_a_finite_score():
+    assert np.all(np.isfinite(correlated(np.array([[0.0, 0.5, 1.0, 0.2]]), 4.0, 1.0)))
+
+
+def test_drift_of_a_study_runs_along_the_pins():
+    lag = np.exp(-2 * np.pi * 32.5 / 80 / 8.0)  # quick.toml: 8 mm on the circle of radius 32.5
+    errors = draw(study(count=3000, tolerances=Tolerances(pin_radial=STUDY.tolerances.pin_radial)), 1, 3001)
+    neighbours = np.corrcoef(errors.pin_radial[:, :2].T)[0, 1]
+    across = np.corrcoef(errors.pin_radial[:, [0, 40]].T)[0, 1]
+    assert neighbours == pytest.approx(lag, abs=0.04)
+    assert across == pytest.approx(0.0, abs=0.06)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_an_oval_ring_is_widest_at_its_phase(order):
+    # Pin 10 of 80, clockwise, stands at -45 degrees.
+    shift = oval_shift(np.array([2.0]), np.array([-np.pi / 4]), order, 80)[0]
+    assert np.argmax(shift) in (10, 10 + 80 // order)
+    assert shift[10] == pytest.approx(2.0)
+    spectrum = np.abs(np.fft.rfft(shift)) / 40
+    assert spectrum[order] == pytest.approx(2.0)
+    assert np.sum(spectrum) == pytest.approx(2.0)
+
+
+def test_ovality_adds_to_the_radial_errors_of_the_pins():
+    with_oval, without = (
+        draw(study(tolerances=STUDY.tolerances.model_copy(update=update)), 0, 49)
+        for update in ({}, dict.fromkeys(("ovality_2", "ovality_3"), Fixed(distribution="fixed", value_um=0.0)))
+    )
+    added = sum(
+        oval_shift(getattr(with_oval, f"ovality_{m}_amplitude"), getattr(with_oval, f"ovality_{m}_phase"), m, 80)
+        for m in (2, 3)
+    )
+    np.testing.assert_allclose(with_oval.pin_radial - without.pin_radial, added, atol=1e-12)
+    assert np.ptp(with_oval.ovality_2_phase[1:]) > np.pi
+
+
+def test_latin_hypercube_visits_every_stratum_once_in_each_replicate():
+    samples = study("latin_hypercube", count=160).samples
+    numbers, replicate = uniforms(samples, 7, 0, 160), replicates(samples, np.arange(1, 161))
+    for r in range(8):
+        strata = np.sort(np.floor(20 * numbers[replicate == r]), axis=0)
+        np.testing.assert_array_equal(strata, np.tile(np.arange(20)[:, None], 7))
+
+
+def test_each_replicate_of_sobol_is_a_net_and_differs_from_the_others():
+    samples = study("sobol", count=8 * 64).samples
+    numbers, replicate = uniforms(samples, 5, 0, 512), replicates(samples, np.arange(1, 513))
+    for r in range(8):
+        strata = np.sort(np.floor(64 * numbers[replicate == r]), axis=0)
+        np.testing.assert_array_equal(strata, np.tile(np.arange(64)[:, None], 5))
+    assert len(np.unique(numbers, axis=0)) == 512
+
+
+def test_only_sobol_and_hypercube_come_in_replicates():
+    assert replicates(study().samples, np.arange(5)) is None
+    np.testing.assert_array_equal(replicates(study("sobol").samples, np.array([1, 2, 8, 9, 10])), [0, 1, 7, 0, 1])
+    whole = study("sobol", nominal_first=False).samples
+    np.testing.assert_array_equal(replicates(whole, np.array([0, 7, 8])), [0, 7, 0])
+
+
+def test_cases_are_drawn_as_listed():
+    per_pin = tuple(np.arange(80.0) / 10)
+    cases = (
+        Case(label="a", disk_profile=5.0, roller_diameter=-3.0),
+        Case(label="b", pin_radial=per_pin, ovality_2=1.0),
+    )
+    listed = study("cases", count=2).model_copy(update={"cases": cases, "tolerances": Tolerances()})
+    errors = draw(listed, 0, 3)
+    np.testing.assert_array_equal(errors.disk_profile, [0, 5, 0])
+    np.testing.assert_array_equal(errors.roller_diameter, np.outer([0, -3, 0], np.ones(40)))
+    theta = -2 * np.pi * np.arange(80) / 80
+    np.testing.assert_allclose(errors.pin_radial[2], per_pin + np.cos(2 * theta), atol=1e-12)
+    assert_equal(draw(listed, 2, 3), rows(errors, slice(2, 3)))
+    with pytest.raises(ValueError, match="no random numbers"):
+        uniforms(listed.samples, 3, 0, 1)
