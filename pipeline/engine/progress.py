@@ -16,6 +16,12 @@ def say(stage: str, *parts: str) -> None:
     print("  ".join([stage, *parts]), file=sys.stderr, flush=True)
 
 
+def announce(stage: str) -> None:
+    """On a terminal, name the stage that is running until its line takes the place."""
+    if sys.stderr.isatty():
+        print(f"{stage} ...", end="\r", file=sys.stderr, flush=True)
+
+
 class Line:
     """The line of a chunked stage; the context's end clears the redrawn line and prints the last one.
 
@@ -54,7 +60,7 @@ class Line:
 class Meter:
     """Seconds and peak resident memory of this process and its workers together, while the context is open."""
 
-    INTERVAL = 0.2  # s; a look takes about 1 ms
+    INTERVAL = 0.5  # s; a look takes 1 ms, more where many processes run
 
     def __init__(self) -> None:
         self.peak_bytes = 0

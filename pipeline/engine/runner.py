@@ -13,13 +13,13 @@ from typing import Any
 from pipeline.engine import progress
 from pipeline.engine.fingerprint import Fingerprint, fingerprint
 from pipeline.engine.parallel import Backend, parts_of, solved_chunks
-from pipeline.engine.stage import Chunk, Job, Stage
+from pipeline.engine.stage import Chunk, Job, Sections, Stage
 from pipeline.engine.store import Cache, Output, Work, locked
 from pipeline.errors import InputError
 
 
 @dataclass(frozen=True)
-class Means:
+class Resources:
     """What a run may use; none of it changes a value: processes, items a chunk, and where chunks are solved."""
 
     jobs: int
@@ -27,7 +27,9 @@ class Means:
     backend: Backend = Backend()
 
 
-def run(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path, means: Means) -> dict[str, Output]:
+def run(
+    stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path, resources: Resources
+) -> dict[str, Output]:
     """Bring the targets up to date.
 
     Parameters
@@ -40,7 +42,7 @@ def run(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path,
         Stages wanted.
     runs : Path
         Folder of all runs.
-    means : Means
+    resources : Resources
         Processes, chunk size, backend.
 
     Returns
@@ -65,7 +67,7 @@ def run(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path,
             if output is not None and not _reasons(output, now):
                 progress.say(stage.name, "up to date")
             else:
-                output = _executed(stage, study, now, inputs, runs, means)
+                output = _executed(stage, study, now, inputs, runs, resources)
             outputs[stage.name] = output
     return outputs
 
@@ -126,15 +128,17 @@ def _reasons(output: Output, now: Fingerprint) -> list[str]:
 
 
 def _executed(
-    stage: Stage, study: Any, now: Fingerprint, inputs: Mapping[str, Output], runs: Path, means: Means
+    stage: Stage, study: Any, now: Fingerprint, inputs: Mapping[str, Output], runs: Path, resources: Resources
 ) -> Output:
     """Run a stage and publish its output."""
+    progress.announce(stage.name)
     started = datetime.now(UTC).isoformat(timespec="seconds")
     with progress.Meter() as meter:
-        state = {"key": now.key, "chunk": means.chunk} if stage.solve else None
+        state = {"key": now.key, "chunk": resources.chunk} if stage.solve else None
         work = Work(runs / study.name, stage.name, state)
-        job = Job(study, means.jobs, work.output, inputs, Cache(runs / ".cache", now.code))
-        counts = _solve_chunks(stage, job, work, means) if stage.solve else _run_whole(stage, job, work)
+        sections = Sections(study, (*stage.sections, "name"))
+        job = Job(sections, resources.jobs, work.output, inputs, Cache(runs / ".cache", now.code))
+        counts = _solve_chunks(stage, job, work, resources) if stage.solve else _run_whole(stage, job, work)
         contents = work.contents(stage.tables)
     if not stage.solve:
         rows = sum(table["rows"] for table in contents["tables"].values())
@@ -153,8 +157,8 @@ def _executed(
         "seconds": round(meter.seconds, 3),
         "peak_memory_bytes": meter.peak_bytes,
         "host": {"cores": os.cpu_count(), "machine": platform.machine(), "system": platform.platform()},
-        "jobs": means.jobs,
-        "backend": means.backend.name,
+        "jobs": resources.jobs,
+        "backend": resources.backend.name,
     }
     return work.publish(record)
 
@@ -165,11 +169,11 @@ def _run_whole(stage: Stage, job: Job, work: Work) -> dict[str, int]:
     return {}
 
 
-def _solve_chunks(stage: Stage, job: Job, work: Work, means: Means) -> dict[str, int]:
+def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources) -> dict[str, int]:
     assert stage.items is not None
     assert stage.prepare is not None
     total = stage.items(job)
-    bounds = [(start, min(start + means.chunk, total)) for start in range(0, total, means.chunk)]
+    bounds = [(start, min(start + resources.chunk, total)) for start in range(0, total, resources.chunk)]
     left = [bound for bound in bounds if bound[0] not in work.finished]
     reads = {name: name.partition("/") for name in stage.chunk_reads}
 
@@ -181,8 +185,10 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, means: Means) -> dict[str,
         for start, stop in set(bounds) - set(left):
             line.advance(stop - start, work.finished[start]["failed"])
         shared = stage.prepare(job) if left else None
-        with closing(solved_chunks(stage, shared, left, read, work.folder, means.jobs, means.backend)) as solved:
+        with closing(
+            solved_chunks(stage, shared, left, read, work.folder, resources.jobs, resources.backend)
+        ) as solved:
             for part in solved:
                 work.write_chunk(part.start, part.parts, part.failed)
                 line.advance(part.stop - part.start, part.failed)
-    return {"items": total, "failed": line.failed, "chunk": means.chunk}
+    return {"items": total, "failed": line.failed, "chunk": resources.chunk}

@@ -26,20 +26,41 @@ class Chunk:
 
 
 @dataclass(frozen=True)
+class Sections:
+    """The parts of a study that a stage names, under their own names.
+
+    Whatever else the study holds is out of reach: the stage would not become stale when it changes.
+    """
+
+    _study: Any
+    _names: tuple[str, ...]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name in self._names:
+            return getattr(self._study, name)
+        inner = tuple(path.partition(".")[2] for path in self._names if path.startswith(f"{name}."))
+        if not inner:
+            raise AttributeError(f"{name} is not among the sections that the stage names: {', '.join(self._names)}")
+        return Sections(getattr(self._study, name), inner)
+
+
+@dataclass(frozen=True)
 class Job:
     """What the body of a stage is given.
 
     Attributes
     ----------
-    study : object
-        The validated study; a body uses the sections that its stage names, and no other.
+    study : Sections
+        The sections that the stage names, as attributes; and the study's `name`.
     jobs : int
         Number of processes that the user allows.
     folder : Path
         Where the stage's output is being built.
     """
 
-    study: Any
+    study: Sections
     jobs: int
     folder: Path
     inputs: Mapping[str, Output]

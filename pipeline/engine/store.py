@@ -27,6 +27,8 @@ from pipeline.engine.table import ITEM, Columns, Part, Table, columns_of, conten
 from pipeline.errors import InputError
 
 RECORD = "record.json"
+LAYOUT = 1
+"""Of the record; an output with a record of another layout counts as never made."""
 
 
 def write_atomic(path: Path, data: bytes) -> None:
@@ -71,7 +73,7 @@ class Output:
     def open(cls, folder: Path) -> "Output | None":
         """The output in a folder; None if the stage never finished there."""
         record = read_json(folder / RECORD)
-        return None if record is None else cls(folder, record)
+        return cls(folder, record) if record and record.get("layout") == LAYOUT else None
 
     @cached_property
     def hashes(self) -> dict[str, str]:
@@ -248,6 +250,7 @@ class Work:
 
     def publish(self, record: Mapping[str, Any]) -> Output:
         """Write the record and put the output in the place of the old one."""
+        record = {"layout": LAYOUT, **record}
         write_json(self.output / RECORD, record)
         if self.target.exists():
             self.target.rename(self.folder / "old")
@@ -297,4 +300,3 @@ def locked(run: Path) -> Iterator[None]:
         file.write(str(os.getpid()))
         file.flush()
         yield
-        file.truncate(0)

@@ -20,7 +20,7 @@ from pipeline.model.polygon import Index
 from pipeline.model.profile import Complex, Real
 
 Stress = Literal["plane_stress", "plane_strain"]
-COLUMNS_AT_ONCE = 32  # right-hand sides a solve: bounds its memory at 0.1 GiB for 75,000 nodes
+COLUMNS_AT_ONCE = 4  # right-hand sides a solve: more fall out of the cache and take up to three times as long
 ASYMMETRY_LIMIT = 1e-10  # of a compliance, relative to its largest entry; a sound solve leaves 1e-12
 
 

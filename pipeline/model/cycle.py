@@ -12,7 +12,7 @@ from pipeline.model.backlash import rigid_play
 from pipeline.model.contact import ContactLaws
 from pipeline.model.equilibrium import Equilibria, solve
 from pipeline.model.profile import Real
-from pipeline.model.reducer import Reducer
+from pipeline.model.reducer import Bearing, Reducer
 
 BRANCHES = ("loading+", "unloading+", "loading-", "unloading-", "reloading+")
 LIMIT_TORQUE = 1e-9
@@ -80,7 +80,13 @@ def _first_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, pose: Re
 
 
 def solve_cycle(
-    reducer: Reducer, laws: ContactLaws, compliance: Real, gap: Real, bearing_clearance: Real, cycle: LoadCycle
+    reducer: Reducer,
+    bearing: Bearing,
+    laws: ContactLaws,
+    compliance: Real,
+    gap: Real,
+    bearing_clearance: Real,
+    cycle: LoadCycle,
 ) -> Equilibria:
     """The states of the cycle for every sample; arrays (n, n_states, ...) in the order of ``cycle.state_torque``.
 
@@ -100,12 +106,14 @@ def solve_cycle(
     for sense, pose in ((1.0, play.pose_plus), (-1.0, play.pose_minus)):
         levels = sense * cycle.rated_torque * cycle.fractions
         start = _first_poses(reducer, laws, compliance, pose, levels[0])
-        loaded = solve(reducer, laws, compliance, gap, bearing_clearance, start, levels)
+        loaded = solve(reducer, bearing, laws, compliance, gap, bearing_clearance, start, levels)
         senses.append(_with_end(loaded, pose))
         if np.any(play.preloaded):
             tight = play.preloaded
             limit = sense * np.array([LIMIT_TORQUE * cycle.rated_torque])
-            end = solve(reducer, laws, compliance, gap[tight], bearing_clearance[tight], start[tight], limit)
+            end = solve(
+                reducer, bearing, laws, compliance, gap[tight], bearing_clearance[tight], start[tight], limit
+            )
             for name, values in vars(senses[-1]).items():
                 values[tight, 0] = getattr(end, name)[:, 0]
     return Equilibria(**{

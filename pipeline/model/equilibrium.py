@@ -21,7 +21,7 @@ from numba import njit
 
 from pipeline.model.contact import ContactLaws
 from pipeline.model.profile import Real
-from pipeline.model.reducer import Reducer
+from pipeline.model.reducer import Bearing, Reducer
 
 FORCE_TOLERANCE = 1e-12
 """A step is solved when no active contact's deflection is off by more than this share of the largest one ..."""
@@ -468,7 +468,14 @@ def _solve_batch(torques, output, gap, reducer, laws, bearing, clearance, start,
 
 
 def solve(
-    reducer: Reducer, laws: ContactLaws, compliance: Real, gap: Real, bearing_clearance: Real, start: Real, torque: Real
+    reducer: Reducer,
+    bearing: Bearing,
+    laws: ContactLaws,
+    compliance: Real,
+    gap: Real,
+    bearing_clearance: Real,
+    start: Real,
+    torque: Real,
 ) -> Equilibria:
     """Equilibria of every sample at every output torque, in the order of ``torque``.
 
@@ -502,7 +509,7 @@ def solve(
         np.ascontiguousarray(gap),
         (np.ascontiguousarray(reducer.closing), np.ascontiguousarray(compliance)),
         (laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
-        (reducer.bearing.stiffness, reducer.bearing.exponent),
+        (bearing.stiffness, bearing.exponent),
         np.ascontiguousarray(bearing_clearance, dtype=float),
         np.ascontiguousarray(start),
         solution.motion,

@@ -19,7 +19,7 @@ from pipeline.model.polygon import ClosedPolygon, Index, arc_length, coordinates
 from pipeline.model.profile import Complex, CycloidProfile, Real
 
 ROW_HEIGHT = np.sqrt(3) / 2  # of a row of equilateral triangles, in edge lengths
-BORE_EDGES = 64  # at least; a polygon of 64 edges has the area of its circle within 0.2 %
+BORE_EDGES = 180  # at least: its corners cost a compliance less than 0.01 of 2/(pi E' t), 0.04 with 64 edges
 NEAREST_NEIGHBOUR = 0.75  # in edge lengths: a candidate node closer than that to an accepted one is dropped
 CLEAR_OF_FLANK = 0.6  # in edge lengths: smoothing never moves a node closer to the flank than that
 SMOOTHING_PASSES = 10  # the smallest quality gains nothing after that

@@ -16,7 +16,7 @@ PIN, OUTPUT = "pin", "output"
 
 @dataclass(frozen=True)
 class Bearing:
-    """Radial spring between crank and disk centre, F = stiffness (d - clearance)^exponent.
+    """Input bearing: radial spring between crank and disk centre, F = stiffness (d - clearance)^exponent.
 
     Attributes
     ----------
@@ -89,7 +89,6 @@ class Reducer:
     contacts : all contacts, pins first.
     motions : names of the free rigid motions (n_motions,), the disk's translation first.
     closing : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
-    bearing : the input bearing, which acts on the first two motions.
     """
 
     crank: float
@@ -97,7 +96,6 @@ class Reducer:
     contacts: Contacts
     motions: tuple[str, ...]
     closing: Real
-    bearing: Bearing
 
     @property
     def n_pins(self) -> int:
@@ -169,9 +167,7 @@ def _closing(contacts: Contacts, motions: tuple[str, ...]) -> Real:
     return closing
 
 
-def roller_plate_reducer(
-    profile: CycloidProfile, mechanism: RollerPlate, bearing: Bearing, crank: float
-) -> Reducer:
+def roller_plate_reducer(profile: CycloidProfile, mechanism: RollerPlate, crank: float) -> Reducer:
     """The paper's reducer: pins, disk, sliding plate and output at the crank angle ``crank`` [rad].
 
     Notes
@@ -188,7 +184,7 @@ def roller_plate_reducer(
         _slide(0, ("disk", "plate"), stations, s1, disk_centre, mechanism.face_offset),
         _slide(1, ("plate", "output"), stations, 1j * s1, 0j, mechanism.face_offset),
     ])
-    motions = ("disk_x", "disk_y", "disk_phi", "plate_phi", "output_phi")
+    motions: tuple[str, ...] = ("disk_x", "disk_y", "disk_phi", "plate_phi", "output_phi")
     if mechanism.floats:
         motions += ("plate_x", "plate_y")
-    return Reducer(crank, pins, contacts, motions, _closing(contacts, motions), bearing)
+    return Reducer(crank, pins, contacts, motions, _closing(contacts, motions))

@@ -1,5 +1,11 @@
-"""A study of pure arithmetic, with each kind of stage that the engine knows: no mechanics."""
+"""A study of pure arithmetic, with each kind of stage that the engine knows: no mechanics.
 
+Run as a script it runs the study, for tests that kill it: `toy_study.py RUNS JOBS CHUNK`.
+"""
+
+import json
+import os
+import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 
@@ -16,20 +23,28 @@ class Numbers:
     count: int = 40
     seed: int = 1
     slope: float = 2.0
-
-
-@dataclass(frozen=True)
-class Work:
-    seconds: float = 0.0
-    fail_at: int = -1
+    note: str = ""
 
 
 @dataclass(frozen=True)
 class Toy:
     name: str = "toy"
     numbers: Numbers = field(default_factory=Numbers)
-    work: Work = field(default_factory=Work)
     plan: dict[str, list[int]] = field(default_factory=lambda: {"powers": [1, 2]})
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """What goes wrong in the solves, as JSON in the environment: it must not be part of a fingerprint."""
+
+    seconds: float = 0.0
+    fail_at: int = -1
+    die_at: int = -1
+    log: str = os.devnull
+
+    @classmethod
+    def ordered(cls) -> "Trouble":
+        return cls(**json.loads(os.environ.get("TOY_TROUBLE", "{}")))
 
 
 SAMPLE = Column("sample", "int32", "1", "number of the sample")
@@ -75,21 +90,27 @@ def powers(job: Job) -> dict[str, object]:
 
     stored = np.load(job.memo(f"powers {job.study.plan['powers']}", make) / "powers.npy")
     job.path("powers.txt").write_text(str(stored))
-    return {"powers": stored, "slope": job.study.numbers.slope, "work": job.study.work}
+    return {"powers": stored, "slope": job.study.numbers.slope, "trouble": Trouble.ordered()}
 
 
 def add(shared: dict, chunk: Chunk) -> Tables:
+    trouble = shared["trouble"]
+    with open(trouble.log, "a") as log:
+        log.write(f"{chunk.start}\n")
+    time.sleep(trouble.seconds)
+    if chunk.start <= trouble.fail_at < chunk.stop:
+        raise ValueError(f"cannot add sample {trouble.fail_at}")
+    if chunk.start <= trouble.die_at < chunk.stop:
+        os._exit(1)
+    shared["powers"] *= 1.0  # arrays are writable in every process
     points = chunk.tables["draw/points"]
-    time.sleep(shared["work"].seconds)
-    if chunk.start <= shared["work"].fail_at < chunk.stop:
-        raise ValueError(f"cannot add sample {shared['work'].fail_at}")
     total = (points["x_mm"][:, None] ** shared["powers"]).sum(axis=1).reshape(-1, POINTS_PER_SAMPLE).sum(axis=1)
     sums = {"sample": np.arange(chunk.start, chunk.stop), "sum_mm": shared["slope"] * total, "large": total > 1}
     kept = {"sample": [0], "side": points["side"][:1]} if chunk.start == 0 else KEPT.empty()
     return {"sums": sums, "kept": kept}
 
 
-def failures(tables: Tables) -> int:
+def large(tables: Tables) -> int:
     return int(tables["sums"]["large"].sum())
 
 
@@ -99,20 +120,24 @@ def finish(job: Job) -> Tables:
     return {"total": {"statistic": ["mean", "characters"], "value": [sums.mean(), len(text)]}}
 
 
-STAGES = (
-    Stage("draw", (), ("numbers.count", "numbers.seed"), (POINTS,), "toy_study", run=draw),
-    Stage(
-        name="add",
-        reads=("draw",),
-        sections=("numbers.slope", "plan"),
-        tables=(SUMS, KEPT),
-        module="toy_study",
-        unit="samples",
-        items=count,
-        prepare=powers,
-        solve=add,
-        chunk_reads=("draw/points",),
-        failures=failures,
-    ),
-    Stage("finish", ("add",), (), (TOTAL,), "toy_study", run=finish),
+DRAW = Stage("draw", (), ("numbers.count", "numbers.seed", "numbers.note"), (POINTS,), "toy_study", run=draw)
+ADD = Stage(
+    name="add",
+    reads=("draw",),
+    sections=("numbers.count", "numbers.slope", "plan"),
+    tables=(SUMS, KEPT),
+    module="toy_study",
+    unit="samples",
+    items=count,
+    prepare=powers,
+    solve=add,
+    chunk_reads=("draw/points",),
+    failures=large,
 )
+FINISH = Stage("finish", ("add",), (), (TOTAL,), "toy_study", run=finish)
+STAGES = (DRAW, ADD, FINISH)
+
+if __name__ == "__main__":
+    from toy_study import STAGES as IMPORTED  # workers find the bodies under the module's name, not under __main__
+
+    run(IMPORTED, Toy(), ["finish"], Path(sys.argv[1]), Resources(jobs=int(sys.argv[2]), chunk=int(sys.argv[3])))

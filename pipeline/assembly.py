@@ -1,0 +1,180 @@
+"""A validated design and study as objects of the model: where millimetres of a file become bodies and contacts."""
+
+import numpy as np
+
+from pipeline.config.design import Design
+from pipeline.config.design import Material as MaterialSection
+from pipeline.config.study import Study
+from pipeline.model.bodies import ElasticBody, elastic_body
+from pipeline.model.clearance import Errors
+from pipeline.model.contact import (
+    ContactLaws,
+    LineContact,
+    Material,
+    concatenated,
+    cylinder_share,
+    flat_share,
+    hertz_laws,
+    mesh_compliance,
+    meshed_share,
+    palmgren_laws,
+)
+from pipeline.model.cycle import LoadCycle
+from pipeline.model.meshing import flank_nodes, lobed_disk_mesh
+from pipeline.model.patches import Patches, boundary_patches, joined, line_patches
+from pipeline.model.profile import CycloidProfile, Real, disk_rotation
+from pipeline.model.reducer import OUTPUT, PIN, Bearing, Reducer, RollerPlate, roller_plate_reducer
+from pipeline.sampling import Errors as SampledErrors
+
+MM_PER_UM = 1e-3
+NMM_PER_NM = 1e3
+
+
+def profile(design: Design) -> CycloidProfile:
+    """The flank of the design."""
+    cycloid = design.cycloid
+    return CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
+
+
+def reducer(design: Design, crank_deg: float) -> Reducer:
+    """Bodies and contacts of the design at one crank angle [degrees]."""
+    output = design.output
+    mechanism = RollerPlate(
+        stations=tuple(np.linspace(output.outer_station_mm, output.inner_station_mm, output.stations)),
+        face_offset=output.face_offset_mm,
+        slide_angle=np.radians(output.slide_angle_deg),
+        floats=output.plate == "floats",
+    )
+    return roller_plate_reducer(profile(design), mechanism, np.radians(crank_deg))
+
+
+def bearing(design: Design) -> Bearing:
+    """The input bearing of the design."""
+    return Bearing(design.bearing.stiffness_N_per_mm_power, design.bearing.exponent)
+
+
+def load_cycle(study: Study) -> LoadCycle:
+    """The load cycle, with the torques of the metrics among its levels."""
+    metrics = study.metrics
+    marks = (metrics.lost_motion_percent, *metrics.rigidity_percent)
+    return LoadCycle.evenly(
+        NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
+        study.cycle.levels_per_branch,
+        study.cycle.torque_fraction,
+        tuple(percent / 100 for percent in marks),
+    )
+
+
+def errors(sampled: SampledErrors) -> Errors:
+    """Sampled errors [um] as the model takes them [mm]; a lobe's error is the disk's and its own."""
+    return Errors(
+        pin_radial=MM_PER_UM * sampled.pin_radial,
+        pin_tangential=MM_PER_UM * sampled.pin_tangential,
+        pin_radius=MM_PER_UM * sampled.pin_radius,
+        lobe=MM_PER_UM * (sampled.disk_profile[:, None] + sampled.lobe_profile),
+        eccentricity=MM_PER_UM * sampled.eccentricity,
+        roller_diameter=MM_PER_UM * sampled.roller_diameter,
+    )
+
+
+def bearing_clearance(design: Design, deviation_um: Real) -> Real:
+    """Radial clearance (n,) [mm] of the input bearing: the design's and each sample's."""
+    return MM_PER_UM * (design.bearing.clearance_um + deviation_um)
+
+
+def _material(section: MaterialSection, design: Design) -> Material:
+    return Material(section.youngs_modulus_MPa, section.poisson_ratio, design.disk.stress)
+
+
+def contact_laws(study: Study, at: Reducer) -> ContactLaws:
+    """Laws of every contact of the reducer, pins first.
+
+    Raises
+    ------
+    ValueError
+        If the law leaves nothing to a contact (Palmgren on a patch that holds more than its whole approach).
+    """
+    return concatenated([_pin_laws(study, at), _roller_laws(study, at)])
+
+
+def _pin_laws(study: Study, at: Reducer) -> ContactLaws:
+    design, width = study.design, study.reduce.patch_half_width_mm
+    radius, thickness = design.cycloid.pin_radius_mm, design.disk.thickness_mm
+    pin = _material(design.materials[design.pins.material], design)
+    disk = _material(design.materials[design.disk.material], design)
+    contact = LineContact(1 / (1 / radius + at.pins.flank_curvature), thickness, pin, disk)
+    if study.springs.law == "palmgren":
+        return palmgren_laws(contact, 1, mesh_compliance(disk, thickness, radius, width))
+    return hertz_laws(contact, [cylinder_share(contact, pin, radius), meshed_share(contact, disk, width)], radius)
+
+
+def _roller_laws(study: Study, at: Reducer) -> ContactLaws:
+    """A roller is pressed between the flats of two bodies: the disk's tongue and the plate, or the plate and the
+    output, which is taken to be of the plate's material."""
+    design, output = study.design, study.design.output
+    roller = _material(design.materials[output.roller_material], design)
+    plate = _material(design.materials[output.plate_material], design)
+    disk = _material(design.materials[design.disk.material], design)
+    laws = []
+    for flats in ((disk, plate), (plate, plate)):
+        radius = np.full(output.rollers // 2, output.roller_radius_mm)
+        sides = [LineContact(radius, output.roller_length_mm, roller, flat) for flat in flats]
+        if study.springs.law == "palmgren":
+            laws.append(palmgren_laws(sides[0], 2, 0.0))
+            continue
+        shares = []
+        for side, flat in zip(sides, flats, strict=True):
+            shares.append(cylinder_share(side, roller, output.roller_radius_mm))
+            shares.append(flat_share(side, flat, output.flat_depth_mm))
+        laws.append(hertz_laws(sides[0], shares, output.roller_radius_mm))
+    return concatenated(laws)
+
+
+def elastic_disk(study: Study) -> ElasticBody:
+    """The lobed disk, meshed, assembled and factorised, held by the mean motion of its bore."""
+    design, reduce = study.design, study.reduce
+    flank = flank_nodes(profile(design), reduce.flank_edges_per_lobe)
+    mesh = lobed_disk_mesh(
+        flank, design.cycloid.lobes, design.disk.bore_radius_mm, reduce.growth, reduce.largest_edge_mm
+    )
+    material = design.materials[design.disk.material]
+    return elastic_body(
+        mesh,
+        material.youngs_modulus_MPa,
+        material.poisson_ratio,
+        design.disk.thickness_mm,
+        design.disk.stress,
+        "bore",
+    )
+
+
+def disk_contacts(at: Reducer) -> np.ndarray:
+    """Numbers of the contacts that load the disk: the pins, then the rollers of its own slide."""
+    return np.flatnonzero((at.contacts.body_a == "disk") | (at.contacts.body_b == "disk"))
+
+
+def disk_patches(study: Study, disk: ElasticBody, at: Reducer) -> Patches:
+    """Patches of ``disk_contacts`` on the disk, in the disk's frame, directed as the contacts push it.
+
+    Notes
+    -----
+    The pins press on the true flank. The disk's tongue stands out of the plane of the slice; its rollers' forces enter
+    the slice along the tongue's faces, spread over the patch of a roller.
+    """
+    contacts, reduce = at.contacts, study.reduce
+    lobed = profile(study.design)
+    turn = np.exp(-1j * disk_rotation(lobed, at.crank))
+    centre = lobed.eccentricity * np.exp(1j * at.crank)
+    point, normal = (contacts.point - centre) * turn, contacts.normal * turn
+    pins = contacts.kind == PIN
+    rollers = (contacts.kind == OUTPUT) & (contacts.body_a == "disk")
+    return joined(
+        boundary_patches(disk.mesh, "flank", point[pins], normal[pins], reduce.patch_half_width_mm),
+        line_patches(
+            disk.mesh,
+            point[rollers],
+            1j * normal[rollers],
+            -normal[rollers],
+            reduce.roller_patch_half_width_mm,
+        ),
+    )

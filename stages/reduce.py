@@ -1,0 +1,120 @@
+"""Stage 4a: the elastic disk condensed to the patches of its contacts, once per crank angle, before any sample."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.config.study import Study
+from pipeline.engine.stage import Job, Stage, Tables
+from pipeline.engine.table import Column, Table
+from pipeline.figures.mesh import mesh_figure
+from pipeline.figures.style import save
+from pipeline.figures.vtk import write_vtk
+from pipeline.model.bodies import ElasticBody
+from pipeline.model.reducer import PIN, Reducer
+from stages.keys import CONTACT, CRANK
+
+UM_PER_MM = 1e3
+COMPLIANCE_FILE = "compliance.npz"
+MESH_FILE = "mesh.npz"
+SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.output", "reduce")
+
+CONTACTS = Table(
+    "contacts",
+    "row of the matrix, crank",
+    (
+        Column("row", "int32", "1", "row and column of the compliance matrix of this crank angle"),
+        CONTACT,
+        CRANK,
+        Column("patch_half_width_mm", "float64", "mm", "half width of the elliptical pressure on the mesh"),
+        Column("compliance_um_per_N", "float64", "um/N", "diagonal entry: mean elastic deflection of the patch per force"),
+    ),
+)
+
+
+def matrix_name(crank_deg: float) -> str:
+    """Name of the matrix of one crank angle in ``compliance.npz``."""
+    return f"crank_{crank_deg:.9g}"
+
+
+def full_compliance(path: Path, at: Reducer, crank_deg: float) -> np.ndarray:
+    """Compliance (n_contacts, n_contacts) [mm/N] between all contacts: the disk's, and rigid bodies elsewhere."""
+    rows = assembly.disk_contacts(at)
+    full = np.zeros((len(at.contacts), len(at.contacts)))
+    with np.load(path) as matrices:
+        full[np.ix_(rows, rows)] = matrices[matrix_name(crank_deg)] / UM_PER_MM
+    return full
+
+
+def _write_mesh(study: Study, disk: ElasticBody, at: Reducer, folder: Path) -> None:
+    """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
+    patches = assembly.disk_patches(study, disk, at)
+    pin = int(np.argmax(np.abs(at.pins.arm)))
+    moved = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
+    write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": moved})
+    np.savez(folder / MESH_FILE, nodes=disk.nodes, triangles=disk.triangles, patch_points=patches.points, displacement=moved)
+
+
+def _run(job: Job) -> Tables:
+    study: Study = job.study
+    settings = json.dumps(
+        {
+            "cycloid": study.design.cycloid.model_dump(mode="json"),
+            "disk": study.design.disk.model_dump(mode="json"),
+            "material": study.design.materials[study.design.disk.material].model_dump(mode="json"),
+            "output": study.design.output.model_dump(mode="json"),
+            "reduce": study.reduce.model_dump(mode="json"),
+        },
+        sort_keys=True,
+    )
+    reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
+
+    @cache
+    def disk() -> ElasticBody:
+        return assembly.elastic_disk(study)
+
+    matrices = {}
+    for crank, at in reducers.items():
+
+        def condense(folder: Path, at: Reducer = at) -> None:
+            np.save(folder / "matrix.npy", UM_PER_MM * disk().compliance(assembly.disk_patches(study, disk(), at)).matrix)
+
+        folder = job.memo(f"{settings} crank {crank:.9g}", condense)
+        matrices[matrix_name(crank)] = np.load(folder / "matrix.npy")
+    first = next(iter(reducers.values()))
+    drawn = job.memo(f"{settings} mesh at {first.crank:.9g}", lambda folder: _write_mesh(study, disk(), first, folder))
+    for name in (MESH_FILE, "mesh.vtu"):
+        job.path(name).write_bytes((drawn / name).read_bytes())
+    np.savez(job.path(COMPLIANCE_FILE), **matrices)
+    with np.load(drawn / MESH_FILE) as mesh:
+        save(mesh_figure(mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"]), job.path("mesh"))
+    return {"contacts": _contact_rows(study, reducers, matrices)}
+
+
+def _contact_rows(study: Study, reducers: dict[float, Reducer], matrices: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    width = {PIN: study.reduce.patch_half_width_mm}
+    parts = []
+    for crank, at in reducers.items():
+        contact = assembly.disk_contacts(at)
+        widths = [width.get(kind, study.reduce.roller_patch_half_width_mm) for kind in at.contacts.kind[contact]]
+        parts.append({
+            "row": np.arange(len(contact)),
+            "contact": contact,
+            "crank_deg": np.full(len(contact), crank),
+            "patch_half_width_mm": np.array(widths),
+            "compliance_um_per_N": np.diag(matrices[matrix_name(crank)]).copy(),
+        })
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+REDUCE = Stage(
+    name="reduce",
+    reads=(),
+    sections=(*SECTIONS, "cycle.crank_deg"),
+    tables=(CONTACTS,),
+    module="stages.reduce",
+    run=_run,
+)

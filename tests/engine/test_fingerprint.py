@@ -1,0 +1,129 @@
+"""Which files, settings and versions a result depends on, and what is said when one differs."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from toy_study import ADD, Numbers, Toy
+
+from pipeline.engine.fingerprint import fingerprint, source_hashes
+
+FILES = {
+    "__init__.py": "",
+    "root.py": "from {p}.near import f\nfrom . import beside\n\ndef solve():\n    from {p}.sub.late import g\n",
+    "near.py": "import numpy as np\nfrom typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from {p} import typed\n"
+    'def f(x):\n    """Double."""\n    return 2 * x\n',
+    "beside.py": "from .sub.late import g\n",
+    "sub/__init__.py": "from . import inner\n",
+    "sub/inner.py": "A = 1\n",
+    "sub/late.py": "from ..up import B as g\n",
+    "up.py": "B = 1\n",
+    "typed.py": "C = 1\n",
+    "alone.py": "D = 1\n",
+}
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    name = f"package_{tmp_path.name}"
+    for file, text in FILES.items():
+        path = tmp_path / name / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text.format(p=name))
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path / name
+
+
+def edit(path: Path, before: str, after: str) -> None:
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after))
+
+
+def test_sources_are_the_own_files_imported_directly_or_not(package: Path) -> None:
+    found = {name.removeprefix(f"{package.name}/") for name in source_hashes(f"{package.name}.root")}
+    assert found == set(FILES) - {"typed.py", "alone.py"}
+
+
+def test_the_engine_is_a_source_but_its_progress_is_not() -> None:
+    sources = source_hashes("toy_study")
+    assert {"toy_study.py", "pipeline/__init__.py", "pipeline/engine/table.py", "pipeline/errors.py"} <= set(sources)
+    assert "pipeline/engine/progress.py" not in sources
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after", "changes"),
+    [
+        ("near.py", '"""Double."""', '"""Twice."""', False),
+        ("near.py", "return 2 * x", "return 2 * x  # why", False),
+        ("near.py", "return 2 * x", "return (2*x)", False),
+        ("near.py", "import typed", "import alone", False),
+        ("near.py", "return 2 * x", "return 3 * x", True),
+        ("sub/inner.py", "A = 1", "A = 2", True),
+        ("up.py", "B = 1", "B = 2", True),
+        ("alone.py", "D = 1", "D = 2", False),
+    ],
+)
+def test_only_what_can_change_a_value_changes_a_hash(
+    package: Path, file: str, before: str, after: str, changes: bool
+) -> None:
+    root = f"{package.name}.root"
+    old = source_hashes(root)
+    edit(package / file, before, after)
+    differing = {name for name, digest in source_hashes(root).items() if digest != old.get(name)}
+    assert differing == ({f"{package.name}/{file}"} if changes else set())
+
+
+def test_a_module_that_is_nowhere_is_a_mistake() -> None:
+    with pytest.raises(TypeError, match="module nowhere.at_all: no source file"):
+        source_hashes("nowhere.at_all")
+
+
+def recorded(study: object, inputs: dict[str, str]) -> dict:
+    """A fingerprint as it comes back from a record."""
+    now = fingerprint(ADD, study, inputs)
+    return json.loads(
+        json.dumps({k: getattr(now, k) for k in ("settings", "sources", "packages", "inputs")} | {"key": now.key})
+    )
+
+
+def test_used_settings_count_and_others_do_not() -> None:
+    key = fingerprint(ADD, Toy(), {}).key
+    assert fingerprint(ADD, Toy(numbers=Numbers(seed=2)), {}).key == key
+    assert fingerprint(ADD, Toy(numbers=Numbers(slope=3.0)), {}).key != key
+    assert fingerprint(ADD, Toy(), {"draw/points": "a"}).key != key
+
+
+def test_an_equal_fingerprint_has_no_changes() -> None:
+    assert fingerprint(ADD, Toy(), {"draw/points": "a"}).changes_since(recorded(Toy(), {"draw/points": "a"})) == []
+
+
+def test_each_change_is_a_plain_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = recorded(Toy(), {"draw/points": "a"})
+    now = fingerprint(ADD, Toy(numbers=Numbers(slope=3.0), plan={"powers": [2]}), {"draw/points": "b", "draw/x": "c"})
+    sources = dict(now.sources) | {"toy_study.py": "0", "pipeline/new.py": "1"}
+    del sources["pipeline/errors.py"]
+    now = replace(now, sources=sources, packages=dict(now.packages) | {"numpy": "9.9"})
+    assert now.changes_since(before) == [
+        "setting numbers.slope changed: 2.0 -> 3.0",
+        "setting plan.powers changed: [1, 2] -> [2]",
+        "source pipeline/errors.py removed",
+        "source pipeline/new.py added",
+        "source toy_study.py changed",
+        f"package numpy {before['packages']['numpy']} -> 9.9",
+        "input draw/points changed",
+        "input draw/x changed",
+    ]
+
+
+def test_settings_are_flat_and_lists_of_tables_are_numbered() -> None:
+    study = Toy(plan={"cases": [{"label": "a", "x": [1, 2]}, {"label": "b"}], "none": {}})
+    assert fingerprint(ADD, study, {}).settings == {
+        "numbers.count": 40,
+        "numbers.slope": 2.0,
+        "plan.cases.0.label": "a",
+        "plan.cases.0.x": [1, 2],
+        "plan.cases.1.label": "b",
+        "plan.none": {},
+    }

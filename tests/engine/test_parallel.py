@@ -1,0 +1,67 @@
+"""What is in flight, and what a worker is given."""
+
+import time
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pytest
+from toy_study import ADD, Trouble
+
+from pipeline.engine import parallel
+from pipeline.engine.parallel import Backend, Dumped, Value, solve_chunk, solved_chunks
+from pipeline.engine.stage import Chunk
+
+SHARED = {"powers": np.array([1.0]), "slope": 1.0, "trouble": Trouble()}
+
+
+def chunk(start: int, stop: int) -> Chunk:
+    return Chunk(start, stop, {"draw/points": {"x_mm": np.arange(3.0 * (stop - start)), "side": ["plus"]}})
+
+
+def test_inputs_are_read_when_needed_and_results_wait_for_the_reader(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(parallel, "WAVE", 3)
+    read = []
+
+    def reader(start: int, stop: int) -> Chunk:
+        read.append(start)
+        return chunk(start, stop)
+
+    bounds = [(k, k + 1) for k in range(20)]
+    solved = solved_chunks(ADD, SHARED, bounds, reader, tmp_path, 2, Backend())
+    starts = {next(solved).start}
+    time.sleep(0.5)
+    assert len(read) <= 6  # the wave of two jobs; without it every chunk would be solved by now
+    starts |= {part.start for part in solved}
+    assert starts == {start for start, _ in bounds}
+
+
+def test_nothing_to_do_starts_nothing(tmp_path: Path) -> None:
+    assert list(solved_chunks(ADD, SHARED, [], chunk, tmp_path, 2, Backend())) == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["threading", "sequential"])
+def test_any_backend_gives_the_same_parts(tmp_path: Path, name: str) -> None:
+    bounds = [(0, 2), (2, 4), (4, 5)]
+    by_backend = [
+        {p.start: p.parts for p in solved_chunks(ADD, SHARED, bounds, chunk, tmp_path, 2, backend)}
+        for backend in (Backend(), Backend(name, {}))
+    ]
+    assert by_backend[0] == by_backend[1]
+
+
+def test_shared_value_is_loaded_once_a_process_and_arrays_are_private(tmp_path: Path) -> None:
+    path = tmp_path / "shared"
+    joblib.dump({"a": np.arange(1000.0)}, path)
+    first = Dumped(path, "k").load()
+    first["a"][0] = 5.0
+    assert Dumped(path, "k").load() is first
+    assert joblib.load(path)["a"][0] == 0.0
+    assert Dumped(path, "another").load()["a"][0] == 0.0
+
+
+def test_a_chunk_without_upstream_rows_is_an_error_that_keeps_its_cause() -> None:
+    with pytest.raises(parallel.ChunkError, match="samples 0 to 0 failed: KeyError") as caught:
+        solve_chunk(ADD, Value(SHARED), Chunk(0, 1))
+    assert isinstance(caught.value.__cause__, KeyError)

@@ -1,0 +1,61 @@
+"""The progress line and the meter."""
+
+import io
+import re
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from pipeline.engine.progress import Line, Meter, announce, say
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def advance() -> None:
+    with Line("add", "samples", 40) as line:
+        line.advance(30, 2)
+        line.advance(10, 1)
+
+
+def test_elsewhere_than_on_a_terminal_a_stage_is_one_plain_line(capsys: pytest.CaptureFixture) -> None:
+    announce("add")
+    advance()
+    say("draw", "up to date")
+    assert capsys.readouterr().err == "add  40/40 samples  0 s  3 failed\ndraw  up to date\n"
+
+
+def test_on_a_terminal_the_line_is_redrawn_and_ends_as_the_plain_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    announce("add")
+    advance()
+    *drawn, last = terminal.getvalue().rstrip("\n").split("\r")
+    assert "add ..." in drawn[0]
+    assert any(re.match(r"add  0/40 samples", text) for text in drawn)
+    assert last == "add  40/40 samples  0 s  3 failed"
+
+
+def test_an_error_says_how_far_it_came(capsys: pytest.CaptureFixture) -> None:
+    def interrupted() -> None:
+        with Line("add", "samples", 40) as line:
+            line.advance(30, 2)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert capsys.readouterr().err == "add  30/40 samples  0 s  2 failed  stopped; finished chunks are kept\n"
+
+
+def test_meter_sees_a_peak_that_is_gone_at_the_end() -> None:
+    with Meter() as meter:
+        before = meter.peak_bytes
+        block = np.ones(25_000_000)
+        time.sleep(2.5 * Meter.INTERVAL)
+        del block
+    assert meter.peak_bytes - before > 150e6
+    assert meter.seconds > 2 * Meter.INTERVAL

@@ -1,0 +1,332 @@
+"""Freshness: what runs, what does not, what is said; resuming; and what other processes and damage do."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import psutil
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from toy_study import ADD, DRAW, FINISH, STAGES, Numbers, Toy
+
+from pipeline.engine import runner
+from pipeline.engine.fingerprint import package_versions
+from pipeline.engine.parallel import ChunkError
+from pipeline.engine.runner import Resources, run, why
+from pipeline.engine.stage import Chunk, Job
+from pipeline.engine.store import Output, locked
+from pipeline.errors import InputError
+
+ONE = Resources(jobs=1, chunk=10)
+
+
+@pytest.fixture
+def trouble(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """Order trouble in the solves; returns a function that says which chunks were begun since the last order."""
+
+    def order(**what: object):
+        log = tmp_path / f"log-{time.monotonic_ns()}"
+        log.touch()
+        monkeypatch.setenv("TOY_TROUBLE", json.dumps(what | {"log": str(log)}))
+        return lambda: sorted(int(line) for line in log.read_text().split())
+
+    return order
+
+
+def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
+    return {name: output.hashes for name, output in outputs.items()}
+
+
+def ran(captured: str) -> list[str]:
+    """Names of the stages that ran, from the progress lines."""
+    return [line.split()[0] for line in captured.splitlines() if "up to date" not in line]
+
+
+def test_output_is_what_pandas_users_are_promised(tmp_path: Path) -> None:
+    run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    points = pd.read_parquet(tmp_path / "toy/draw/points.parquet")
+    sums = pd.read_parquet(tmp_path / "toy/add/sums")
+    expected = 2 * (points["x_mm"] + points["x_mm"] ** 2).groupby(points["sample"]).sum()
+    np.testing.assert_allclose(sums["sum_mm"], expected, rtol=1e-12)
+    assert sums["sample"].tolist() == list(range(40))
+    assert sorted(p.name for p in (tmp_path / "toy/add").iterdir()) == ["kept", "powers.txt", "record.json", "sums"]
+    assert len(list((tmp_path / "toy/add/sums").iterdir())) == 4
+    assert len(list((tmp_path / "toy/add/kept").iterdir())) == 1  # chunks without rows leave no file
+    assert pd.read_parquet(tmp_path / "toy/finish/total.parquet")["value"][0] == sums["sum_mm"].mean()
+
+
+def test_record_says_where_a_result_comes_from(tmp_path: Path) -> None:
+    outputs = run(STAGES, Toy(), ["add"], tmp_path, ONE)
+    record = json.loads((tmp_path / "toy/add/record.json").read_text())
+    assert record == outputs["add"].record
+    assert record["settings"] == {"numbers.count": 40, "numbers.slope": 2.0, "plan.powers": [1, 2]}
+    assert record["inputs"] == {"draw/points": outputs["draw"].hashes["points"]}
+    assert record["packages"] == package_versions()
+    assert (record["status"], record["items"], record["chunk"], record["jobs"]) == ("complete", 40, 10, 1)
+    large = pd.read_parquet(tmp_path / "toy/add/sums")["large"]
+    assert record["failed"] == large.sum() > 0
+    assert record["tables"]["sums"]["rows"] == 40
+    assert [f["first"] for f in record["tables"]["sums"]["files"]] == [0, 10, 20, 30]
+    assert record["seconds"] > 0
+    assert record["peak_memory_bytes"] > 2**20
+
+
+def test_a_target_runs_what_it_depends_on_and_nothing_else(tmp_path: Path) -> None:
+    assert set(run(STAGES, Toy(), ["add"], tmp_path, ONE)) == {"draw", "add"}
+    assert not (tmp_path / "toy/finish").exists()
+
+
+def test_fresh_stages_are_skipped_whatever_jobs_and_chunk(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    capsys.readouterr()
+    run(STAGES, Toy(), ["finish"], tmp_path, Resources(jobs=2, chunk=3))
+    assert capsys.readouterr().err == "draw  up to date\nadd  up to date\nfinish  up to date\n"
+
+
+def test_an_equal_result_upstream_leaves_the_rest_fresh(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    capsys.readouterr()
+    run(STAGES, Toy(numbers=Numbers(note="no effect")), ["finish"], tmp_path, ONE)
+    assert ran(capsys.readouterr().err) == ["draw"]
+
+
+@settings(deadline=None, max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(chunk=st.integers(1, 50))
+def test_values_do_not_depend_on_the_chunk(tmp_path_factory: pytest.TempPathFactory, chunk: int) -> None:
+    alike = [
+        run(STAGES, Toy(), ["finish"], tmp_path_factory.mktemp("runs"), Resources(1, size)) for size in (chunk, 40)
+    ]
+    assert hashes(alike[0]) == hashes(alike[1])
+
+
+def test_values_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
+    one = run(STAGES, Toy(), ["finish"], tmp_path / "1", ONE)
+    two = run(STAGES, Toy(), ["finish"], tmp_path / "2", Resources(jobs=2, chunk=10))
+    assert hashes(one) == hashes(two)
+    for table in ("sums", "kept"):
+        frames = [pd.read_parquet(tmp_path / jobs / "toy/add" / table) for jobs in "12"]
+        pd.testing.assert_frame_equal(*frames, check_exact=True)
+    part = "toy/add/sums/part-000000010.parquet"
+    assert (tmp_path / "1" / part).read_bytes() == (tmp_path / "2" / part).read_bytes()
+
+
+def test_why_tells_every_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert why(STAGES, Toy(), "add", tmp_path) == ["draw runs first: never run", "never run"]
+    run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    assert why(STAGES, Toy(), "finish", tmp_path) == ["up to date"]
+    steeper = Toy(numbers=Numbers(slope=3.0))
+    assert why(STAGES, steeper, "add", tmp_path) == ["setting numbers.slope changed: 2.0 -> 3.0"]
+    assert why(STAGES, steeper, "finish", tmp_path) == ["add runs first: setting numbers.slope changed: 2.0 -> 3.0"]
+    reseeded = Toy(numbers=Numbers(seed=2))
+    run(STAGES, reseeded, ["draw"], tmp_path, ONE)
+    assert why(STAGES, reseeded, "add", tmp_path) == ["input draw/points changed"]
+    run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    monkeypatch.setattr("pipeline.engine.fingerprint.package_versions", lambda: package_versions() | {"numpy": "0"})
+    assert why(STAGES, Toy(), "draw", tmp_path) == [f"package numpy {package_versions()['numpy']} -> 0"]
+    monkeypatch.undo()
+    (tmp_path / "toy/add/sums/part-000000010.parquet").unlink()
+    (tmp_path / "toy/add/powers.txt").write_text("cut")
+    assert why(STAGES, Toy(), "add", tmp_path) == [
+        "output file add/sums/part-000000010.parquet missing",
+        "output file add/powers.txt has 3 bytes, not 7",
+    ]
+
+
+def test_why_names_a_changed_source_and_a_stage_reruns_for_it(tmp_path: Path, monkeypatch, capsys) -> None:
+    (tmp_path / "formula.py").write_text("K = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    stages = (replace(DRAW, module="formula"), ADD, FINISH)
+    run(stages, Toy(), ["finish"], tmp_path, ONE)
+    (tmp_path / "formula.py").write_text("K = 2\n")
+    assert why(stages, Toy(), "draw", tmp_path) == ["source formula.py changed"]
+    capsys.readouterr()
+    run(stages, Toy(), ["finish"], tmp_path, ONE)
+    assert ran(capsys.readouterr().err) == ["draw"]
+    assert why(stages, Toy(), "finish", tmp_path) == ["up to date"]
+
+
+def test_unknown_stage_is_an_input_error_with_the_nearest_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="stage finsh is unknown; stages are draw, add, finish; did you mean finish"):
+        run(STAGES, Toy(), ["finsh"], tmp_path, ONE)
+
+
+def test_a_body_reaches_only_what_its_stage_names(tmp_path: Path) -> None:
+    def greedy(job: Job):
+        return job.study.numbers.slope
+
+    def nosy(job: Job):
+        return job.read("draw", "points")
+
+    with pytest.raises(AttributeError, match="slope is not among the sections that the stage names: count, seed, note"):
+        run((replace(DRAW, run=greedy),), Toy(), ["draw"], tmp_path, ONE)
+    with pytest.raises(TypeError, match="stage draw is read but not named"):
+        run((DRAW, ADD, replace(FINISH, run=nosy)), Toy(), ["finish"], tmp_path, ONE)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_failing_chunk_is_named_and_the_others_are_kept(tmp_path: Path, trouble, jobs: int) -> None:
+    trouble(fail_at=23)
+    with pytest.raises(ChunkError, match="add: samples 20 to 29 failed: ValueError: cannot add sample 23.*one job"):
+        run(STAGES, Toy(), ["finish"], tmp_path, Resources(jobs, 10))
+    finished = {int(p.stem) for p in (tmp_path / "toy/.work/add/chunks").iterdir()}
+    assert 20 not in finished
+    if jobs == 1:
+        assert finished == {0, 10}
+    begun = trouble()
+    outputs = run(STAGES, Toy(), ["finish"], tmp_path, Resources(jobs, 10))
+    assert begun() == sorted({0, 10, 20, 30} - finished)
+    assert hashes(outputs) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", ONE))
+
+
+def test_finished_chunks_of_other_settings_or_another_chunk_size_are_not_used(tmp_path: Path, trouble) -> None:
+    for study, resources in [(Toy(numbers=Numbers(slope=3.0)), ONE), (Toy(), Resources(1, 20))]:
+        trouble(fail_at=39)
+        with pytest.raises(ChunkError):
+            run(STAGES, Toy(), ["add"], tmp_path, ONE)
+        begun = trouble()
+        outputs = run(STAGES, study, ["add"], tmp_path, resources)
+        assert begun() == list(range(0, 40, resources.chunk))
+        assert hashes(outputs) == hashes(run(STAGES, study, ["add"], tmp_path / f"{resources.chunk}", ONE))
+
+
+def test_a_damaged_finished_chunk_is_solved_again(tmp_path: Path, trouble) -> None:
+    trouble(fail_at=39)
+    with pytest.raises(ChunkError):
+        run(STAGES, Toy(), ["add"], tmp_path, ONE)
+    damage(tmp_path / "toy/.work/add/output/sums/part-000000010.parquet")
+    (tmp_path / "toy/.work/add/chunks/000000000.json").write_text('{"failed": 3, ')
+    begun = trouble()
+    run(STAGES, Toy(), ["add"], tmp_path, ONE)
+    assert begun() == [0, 10, 30]
+
+
+def test_a_killed_run_resumes_and_its_workers_end(tmp_path: Path, trouble) -> None:
+    trouble(seconds=0.2)
+    chunks = tmp_path / "toy/.work/add/chunks"
+    script = Path(__file__).with_name("toy_study.py")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, script, tmp_path, "2", "2"], env=environment, stderr=subprocess.DEVNULL
+    ) as process:
+        while len(list(chunks.glob("0*.json"))) < 3:
+            assert process.poll() is None
+            time.sleep(0.01)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        process.send_signal(signal.SIGKILL)
+    finished = {int(path.stem) for path in chunks.glob("0*.json")}
+    begun = trouble()
+    outputs = run(STAGES, Toy(), ["finish"], tmp_path, Resources(1, 2))
+    assert begun() == sorted(set(range(0, 40, 2)) - finished)
+    assert hashes(outputs) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", ONE))
+    assert not list((tmp_path / "toy").rglob("*.tmp"))
+    assert psutil.wait_procs(workers, timeout=10)[1] == []
+
+
+def test_a_worker_that_is_killed_is_an_error_that_says_so(tmp_path: Path, trouble) -> None:
+    trouble(die_at=35)
+    with pytest.raises(ChunkError, match="add: a worker process was ended from outside"):
+        run(STAGES, Toy(), ["add"], tmp_path, Resources(2, 10))
+    trouble()
+    run(STAGES, Toy(), ["add"], tmp_path, Resources(2, 10))
+
+
+def damage(path: Path) -> None:
+    """Turn over the bits of a byte in the data, which changes neither the size nor the footer."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 8] ^= 0xFF
+    path.write_bytes(data)
+
+
+def test_a_damaged_input_is_named_and_made_again(tmp_path: Path) -> None:
+    sound = hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE))
+    for name in ("sums/part-000000010.parquet", "powers.txt"):
+        damage(tmp_path / "toy/add" / name)
+        (tmp_path / "toy/finish/record.json").unlink()
+        with pytest.raises(InputError, match=f"add/{name}: damaged .* run stage add again"):
+            run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE)) == sound
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_damaged_input_of_a_chunk_is_named(tmp_path: Path, jobs: int) -> None:
+    run(STAGES, Toy(), ["draw"], tmp_path, ONE)
+    damage(tmp_path / "toy/draw/points.parquet")
+    with pytest.raises(InputError, match="draw/points.parquet: damaged"):
+        run(STAGES, Toy(), ["add"], tmp_path, Resources(jobs, 10))
+
+
+def test_a_lost_output_file_is_made_again(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    (tmp_path / "toy/add/sums/part-000000010.parquet").unlink()
+    capsys.readouterr()
+    run(STAGES, Toy(), ["finish"], tmp_path, ONE)
+    assert ran(capsys.readouterr().err) == ["add"]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"status": "complete"}'])
+def test_an_unreadable_record_is_a_stage_that_never_ran(tmp_path: Path, text: str) -> None:
+    run(STAGES, Toy(), ["draw"], tmp_path, ONE)
+    (tmp_path / "toy/draw/record.json").write_text(text)
+    assert why(STAGES, Toy(), "draw", tmp_path) == ["never run"]
+    run(STAGES, Toy(), ["draw"], tmp_path, ONE)
+    assert why(STAGES, Toy(), "draw", tmp_path) == ["up to date"]
+
+
+def test_one_process_writes_a_run(tmp_path: Path) -> None:
+    with locked(tmp_path / "toy"):
+        with pytest.raises(InputError, match=f"toy: process {os.getpid()} is writing this run"):
+            run(STAGES, Toy(), ["draw"], tmp_path, ONE)
+        run(STAGES, Toy(name="other"), ["draw"], tmp_path, ONE)
+    run(STAGES, Toy(), ["draw"], tmp_path, ONE)
+
+
+def test_an_interrupted_replacement_leaves_no_half_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed between taking the old output away and putting the new one in: the finished chunks are still there."""
+    run(STAGES, Toy(), ["add"], tmp_path, ONE)
+    rename = Path.rename
+
+    def killed(self: Path, target: Path):
+        if target == tmp_path / "toy/add":
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", killed)
+    study = Toy(numbers=Numbers(slope=3.0))
+    with pytest.raises(KeyboardInterrupt):
+        run(STAGES, study, ["add"], tmp_path, ONE)
+    monkeypatch.undo()
+    assert why(STAGES, study, "add", tmp_path) == ["never run"]
+    outputs = run(STAGES, study, ["add"], tmp_path, ONE)
+    assert hashes(outputs) == hashes(run(STAGES, study, ["add"], tmp_path / "anew", ONE))
+
+
+@pytest.mark.parametrize(
+    ("sums", "said"),
+    [
+        (None, r"returned tables \['kept'\], its contract is \['kept', 'sums'\]"),
+        ({"sample": [0]}, "no column sum_mm; no column large"),
+        ({"sample": [1, 0], "sum_mm": [0, 0], "large": [True, True]}, "sample must be sorted and inside the chunk"),
+        ({"sample": [40], "sum_mm": [0], "large": [True]}, "sample must be sorted and inside the chunk"),
+    ],
+)
+def test_a_body_that_breaks_its_contract_is_named(tmp_path: Path, sums, said: str) -> None:
+    def wrong(shared: object, chunk: Chunk):
+        kept = ADD.tables[1].empty()
+        return {"kept": kept} if sums is None else {"sums": sums, "kept": kept}
+
+    with pytest.raises(ChunkError, match=said):
+        run((DRAW, replace(ADD, solve=wrong)), Toy(), ["add"], tmp_path, Resources(1, 40))
+
+
+def test_stage_definitions_are_checked() -> None:
+    for change in ({"run": runner.run}, {"prepare": None}, {"chunk_reads": ("other/points",)}, {"tables": (1, 1)}):
+        with pytest.raises((TypeError, AttributeError)):
+            replace(ADD, **change)

@@ -1,0 +1,110 @@
+"""Reading ranges of items, files written whole or not at all, and the cache."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.engine import table as table_module
+from pipeline.engine.store import Cache, Work, write_atomic
+from pipeline.engine.table import Column, Table
+
+ROWS = Table("rows", "sample, row", (Column("sample", "int32", "1", ""), Column("x_mm", "float64", "mm", "")))
+SAMPLES = np.repeat(np.arange(20), np.arange(20) % 4)  # samples of 0 to 3 rows
+
+
+def output(folder: Path, ends: list[int]):
+    """The rows in parts that end at the given samples; in one file if there are none."""
+    work = Work(folder, "stage", None)
+    columns = {"sample": SAMPLES, "x_mm": np.arange(SAMPLES.size, dtype=float)}
+    if not ends:
+        work.write_whole({"rows": ROWS.part(columns)})
+    for start, stop in zip([0, *ends], [*ends, 20], strict=True) if ends else ():
+        inside = (start <= SAMPLES) & (stop > SAMPLES)
+        if inside.any():
+            work.write_chunk(start, {"rows": ROWS.part({k: v[inside] for k, v in columns.items()})}, 0)
+    return work.publish(work.contents([ROWS]))
+
+
+@pytest.fixture(scope="module", params=[[], [5, 10, 15], [1, 2, 3, 4, 5, 17]])
+def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(table_module, "ROWS_PER_GROUP", 7)
+        return output(tmp_path_factory.mktemp("run"), request.param)
+
+
+@given(bounds=st.tuples(st.integers(0, 20), st.integers(0, 20)))
+def test_a_range_of_items_is_cut_out_of_any_parts(written, bounds: tuple[int, int]) -> None:
+    start, stop = min(bounds), max(bounds)
+    inside = np.flatnonzero((start <= SAMPLES) & (stop > SAMPLES))
+    found = written.read_items("rows", start, stop)
+    np.testing.assert_array_equal(found["x_mm"], inside)
+    np.testing.assert_array_equal(found["sample"], SAMPLES[inside])
+    assert found["sample"].dtype == np.int32
+
+
+def test_unsorted_rows_are_not_read_by_item(tmp_path: Path) -> None:
+    work = Work(tmp_path, "stage", None)
+    work.write_whole({"rows": ROWS.part({"sample": [1, 0], "x_mm": [0, 1]})})
+    written = work.publish(work.contents([ROWS]))
+    assert written.read("rows")["sample"].tolist() == [1, 0]
+    with pytest.raises(TypeError, match="stage/rows has no rows sorted by sample"):
+        written.read_items("rows", 0, 1)
+
+
+def test_a_name_that_the_stage_does_not_write_is_a_mistake(written) -> None:
+    with pytest.raises(TypeError, match=r"has no table row; it has \['rows'\]"):
+        written.read("row")
+    with pytest.raises(TypeError, match="has no file x.npz"):
+        written.path("x.npz")
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_atomic(tmp_path / "a", b"old")
+
+    def broken(self: Path, data: bytes) -> None:
+        with self.open("wb") as file:
+            file.write(data[:1])
+        raise OSError("no space left")
+
+    monkeypatch.setattr(Path, "write_bytes", broken)
+    with pytest.raises(OSError, match="no space"):
+        write_atomic(tmp_path / "a", b"new")
+    assert (tmp_path / "a").read_bytes() == b"old"
+
+
+def test_cache_makes_once_a_key_and_code(tmp_path: Path) -> None:
+    made = []
+
+    def make(folder: Path) -> None:
+        made.append(folder)
+        (folder / "x").write_text("1")
+
+    first = Cache(tmp_path, "code").folder("key", make)
+    assert (first / "x").read_text() == "1"
+    assert Cache(tmp_path, "code").folder("key", make) == first
+    assert len(made) == 1
+    assert len({Cache(tmp_path, "code").folder("k", make), Cache(tmp_path, "new code").folder("key", make), first}) == 3
+    assert len(made) == 3
+
+
+def test_a_failed_computation_leaves_nothing_in_the_cache(tmp_path: Path) -> None:
+    def fails(folder: Path) -> None:
+        (folder / "half").touch()
+        raise ValueError("no mesh")
+
+    with pytest.raises(ValueError, match="no mesh"):
+        Cache(tmp_path, "code").folder("key", fails)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_processes_that_compute_the_same_agree_on_the_first(tmp_path: Path) -> None:
+    cache = Cache(tmp_path, "code")
+
+    def make(folder: Path) -> None:
+        cache.folder("key", lambda other: (other / "x").write_text("first"))
+        (folder / "x").write_text("second")
+
+    assert (cache.folder("key", make) / "x").read_text() == "first"

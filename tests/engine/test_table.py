@@ -1,0 +1,133 @@
+"""The contract of a table, what pandas sees of it, and the hash of its content."""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.engine.table import Column, Table, columns_of, content_hash
+
+TABLE = Table(
+    "loads",
+    "sample, pin",
+    (
+        Column("sample", "int32", "1", "number of the sample"),
+        Column("force_N", "float64", "N", "contact force"),
+        Column("active", "bool", "", "in contact"),
+        Column("kind", "label", "", "pin or roller"),
+    ),
+)
+
+
+def rows(n: int) -> dict[str, object]:
+    return {
+        "kind": np.array(["pin", "roller"], dtype=object)[np.arange(n) % 2],
+        "sample": np.arange(n) // 3,
+        "force_N": np.linspace(-1, 1, n),
+        "active": np.arange(n) % 3 == 0,
+    }
+
+
+def test_pandas_reads_types_labels_and_metadata() -> None:
+    data = TABLE.part(rows(7)).data
+    frame = pd.read_parquet(io.BytesIO(data))
+    assert [str(t) for t in frame.dtypes] == ["int32", "float64", "bool", "category"]
+    assert list(frame.columns) == ["sample", "force_N", "active", "kind"]  # the order of the contract, not of the body
+    assert list(frame["kind"]) == ["pin", "roller"] * 3 + ["pin"]
+    schema = pq.read_schema(io.BytesIO(data))
+    assert schema.field("force_N").metadata == {b"unit": b"N", b"meaning": b"contact force"}
+    assert schema.metadata[b"row_per"] == b"sample, pin"
+
+
+def test_values_survive_the_round_trip() -> None:
+    columns = rows(7) | {"force_N": np.array([0.1, np.nan, np.inf, -0.0, 1e-300, 5, 6])}
+    columns["kind"] = pd.Categorical.from_codes([0, 1, -1, 0, 0, 1, 1], ["pin", "roller"])
+    table = pq.read_table(io.BytesIO(TABLE.part(columns).data))
+    assert table["force_N"].null_count == 1  # a missing value is null on disk, not NaN
+    back = columns_of(table)
+    np.testing.assert_array_equal(back["force_N"], columns["force_N"])
+    assert back["kind"].tolist()[:3] == ["pin", "roller", np.nan]
+    assert all(array.flags.writeable for name, array in back.items() if name != "kind")
+
+
+def test_labels_of_parts_with_different_categories_are_joined(tmp_path) -> None:
+    for number, label in enumerate(["pin", "roller"]):
+        part = TABLE.part({"sample": [number], "force_N": [0.0], "active": [True], "kind": [label]})
+        (tmp_path / f"part-{number}.parquet").write_bytes(part.data)
+    assert list(pd.read_parquet(tmp_path)["kind"]) == ["pin", "roller"]
+    assert list(columns_of(pq.read_table(tmp_path))["kind"]) == ["pin", "roller"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"force_N": None}, "no column force_N"),
+        ({"forces": [1, 2, 3]}, "unknown column forces"),
+        ({"sample": [0.0, 1.0, 2.0]}, "column sample: is float64, must be int32"),
+        ({"sample": [0, 1, 2**31]}, "column sample: does not fit 32 bits"),
+        ({"active": [0, 1, 0]}, "column active: is int64, must be bool"),
+        ({"force_N": ["a", "b", "c"]}, "column force_N: is <U1, must be float64"),
+        ({"force_N": np.zeros((3, 1))}, r"column force_N: has shape \(3, 1\), must have one axis"),
+        ({"kind": [1, 2, 3]}, "column kind: "),
+        ({"kind": ["pin"]}, "different lengths .*'kind': 1"),
+    ],
+)
+def test_a_wrong_column_is_named(change: dict, said: str) -> None:
+    columns = {name: values for name, values in (rows(3) | change).items() if values is not None}
+    with pytest.raises(TypeError, match=f"table loads: .*{said}"):
+        TABLE.to_arrow(columns)
+
+
+def test_all_wrong_columns_are_named_at_once() -> None:
+    with pytest.raises(TypeError, match="no column active; unknown column x; column sample: is bool"):
+        TABLE.to_arrow({"sample": [True], "force_N": [1], "kind": ["pin"], "x": [1]})
+
+
+def test_empty_table_has_its_columns() -> None:
+    frame = pd.read_parquet(io.BytesIO(TABLE.part(TABLE.empty()).data))
+    assert list(frame.columns) == TABLE.schema.names
+    assert len(frame) == 0
+    assert str(frame["kind"].dtype) == "category"
+
+
+def digest(*columns: dict[str, object]) -> str:
+    return content_hash(TABLE, (TABLE.part(part).content for part in columns))
+
+
+def cut(columns: dict, at: list[int]) -> list[dict]:
+    ends = [0, *sorted(at), len(columns["sample"])]
+    return [{name: values[a:b] for name, values in columns.items()} for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+@given(items=st.lists(st.integers(0, 9), max_size=4), order=st.randoms(use_true_random=False))
+def test_content_hash_is_of_values_not_of_parts(items: list[int], order) -> None:
+    parts = cut(rows(30), [3 * item for item in items])
+    order.shuffle(parts)
+    assert digest(*parts) == digest(rows(30))
+
+
+@pytest.mark.parametrize("name", ["sample", "force_N", "active", "kind"])
+def test_content_hash_sees_a_change_of_one_value(name: str) -> None:
+    changed = rows(9) | {name: rows(9)[name].copy()}
+    changed[name][4] = {"sample": 2, "force_N": np.nextafter(0, 1), "active": True, "kind": "roller "}[name]
+    assert digest(changed) != digest(rows(9))
+
+
+def test_content_hash_sees_the_order_of_rows_of_an_item_and_an_exchange_between_columns_of_items() -> None:
+    swapped = {name: values[[1, 0, 2]] for name, values in rows(3).items()}
+    assert digest(swapped) != digest(rows(3))
+    exchanged = rows(6)
+    exchanged["force_N"] = exchanged["force_N"][[3, 4, 5, 0, 1, 2]]
+    assert digest(exchanged) != digest(rows(6))
+
+
+def test_content_hash_is_blind_to_the_coding_of_labels_and_the_sign_of_nan() -> None:
+    kinds = rows(4)["kind"]
+    recoded = rows(4) | {"kind": pd.Categorical(kinds, categories=["unused", "roller", "pin"])}
+    assert digest(recoded) == digest(rows(4))
+    plus, minus = (rows(4) | {"force_N": np.copysign(np.full(4, np.nan), sign)} for sign in (1, -1))
+    assert digest(plus) == digest(minus)
