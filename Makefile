@@ -1,3 +1,45 @@
+# What a user calls. Every target makes the virtual environment first if it is missing or out of date.
 PYTHON ?= python3.11
+STUDY ?= paper
 VENV := .venv
-RUN := $(VENV)/bin/python -m pipeline
+STAGES := sample clearance springs reduce hysteresis aggregate report
+PIPELINE := $(VENV)/bin/python -m pipeline
+JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
+
+.DEFAULT_GOAL := help
+.PHONY: help setup study $(STAGES) why test lint types bench clean-runs
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
+		| while IFS='|' read -r name text; do printf '  make %-10s %s\n' "$$name" "$$text"; done
+
+$(VENV)/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+setup: $(VENV)/installed  ## make the virtual environment with the pinned packages
+
+study: $(VENV)/installed  ## run all stages of a study: make study STUDY=quick JOBS=2
+	$(PIPELINE) run report --study $(STUDY) $(JOBS_OPTION)
+
+$(STAGES): $(VENV)/installed  ## run one stage of STUDY and what it needs that is missing or stale
+	$(PIPELINE) run $@ --study $(STUDY) $(JOBS_OPTION)
+
+why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis STUDY=quick
+	@$(PIPELINE) why $(or $(STAGE),report) --study $(STUDY)
+
+test: $(VENV)/installed  ## run the tests
+	$(VENV)/bin/python -m pytest
+
+lint: $(VENV)/installed  ## check style
+	$(VENV)/bin/ruff check .
+
+types: $(VENV)/installed  ## check types
+	$(VENV)/bin/mypy
+
+bench: $(VENV)/installed  ## measure speed, as ratios within one run
+	$(PIPELINE) bench --study $(STUDY) $(JOBS_OPTION)
+
+clean-runs: $(VENV)/installed  ## forget all runs, never inputs
+	$(PIPELINE) clean-runs

@@ -52,6 +52,36 @@ def load_study(path_or_stem: str | Path, root: Path) -> Study:
     return parse_study(_toml(path), path.stem, path.name, lambda name: _study_design(name, path, root))
 
 
+def load_unit(path: Path, design: str, study: str | Path, root: Path) -> Study:
+    """A study of one unit: its measured errors, and the mesh, cycle and metrics of an ordinary study.
+
+    Parameters
+    ----------
+    path : TOML file of measured errors [um], as in one entry of a study's cases; the label is the file's stem.
+    design : a path, or the stem of a file in data/designs.
+    study : the ordinary study; its samples, tolerances and design are not used.
+    root : the project's folder.
+
+    Raises
+    ------
+    InputError : a file is missing, is no TOML, or holds values that are not allowed.
+    """
+    if not path.is_file():
+        raise InputError([f"dimensions = {str(path)!r}; no such file; give the path of a TOML file"])
+    nominal = load_design(design, root)
+    ordinary = _toml(_found(study, root, "studies", [Path(), root]))
+    settings = {
+        **{name: value for name, value in ordinary.items() if name not in ("tolerances", "cases")},
+        "title": f"{nominal.title}: unit {path.stem}",
+        "description": "",
+        "design": design,
+        "samples": {"count": 1, "experiment": "cases", "nominal_first": True},
+        "cases": [{"label": path.stem, **_toml(path)}],
+        "cycle": {**ordinary.get("cycle", {}), "keep_contacts": "all"},
+    }
+    return parse_study(settings, f"unit-{path.stem}", path.name, lambda _: nominal)
+
+
 def parse_design(data: Mapping[str, Any], file: str) -> Design:
     """The design in the parsed TOML `data`; `file` names it in messages.
 

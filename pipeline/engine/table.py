@@ -199,7 +199,7 @@ def _content(schema: pa.Schema, columns: Columns) -> int:
     raw, width, total, start = rows.view(np.uint8).data, rows.itemsize, 0, 0
     for end in ends:
         total += int.from_bytes(hashlib.sha256(raw[start * width : end * width]).digest(), "little")
-        start = 0
+        start = end
     return total % _MODULUS
 
 

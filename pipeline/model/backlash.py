@@ -23,6 +23,8 @@ MICROMETRES = 1e3
 """Micrometres in a millimetre."""
 ARM_FLOOR = 1e-9
 """Arms below this share of the largest one carry no moment; such contacts limit no rotation."""
+TOUCHING = 1e-10
+"""Overlap [mm] below which contacts touch: rounding of gaps, which are differences of lengths near 1e2 mm."""
 BISECTIONS = 60
 """Halvings of the bracket of the least penetration: down to the last bit."""
 
@@ -65,8 +67,9 @@ def _rotation_play(gap: Real, arm: Real) -> tuple[Real, Real, Real]:
     overlap = np.zeros(len(gap))
     tight = (plus < minus) | np.any(gap < 0, axis=1, where=arm == 0)
     if np.any(tight):
-        plus[tight], overlap[tight] = _least_penetration(gap[tight], arm, plus[tight], minus[tight])
+        plus[tight], least = _least_penetration(gap[tight], arm, plus[tight], minus[tight])
         minus[tight] = plus[tight]
+        overlap[tight] = np.where(least > TOUCHING, least, 0.0)
     return plus, minus, overlap
 
 
@@ -177,7 +180,8 @@ def _general_ends(closing: Real, gap: Real, radius: float, output: int) -> tuple
     pose = _cut_program(np.append(np.zeros(n), -1.0), lifted, gap, radius)
     if pose is None:
         raise ArithmeticError("no pose of least penetration found")
-    return pose[:n], pose[:n], float(pose[n])
+    least = float(pose[n])
+    return pose[:n], pose[:n], least if least > MICROMETRES * TOUCHING else 0.0
 
 
 def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:

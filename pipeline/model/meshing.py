@@ -20,8 +20,7 @@ from pipeline.model.profile import Complex, CycloidProfile, Real
 
 ROW_HEIGHT = np.sqrt(3) / 2  # of a row of equilateral triangles, in edge lengths
 BORE_EDGES = 180  # at least: its corners cost a compliance less than 0.01 of 2/(pi E' t), 0.04 with 64 edges
-NEAREST_NEIGHBOUR = 0.75  # in edge lengths: a candidate node closer than that to an accepted one is dropped
-CLEAR_OF_FLANK = 0.6  # in edge lengths: smoothing never moves a node closer to the flank than that
+CLEARANCE = 0.6  # in edge lengths: no node of the band comes closer to the flank or to the ring below it
 SMOOTHING_PASSES = 10  # the smallest quality gains nothing after that
 ARC_SAMPLES = 64  # per flank edge, to invert the arc length
 
@@ -121,15 +120,14 @@ def _lobe_band(flank: Complex, n_lobes: int, inner_radius: float, size: _EdgeLen
     n_ring = max(1, round(inner_radius * pitch / float(size(np.array([inner_radius + 0j]))[0])))
     ring = inner_radius * np.exp(1j * pitch * (np.arange(n_ring) + 0.5) / n_ring)
     lobe = flank[: len(flank) // n_lobes]
-    rows = _rows_below(lobe, pitch, inner_radius, size)
-    inner = _thinned(rows, size(rows), ring, pitch)
+    inner = _rows_below(lobe, pitch, inner_radius, size)
     for _ in range(SMOOTHING_PASSES):
         inner = _smoothed(inner, np.concatenate([lobe, ring]), pitch, size)
     return np.concatenate([inner, ring])
 
 
 def _rows_below(lobe: Complex, pitch: float, inner_radius: float, size: _EdgeLength) -> Complex:
-    """Candidate nodes on parallels of one lobe, a row height apart, staggered from row to row."""
+    """Nodes on parallels of one lobe's flank, a row height apart, staggered from row to row."""
     corners = np.concatenate([lobe[-1:] * np.exp(-1j * pitch), lobe, lobe[:2] * np.exp(1j * pitch)])
     inward = 1j * (corners[2:] - corners[:-2]) / np.abs(corners[2:] - corners[:-2])
     rows = []
@@ -142,20 +140,8 @@ def _rows_below(lobe: Complex, pitch: float, inner_radius: float, size: _EdgeLen
         nodes = np.asarray(np.interp(along, arc, parallel), complex)
         # Below a convex flank the parallel crosses itself: what comes nearer to the flank than its depth is no row.
         on_row = size.flank_distance(nodes) > 0.99 * depth - 0.01 * size.at_flank
-        rows.append(nodes[on_row & (np.abs(nodes) > inner_radius + CLEAR_OF_FLANK * edge)])
+        rows.append(nodes[on_row & (np.abs(nodes) > inner_radius + CLEARANCE * edge)])
     return np.concatenate(rows)
-
-
-def _thinned(candidates: Complex, edge: Real, fixed: Complex, pitch: float) -> Complex:
-    """The candidates, in their order, that keep their distance from those accepted before, neighbour lobes included."""
-    turns = [0, -1, 1]
-    taken = _turned(fixed, pitch, turns)
-    accepted = []
-    for node, spacing in zip(candidates, edge, strict=True):
-        if np.abs(node - taken).min() > NEAREST_NEIGHBOUR * spacing:
-            accepted.append(node)
-            taken = np.concatenate([taken, _turned(node, pitch, turns)])
-    return np.array(accepted, complex)
 
 
 def _smoothed(inner: Complex, fixed: Complex, pitch: float, size: _EdgeLength) -> Complex:
@@ -177,7 +163,7 @@ def _smoothed(inner: Complex, fixed: Complex, pitch: float, size: _EdgeLength) -
         np.add.at(moment, corner, weight * centroid)
         np.add.at(total, corner, weight)
     moved = np.asarray(moment[: len(inner)] / total[: len(inner)], complex)
-    return np.where(size.flank_distance(moved) > CLEAR_OF_FLANK * size.at_flank, moved, inner)
+    return np.where(size.flank_distance(moved) > CLEARANCE * size.at_flank, moved, inner)
 
 
 def _rings(outer_radius: float, inner_radius: float, size: _EdgeLength) -> list[Complex]:
@@ -253,4 +239,3 @@ def _check_flank(flank: Complex, n_lobes: int, bore_radius: float) -> None:
 def _turned(points: Complex, pitch: float, turns: ArrayLike) -> Complex:
     """Copies of ``points`` turned about the origin by every one of ``turns`` times the angle ``pitch`` [rad]."""
     return np.outer(np.exp(1j * pitch * np.asarray(turns)), points).ravel()
-

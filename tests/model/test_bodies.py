@@ -39,9 +39,9 @@ def test_patch_test_constant_stress_is_exact(stress):
     sigma = first * np.trace(gradient) * np.eye(2) + 2 * shear * gradient
     body = elastic_body(mesh, E, NU, thickness, stress, "bore")
     boundary = FacetBasis(mesh, ElementVector(ElementTriP2()))
-    traction = LinearForm(
-        lambda v, w: sum(sigma[i, j] * w.n[j] * v[i] for i in range(2) for j in range(2))
-    ).assemble(boundary)
+    traction = LinearForm(lambda v, w: sum(sigma[i, j] * w.n[j] * v[i] for i in range(2) for j in range(2))).assemble(
+        boundary
+    )
     moved = body.displacement(thickness * traction[:, None])[:, 0]
     exact = np.zeros_like(moved)
     for i in range(2):
@@ -74,10 +74,9 @@ def manufactured_error(mesh, stress):
         ux, uy = k * np.cos(x) * np.cos(y), -k * np.sin(x) * np.sin(y)
         vx, vy = -2 * k * np.sin(2 * x) * np.sin(y), k * np.cos(2 * x) * np.cos(y)
         normal = first * (ux + vy)
-        return (
-            ((normal + 2 * shear * ux) * w.n[0] + shear * (uy + vx) * w.n[1]) * v[0]
-            + (shear * (uy + vx) * w.n[0] + (normal + 2 * shear * vy) * w.n[1]) * v[1]
-        )
+        return ((normal + 2 * shear * ux) * w.n[0] + shear * (uy + vx) * w.n[1]) * v[0] + (
+            shear * (uy + vx) * w.n[0] + (normal + 2 * shear * vy) * w.n[1]
+        ) * v[1]
 
     loads = LinearForm(force).assemble(basis) + LinearForm(traction).assemble(boundary)
     moved = body.displacement(loads[:, None])[:, 0]
@@ -119,8 +118,8 @@ def lame_ring_error(n_around, stress):
     radial = np.real(field(body, body.displacement(loads[:, None])[:, 0]) * np.conj(body.nodes)) / np.abs(body.nodes)
     modulus, ratio = (E, NU) if stress == "plane_stress" else (E / (1 - NU**2), NU / (1 - NU))
     radius = np.abs(body.nodes)
-    exact = pressure * inner**2 / modulus / (outer**2 - inner**2) * (
-        (1 - ratio) * radius + (1 + ratio) * outer**2 / radius
+    exact = (
+        pressure * inner**2 / modulus / (outer**2 - inner**2) * ((1 - ratio) * radius + (1 + ratio) * outer**2 / radius)
     )
     return np.abs(radial / exact - 1).max()
 

@@ -1,0 +1,149 @@
+"""The command line: runs stages of a study, says why one is stale, solves one unit, and cleans up."""
+
+import argparse
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.checks import bench
+from pipeline.config import Study, load_study, load_unit
+from pipeline.engine.parallel import ChunkError
+from pipeline.engine.runner import Resources, run, why
+from pipeline.engine.stage import Job
+from pipeline.engine.store import Cache, Output, write_atomic
+from pipeline.errors import InputError
+from stages import STAGES, hysteresis
+from stages.aggregate import METRIC_COLUMNS
+
+ROOT = Path(__file__).parent.parent
+RUNS = ROOT / "data" / "runs"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0, 2 for a mistake of the user's, 1 for a failure of ours."""
+    options = _parser().parse_args(arguments)
+    try:
+        options.command(options)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    except ChunkError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from the finished chunks", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m pipeline", description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, action, text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(command=action)
+        return sub
+
+    def study_option(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("--study", default="paper", help="study file, or the stem of one in data/studies")
+
+    def jobs_option(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("--jobs", type=int, help="processes; default: the study's")
+
+    running = command("run", _run, "run stages, and whatever they depend on that is missing or stale")
+    running.add_argument("stage", nargs="*", default=[STAGES[-1].name], help=", ".join(s.name for s in STAGES))
+    study_option(running)
+    jobs_option(running)
+
+    asking = command("why", _why, "say which input, setting or source makes a stage stale")
+    asking.add_argument("stage")
+    study_option(asking)
+
+    single = command("unit", _unit, "solve one reducer with as-measured dimensions")
+    single.add_argument("design", help="design file, or the stem of one in data/designs")
+    single.add_argument("--dimensions", required=True, type=Path, help="TOML file of measured errors in micrometres")
+    study_option(single)
+    jobs_option(single)
+
+    resolving = command("resolve", _resolve, "write the contact forces of any sample of a run")
+    resolving.add_argument("study", help="study file, or the stem of one in data/studies")
+    resolving.add_argument("--sample", required=True, type=int)
+    jobs_option(resolving)
+
+    measuring = command("bench", _bench, "measure the speed of a study's hot parts")
+    study_option(measuring)
+    jobs_option(measuring)
+
+    command("clean-runs", _clean_runs, "forget all runs, never inputs")
+    return parser
+
+
+def _resources(study: Study, jobs: int | None) -> Resources:
+    if jobs is not None and jobs < 1:
+        raise InputError(f"--jobs = {jobs}; must be at least 1")
+    return Resources(jobs or study.run.jobs, study.run.chunk)
+
+
+def _run(options: argparse.Namespace) -> None:
+    study = load_study(options.study, ROOT)
+    run(STAGES, study, options.stage, RUNS, _resources(study, options.jobs))
+    report = RUNS / study.name / "report" / "report.html"
+    if STAGES[-1].name in options.stage:
+        print(f"report: {report.relative_to(Path.cwd()) if report.is_relative_to(Path.cwd()) else report}")
+
+
+def _why(options: argparse.Namespace) -> None:
+    for reason in why(STAGES, load_study(options.study, ROOT), options.stage, RUNS):
+        print(reason)
+
+
+def _unit(options: argparse.Namespace) -> None:
+    study = load_unit(options.dimensions, options.design, options.study, ROOT)
+    outputs = run(STAGES, study, ["report"], RUNS, _resources(study, options.jobs))
+    metrics = pd.DataFrame(outputs["aggregate"].read("metrics"))
+    shown = metrics.loc[metrics["sample"] == 1, ["crank_deg", *METRIC_COLUMNS, "status"]]
+    print(shown.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
+    print(f"tables and report: {RUNS / study.name}")
+
+
+def _resolve(options: argparse.Namespace) -> None:
+    study = load_study(options.study, ROOT)
+    sample = options.sample
+    if not 0 <= sample < study.samples.rows:
+        raise InputError(f"--sample = {sample}; study {study.name} has samples 0 to {study.samples.rows - 1}")
+    outputs = run(STAGES, study, ["hysteresis"], RUNS, _resources(study, options.jobs))
+    path = RUNS / study.name / "resolved" / f"contacts-{sample}.parquet"
+    path.parent.mkdir(exist_ok=True)
+    write_atomic(path, hysteresis.CONTACTS.parquet(_resolved(study, sample, outputs)))
+    print(f"contacts of sample {sample}: {path}")
+
+
+def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str, np.ndarray]:
+    """Rows of the contacts of one sample of a finished run."""
+    shared = hysteresis.prepare(Job(study, 1, RUNS, outputs, Cache(RUNS / ".cache", "")))
+    rows = outputs["clearance"].read_items("gaps", sample, sample + 1)
+    gap_um = rows["clearance_um"].reshape(1, len(study.cycle.crank_deg), -1)
+    loose = outputs["sample"].read_items("reducer", sample, sample + 1)["bearing_clearance_um"]
+    solved = hysteresis.solve_samples(shared, gap_um, loose)
+    return hysteresis.contact_rows(shared, np.array([sample]), gap_um, solved)
+
+
+def _bench(options: argparse.Namespace) -> None:
+    study = load_study(options.study, ROOT)
+    outputs = run(STAGES, study, [STAGES[-1].name], RUNS, _resources(study, options.jobs))
+    results = bench.bench(study, outputs, RUNS)
+    path = RUNS / "bench" / "bench.csv"
+    bench.write(results, path)
+    for result in results:
+        print(f"{result.name:32} {result.value:12.4g} {result.unit:4} {result.note}")
+    print(f"table: {path}")
+
+
+def _clean_runs(_: argparse.Namespace) -> None:
+    shutil.rmtree(RUNS, ignore_errors=True)
+    print(f"removed {RUNS}")
