@@ -119,7 +119,7 @@ def _resolve(options: argparse.Namespace) -> None:
     outputs = run(STAGES, study, ["hysteresis"], RUNS, _resources(study, options.jobs))
     path = RUNS / study.name / "resolved" / f"contacts-{sample}.parquet"
     path.parent.mkdir(exist_ok=True)
-    write_atomic(path, hysteresis.CONTACTS.parquet(_resolved(study, sample, outputs)))
+    write_atomic(path, hysteresis.CONTACTS.part(_resolved(study, sample, outputs)).data)
     print(f"contacts of sample {sample}: {path}")
 
 

@@ -15,7 +15,10 @@ METRIC_COLUMNS = {
     "clearance_backlash_arcmin": ("arcmin", "width of the loop at zero torque of the frictionless model"),
     "zero_torque_width_arcmin": ("arcmin", "width of the loop at zero torque"),
     "lost_motion_arcmin": ("arcmin", "centre line of the loop between + and - the lost-motion torque"),
-    "torsional_rigidity_Nm_per_arcmin": ("N m/arcmin", "torque over angle between the rigidity torques, mean of both senses"),
+    "torsional_rigidity_Nm_per_arcmin": (
+        "N m/arcmin",
+        "torque over angle between the rigidity torques, mean of both senses",
+    ),
     "hysteresis_loss_arcmin": ("arcmin", "zero-torque width less the clearance backlash"),
     "peak_pressure_MPa": ("MPa", "largest Hertz pressure of any contact in the cycle"),
 }
@@ -51,7 +54,9 @@ SENSITIVITY = Table(
     (
         Column("metric", "label", "", "column of metrics, the worst over the crank angles"),
         Column("parameter", "label", "", "error of a sample, or a group of errors"),
-        Column("kind", "label", "", "rank_correlation (of one number per sample) or variance_share (of a group of errors)"),
+        Column(
+            "kind", "label", "", "rank_correlation (of one number per sample) or variance_share (of a group of errors)"
+        ),
         Column("index", "float64", "1", "the index; null: the samples do not determine it"),
         Column("ci_low", "float64", "1", "lower end of the confidence interval"),
         Column("ci_high", "float64", "1", "upper end of the confidence interval"),
@@ -174,8 +179,14 @@ def _sensitivity(job: Job, worst: pd.DataFrame) -> Columns:
         ("variance_share", variance_shares(groups, values, study.metrics.confidence, replicate)),
     ):
         rows += [
-            {"metric": metric, "parameter": parameter, "kind": kind, "index": indices.value[p, m],
-             "ci_low": indices.ci_low[p, m], "ci_high": indices.ci_high[p, m]}
+            {
+                "metric": metric,
+                "parameter": parameter,
+                "kind": kind,
+                "index": indices.value[p, m],
+                "ci_low": indices.ci_low[p, m],
+                "ci_high": indices.ci_high[p, m],
+            }
             for m, metric in enumerate(names)
             for p, parameter in enumerate(indices.parameters)
         ]

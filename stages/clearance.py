@@ -37,13 +37,20 @@ CONTACTS = Table(
         Column("arm_mm", "float64", "mm", "moment of the unit normal force on body b about its centre"),
         Column("normal_x", "float64", "1", "unit normal from body a into body b"),
         Column("normal_y", "float64", "1", "unit normal from body a into body b"),
-        Column("curvature_per_mm", "float64", "1/mm", "of body b at a pin (convex positive), 0 on the flats of the output"),
+        Column(
+            "curvature_per_mm", "float64", "1/mm", "of body b at a pin (convex positive), 0 on the flats of the output"
+        ),
     ),
 )
 GAPS = Table(
     "gaps",
     "sample, crank, contact",
-    (SAMPLE, CRANK, CONTACT, Column("clearance_um", "float64", "um", "gap at the nominal pose, negative: interference")),
+    (
+        SAMPLE,
+        CRANK,
+        CONTACT,
+        Column("clearance_um", "float64", "um", "gap at the nominal pose, negative: interference"),
+    ),
 )
 KINEMATIC = Table(
     "kinematic",
@@ -98,7 +105,9 @@ def _prepare(job: Job) -> _Shared:
 
 def _solve(shared: _Shared, chunk: Chunk) -> Tables:
     study = shared.study
-    sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in ("reducer", "pins", "lobes", "rollers")})
+    sampled = errors_of_columns(
+        {name: chunk.tables[f"sample/{name}"] for name in ("reducer", "pins", "lobes", "rollers")}
+    )
     errors = assembly.errors(sampled)
     loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     profile = assembly.profile(study.design)
@@ -126,7 +135,14 @@ def _solve(shared: _Shared, chunk: Chunk) -> Tables:
 CLEARANCE = Stage(
     name="clearance",
     reads=("sample",),
-    sections=("samples", "design.cycloid", "design.output", "design.bearing.clearance_um", "clearance", "cycle.crank_deg"),
+    sections=(
+        "samples",
+        "design.cycloid",
+        "design.output",
+        "design.bearing.clearance_um",
+        "clearance",
+        "cycle.crank_deg",
+    ),
     tables=(CONTACTS, GAPS, KINEMATIC),
     module="stages.clearance",
     unit="samples",

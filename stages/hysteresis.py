@@ -51,7 +51,9 @@ CONTACTS = Table(
         TORQUE,
         CONTACT,
         Column("clearance_um", "float64", "um", "gap at the nominal pose"),
-        Column("approach_um", "float64", "um", "approach of the two bodies from the nominal pose by their rigid motions"),
+        Column(
+            "approach_um", "float64", "um", "approach of the two bodies from the nominal pose by their rigid motions"
+        ),
         Column("penetration_um", "float64", "um", "elastic_um + local_um; of a closed contact approach less clearance"),
         Column("elastic_um", "float64", "um", "deflection of the elastic bodies at the contact"),
         Column("local_um", "float64", "um", "local deflection, the law's at force_N"),
@@ -124,8 +126,7 @@ def _curve_rows(shared: Shared, samples: np.ndarray, solved: list[Equilibria]) -
     cranks = np.array(shared.study.cycle.crank_deg)
     sample, crank, step = repeated(samples, cranks, np.arange(len(state)))
     values = [
-        _curve_values(at, laws, states)
-        for at, laws, states in zip(shared.reducers, shared.laws, solved, strict=True)
+        _curve_values(at, laws, states) for at, laws, states in zip(shared.reducers, shared.laws, solved, strict=True)
     ]
     loops = len(samples) * len(cranks)
     return {
@@ -149,15 +150,17 @@ def contact_rows(shared: Shared, samples: np.ndarray, gap_um: np.ndarray, solved
     ):
         force = states.force[:, state]
         local, elastic = laws.deflection(force), force @ compliance
-        parts.append({
-            "clearance_um": np.broadcast_to(gap_um[:, k, None], force.shape),
-            "approach_um": UM_PER_MM * states.motion[:, state] @ at.closing.T,
-            "penetration_um": UM_PER_MM * (local + elastic),
-            "elastic_um": UM_PER_MM * elastic,
-            "local_um": UM_PER_MM * local,
-            "force_N": force,
-            "pressure_MPa": laws.peak_pressure(force),
-        })
+        parts.append(
+            {
+                "clearance_um": np.broadcast_to(gap_um[:, k, None], force.shape),
+                "approach_um": UM_PER_MM * states.motion[:, state] @ at.closing.T,
+                "penetration_um": UM_PER_MM * (local + elastic),
+                "elastic_um": UM_PER_MM * elastic,
+                "local_um": UM_PER_MM * local,
+                "force_N": force,
+                "pressure_MPa": laws.peak_pressure(force),
+            }
+        )
     torque = NM_PER_NMM * shared.cycle.state_torque[state]
     return {
         "sample": sample,
@@ -206,8 +209,13 @@ HYSTERESIS = Stage(
     name="hysteresis",
     reads=("sample", "clearance", "springs", "reduce"),
     sections=(
-        "samples", "design.cycloid", "design.bearing", "design.output", "cycle",
-        "metrics.lost_motion_percent", "metrics.rigidity_percent",
+        "samples",
+        "design.cycloid",
+        "design.bearing",
+        "design.output",
+        "cycle",
+        "metrics.lost_motion_percent",
+        "metrics.rigidity_percent",
     ),
     tables=(CURVES, CONTACTS, STATUS_TABLE),
     module="stages.hysteresis",

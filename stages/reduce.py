@@ -30,7 +30,9 @@ CONTACTS = Table(
         CONTACT,
         CRANK,
         Column("patch_half_width_mm", "float64", "mm", "half width of the elliptical pressure on the mesh"),
-        Column("compliance_um_per_N", "float64", "um/N", "diagonal entry: mean elastic deflection of the patch per force"),
+        Column(
+            "compliance_um_per_N", "float64", "um/N", "diagonal entry: mean elastic deflection of the patch per force"
+        ),
     ),
 )
 
@@ -55,7 +57,9 @@ def _write_mesh(study: Study, disk: ElasticBody, at: Reducer, folder: Path) -> N
     pin = int(np.argmax(np.abs(at.pins.arm)))
     moved = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
     write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": moved})
-    np.savez(folder / MESH_FILE, nodes=disk.nodes, triangles=disk.triangles, patch_points=patches.points, displacement=moved)
+    np.savez(
+        folder / MESH_FILE, nodes=disk.nodes, triangles=disk.triangles, patch_points=patches.points, displacement=moved
+    )
 
 
 def _run(job: Job) -> Tables:
@@ -80,7 +84,9 @@ def _run(job: Job) -> Tables:
     for crank, at in reducers.items():
 
         def condense(folder: Path, at: Reducer = at) -> None:
-            np.save(folder / "matrix.npy", UM_PER_MM * disk().compliance(assembly.disk_patches(study, disk(), at)).matrix)
+            np.save(
+                folder / "matrix.npy", UM_PER_MM * disk().compliance(assembly.disk_patches(study, disk(), at)).matrix
+            )
 
         folder = job.memo(f"{settings} crank {crank:.9g}", condense)
         matrices[matrix_name(crank)] = np.load(folder / "matrix.npy")
@@ -90,23 +96,29 @@ def _run(job: Job) -> Tables:
         job.path(name).write_bytes((drawn / name).read_bytes())
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
     with np.load(drawn / MESH_FILE) as mesh:
-        save(mesh_figure(mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"]), job.path("mesh"))
+        save(
+            mesh_figure(mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"]), job.path("mesh")
+        )
     return {"contacts": _contact_rows(study, reducers, matrices)}
 
 
-def _contact_rows(study: Study, reducers: dict[float, Reducer], matrices: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _contact_rows(
+    study: Study, reducers: dict[float, Reducer], matrices: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     width = {PIN: study.reduce.patch_half_width_mm}
     parts = []
     for crank, at in reducers.items():
         contact = assembly.disk_contacts(at)
         widths = [width.get(kind, study.reduce.roller_patch_half_width_mm) for kind in at.contacts.kind[contact]]
-        parts.append({
-            "row": np.arange(len(contact)),
-            "contact": contact,
-            "crank_deg": np.full(len(contact), crank),
-            "patch_half_width_mm": np.array(widths),
-            "compliance_um_per_N": np.diag(matrices[matrix_name(crank)]).copy(),
-        })
+        parts.append(
+            {
+                "row": np.arange(len(contact)),
+                "contact": contact,
+                "crank_deg": np.full(len(contact), crank),
+                "patch_half_width_mm": np.array(widths),
+                "compliance_um_per_N": np.diag(matrices[matrix_name(crank)]).copy(),
+            }
+        )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 

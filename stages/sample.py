@@ -10,11 +10,11 @@ from stages.keys import repeated
 
 REDUCER_ERRORS = {
     "eccentricity_um": ("eccentricity", "um", "eccentricity error, larger positive"),
-    "disk_profile_um": ("disk_profile", "um", "material off the whole flank, on the size that the study's reading means"),
+    "disk_profile_um": ("disk_profile", "um", "material off the whole flank, as the study reads it"),
     "bearing_clearance_um": ("bearing_clearance", "um", "radial clearance of the input bearing beyond the design's"),
-    "ovality_2_amplitude_um": ("ovality_2_amplitude", "um", "two-lobed ovality of the pin circle, contained in radial_um"),
+    "ovality_2_amplitude_um": ("ovality_2_amplitude", "um", "two-lobed ovality of the pin circle, part of radial_um"),
     "ovality_2_phase_rad": ("ovality_2_phase", "rad", "direction in which the pin circle is widest"),
-    "ovality_3_amplitude_um": ("ovality_3_amplitude", "um", "three-lobed ovality of the pin circle, contained in radial_um"),
+    "ovality_3_amplitude_um": ("ovality_3_amplitude", "um", "three-lobed ovality of the pin circle, part of radial_um"),
     "ovality_3_phase_rad": ("ovality_3_phase", "rad", "direction in which the pin circle is widest"),
 }
 PIN_ERRORS = {

@@ -25,7 +25,11 @@ COEFFICIENT_COLUMNS = {
 COEFFICIENTS = Table(
     "coefficients",
     "contact, crank",
-    (CONTACT, CRANK, *(Column(name, "float64", unit, meaning) for name, (_, unit, meaning) in COEFFICIENT_COLUMNS.items())),
+    (
+        CONTACT,
+        CRANK,
+        *(Column(name, "float64", unit, meaning) for name, (_, unit, meaning) in COEFFICIENT_COLUMNS.items()),
+    ),
 )
 LAWS = Table(
     "laws",
@@ -82,30 +86,57 @@ def _run(job: Job) -> Tables:
         at = assembly.reducer(study.design, crank)
         laws = assembly.contact_laws(study, at)
         number = np.arange(len(laws))
-        coefficients.append(pd.DataFrame({
-            "contact": number,
-            "crank_deg": crank,
-            **{name: getattr(laws, field) for name, (field, _, _) in COEFFICIENT_COLUMNS.items()},
-        }))
+        coefficients.append(
+            pd.DataFrame(
+                {
+                    "contact": number,
+                    "crank_deg": crank,
+                    **{name: getattr(laws, field) for name, (field, _, _) in COEFFICIENT_COLUMNS.items()},
+                }
+            )
+        )
         # up to the force with which one contact would carry the whole rated torque; dense where the law bends
         most = assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm / np.max(np.abs(at.contacts.arm))
         force = most * np.linspace(0, 1, points) ** 2
-        curves.append(pd.DataFrame({
-            "contact": np.repeat(number, points), "crank_deg": crank, "law": study.springs.law, **_curve(laws, force),
-        }))
-        curves.append(pd.DataFrame({
-            "contact": BEARING, "crank_deg": crank, "law": "bearing", **_bearing_curve(study, force),
-        }))
-    return {name: {key: column.to_numpy() for key, column in pd.concat(frames).items()}
-            for name, frames in (("coefficients", coefficients), ("laws", curves))}
+        curves.append(
+            pd.DataFrame(
+                {
+                    "contact": np.repeat(number, points),
+                    "crank_deg": crank,
+                    "law": study.springs.law,
+                    **_curve(laws, force),
+                }
+            )
+        )
+        curves.append(
+            pd.DataFrame(
+                {
+                    "contact": BEARING,
+                    "crank_deg": crank,
+                    "law": "bearing",
+                    **_bearing_curve(study, force),
+                }
+            )
+        )
+    return {
+        name: {key: column.to_numpy() for key, column in pd.concat(frames).items()}
+        for name, frames in (("coefficients", coefficients), ("laws", curves))
+    }
 
 
 SPRINGS = Stage(
     name="springs",
     reads=(),
     sections=(
-        "design.cycloid", "design.materials", "design.disk", "design.pins", "design.bearing", "design.output",
-        "springs", "reduce.patch_half_width_mm", "cycle.crank_deg",
+        "design.cycloid",
+        "design.materials",
+        "design.disk",
+        "design.pins",
+        "design.bearing",
+        "design.output",
+        "springs",
+        "reduce.patch_half_width_mm",
+        "cycle.crank_deg",
     ),
     tables=(COEFFICIENTS, LAWS),
     module="stages.springs",

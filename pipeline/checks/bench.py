@@ -56,12 +56,13 @@ def _floor_seconds(solved: list[Equilibria], motions: int) -> tuple[float, float
     for size, count in zip(*np.unique(sizes, return_counts=True), strict=True):
         matrix = generator.normal(size=(size, size)) + size * np.eye(size)
         right = generator.normal(size=size)
-        repeats = 200
-        one = _seconds(lambda matrix=matrix, right=right, repeats=repeats: [
-            np.linalg.solve(matrix, right) for _ in range(repeats)
-        ])
-        seconds += count * one / repeats
+        seconds += count * _solve_seconds(matrix, right)
     return seconds, float(sizes.mean())
+
+
+def _solve_seconds(matrix: np.ndarray, right: np.ndarray) -> float:
+    repeats = 200
+    return _seconds(lambda: [np.linalg.solve(matrix, right) for _ in range(repeats)]) / repeats
 
 
 def bench(study: Study, outputs: dict[str, Output], runs: Path) -> list[Result]:

@@ -8,6 +8,7 @@ chunk runs the same function with one BLAS thread.
 import os
 import threading
 import time
+import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
@@ -112,6 +113,16 @@ def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved:
         ) from error
 
 
+def _attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved | Exception:
+    """As `solve_chunk`, with an error as a value: raised here, it would end the other workers and lose their results."""
+    try:
+        return solve_chunk(stage, shared, chunk)
+    except (ChunkError, InputError) as error:
+        if error.__cause__:  # which does not cross between processes
+            error.add_note("".join(traceback.format_exception(error.__cause__)))
+        return error
+
+
 def parts_of(stage: Stage, tables: Tables) -> dict[str, Part]:
     """What a body returned as Parquet files; raises TypeError unless it is exactly what its stage declares."""
     expected = {table.name for table in stage.tables}
@@ -155,7 +166,7 @@ def solved_chunks(
     Raises
     ------
     ChunkError, InputError
-        As `solve_chunk`; what was yielded before stays valid.
+        As `solve_chunk`, after the chunks that were begun have been yielded.
     """
     if not chunks:
         return
@@ -181,13 +192,19 @@ def _wave(
     def tasks() -> Iterator[Any]:
         try:
             for start, stop in chunks:
-                yield joblib.delayed(solve_chunk)(stage, handle, read(start, stop))
+                if errors:
+                    return
+                yield joblib.delayed(_attempted)(stage, handle, read(start, stop))
         except Exception as error:  # joblib asks for tasks in a thread of its own, where an error would be lost
             errors.append(error)
 
     # chunks are large tasks: one a batch; their inputs are small: no detour over files
     try:
-        yield from joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)(tasks())
+        for result in joblib.Parallel(return_as="generator_unordered", batch_size=1, max_nbytes=None)(tasks()):
+            if isinstance(result, Exception):
+                errors.append(result)
+            else:
+                yield result
     except BrokenExecutor as error:
         raise ChunkError(
             f"{stage.name}: a worker process was ended from outside, by the system perhaps for want of memory. "

@@ -60,7 +60,7 @@ class Job:
         Where the stage's output is being built.
     """
 
-    study: Sections
+    study: Any  # Sections; what they hold is the study's own
     jobs: int
     folder: Path
     inputs: Mapping[str, Output]

@@ -3,12 +3,13 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from pipeline.figures.style import ACCENT, ALARM, MUTED, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, INK, new_figure, styled
 
-PATCHES_SHOWN = 1.5
+PATCH_PITCHES_SHOWN = 1.4
 """Half width of the close-up in distances between neighbouring patches."""
 
 
@@ -29,56 +30,49 @@ def mesh_figure(
     displacement : (n_nodes,) [um/N], by 1 N on the pin of the longest arm
     """
     figure = new_figure(4.1)
-    whole, close = figure.subplots(1, 2, width_ratios=[1.12, 1])
+    whole, close = figure.subplots(1, 2, width_ratios=[1.14, 1])
     plane = Triangulation(nodes.real, nodes.imag, triangles[:, :3])
     size = np.abs(displacement)
     shaded = whole.tripcolor(plane, size, shading="gouraud", cmap="viridis", rasterized=True)
-    figure.colorbar(shaded, ax=whole, label="deflection by 1 N on one pin (µm/N)", shrink=0.85).outline.set_visible(False)
+    scale = figure.colorbar(shaded, ax=whole, label="deflection by 1 N on one pin (µm/N)", shrink=0.85)
+    scale.outline.set_visible(False)
     centres = patch_points.mean(axis=1)
     loaded = _loaded_patch(nodes, centres, size)
     apart = np.abs(centres - centres[loaded])
-    reach = PATCHES_SHOWN * np.min(apart[apart > 0])
-    _draw_flank(close, plane, patch_points, loaded, centres[loaded], reach)
+    reach = PATCH_PITCHES_SHOWN * float(np.min(apart[apart > 0]))
     corner = centres[loaded] - reach * (1 + 1j)
-    whole.add_patch(_frame(corner, 2 * reach))
+    whole.add_patch(Rectangle((corner.real, corner.imag), 2 * reach, 2 * reach, fill=False, edgecolor=INK, linewidth=1.2))
+    _draw_flank(close, plane, patch_points, loaded, reach)
     whole.set_title(f"{len(triangles):,} quadratic triangles, {len(nodes):,} nodes")
-    close.set_title("Flank at the loaded pin, with contact patches")
+    close.set_title("Flank at the loaded pin")
     for axes in (whole, close):
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.grid(False)
     return figure
 
 
-def _loaded_patch(nodes: NDArray, centres: NDArray, size: NDArray) -> int:
+def _loaded_patch(nodes: NDArray[np.complex128], centres: NDArray[np.complex128], size: NDArray[np.float64]) -> int:
     """The patch that deflects most: that of the loaded pin."""
-    nearest = np.array([np.argmin(np.abs(nodes - centre)) for centre in centres])
+    nearest = [int(np.argmin(np.abs(nodes - centre))) for centre in centres]
     return int(np.argmax(size[nearest]))
 
 
 def _draw_flank(
-    axes: Axes, plane: Triangulation, patch_points: NDArray, loaded: int, centre: complex, reach: float
+    axes: Axes, plane: Triangulation, patch_points: NDArray[np.complex128], loaded: int, reach: float
 ) -> None:
-    """The triangles in sight, and the patches on them."""
-    x, y = plane.x[plane.triangles] - centre.real, plane.y[plane.triangles] - centre.imag
-    seen = np.any(np.maximum(np.abs(x), np.abs(y)) < 1.3 * reach, axis=1)
-    axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[seen]), color="0.72", linewidth=0.4)
+    """The triangles and patches within ``reach`` [mm] of the loaded patch."""
+    centre = patch_points[loaded].mean()
+    corners = plane.x[plane.triangles] + 1j * plane.y[plane.triangles] - centre
+    seen = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
+    axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[seen]), color="0.7", linewidth=0.5)
+    others = {"color": ACCENT, "linewidth": 3.0, "label": "contact patch"}
     for number, points in enumerate(patch_points):
-        if np.min(np.abs(points - centre)) < 1.5 * reach:
-            colour, width = (ALARM, 4.0) if number == loaded else (ACCENT, 3.0)
-            axes.plot(points.real, points.imag, color=colour, linewidth=width, solid_capstyle="butt")
-            axes.plot(*_ends(points), "|", color=colour, markersize=0)
-    axes.plot([], [], color=ALARM, linewidth=4.0, label="loaded patch")
-    axes.plot([], [], color=ACCENT, linewidth=3.0, label="other patches")
-    axes.legend(loc="lower right", frameon=True, framealpha=1.0, edgecolor="none")
+        if number != loaded and np.min(np.abs(points - centre)) < 2 * reach:
+            axes.plot(points.real, points.imag, solid_capstyle="butt", **others)
+            others.pop("label", None)  # one entry of the legend stands for all
+    points = patch_points[loaded]
+    axes.plot(points.real, points.imag, color=ALARM, linewidth=4.0, solid_capstyle="butt", label="of the loaded pin")
+    # the corner that points away from the disk is empty
+    place = f"{'upper' if centre.imag > 0 else 'lower'} {'right' if centre.real > 0 else 'left'}"
+    axes.legend(loc=place, frameon=True, framealpha=1.0, edgecolor="none")
     axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
-
-
-def _ends(points: NDArray) -> tuple[NDArray, NDArray]:
-    return points.real[[0, -1]], points.imag[[0, -1]]
-
-
-def _frame(corner: complex, side: float):
-    """Outline of the close-up."""
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((corner.real, corner.imag), side, side, fill=False, edgecolor=MUTED, linewidth=0.8)

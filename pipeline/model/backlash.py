@@ -200,7 +200,9 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
         strict=True,
     )
     return RigidPlay(
-        np.array(plus) / MICROMETRES, np.array(minus) / MICROMETRES, np.array(overlap) / MICROMETRES,
+        np.array(plus) / MICROMETRES,
+        np.array(minus) / MICROMETRES,
+        np.array(overlap) / MICROMETRES,
         reducer.output_motion,
     )
 

@@ -147,10 +147,26 @@ def _exact_gaps(psi, root, half, single, centre, radius, circle, offset, before,
                 nearest = _distance(foot, centre[s, i], circle[s, own], offset[s, own], eccentricity, pins)
             else:
                 nearest = min(
-                    _nearest(root[i], root[i], root[i] + half, centre[s, i], circle[s, before[i]],
-                             offset[s, before[i]], eccentricity, pins),
-                    _nearest(root[i], root[i] - half, root[i], centre[s, i], circle[s, behind[i]],
-                             offset[s, behind[i]], eccentricity, pins),
+                    _nearest(
+                        root[i],
+                        root[i],
+                        root[i] + half,
+                        centre[s, i],
+                        circle[s, before[i]],
+                        offset[s, before[i]],
+                        eccentricity,
+                        pins,
+                    ),
+                    _nearest(
+                        root[i],
+                        root[i] - half,
+                        root[i],
+                        centre[s, i],
+                        circle[s, behind[i]],
+                        offset[s, behind[i]],
+                        eccentricity,
+                        pins,
+                    ),
                 )
             gaps[s, i] = nearest - radius[s, i]
     return gaps

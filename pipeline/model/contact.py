@@ -100,7 +100,7 @@ class ContactLaws:
             self.power * self.exponent * np.maximum(force, np.finfo(float).tiny) ** (self.exponent - 1),
             0.0,
         )
-        return self.linear - self.logarithmic * (1 + log) + powered
+        return np.asarray(self.linear - self.logarithmic * (1 + log) + powered, np.float64)
 
     def deflection(self, force: ArrayLike) -> Real:
         """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
@@ -144,12 +144,11 @@ class ContactLaws:
         force = np.maximum(np.asarray(force, float), 0.0)
         inside = np.minimum(force, self.force_limit)
         log = np.log(np.maximum(inside, np.finfo(float).tiny))
-        proper = (
-            0.5 * inside**2 * (self.linear - self.logarithmic * (log - 0.5))
-            + self.power * inside ** (self.exponent + 1) / (self.exponent + 1)
-        )
+        higher = self.exponent + 1
+        proper = 0.5 * inside**2 * (self.linear - self.logarithmic * (log - 0.5)) + self.power * inside**higher / higher
         beyond = force - inside
-        return proper + beyond * self._proper_deflection(inside) + 0.5 * beyond**2 * self._proper_compliance(inside)
+        at_limit, slope = self._proper_deflection(inside), self._proper_compliance(inside)
+        return np.asarray(proper + beyond * at_limit + 0.5 * beyond**2 * slope, np.float64)
 
     def peak_pressure(self, force: ArrayLike) -> Real:
         """Peak Hertz pressure [MPa] at ``force`` (..., n) [N]."""
@@ -289,6 +288,6 @@ def mesh_compliance(material: Material, length: float, depth: float, patch_half_
 
     (2/(pi E' L)) [ln(2d/w) - 1/4 - nu'/2], Johnson 1985, 5.6, averaged with the elliptical pressure.
     """
-    return 2 / (np.pi * material.modulus * length) * (
-        np.log(2 * depth / patch_half_width) - 0.25 - 0.5 * material.lateral
+    return (
+        2 / (np.pi * material.modulus * length) * (np.log(2 * depth / patch_half_width) - 0.25 - 0.5 * material.lateral)
     )

@@ -36,7 +36,7 @@ class LoadCycle:
 
     @classmethod
     def evenly(cls, rated_torque: float, levels: int, top: float, marks: tuple[float, ...]) -> "LoadCycle":
-        """``levels`` equal steps up to the share ``top`` of the rated torque, and the shares ``marks`` below it exactly.
+        """``levels`` equal steps up to the share ``top`` of the rated torque, and exactly the shares ``marks``.
 
         Raises
         ------
@@ -111,14 +111,12 @@ def solve_cycle(
         if np.any(play.preloaded):
             tight = play.preloaded
             limit = sense * np.array([LIMIT_TORQUE * cycle.rated_torque])
-            end = solve(
-                reducer, bearing, laws, compliance, gap[tight], bearing_clearance[tight], start[tight], limit
-            )
+            end = solve(reducer, bearing, laws, compliance, gap[tight], bearing_clearance[tight], start[tight], limit)
             for name, values in vars(senses[-1]).items():
                 values[tight, 0] = getattr(end, name)[:, 0]
-    return Equilibria(**{
-        name: np.concatenate([getattr(one, name) for one in senses], axis=1) for name in vars(senses[0])
-    })
+    return Equilibria(
+        **{name: np.concatenate([getattr(one, name) for one in senses], axis=1) for name in vars(senses[0])}
+    )
 
 
 def _with_end(loaded: Equilibria, pose: Real) -> Equilibria:
@@ -158,7 +156,12 @@ def _level(torque: Real, wanted: float, rows: np.ndarray) -> int:
 
 
 def curve_metrics(
-    branch: np.ndarray, torque: Real, angle: Real, rated_torque: float, lost_motion: float, rigidity: tuple[float, float]
+    branch: np.ndarray,
+    torque: Real,
+    angle: Real,
+    rated_torque: float,
+    lost_motion: float,
+    rigidity: tuple[float, float],
 ) -> Metrics:
     """Width at zero torque, lost motion and torsional rigidity of cycles 0 -> +T -> -T -> +T.
 
@@ -194,7 +197,8 @@ def curve_metrics(
     return Metrics(
         zero_torque_width=at("unloading+", 0.0) - at("unloading-", 0.0),
         lost_motion=centre(lost_motion) - centre(-lost_motion),
-        torsional_rigidity=0.5 * (high - low) * rated_torque * (
-            1 / (at("reloading+", high) - at("reloading+", low)) + 1 / (at("loading-", -low) - at("loading-", -high))
-        ),
+        torsional_rigidity=0.5
+        * (high - low)
+        * rated_torque
+        * (1 / (at("reloading+", high) - at("reloading+", low)) + 1 / (at("loading-", -low) - at("loading-", -high))),
     )

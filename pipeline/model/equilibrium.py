@@ -8,8 +8,10 @@ Unknowns of a load step are the contact forces F >= 0 [N] and the rigid motions 
 the stationarity of a convex potential, so F is unique. The active contacts are found by a primal-dual active set:
 Newton on the closed contacts, then contacts are dropped where the local deflection has become negative and added
 where an open contact is penetrated. Each step eliminates the forces (Cholesky of law' + C on the active contacts) and
-then solves the few rigid motions; the factor is kept, from load step to load step, until the active set changes or
-convergence slows down. A start that leads nowhere is replaced by an interior-point iteration.
+then solves the few rigid motions. The factor is kept from load step to load step: the laws are nearly linear, a new
+contact is a new row, and only an opened contact or slow convergence asks for another. A load step starts from the
+extrapolated forces of the steps before; a start that leads nowhere is replaced by an interior-point iteration. A linear
+bearing without clearance is a compliance like the bodies' and leaves two motions fewer.
 
 Array order: (n_samples, n_torques, n_contacts or n_motions).
 """
@@ -23,10 +25,10 @@ from pipeline.model.contact import ContactLaws
 from pipeline.model.profile import Real
 from pipeline.model.reducer import Bearing, Reducer
 
-FORCE_TOLERANCE = 1e-12
+FORCE_TOLERANCE = 1e-11
 """A step is solved when no active contact's deflection is off by more than this share of the largest one ..."""
 BALANCE_TOLERANCE = 1e-12
-"""... and no rigid motion's balance by more than this share of the largest of its terms."""
+"""... and no rigid motion's balance by more than this share of the sum of its terms."""
 ACCEPTED = 1e-9
 """A step that ends above this residual (of either kind) is a failed one."""
 STEP_LIMIT = 100
@@ -37,8 +39,10 @@ INTERIOR_END = 1e-10
 """Complementarity, in units of load times stride, at which the interior point shows which contacts are closed."""
 CENTRING = 0.1
 """Share of the complementarity that an interior-point step aims at."""
-SLOW = 0.05
-"""The factor is renewed when an iteration reduces the residual by less than this factor."""
+ALTERNATING = 5
+"""Times that contacts may close within a load step before further such steps are halved: they may alternate."""
+PATIENCE = 2.5
+"""Steps with an old factor that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
 """Share of the mean contact stiffness that keeps a motion solvable that nothing holds at the moment."""
 OPEN = 1e-13
@@ -95,18 +99,28 @@ def _closing_force(penetration, own, a, c, k, m, limit):
 @njit(cache=True, nogil=True, fastmath=_MATH)
 def _factorise(matrix, n):
     """Cholesky factor of the leading n x n block, in place, lower triangle; false if not positive definite."""
-    for i in range(n):
-        for j in range(i + 1):
-            dot = 0.0
-            for k in range(j):
-                dot += matrix[i, k] * matrix[j, k]
-            if i == j:
-                pivot = matrix[i, i] - dot
-                if not pivot > 0.0:
-                    return False
-                matrix[i, i] = np.sqrt(pivot)
-            else:
-                matrix[i, j] = (matrix[i, j] - dot) / matrix[j, j]
+    for i in range(n):  # noqa: SIM110 (compiled)
+        if not _append(matrix, i):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, fastmath=_MATH)
+def _append(matrix, n):
+    """Replace row n of a matrix by that of its Cholesky factor, whose n rows before stand already."""
+    row = matrix[n]
+    for j in range(n):
+        dot = 0.0
+        for k in range(j):
+            dot += row[k] * matrix[j, k]
+        row[j] = (row[j] - dot) / matrix[j, j]
+    dot = 0.0
+    for k in range(n):
+        dot += row[k] * row[k]
+    pivot = row[n] - dot
+    if not pivot > 0.0:
+        return False
+    row[n] = np.sqrt(pivot)
     return True
 
 
@@ -131,18 +145,15 @@ def _backward(factor, n, y):
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
 def _bearing(bearing, clearance, motion, thrust, spring):
-    """Force and tangent of the bearing into ``spring``: fx, fy, kxx, kxy, kyy and, beyond a clearance, ux, uy, miss.
+    """Force and tangent of the bearing into ``spring``: fx, fy, kxx, kxy, kyy, and how the thrust follows the motion.
 
-    A linear bearing without clearance is a plain spring. Any other pushes with the unknown ``thrust`` along the
-    displacement u, like a contact: |d| - clearance - (thrust/K)^(1/n) = 0 is linearised with it, so that the
-    disk can run around the edge of the clearance under a small force.
+    The bearing pushes with the unknown ``thrust`` along the displacement u, like a contact:
+    |d| - clearance - (thrust/K)^(1/n) = 0 is linearised with it, so that the disk can run around the edge of the
+    clearance under a small force.
     """
     stiffness, exponent = bearing
     x, y = motion[0], motion[1]
     spring[:] = 0.0
-    if exponent == 1.0 and clearance == 0.0:
-        spring[0], spring[1], spring[2], spring[4] = stiffness * x, stiffness * y, stiffness, stiffness
-        return
     distance = np.sqrt(x * x + y * y)
     if thrust[0] == 0.0 and distance > clearance:
         thrust[0] = stiffness * (distance - clearance) ** exponent
@@ -162,69 +173,51 @@ def _bearing(bearing, clearance, motion, thrust, spring):
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _reach(closing, i, motion):
-    """Approach of contact i by rigid motions."""
-    total = 0.0
-    for d in range(motion.shape[0]):
-        total += closing[i, d] * motion[d]
-    return total
-
-
-@njit(cache=True, nogil=True, fastmath=_MATH)
-def _elastic(compliance, force, active, n_active, elastic):
-    """Deflection C F of every contact by the forces of the active ones."""
+def _deflect(reducer, gap, motion, force, active, n_active, elastic, depth):
+    """Elastic deflection of every contact, and the local one that is left: approach - gap - elastic."""
+    closing, compliance = reducer
+    n = gap.shape[0]
     elastic[:] = 0.0
     for j in range(n_active):
         row, f = compliance[active[j]], force[active[j]]
-        for i in range(elastic.shape[0]):
-            elastic[i] += row[i] * f
-
-
-@njit(cache=True, nogil=True, fastmath=_MATH)
-def _close(reducer, laws, gap, motion, force, active, n_active, elastic):
-    """Add the open contacts that are penetrated, each with the force that would open it again."""
-    closing, compliance = reducer
-    a, c, k, m, limit = laws
-    for i in range(gap.shape[0]):
-        if force[i] > 0.0:
+        if row[active[j]] == 0.0:  # between rigid bodies
             continue
-        depth = _reach(closing, i, motion) - gap[i] - elastic[i]
-        if depth > OPEN:
-            force[i] = _closing_force(depth, compliance[i, i], a[i], c[i], k[i], m[i], limit[i])
-            active[n_active] = i
-            n_active += 1
-            for r in range(gap.shape[0]):
-                elastic[r] += compliance[i, r] * force[i]
-    return n_active
+        for i in range(n):
+            elastic[i] += row[i] * f
+    for i in range(n):
+        depth[i] = -gap[i] - elastic[i]
+    for d in range(motion.shape[0]):
+        row, q = closing[d], motion[d]
+        for i in range(n):
+            depth[i] += row[i] * q
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _misfit(reducer, laws, gap, motion, force, active, n_active, elastic, miss, slope):
+def _misfit(laws, force, active, n_active, elastic, depth, miss, slope):
     """Misfit of the deflection of every active contact, and the law's tangents; returns the relative misfit."""
-    closing = reducer[0]
     a, c, k, m, limit = laws
     largest, off = 1e-300, 0.0
     for j in range(n_active):
         i = active[j]
         local, slope[j] = _law(force[i], a[i], c[i], k[i], m[i], limit[i])
-        miss[j] = local + elastic[i] + gap[i] - _reach(closing, i, motion)
+        miss[j] = local - depth[i]
         largest = max(largest, local + elastic[i])
         off = max(off, abs(miss[j]))
     return off / largest
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _imbalance(reducer, torque, output, spring, force, active, n_active, balance):
+def _imbalance(closing, torque, output, planar, spring, force, active, n_active, balance):
     """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms."""
-    closing = reducer[0]
     relative = 0.0
     for d in range(balance.shape[0]):
         total = -torque if d == output else 0.0
-        if d < 2:
+        if planar and d < 2:
             total += spring[d]
         scale = abs(total)
+        row = closing[d]
         for j in range(n_active):
-            term = closing[active[j], d] * force[active[j]]
+            term = row[active[j]] * force[active[j]]
             total += term
             scale += abs(term)
         balance[d] = total
@@ -233,96 +226,87 @@ def _imbalance(reducer, torque, output, spring, force, active, n_active, balance
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _renew(reducer, active, n_active, slope, factor, projected):
-    """Factor L of law' + C on the active contacts, and L^-1 closing; false if not positive definite."""
+def _add_row(reducer, active, j, slope, factor, projected, held):
+    """Row j of the factor L of H = law' + C and of L^-1 closing, and its share in closing^T H^-1 closing."""
     closing, compliance = reducer
-    for j in range(n_active):
-        row = compliance[active[j]]
-        for l in range(j):
-            factor[j, l] = row[active[l]]
-        factor[j, j] = row[active[j]] + slope[j]
-    if not _factorise(factor, n_active):
+    i = active[j]
+    row = compliance[i]
+    for p in range(j):
+        factor[j, p] = row[active[p]]
+    factor[j, j] = row[i] + slope[j]
+    if not _append(factor, j):
         return False
-    for d in range(closing.shape[1]):
-        for j in range(n_active):
-            projected[d, j] = closing[active[j], d]
-        _forward(factor, n_active, projected[d])
+    for d in range(closing.shape[0]):
+        dot = closing[d, i]
+        for p in range(j):
+            dot -= factor[j, p] * projected[d, p]
+        projected[d, j] = dot / factor[j, j]
+        for e in range(d + 1):
+            held[d, e] += projected[d, j] * projected[e, j]
     return True
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _newton(n_active, factor, projected, spring, stiffness, miss, balance, tangent, step):
+def _newton(n_active, factor, projected, held, planar, spring, miss, balance, tangent, step):
     """Newton step: of the motions in ``step``, of the active forces in ``miss``; false if singular.
 
     (closing^T H^-1 closing + bearing) dq = closing^T H^-1 miss - balance;  H dF = closing dq - miss.
     """
     n_motions = step.shape[0]
     _forward(factor, n_active, miss)
-    largest = stiffness
+    stiffest = spring[2] + spring[4]
     for d in range(n_motions):
-        for e in range(d + 1):
-            dot = 0.0
-            for j in range(n_active):
-                dot += projected[d, j] * projected[e, j]
-            tangent[d, e] = dot
-        largest = max(largest, tangent[d, d])
+        stiffest = max(stiffest, held[d, d])
+    for d in range(n_motions):
         dot = 0.0
         for j in range(n_active):
             dot += projected[d, j] * miss[j]
         step[d] = dot - balance[d]
-    tangent[0, 0] += spring[2]
-    tangent[1, 0] += spring[3]
-    tangent[1, 1] += spring[4]
-    for d in range(n_motions):
-        tangent[d, d] += REGULAR * largest
+        for e in range(d):
+            tangent[d, e] = held[d, e]
+        tangent[d, d] = held[d, d] + REGULAR * stiffest
+    if planar:
+        tangent[0, 0] += spring[2]
+        tangent[1, 0] += spring[3]
+        tangent[1, 1] += spring[4]
     if not _factorise(tangent, n_motions):
         return False
     _forward(tangent, n_motions, step)
     _backward(tangent, n_motions, step)
     for j in range(n_active):
-        value = -miss[j]
-        for d in range(n_motions):
-            value += projected[d, j] * step[d]
-        miss[j] = value
+        miss[j] = -miss[j]
+    for d in range(n_motions):
+        row, q = projected[d], step[d]
+        for j in range(n_active):
+            miss[j] += row[j] * q
     _backward(factor, n_active, miss)
     return True
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _advance(reducer, laws, gap, motion, force, active, n_active, step, elastic):
-    """Add the Newton step to the forces; a contact that it would pull opens, or stays closed if penetrated."""
-    closing, compliance = reducer
+def _move(motion, step, length, planar, spring, thrust):
+    """Add a share of the step to the motions and to the bearing's thrust, which ends where it would pull."""
+    if planar and thrust[0] > 0.0:
+        thrust[0] = max(thrust[0] + length * (spring[5] * step[0] + spring[6] * step[1] + spring[7]), 0.0)
+    for d in range(motion.shape[0]):
+        motion[d] += length * step[d]
+
+
+@njit(cache=True, nogil=True, fastmath=_MATH)
+def _open_pulled(reducer, laws, gap, motion, force, active, n_active, elastic, depth):
+    """Judge the contacts that a step left without force: they open, or stay closed if they are still penetrated."""
     a, c, k, m, limit = laws
-    pulled = False
-    for j in range(n_active):
-        i = active[j]
-        force[i] += step[j]
-        if force[i] <= 0.0:
-            force[i] = 0.0
-            pulled = True
-    if not pulled:
-        return n_active
-    _elastic(compliance, force, active, n_active, elastic)
+    _deflect(reducer, gap, motion, force, active, n_active, elastic, depth)
     kept = 0
     for j in range(n_active):
         i = active[j]
         if force[i] == 0.0:
-            depth = _reach(closing, i, motion) - gap[i] - elastic[i]
-            if depth <= OPEN:
+            if depth[i] <= OPEN:
                 continue
-            force[i] = _closing_force(depth, compliance[i, i], a[i], c[i], k[i], m[i], limit[i])
+            force[i] = _closing_force(depth[i], reducer[1][i, i], a[i], c[i], k[i], m[i], limit[i])
         active[kept] = i
         kept += 1
     return kept
-
-
-@njit(cache=True, nogil=True, fastmath=_MATH)
-def _move(motion, step, length, spring, thrust):
-    """Add a share of the step to the motions and to the bearing's thrust, which ends where it would pull."""
-    if thrust[0] > 0.0:
-        thrust[0] = max(thrust[0] + length * (spring[5] * step[0] + spring[6] * step[1] + spring[7]), 0.0)
-    for d in range(motion.shape[0]):
-        motion[d] += length * step[d]
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
@@ -333,7 +317,7 @@ def _stride(torque, output, gap, reducer, laws):
     widest, deepest = 0.0, 0.0
     for i in range(gap.shape[0]):
         widest = max(widest, abs(gap[i]))
-        arm = abs(closing[i, output])
+        arm = abs(closing[output, i])
         if arm > 0.0:
             force = min(abs(torque) / arm, limit[i])
             local, _ = _law(force, a[i], c[i], k[i], m[i], limit[i])
@@ -342,16 +326,16 @@ def _stride(torque, output, gap, reducer, laws):
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _interior(torque, output, gap, reducer, laws, bearing, clearance, motion, force, active, work):
+def _interior(torque, output, gap, reducer, laws, planar, bearing, clearance, motion, force, active, work):
     """Near-solution from no start at all, by a primal-dual interior-point iteration over all contacts.
 
     Force times slack tends to zero along the central path of the convex problem, which has no active set
     to guess. Returns the number of contacts that it leaves closed.
     """
-    factor, projected, elastic, miss, slope, balance, tangent, step, spring, thrust = work
+    factor, projected, held, elastic, depth, miss, slope, balance, tangent, step, spring, thrust = work
     n = gap.shape[0]
     stride = _stride(torque, output, gap, reducer, laws)
-    load = abs(torque) / np.max(np.abs(reducer[0][:, output]))
+    load = abs(torque) / np.max(np.abs(reducer[0][output]))
     slack = np.full(n, stride)
     motion[:] = 0.0
     thrust[0] = 0.0
@@ -359,19 +343,21 @@ def _interior(torque, output, gap, reducer, laws, bearing, clearance, motion, fo
         active[i] = i
         force[i] = load
     for _ in range(INTERIOR_STEPS):
-        _elastic(reducer[1], force, active, n, elastic)
-        _bearing(bearing, clearance, motion, thrust, spring)
-        _misfit(reducer, laws, gap, motion, force, active, n, elastic, miss, slope)
-        _imbalance(reducer, torque, output, spring, force, active, n, balance)
+        _deflect(reducer, gap, motion, force, active, n, elastic, depth)
+        if planar:
+            _bearing(bearing, clearance, motion, thrust, spring)
+        _misfit(laws, force, active, n, elastic, depth, miss, slope)
+        _imbalance(reducer[0], torque, output, planar, spring, force, active, n, balance)
         complementarity = np.dot(force, slack) / n
         if complementarity < INTERIOR_END * load * stride:
             break
+        held[:] = 0.0
+        sound = True
         for i in range(n):
             slope[i] += slack[i] / force[i]
             miss[i] -= CENTRING * complementarity / force[i]
-        if not _renew(reducer, active, n, slope, factor, projected):
-            break
-        if not _newton(n, factor, projected, spring, bearing[0], miss, balance, tangent, step):
+            sound = sound and _add_row(reducer, active, i, slope, factor, projected, held)
+        if not (sound and _newton(n, factor, projected, held, planar, spring, miss, balance, tangent, step)):
             break
         length = 1.0
         for i in range(n):
@@ -380,7 +366,7 @@ def _interior(torque, output, gap, reducer, laws, bearing, clearance, motion, fo
                 length = min(length, -0.95 * force[i] / miss[i])
             if slope[i] < 0.0:
                 length = min(length, -0.95 * slack[i] / slope[i])
-        _move(motion, step, length, spring, thrust)
+        _move(motion, step, length, planar, spring, thrust)
         for i in range(n):
             force[i] += length * miss[i]
             slack[i] += length * slope[i]
@@ -395,76 +381,152 @@ def _interior(torque, output, gap, reducer, laws, bearing, clearance, motion, fo
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _newton_steps(torque, output, gap, reducer, laws, bearing, clearance, motion, force, active, n_active, work, fresh):
-    """Active-set Newton from (motion, force, active), changed in place; ``fresh``: ``work[0]`` holds their factor.
-
-    Returns the number of active contacts, the iterations and the residual.
-    """
-    factor, projected, elastic, miss, slope, balance, tangent, step, spring, thrust = work
-    previous, residual = np.inf, np.inf
-    for iteration in range(STEP_LIMIT):
-        _elastic(reducer[1], force, active, n_active, elastic)
-        before = n_active
-        n_active = _close(reducer, laws, gap, motion, force, active, n_active, elastic)
-        _bearing(bearing, clearance, motion, thrust, spring)
-        off = _misfit(reducer, laws, gap, motion, force, active, n_active, elastic, miss, slope)
-        unbalanced = _imbalance(reducer, torque, output, spring, force, active, n_active, balance)
-        residual = max(off, unbalanced)
-        if n_active == before and off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
-            return n_active, iteration, residual
-        if n_active != before or residual > SLOW * previous or not fresh:
-            fresh = _renew(reducer, active, n_active, slope, factor, projected)
-        previous = residual
-        if not (fresh and _newton(n_active, factor, projected, spring, bearing[0], miss, balance, tangent, step)):
-            break
-        _move(motion, step, 1.0, spring, thrust)
-        before = n_active
-        n_active = _advance(reducer, laws, gap, motion, force, active, n_active, miss, elastic)
-        fresh = n_active == before
-    return n_active, STEP_LIMIT, max(residual, 2 * ACCEPTED)
+def _worth_renewing(residual, previous):
+    """Whether the old factor would need more than ``PATIENCE`` further steps, at the rate of the last one."""
+    if residual >= previous:
+        return True
+    return np.log(residual / FORCE_TOLERANCE) > PATIENCE * np.log(previous / residual)
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _solve_step(torque, output, gap, reducer, laws, bearing, clearance, motion, force, active, n_active, work):
-    """One load step from (motion, force, active), changed in place; a start that leads nowhere is replaced.
+def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance, motion, force, active, state, work):
+    """Active-set Newton from (motion, force, active), changed in place; returns the iterations and the residual.
 
-    Returns the number of active contacts, the iterations and the residual.
+    ``state`` holds the number of active contacts and of the rows of the factor that are theirs.
     """
-    n_active, iterations, residual = _newton_steps(
-        torque, output, gap, reducer, laws, bearing, clearance, motion, force, active, n_active, work, n_active > 0
-    )
-    if residual <= ACCEPTED:
-        return n_active, iterations, residual
-    n_active = _interior(torque, output, gap, reducer, laws, bearing, clearance, motion, force, active, work)
-    n_active, more, residual = _newton_steps(
-        torque, output, gap, reducer, laws, bearing, clearance, motion, force, active, n_active, work, False
-    )
-    return n_active, iterations + INTERIOR_STEPS + more, residual
+    factor, projected, held, elastic, depth, miss, slope, balance, tangent, step, spring, thrust = work
+    a, c, k, m, limit = laws
+    n_active, factored = state[0], state[1]
+    previous, residual, changes = np.inf, np.inf, 0
+    for iteration in range(STEP_LIMIT):
+        _deflect(reducer, gap, motion, force, active, n_active, elastic, depth)
+        before = n_active
+        for i in range(gap.shape[0]):
+            if depth[i] > OPEN and force[i] == 0.0:
+                force[i] = _closing_force(depth[i], reducer[1][i, i], a[i], c[i], k[i], m[i], limit[i])
+                active[n_active] = i
+                n_active += 1
+        for j in range(before, n_active):
+            row, f = reducer[1][active[j]], force[active[j]]
+            for i in range(gap.shape[0]):
+                elastic[i] += row[i] * f
+                depth[i] -= row[i] * f
+        if planar:
+            _bearing(bearing, clearance, motion, thrust, spring)
+        off = _misfit(laws, force, active, n_active, elastic, depth, miss, slope)
+        unbalanced = _imbalance(reducer[0], torque, output, planar, spring, force, active, n_active, balance)
+        residual = max(off, unbalanced)
+        if n_active == before and off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
+            state[0], state[1] = n_active, factored
+            return iteration, residual
+        if n_active == before and _worth_renewing(residual, previous):
+            factored = 0
+        previous = residual
+        if factored == 0:
+            held[:] = 0.0
+        sound = n_active > 0
+        while sound and factored < n_active:
+            sound = _add_row(reducer, active, factored, slope, factor, projected, held)
+            factored += 1
+        if not (sound and _newton(n_active, factor, projected, held, planar, spring, miss, balance, tangent, step)):
+            break
+        length = 1.0
+        if n_active != before:
+            changes += 1
+            length = 0.5 if changes > ALTERNATING else 1.0
+        _move(motion, step, length, planar, spring, thrust)
+        pulled = False
+        for j in range(n_active):
+            i = active[j]
+            force[i] += length * miss[j]
+            if force[i] <= 0.0:
+                force[i] = 0.0
+                pulled = True
+        if pulled:
+            n_active = _open_pulled(reducer, laws, gap, motion, force, active, n_active, elastic, depth)
+            factored = 0
+    state[0], state[1] = n_active, 0
+    return STEP_LIMIT, max(residual, 2 * ACCEPTED)
+
+
+@njit(cache=True, nogil=True, fastmath=_MATH)
+def _extrapolate(torques, t, state, active, motions, forces, motion, force):
+    """Start of step t: the two or three steps before with the same contacts, continued to its torque.
+
+    ``motions``, ``forces`` hold the solved steps; ``state[2]`` counts those with the contacts of the last one.
+    """
+    points = min(state[2], 3, t)
+    if points < 2:
+        return
+    weight = np.empty(3)
+    for p in range(points):
+        weight[p] = 1.0
+        for other in range(points):
+            if other != p:
+                weight[p] *= (torques[t] - torques[t - 1 - other]) / (torques[t - 1 - p] - torques[t - 1 - other])
+    for d in range(motion.shape[0]):
+        total = 0.0
+        for p in range(points):
+            total += weight[p] * motions[t - 1 - p, d]
+        motion[d] = total
+    for j in range(state[0]):
+        i = active[j]
+        total = 0.0
+        for p in range(points):
+            total += weight[p] * forces[t - 1 - p, i]
+        if total > 0.0:
+            force[i] = total
 
 
 @njit(cache=True, nogil=True)
-def _solve_batch(torques, output, gap, reducer, laws, bearing, clearance, start, motion, force, iterations, residual):
+def _solve_batch(
+    torques, output, gap, reducer, laws, planar, bearing, clearance, start, motion, force, iterations, residual
+):
     """Every sample through its torques in order; the last four arrays are filled."""
-    n_contacts, n_motions = reducer[0].shape
+    n_motions, n_contacts = reducer[0].shape
     thrust = np.zeros(1)
     work = (
-        np.empty((n_contacts, n_contacts)), np.empty((n_motions, n_contacts)), np.empty(n_contacts),
-        np.empty(n_contacts), np.empty(n_contacts), np.empty(n_motions), np.empty((n_motions, n_motions)),
-        np.empty(n_motions), np.zeros(8), thrust,
+        np.empty((n_contacts, n_contacts)),
+        np.empty((n_motions, n_contacts)),
+        np.empty((n_motions, n_motions)),
+        np.empty(n_contacts),
+        np.empty(n_contacts),
+        np.empty(n_contacts),
+        np.empty(n_contacts),
+        np.empty(n_motions),
+        np.empty((n_motions, n_motions)),
+        np.empty(n_motions),
+        np.zeros(8),
+        thrust,
     )
     active = np.empty(n_contacts, np.int64)
+    state = np.zeros(3, np.int64)  # active contacts, rows of the factor, solved steps with these contacts
     q, f = np.empty(n_motions), np.empty(n_contacts)
     for s in range(gap.shape[0]):
         q[:] = start[s]
         f[:] = 0.0
         thrust[0] = 0.0
-        n_active = 0
+        state[:] = 0
         for t in range(torques.shape[0]):
-            n_active, iterations[s, t], residual[s, t] = _solve_step(
-                torques[t], output, gap[s], reducer, laws, bearing, clearance[s], q, f, active, n_active, work
+            _extrapolate(torques, t, state, active, motion[s], force[s], q, f)
+            iterations[s, t], residual[s, t] = _newton_steps(
+                torques[t], output, gap[s], reducer, laws, planar, bearing, clearance[s], q, f, active, state, work
             )
+            if residual[s, t] > ACCEPTED:
+                state[0] = _interior(
+                    torques[t], output, gap[s], reducer, laws, planar, bearing, clearance[s], q, f, active, work
+                )
+                state[1] = 0
+                more, residual[s, t] = _newton_steps(
+                    torques[t], output, gap[s], reducer, laws, planar, bearing, clearance[s], q, f, active, state, work
+                )
+                iterations[s, t] += INTERIOR_STEPS + more
             motion[s, t] = q
             force[s, t] = f
+            same = t > 0
+            for i in range(n_contacts):
+                same = same and (f[i] > 0.0) == (force[s, t - 1, i] > 0.0)
+            state[2] = state[2] + 1 if same else 1
 
 
 def solve(
@@ -494,28 +556,29 @@ def solve(
     -----
     A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
     """
+    linear = bearing.exponent == 1 and not np.any(bearing_clearance)
+    planar, free = reducer.closing[:, :2], reducer.closing[:, 2 if linear else 0 :]
+    if linear:
+        compliance = compliance + planar @ planar.T / bearing.stiffness
     n, n_contacts = gap.shape
-    n_motions = len(reducer.motions)
-    solution = Equilibria(
-        motion=np.empty((n, len(torque), n_motions)),
-        force=np.empty((n, len(torque), n_contacts)),
-        iterations=np.empty((n, len(torque)), np.int64),
-        residual=np.empty((n, len(torque))),
-        converged=np.empty((n, len(torque)), bool),
-    )
+    shape = (n, len(torque))
+    motion, force = np.empty((*shape, free.shape[1])), np.empty((*shape, n_contacts))
+    iterations, residual = np.empty(shape, np.int64), np.empty(shape)
     _solve_batch(
         np.asarray(torque, float),
-        reducer.output_motion,
+        reducer.output_motion - (2 if linear else 0),
         np.ascontiguousarray(gap),
-        (np.ascontiguousarray(reducer.closing), np.ascontiguousarray(compliance)),
+        (np.ascontiguousarray(free.T), np.ascontiguousarray(compliance)),
         (laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
+        not linear,
         (bearing.stiffness, bearing.exponent),
         np.ascontiguousarray(bearing_clearance, dtype=float),
-        np.ascontiguousarray(start),
-        solution.motion,
-        solution.force,
-        solution.iterations,
-        solution.residual,
+        np.ascontiguousarray(start[:, 2 if linear else 0 :]),
+        motion,
+        force,
+        iterations,
+        residual,
     )
-    np.less_equal(solution.residual, ACCEPTED, out=solution.converged)
-    return solution
+    if linear:
+        motion = np.concatenate([-force @ planar / bearing.stiffness, motion], axis=2)
+    return Equilibria(motion, force, iterations, residual, residual <= ACCEPTED)

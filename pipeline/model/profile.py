@@ -56,15 +56,14 @@ class CycloidProfile:
 
     def locus(self, psi: ArrayLike) -> Complex:
         """Pin centre in the disk frame at the flank parameter ``psi`` [rad], in mm."""
-        psi = np.asarray(psi, float)
-        return self.pin_circle_radius * np.exp(1j * psi) - self.eccentricity * np.exp(1j * self.pins * psi)
+        turn: Complex = 1j * np.asarray(psi, float)
+        return self.pin_circle_radius * np.exp(turn) - self.eccentricity * np.exp(self.pins * turn)
 
     def normal(self, psi: ArrayLike) -> Complex:
         """Unit normal at ``psi`` [rad], from the pin centre to the pitch point, hence into the disk."""
-        psi = np.asarray(psi, float)
-        to_pitch_point = (
-            self.eccentricity * self.pins * np.exp(1j * self.pins * psi) - self.pin_circle_radius * np.exp(1j * psi)
-        )
+        turn: Complex = 1j * np.asarray(psi, float)
+        arm = self.eccentricity * self.pins
+        to_pitch_point: Complex = arm * np.exp(self.pins * turn) - self.pin_circle_radius * np.exp(turn)
         return to_pitch_point / np.abs(to_pitch_point)
 
     def flank(self, psi: ArrayLike) -> Complex:

@@ -129,10 +129,10 @@ def _slide(
     interface: int, bodies: tuple[str, str], stations: np.ndarray, direction: complex, centre: complex, offset: float
 ) -> Contacts:
     """Rollers of one tongue in its slot: faces 0 and 1 at +-h, ends 0 and 1 at +-x, stations from outside."""
-    face, end, station = (
-        grid.ravel() for grid in np.meshgrid([0, 1], [0, 1], np.arange(len(stations)), indexing="ij")
-    )
+    face, end, station = (grid.ravel() for grid in np.meshgrid([0, 1], [0, 1], np.arange(len(stations)), indexing="ij"))
     side, reach = 1 - 2 * face, (1 - 2 * end) * stations[station]
+    across: Complex = 1j * direction * side
+    name, places = f"{bodies[0]}-{bodies[1]}", list(zip(face, end, station, strict=True))
     n = len(side)
     return Contacts(
         kind=np.full(n, OUTPUT),
@@ -142,12 +142,9 @@ def _slide(
         face=face,
         end=end,
         station=station,
-        label=np.array([
-            f"{bodies[0]}-{bodies[1]} face {'+-'[f]} end {'+-'[e]} roller {s}"
-            for f, e, s in zip(face, end, station, strict=True)
-        ]),
-        point=centre + reach * direction + 1j * direction * offset * side,
-        normal=1j * direction * side,
+        label=np.array([f"{name} face {'+-'[f]} end {'+-'[e]} roller {s}" for f, e, s in places]),
+        point=centre + reach * direction + offset * across,
+        normal=across,
         arm=(side * reach).astype(float),
     )
 
@@ -179,11 +176,13 @@ def roller_plate_reducer(profile: CycloidProfile, mechanism: RollerPlate, crank:
     s1 = np.exp(1j * (mechanism.slide_angle + disk_rotation(profile, crank)))
     stations = np.array(mechanism.stations)
     disk_centre = profile.eccentricity * np.exp(1j * crank)
-    contacts = _joined([
-        _pin_list(pins),
-        _slide(0, ("disk", "plate"), stations, s1, disk_centre, mechanism.face_offset),
-        _slide(1, ("plate", "output"), stations, 1j * s1, 0j, mechanism.face_offset),
-    ])
+    contacts = _joined(
+        [
+            _pin_list(pins),
+            _slide(0, ("disk", "plate"), stations, s1, disk_centre, mechanism.face_offset),
+            _slide(1, ("plate", "output"), stations, 1j * s1, 0j, mechanism.face_offset),
+        ]
+    )
     motions: tuple[str, ...] = ("disk_x", "disk_y", "disk_phi", "plate_phi", "output_phi")
     if mechanism.floats:
         motions += ("plate_x", "plate_y")

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import traceback
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,13 +54,13 @@ def ran(captured: str) -> list[str]:
 def test_output_is_what_pandas_users_are_promised(tmp_path: Path) -> None:
     run(STAGES, Toy(), ["finish"], tmp_path, ONE)
     points = pd.read_parquet(tmp_path / "toy/draw/points.parquet")
-    sums = pd.read_parquet(tmp_path / "toy/add/sums.parquet")
+    sums = pd.read_parquet(tmp_path / "toy/add/sums")
     expected = 2 * (points["x_mm"] + points["x_mm"] ** 2).groupby(points["sample"]).sum()
     np.testing.assert_allclose(sums["sum_mm"], expected, rtol=1e-12)
     assert sums["sample"].tolist() == list(range(40))
-    assert sorted(p.name for p in (tmp_path / "toy/add").iterdir()) == ["kept.parquet", "powers.txt", "record.json", "sums.parquet"]
-    assert len(list((tmp_path / "toy/add/sums.parquet").iterdir())) == 4
-    assert len(list((tmp_path / "toy/add/kept.parquet").iterdir())) == 1  # chunks without rows leave no file
+    assert sorted(p.name for p in (tmp_path / "toy/add").iterdir()) == ["kept", "powers.txt", "record.json", "sums"]
+    assert len(list((tmp_path / "toy/add/sums").iterdir())) == 4
+    assert len(list((tmp_path / "toy/add/kept").iterdir())) == 1  # chunks without rows leave no file
     assert pd.read_parquet(tmp_path / "toy/finish/total.parquet")["value"][0] == sums["sum_mm"].mean()
 
 
@@ -71,7 +72,7 @@ def test_record_says_where_a_result_comes_from(tmp_path: Path) -> None:
     assert record["inputs"] == {"draw/points": outputs["draw"].hashes["points"]}
     assert record["packages"] == package_versions()
     assert (record["status"], record["items"], record["chunk"], record["jobs"]) == ("complete", 40, 10, 1)
-    large = pd.read_parquet(tmp_path / "toy/add/sums.parquet")["large"]
+    large = pd.read_parquet(tmp_path / "toy/add/sums")["large"]
     assert record["failed"] == large.sum() > 0
     assert record["tables"]["sums"]["rows"] == 40
     assert [f["first"] for f in record["tables"]["sums"]["files"]] == [0, 10, 20, 30]
@@ -112,9 +113,9 @@ def test_values_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
     two = run(STAGES, Toy(), ["finish"], tmp_path / "2", Resources(jobs=2, chunk=10))
     assert hashes(one) == hashes(two)
     for table in ("sums", "kept"):
-        frames = [pd.read_parquet(tmp_path / jobs / "toy/add" / f"{table}.parquet") for jobs in "12"]
+        frames = [pd.read_parquet(tmp_path / jobs / "toy/add" / table) for jobs in "12"]
         pd.testing.assert_frame_equal(*frames, check_exact=True)
-    part = "toy/add/sums.parquet/part-000000010.parquet"
+    part = "toy/add/sums/part-000000010.parquet"
     assert (tmp_path / "1" / part).read_bytes() == (tmp_path / "2" / part).read_bytes()
 
 
@@ -132,10 +133,10 @@ def test_why_tells_every_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("pipeline.engine.fingerprint.package_versions", lambda: package_versions() | {"numpy": "0"})
     assert why(STAGES, Toy(), "draw", tmp_path) == [f"package numpy {package_versions()['numpy']} -> 0"]
     monkeypatch.undo()
-    (tmp_path / "toy/add/sums.parquet/part-000000010.parquet").unlink()
+    (tmp_path / "toy/add/sums/part-000000010.parquet").unlink()
     (tmp_path / "toy/add/powers.txt").write_text("cut")
     assert why(STAGES, Toy(), "add", tmp_path) == [
-        "output file add/sums.parquet/part-000000010.parquet missing",
+        "output file add/sums/part-000000010.parquet missing",
         "output file add/powers.txt has 3 bytes, not 7",
     ]
 
@@ -174,12 +175,13 @@ def test_a_body_reaches_only_what_its_stage_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_failing_chunk_is_named_and_the_others_are_kept(tmp_path: Path, trouble, jobs: int) -> None:
     trouble(fail_at=23)
-    with pytest.raises(ChunkError, match="add: samples 20 to 29 failed: ValueError: cannot add sample 23.*one job"):
+    with pytest.raises(
+        ChunkError, match="add: samples 20 to 29 failed: ValueError: cannot add sample 23.*one job"
+    ) as caught:
         run(STAGES, Toy(), ["finish"], tmp_path, Resources(jobs, 10))
+    assert 'raise ValueError(f"cannot add' in "".join(traceback.format_exception(caught.value))
     finished = {int(p.stem) for p in (tmp_path / "toy/.work/add/chunks").iterdir()}
-    assert 20 not in finished
-    if jobs == 1:
-        assert finished == {0, 10}
+    assert finished == {0, 10} if jobs == 1 else {0, 10} <= finished <= {0, 10, 30}
     begun = trouble()
     outputs = run(STAGES, Toy(), ["finish"], tmp_path, Resources(jobs, 10))
     assert begun() == sorted({0, 10, 20, 30} - finished)
@@ -201,7 +203,7 @@ def test_a_damaged_finished_chunk_is_solved_again(tmp_path: Path, trouble) -> No
     trouble(fail_at=39)
     with pytest.raises(ChunkError):
         run(STAGES, Toy(), ["add"], tmp_path, ONE)
-    damage(tmp_path / "toy/.work/add/output/sums.parquet/part-000000010.parquet")
+    damage(tmp_path / "toy/.work/add/output/sums/part-000000010.parquet")
     (tmp_path / "toy/.work/add/chunks/000000000.json").write_text('{"failed": 3, ')
     begun = trouble()
     run(STAGES, Toy(), ["add"], tmp_path, ONE)
@@ -247,7 +249,7 @@ def damage(path: Path) -> None:
 
 def test_a_damaged_input_is_named_and_made_again(tmp_path: Path) -> None:
     sound = hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE))
-    for name in ("sums.parquet/part-000000010.parquet", "powers.txt"):
+    for name in ("sums/part-000000010.parquet", "powers.txt"):
         damage(tmp_path / "toy/add" / name)
         (tmp_path / "toy/finish/record.json").unlink()
         with pytest.raises(InputError, match=f"add/{name}: damaged .* run stage add again"):
@@ -265,7 +267,7 @@ def test_a_damaged_input_of_a_chunk_is_named(tmp_path: Path, jobs: int) -> None:
 
 def test_a_lost_output_file_is_made_again(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     run(STAGES, Toy(), ["finish"], tmp_path, ONE)
-    (tmp_path / "toy/add/sums.parquet/part-000000010.parquet").unlink()
+    (tmp_path / "toy/add/sums/part-000000010.parquet").unlink()
     capsys.readouterr()
     run(STAGES, Toy(), ["finish"], tmp_path, ONE)
     assert ran(capsys.readouterr().err) == ["add"]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from pipeline.engine import table as table_module
 from pipeline.engine.store import Cache, Work, write_atomic
 from pipeline.engine.table import Column, Table
+from pipeline.errors import InputError
 
 ROWS = Table("rows", "sample, row", (Column("sample", "int32", "1", ""), Column("x_mm", "float64", "mm", "")))
 SAMPLES = np.repeat(np.arange(20), np.arange(20) % 4)  # samples of 0 to 3 rows
@@ -52,6 +54,20 @@ def test_unsorted_rows_are_not_read_by_item(tmp_path: Path) -> None:
     assert written.read("rows")["sample"].tolist() == [1, 0]
     with pytest.raises(TypeError, match="stage/rows has no rows sorted by sample"):
         written.read_items("rows", 0, 1)
+
+
+def test_a_flipped_bit_that_decodes_is_noticed(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).normal(size=1000)  # does not compress: the bytes of the values stand in the file
+    work = Work(tmp_path, "stage", None)
+    work.write_whole({"rows": ROWS.part({"sample": np.zeros(1000, int), "x_mm": noise})})
+    written = work.publish(work.contents([ROWS]))
+    path = tmp_path / "stage/rows.parquet"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert np.count_nonzero(pq.read_table(path)["x_mm"].to_numpy() != noise) == 1
+    with pytest.raises(InputError, match="rows.parquet: damaged"):
+        written.read("rows")
 
 
 def test_a_name_that_the_stage_does_not_write_is_a_mistake(written) -> None:

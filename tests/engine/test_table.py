@@ -113,7 +113,8 @@ def test_content_hash_is_of_values_not_of_parts(items: list[int], order) -> None
 @pytest.mark.parametrize("name", ["sample", "force_N", "active", "kind"])
 def test_content_hash_sees_a_change_of_one_value(name: str) -> None:
     changed = rows(9) | {name: rows(9)[name].copy()}
-    changed[name][4] = {"sample": 2, "force_N": np.nextafter(0, 1), "active": True, "kind": "roller "}[name]
+    last = 5  # row of an item
+    changed[name][last] = {"sample": 2, "force_N": np.nextafter(0.25, 1), "active": True, "kind": "roller "}[name]
     assert digest(changed) != digest(rows(9))
 
 

@@ -1,0 +1,122 @@
+"""Distributions of the metrics over the samples, with limits and the intervals of their estimates."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pipeline.figures.labels import METRICS
+from pipeline.figures.style import ACCENT, ACCENT_LIGHT, ALARM, INK, MUTED, new_figure, styled
+
+BINS = (8, 40)
+"""Fewest and most bars of a histogram."""
+ESTIMATES = {"p05": "5 %", "mean": "mean", "p95": "95 %"}
+
+
+@styled
+def distributions_figure(
+    values: pd.DataFrame,
+    estimates: pd.DataFrame,
+    limits: Mapping[str, float],
+    nominal: Mapping[str, float],
+) -> Figure:
+    """Histogram of each metric; below it the 5th percentile, the mean and the 95th with their intervals.
+
+    Parameters
+    ----------
+    values : one row a sample, one column a metric (a name of `METRICS`).
+    estimates : ``metric``, ``statistic``, ``value``, ``ci_low``, ``ci_high``; an infinite end of an interval is one that
+        the samples do not determine, drawn as an arrow.
+    limits : metric -> limit; upper, but for metrics of which smaller is worse.
+    nominal : metric -> value of the nominal reducer.
+    """
+    metrics = list(values)
+    lines = -(-len(metrics) // 2)
+    figure = new_figure(3.1 * lines)
+    for axes in figure.subplots(lines, 2, squeeze=False).flat[len(metrics):]:
+        axes.set_visible(False)
+    for axes, metric in zip(figure.axes, metrics, strict=False):
+        rows = estimates[estimates["metric"] == metric].set_index("statistic")
+        _histogram(axes, values[metric].to_numpy(), metric, limits.get(metric), nominal.get(metric))
+        _estimates(axes, rows)
+    return figure
+
+
+def _histogram(axes: Axes, values: np.ndarray, metric: str, limit: float | None, nominal: float | None) -> None:
+    quantity = METRICS[metric]
+    edges = np.histogram_bin_edges(values, "fd") if np.ptp(values) > 0 else np.array([0.0, 1.0])
+    bars = int(np.clip(len(edges) - 1, *BINS)) if np.ptp(values) > 0 else 1
+    counts, edges = np.histogram(values, bars)
+    axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=ACCENT_LIGHT, edgecolor="white", linewidth=0.6)
+    axes.grid(False, axis="x")
+    top = counts.max()
+    inside = [value for value in (limit, nominal) if value is not None and np.isfinite(value)]
+    low, high = min(edges[0], *inside, edges[0]), max(edges[-1], *inside, edges[-1])
+    room = 0.06 * (high - low)
+    axes.set(xlabel=quantity.axis, ylabel="samples", xlim=(low - room, high + room), ylim=(-0.36 * top, 1.12 * top))
+    axes.set_yticks([tick for tick in axes.get_yticks() if 0 <= tick <= top])
+    axes.axhline(0, color=MUTED, linewidth=0.8)
+    if nominal is not None and np.isfinite(nominal):
+        axes.plot([nominal], [0.0], "D", color=INK, markersize=5, markerfacecolor="white", clip_on=False, zorder=5)
+        axes.annotate("nominal", (nominal, 0), (0, 8), textcoords="offset points", ha="center", fontsize=8, color=INK,
+                      bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}, zorder=6)
+    if limit is not None:
+        start, end = axes.get_xlim()
+        axes.axvline(limit, color=ALARM, linewidth=1.3)
+        axes.axvspan(*((start, limit) if quantity.smaller_is_worse else (limit, end)), facecolor=ALARM, alpha=0.07, linewidth=0)
+        right = limit < 0.5 * (start + end)
+        axes.annotate(f"limit {limit:g}", (limit, 1.12 * top), (4 if right else -4, -2), textcoords="offset points",
+                      ha="left" if right else "right", va="top", fontsize=8.5, color=ALARM)
+        axes.set_xlim(start, end)
+
+
+def _estimates(axes: Axes, rows: pd.DataFrame) -> None:
+    """The estimates below the histogram, with bars for the determined ends of their intervals."""
+    start, end = axes.get_xlim()
+    depth = -axes.get_ylim()[0]
+    for line, (name, text) in enumerate(ESTIMATES.items()):
+        if name not in rows.index or not np.isfinite(rows.loc[name, "value"]):
+            continue
+        value, low, high = (float(rows.loc[name, key]) for key in ("value", "ci_low", "ci_high"))
+        y = -depth * (0.22 + 0.3 * line)
+        axes.plot([max(low, start), min(high, end)], [y, y], color=ACCENT, linewidth=2.2, solid_capstyle="butt", alpha=0.55)
+        for bound, marker, edge in ((low, "<", start), (high, ">", end)):
+            if not np.isfinite(bound):
+                axes.plot([edge], [y], marker, color=ACCENT, markersize=4, alpha=0.55, clip_on=False)
+        axes.plot([value], [y], "o", color=ACCENT, markersize=4.5)
+        axes.annotate(text, (1.0, y), (3, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+                      fontsize=8, color=MUTED, va="center")
+
+
+@styled
+def crank_figure(
+    estimates: pd.DataFrame, nominal: pd.DataFrame, metrics: Sequence[str], limits: Mapping[str, float]
+) -> Figure:
+    """Each metric against the crank angle: mean and 5 % to 95 % of the samples, and the nominal reducer.
+
+    Parameters
+    ----------
+    estimates : ``metric``, ``crank_deg``, ``statistic``, ``value``; the rows with a crank angle.
+    nominal : ``crank_deg`` and one column a metric; no rows where the study has no nominal sample.
+    metrics : names of `METRICS`.
+    limits : as in `distributions_figure`.
+    """
+    figure = new_figure(2.8)
+    for axes, metric in zip(figure.subplots(1, len(metrics), squeeze=False)[0], metrics, strict=True):
+        rows = estimates[estimates["metric"] == metric].pivot(index="crank_deg", columns="statistic", values="value")
+        axes.vlines(rows.index, rows["p05"], rows["p95"], color=ACCENT, linewidth=6, alpha=0.3, label="5 % to 95 %")
+        axes.plot(rows.index, rows["mean"], "o", color=ACCENT, markersize=4.5, label="mean")
+        if len(nominal):
+            axes.plot(nominal["crank_deg"], nominal[metric], "D", color=INK, markerfacecolor="white", markersize=4.5,
+                      label="nominal")
+        if metric in limits:
+            axes.axhline(limits[metric], color=ALARM, linewidth=1.2, label="limit")
+        axes.set(xlabel="crank angle (degrees)", title=METRICS[metric].title, ylabel=METRICS[metric].unit)
+        axes.margins(x=0.15, y=0.12)
+        if len(rows) <= 6:
+            axes.set_xticks(rows.index)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return figure

@@ -1,0 +1,167 @@
+"""Torsion angle against torque (the paper's Fig. 14), and what is read off it; deflection of the bearing (Fig. 12)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline.figures.style import (
+    ACCENT_LIGHT,
+    ALARM,
+    COLOURS,
+    INK,
+    MUTED,
+    legend_beside,
+    line_styles,
+    new_figure,
+    styled,
+)
+
+ZOOM = 3.0
+"""Reach of the close-up about zero torque, in lost-motion torques."""
+
+
+@dataclass(frozen=True)
+class Definitions:
+    """Torques at which the metrics are read [N m]: lost motion between +-lost_motion, rigidity from low to high."""
+
+    lost_motion: float
+    rigidity: tuple[float, float]
+
+
+def centred(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Loops (n, n_steps) about the middle of their width at zero torque, where a bench puts its zero.
+
+    Parameters
+    ----------
+    angle : (n, n_steps) [arcmin]
+    branch, torque : (n_steps,) names of the cycle's branches and [N m].
+    """
+    ends = [np.flatnonzero((branch == name) & (torque == 0))[0] for name in ("unloading+", "unloading-")]
+    return angle - angle[:, ends].mean(axis=1, keepdims=True)
+
+
+@styled
+def hysteresis_figure(
+    traces: Mapping[str, pd.DataFrame], spread: pd.DataFrame | None = None, marks: Definitions | None = None
+) -> Figure:
+    """Whole loop, and its middle enlarged with the definitions of backlash and lost motion.
+
+    Parameters
+    ----------
+    traces : label -> rows of ``hysteresis/curves`` of one sample at one crank angle, in the order of steps.
+    spread : ``branch``, ``torque_Nm``, ``low``, ``middle``, ``high`` [arcmin]: 5th, 50th and 95th percentile of the
+        angle over the samples, each loop `centred`, on the branches loading+ and loading-.
+    marks : where to draw the definitions of the metrics, on the first trace.
+    """
+    figure = new_figure(4.4)
+    whole, middle = figure.subplots(1, 2)
+    loops = {label: _centred_frame(rows) for label, rows in traces.items()}
+    for axes in (whole, middle):
+        _draw_spread(axes, spread, "angle")
+        for style, rows in zip(line_styles(loops), loops.values(), strict=True):
+            axes.plot(rows["torque_Nm"], rows["angle_arcmin"], **{**style, "markersize": 2.5})
+        axes.set(xlabel="torque on the output (N m)", ylabel="torsion angle (arcmin)")
+    whole.set_title("Load cycle")
+    middle.set_title("About zero torque")
+    first = next(iter(loops.values()), None)
+    if marks is not None:
+        _zoom(middle, loops, spread, ZOOM * marks.lost_motion)
+        if first is not None:
+            _mark_rigidity(whole, first, marks.rigidity)
+            _mark_widths(middle, first, marks.lost_motion)
+    whole.legend(loc="upper left")
+    return figure
+
+
+@styled
+def bearing_figure(traces: Mapping[str, pd.DataFrame], spread: Mapping[str, pd.DataFrame] | None = None) -> Figure:
+    """Displacement of the disk's centre on the input bearing against torque, along x and y of the housing.
+
+    Parameters
+    ----------
+    traces : as in `hysteresis_figure`.
+    spread : "bearing_x_um" and "bearing_y_um" -> frame as in `hysteresis_figure`, in um and not centred.
+    """
+    figure = new_figure(3.2)
+    for axes, column in zip(figure.subplots(1, 2), ("bearing_x_um", "bearing_y_um"), strict=True):
+        _draw_spread(axes, spread[column] if spread else None, "displacement")
+        for style, rows in zip(line_styles(traces), traces.values(), strict=True):
+            axes.plot(rows["torque_Nm"], rows[column], **{**style, "markersize": 2.5})
+        axes.set(xlabel="torque on the output (N m)", ylabel=f"displacement along {column[8]} (µm)")
+    legend_beside(axes)
+    return figure
+
+
+def _centred_frame(rows: pd.DataFrame) -> pd.DataFrame:
+    angle = centred(
+        rows["angle_arcmin"].to_numpy()[None], np.asarray(rows["branch"]), rows["torque_Nm"].to_numpy()
+    )[0]
+    return rows.assign(angle_arcmin=angle)
+
+
+def _draw_spread(axes: Axes, spread: pd.DataFrame | None, what: str) -> None:
+    if spread is None:
+        return
+    for number, (_, rows) in enumerate(spread.groupby("branch", observed=True)):
+        once = number == 0
+        axes.fill_between(
+            rows["torque_Nm"], rows["low"], rows["high"], color=ACCENT_LIGHT, linewidth=0,
+            label="5 % to 95 % of samples" if once else None,
+        )
+        axes.plot(
+            rows["torque_Nm"], rows["middle"], color=INK, linewidth=1.0, linestyle="--",
+            label=f"median {what}" if once else None,
+        )
+
+
+def _at(rows: pd.DataFrame, torque: float, branch: str) -> float:
+    """Angle of a loop at one of its torques [arcmin]."""
+    mine = rows[np.asarray(rows["branch"]) == branch]
+    return float(mine["angle_arcmin"].iloc[int(np.argmin(np.abs(mine["torque_Nm"].to_numpy() - torque)))])
+
+
+def _mark_rigidity(axes: Axes, loop: pd.DataFrame, torque: tuple[float, float]) -> None:
+    angle = [_at(loop, level, "loading+") for level in torque]
+    axes.plot([torque[0], torque[1], torque[1]], [angle[0], angle[0], angle[1]], color=ALARM, linewidth=1.2)
+    axes.plot(torque, angle, "o", color=ALARM, markersize=5, markerfacecolor="white", zorder=4)
+    axes.text(torque[1], angle[0] - 0.03 * np.ptp(axes.get_ylim()), "torsional rigidity:\nΔ torque / Δ angle",
+              color=ALARM, ha="right", va="top", fontsize=8.5)
+
+
+def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
+    """Arrows of the width at zero torque and of the lost motion between the loop's centre lines."""
+    reach = axes.get_xlim()[1]
+    for place, level, pair, text, colour in (
+        (0.0, 0.0, ("unloading+", "unloading-"), "clearance backlash", ALARM),
+        (0.62 * reach, torque, ("loading+", "loading-"), "lost motion", COLOURS[2]),
+    ):
+        high, low = _at(loop, level, pair[0]), _at(loop, -level, pair[1])
+        for end, angle in ((level, high), (-level, low)):
+            axes.plot([end, place], [angle, angle], color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
+            axes.plot(end, angle, "o", color=colour, markersize=5, markerfacecolor="white", zorder=4)
+        if high - low > 0.02 * np.ptp(axes.get_ylim()):
+            axes.annotate("", (place, high), (place, low), zorder=5,
+                          arrowprops={"arrowstyle": "<|-|>", "color": colour, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})
+        axes.text(place + 0.04 * reach, low + 0.3 * (high - low), text, color=colour, fontsize=8.5, va="center",
+                  bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5})
+    for level in (-torque, torque):
+        axes.axvline(level, color=MUTED, linewidth=0.8, linestyle=":")
+
+
+def _zoom(axes: Axes, loops: Mapping[str, pd.DataFrame], spread: pd.DataFrame | None, reach: float) -> None:
+    """Axes within ``reach`` [N m] of zero torque, as high as the curves are there."""
+    frames = [(rows, ("angle_arcmin",)) for rows in loops.values()]
+    frames += [(spread, ("low", "high"))] if spread is not None else []
+    top = 0.0
+    for rows, columns in frames:
+        for column in columns:
+            inside = np.abs(rows["torque_Nm"].to_numpy()) <= 1.1 * reach
+            top = max(top, float(np.max(np.abs(rows[column].to_numpy()[inside]), initial=0.0)))
+    axes.set_xlim(-reach, reach)
+    if top > 0:
+        axes.set_ylim(-1.1 * top, 1.1 * top)

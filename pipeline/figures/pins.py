@@ -1,0 +1,103 @@
+"""How the pins carry the load: dead zones, forces and deformations by pin number (the paper's Fig. 9 to 11)."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pipeline.figures.style import ALARM, legend_beside, line_styles, new_figure, rising_styles, styled
+
+MARGIN = 2
+"""Pins shown beyond the first and last loaded one."""
+
+
+@styled
+def dead_zones_figure(traces: Mapping[str, pd.DataFrame]) -> Figure:
+    """Clearance of every pin and how far the bodies approach there: contact where the approach exceeds the clearance.
+
+    Parameters
+    ----------
+    traces : label -> rows of ``hysteresis/contacts`` of the pins of one sample at one step: contact, clearance_um,
+        approach_um, force_N. One panel each.
+    """
+    figure = new_figure(0.6 + 2.3 * len(traces))
+    panels = figure.subplots(len(traces), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (label, rows) in zip(panels, traces.items(), strict=True):
+        loaded = rows[rows["force_N"] > 0]
+        axes.bar(rows["contact"], rows["clearance_um"], width=0.8, color="#d3dae1", label="clearance")
+        axes.plot(
+            rows["contact"], rows["approach_um"], "o", color="#66727f", markersize=3, label="approach of the bodies"
+        )
+        axes.plot(loaded["contact"], loaded["approach_um"], "s", color=ALARM, markersize=4.5, label="approach, in contact")
+        top = max(rows["clearance_um"].max(), rows["approach_um"].max(), 0.0)
+        axes.set_ylim(min(rows["clearance_um"].min(), 0.0) * 1.1, 1.08 * top if top > 0 else 1.0)
+        axes.set(title=f"{label}: {len(loaded)} pins in contact", ylabel="distance (µm)")
+        axes.margins(x=0.01)
+    panels[-1].set_xlabel("pin number")
+    legend_beside(panels[0])
+    return figure
+
+
+@styled
+def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -> Figure:
+    """Contact force and contact deformation of the loaded pins against pin number.
+
+    Parameters
+    ----------
+    traces : label -> rows of ``hysteresis/contacts`` of the pins of one sample at one step: contact, force_N,
+        penetration_um.
+    rising : whether the labels are steps of one rising quantity, the torque, and not separate cases.
+    """
+    figure = new_figure(4.6)
+    force, depth = figure.subplots(2, 1, sharex=True)
+    for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
+        loaded = rows["force_N"] > 0
+        force.plot(rows["contact"], rows["force_N"].where(loaded), **style)
+        depth.plot(rows["contact"], rows["penetration_um"].where(loaded), **style)
+    force.set(ylabel="contact force (N)", ylim=(0, None))
+    depth.set(ylabel="deformation (µm)", xlabel="pin number", ylim=(0, None))
+    numbers = np.concatenate([rows["contact"][rows["force_N"] > 0] for rows in traces.values()])
+    if numbers.size:
+        force.set_xlim(numbers.min() - MARGIN, numbers.max() + MARGIN)
+    legend_beside(force)
+    return figure
+
+
+@styled
+def roller_loads_figure(traces: Mapping[str, pd.DataFrame], contacts: pd.DataFrame, rising: bool = False) -> Figure:
+    """Contact force and deformation of the loaded output rollers, from outside to inside (the paper's Fig. 13).
+
+    Parameters
+    ----------
+    traces : label -> rows of ``hysteresis/contacts`` of one sample at one step, all contacts.
+    contacts : rows of ``clearance/contacts`` at the same crank angle.
+    rising : as in `pin_loads_figure`.
+
+    Notes
+    -----
+    One sense of torque loads one face at each end of a tongue: end 0 is drawn solid, end 1 dotted.
+    """
+    rollers = contacts.loc[contacts["kind"] == "output", ["contact", "interface", "face", "end", "station", "body_a", "body_b"]]
+    figure = new_figure(4.6)
+    grid = figure.subplots(2, 2, sharex=True, sharey="row")
+    for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
+        for (interface, end, _), row in rows.merge(rollers, on="contact").groupby(["interface", "end", "face"]):
+            loaded = row["force_N"] > 0
+            if not loaded.any():
+                continue
+            line = {**style, "label": style["label"] if end == 0 else None, "linestyle": "-" if end == 0 else ":"}
+            grid[0, interface].plot(row["station"], row["force_N"].where(loaded), **line)
+            grid[1, interface].plot(row["station"], row["penetration_um"].where(loaded), **line)
+    for interface, row in rollers.groupby("interface"):
+        grid[0, interface].set_title(f"{row['body_a'].iloc[0]} to {row['body_b'].iloc[0]}".capitalize())
+        grid[1, interface].set(xlabel="roller, 0 outside", xticks=sorted(row["station"].unique()))
+    grid[0, 0].set(ylabel="contact force (N)", ylim=(0, None))
+    grid[1, 0].set(ylabel="deformation (µm)", ylim=(0, None))
+    legend_beside(grid[0, 1])
+    return figure
+
+
+def _styles(rising: bool) -> Callable[[Mapping[str, Any]], Iterator[dict[str, Any]]]:
+    return rising_styles if rising else line_styles

@@ -1,0 +1,254 @@
+"""The figures of a report: which rows each one draws, and what its caption says."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pipeline.config.design import Design
+from pipeline.figures.clearances import pin_clearances_figure
+from pipeline.figures.distributions import crank_figure, distributions_figure
+from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
+from pipeline.figures.labels import METRICS
+from pipeline.figures.pins import dead_zones_figure, pin_loads_figure, roller_loads_figure
+from pipeline.figures.reducer import reducer_figure
+from pipeline.figures.sensitivity import sensitivity_figure
+from pipeline.figures.spread import spread_frame
+from pipeline.figures.springs import spring_laws_figure
+from pipeline.model.profile import CycloidProfile, disk_rotation
+from pipeline.report.frames import Frames
+from pipeline.report.wording import counted, plain
+
+FLANK_POINTS_PER_LOBE = 60
+RISING = (0.25, 0.5, 1.0)
+"""Shares of the largest torque that join the lost-motion torque in the figures of growing torque."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure of the report; `name` is the stem of its files and its place in the page."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+def drawings(frames: Frames) -> Iterator[Drawing]:
+    """All figures that the frames have rows for, one after the other, so that each can be written and forgotten."""
+    yield _reducer(frames)
+    yield _springs(frames)
+    yield _clearances(frames)
+    yield from _loads(frames)
+    yield from _loops(frames)
+    if not frames.listed and len(frames.worst):
+        yield _distributions(frames)
+        if len(frames.study.cycle.crank_deg) > 1:
+            yield _cranks(frames)
+        yield from _drivers(frames)
+
+
+def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
+    """Closed outline of the disk in the housing frame (n_points,) [mm], x + iy."""
+    cycloid = design.cycloid
+    profile = CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
+    crank = np.radians(crank_deg)
+    psi = np.linspace(0, 2 * np.pi, FLANK_POINTS_PER_LOBE * profile.lobes + 1)
+    return profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank)) + profile.eccentricity * np.exp(1j * crank)
+
+
+def _reducer(frames: Frames) -> Drawing:
+    design, crank = frames.study.design, frames.crank_deg
+    figure = reducer_figure(
+        frames.at_crank(frames.contacts),
+        flank_outline(design, crank),
+        crank,
+        design.cycloid.pin_radius_mm,
+        design.output.roller_radius_mm,
+    )
+    return Drawing(
+        "reducer",
+        "Numbers of pins and rollers",
+        "Pins are counted clockwise from the direction of the eccentric at crank angle 0. The rollers of each row are "
+        "counted from outside to inside; beside each row stand the numbers of its contacts in the tables.",
+        figure,
+    )
+
+
+def _springs(frames: Frames) -> Drawing:
+    return Drawing(
+        "spring_laws",
+        "Spring laws",
+        "Local deformation and tangent stiffness of single contacts, beyond their clearance. What the disk yields as a "
+        "whole comes on top. Dashed: beyond the law's range its tangent goes on.",
+        spring_laws_figure(frames.at_crank(frames.laws), frames.at_crank(frames.contacts)),
+    )
+
+
+def _clearances(frames: Frames) -> Drawing:
+    pins = frames.study.design.cycloid.pins
+    gaps = frames.at_crank(frames.gaps)
+    of_pins = gaps[gaps["contact"] < pins]
+    traces = {label: of_pins[of_pins["sample"] == sample] for label, sample in frames.drawn.items()}
+    spread = None
+    if len(frames.band) > 1:
+        spread = spread_frame(frames.of_band(frames.gaps, "clearance_um")[:, :pins], contact=np.arange(pins))
+    return Drawing(
+        "clearances",
+        "Clearance between disk and pins",
+        f"At crank angle {plain(frames.crank_deg)}°, before any load. Equal errors of the pins do not give equal "
+        f"clearances. Negative values are interference.{_of_band(frames, spread)}",
+        pin_clearances_figure(traces, spread),
+    )
+
+
+def _loads(frames: Frames) -> Iterator[Drawing]:
+    """Forces on pins and rollers of the drawn samples whose contacts were kept."""
+    kept = {
+        label: rows
+        for label, sample in frames.drawn.items()
+        if len(rows := frames.at_crank(frames.loads[frames.loads["sample"] == sample]))
+    }
+    if not kept:
+        return
+    study, pins = frames.study, frames.study.design.cycloid.pins
+    torques = _rising_torques(frames, next(iter(kept.values())))
+    low, crank = torques[0], plain(frames.crank_deg)
+    at_low = {label: _at_torque(frames, rows, low) for label, rows in kept.items()}
+    of_pins = {label: rows[rows["contact"] < pins] for label, rows in at_low.items()}
+    yield Drawing(
+        "dead_zones",
+        f"Clearance and approach at {plain(low)} N m",
+        f"At crank angle {crank}° and {plain(study.metrics.lost_motion_percent)} % of the rated torque. A pin carries "
+        "load where the bodies approach each other by more than its clearance.",
+        dead_zones_figure(of_pins),
+    )
+    contacts = frames.at_crank(frames.contacts)
+    if len(kept) > 1:
+        traces, rising, what = at_low, False, f"at {plain(low)} N m"
+    else:
+        (label, rows), = kept.items()
+        traces = {f"{plain(torque)} N m": _at_torque(frames, rows, torque) for torque in torques}
+        rising, what = True, f"of the {label} under growing torque"
+    yield Drawing(
+        "pin_loads",
+        f"Contact forces and deformations of the pins {what}",
+        f"At crank angle {crank}°. The deformation is that of the contact and of the disk under it.",
+        pin_loads_figure({name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
+    )
+    yield Drawing(
+        "roller_loads",
+        f"Forces on the output rollers {what}",
+        f"At crank angle {crank}°; one sense of torque loads one face at each end of a slide. Solid: end 0, dotted: "
+        "end 1. The outermost roller (0) has the longest arm and closes first.",
+        roller_loads_figure(traces, contacts, rising),
+    )
+
+
+def _rising_torques(frames: Frames, rows: pd.DataFrame) -> list[float]:
+    """The lost-motion torque and some larger ones that the load cycle visits, ascending [N m]."""
+    visited = np.unique(rows["torque_Nm"].to_numpy())
+    lost_motion = frames.study.design.cycloid.rated_torque_Nm * frames.study.metrics.lost_motion_percent / 100
+    wanted = [lost_motion, *(share * visited[-1] for share in RISING)]
+    return sorted({float(visited[np.argmin(np.abs(visited - torque))]) for torque in wanted})
+
+
+def _at_torque(frames: Frames, rows: pd.DataFrame, torque: float) -> pd.DataFrame:
+    """Contacts at the first step of the cycle that has this torque."""
+    return rows[rows["step"] == rows.loc[rows["torque_Nm"] == torque, "step"].min()]
+
+
+def _loops(frames: Frames) -> Iterator[Drawing]:
+    study, metrics = frames.study, frames.study.metrics
+    at_crank = frames.at_crank(frames.curves)
+    traces = {label: at_crank[at_crank["sample"] == sample] for label, sample in frames.drawn.items()}
+    spreads = _loop_spreads(frames) if len(frames.band) > 1 else None
+    rated = study.design.cycloid.rated_torque_Nm
+    low, high = metrics.rigidity_percent
+    marks = Definitions(rated * metrics.lost_motion_percent / 100, (rated * low / 100, rated * high / 100))
+    centre = " Each loop is drawn about the middle of its width at zero torque." if spreads else ""
+    yield Drawing(
+        "hysteresis",
+        "Torsion angle against torque",
+        f"At crank angle {plain(frames.crank_deg)}°, input held; marked are the definitions of the metrics. Without "
+        "friction loading and unloading coincide outside the free play."
+        f"{centre}{_of_band(frames, spreads)}",
+        hysteresis_figure(traces, spreads["angle_arcmin"] if spreads else None, marks),
+    )
+    yield Drawing(
+        "bearing",
+        "Displacement of the disk on the input bearing",
+        f"At crank angle {plain(frames.crank_deg)}°, in the housing's directions; the eccentric points along "
+        f"{_direction(frames.crank_deg)}.{_of_band(frames, spreads)}",
+        bearing_figure(traces, spreads),
+    )
+
+
+def _loop_spreads(frames: Frames) -> Mapping[str, pd.DataFrame]:
+    """Spread of angle and bearing displacement over the samples, on the two branches that span all torques."""
+    steps = len(frames.of_band(frames.curves, "torque_Nm")[0])
+    branch = np.asarray(frames.curves["branch"].iloc[:steps])
+    torque = frames.curves["torque_Nm"].to_numpy()[:steps]
+    chosen = (branch == "loading+") | (branch == "loading-")
+    values = {name: frames.of_band(frames.curves, name) for name in ("angle_arcmin", "bearing_x_um", "bearing_y_um")}
+    values["angle_arcmin"] = centred(values["angle_arcmin"], branch, torque)
+    return {
+        name: spread_frame(value[:, chosen], branch=branch[chosen], torque_Nm=torque[chosen])
+        for name, value in values.items()
+    }
+
+
+def _distributions(frames: Frames) -> Drawing:
+    worst = frames.distributions[frames.distributions["crank_deg"].isna()]
+    shown = [name for name in frames.shown_metrics if np.ptp(frames.worst[name].to_numpy()) >= 0]
+    level = plain(100 * frames.study.metrics.confidence)
+    return Drawing(
+        "distributions",
+        "Distributions of the metrics over the samples",
+        f"Worst value of each of {counted(len(frames.worst), 'sample')} over the crank angles. Below each histogram: 5 % "
+        f"quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead marks an end that the samples do "
+        "not determine. Beyond the limit the ground is shaded.",
+        distributions_figure(frames.worst[shown], worst, frames.limits, frames.worst_of(frames.nominal)),
+    )
+
+
+def _cranks(frames: Frames) -> Drawing:
+    metrics = [name for name in ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")]
+    by_crank = frames.distributions[frames.distributions["crank_deg"].notna()]
+    return Drawing(
+        "cranks",
+        "The metrics at each crank angle",
+        "Mean, 5 % to 95 % quantile over the samples, and the nominal reducer.",
+        crank_figure(by_crank, frames.nominal, metrics, frames.limits),
+    )
+
+
+def _drivers(frames: Frames) -> Iterator[Drawing]:
+    table = frames.sensitivity
+    for metric in frames.shown_metrics:
+        rows = table[(table["metric"] == metric) & np.isfinite(table["index"].to_numpy(float))]
+        if len(rows):
+            yield Drawing(
+                f"drivers_{metric}",
+                f"Which tolerance drives the {METRICS[metric].title.lower()}",
+                f"Worst over the crank angles. Lines: {plain(100 * frames.study.metrics.confidence)} % intervals. Pale bars: "
+                "the interval holds 0.",
+                sensitivity_figure(rows),
+            )
+
+
+def _of_band(frames: Frames, spread: object) -> str:
+    """Which samples the band is of."""
+    if spread is None:
+        return ""
+    n, rows = len(frames.band), frames.study.samples.count
+    return f" The band is over {'the first ' if n < rows - len(frames.failed) else ''}{counted(n, 'sample')}."
+
+
+def _direction(crank_deg: float) -> str:
+    names: dict[float, str] = {0.0: "+x", 90.0: "+y", 180.0: "−x", 270.0: "−y"}
+    return names.get(crank_deg, f"{plain(crank_deg)}° from x, counterclockwise")
+
+

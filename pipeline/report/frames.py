@@ -1,0 +1,134 @@
+"""What a report is made of: the study and its tables, and which of their rows the figures draw."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.config.study import Study
+from pipeline.figures.labels import METRICS
+
+DRAWN_CASES = 6
+"""Cases that share a figure; more lines could not be told apart."""
+OK = "ok"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Tables of a run. Rows are sorted by sample, crank angle and what else a table counts, on a full grid.
+
+    Attributes
+    ----------
+    study : the settings.
+    metrics, distributions, sensitivity : of ``aggregate``, whole.
+    worst : (n,) worst metrics over the crank angles, by sample; the nominal sample and failed ones left out.
+    status : of ``hysteresis``, whole.
+    contacts : of ``clearance``: the nominal contacts at every crank angle.
+    gaps, curves : of ``clearance`` and ``hysteresis``: the rows of the first samples, all of them or enough for a band.
+    loads : ``hysteresis/contacts`` of the drawn samples, as far as they were kept.
+    laws : of ``springs``.
+    mesh : number of triangles and of nodes of the disk.
+    """
+
+    study: Study
+    metrics: pd.DataFrame
+    worst: pd.DataFrame
+    distributions: pd.DataFrame
+    sensitivity: pd.DataFrame
+    status: pd.DataFrame
+    contacts: pd.DataFrame
+    gaps: pd.DataFrame
+    curves: pd.DataFrame
+    loads: pd.DataFrame
+    laws: pd.DataFrame
+    mesh: tuple[int, int]
+
+    @property
+    def listed(self) -> bool:
+        """Whether the samples are listed cases, so that there is nothing random about them."""
+        return self.study.samples.experiment == "cases"
+
+    @property
+    def crank_deg(self) -> float:
+        """The crank angle of the figures: the study's first."""
+        return self.study.cycle.crank_deg[0]
+
+    @cached_property
+    def failed(self) -> pd.DataFrame:
+        """Rows of `status` without a result."""
+        return self.status[np.asarray(self.status["status"]) != OK]
+
+    @cached_property
+    def drawn(self) -> dict[str, int]:
+        """Sample of each line of a figure, by label: the nominal reducer, or the cases; failed ones left out."""
+        return drawn_samples(self.study, self.failed)
+
+    @cached_property
+    def band(self) -> NDArray[np.intp]:
+        """Samples whose spread is drawn: those at hand, but for the nominal and failed ones; none of listed cases."""
+        at_hand = np.unique(self.curves["sample"].to_numpy())
+        left_out = set(self.failed["sample"]) | ({0} if self.study.samples.nominal_first else set())
+        return np.array([sample for sample in at_hand if sample not in left_out and not self.listed], np.intp)
+
+    @cached_property
+    def shown_metrics(self) -> list[str]:
+        """Metrics worth a row: without friction the zero-torque width is the backlash and the hysteresis loss nil."""
+        frictionless = not np.any(self.metrics["hysteresis_loss_arcmin"] > 0)
+        redundant = ("zero_torque_width_arcmin", "hysteresis_loss_arcmin") if frictionless else ()
+        limits = self.limits
+        return [name for name in METRICS if name not in redundant or name in limits]
+
+    @cached_property
+    def limits(self) -> dict[str, float]:
+        """The limits that the study sets, by metric."""
+        limits = {name: getattr(self.study.limits, name) for name in METRICS}
+        return {name: limit for name, limit in limits.items() if limit is not None}
+
+    @cached_property
+    def nominal(self) -> pd.DataFrame:
+        """Metrics of the nominal reducer, one row a crank angle that has a result; no rows without such a sample."""
+        rows = self.metrics[self.metrics["sample"] == 0] if self.study.samples.nominal_first else self.metrics[:0]
+        return rows[np.asarray(rows["status"]) == OK]
+
+    def at_crank(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Rows at the crank angle of the figures."""
+        return table[table["crank_deg"] == self.crank_deg]
+
+    def worst_of(self, rows: pd.DataFrame) -> dict[str, float]:
+        """Worst of each metric over rows of one sample; NaN where a crank angle has no result."""
+        whole = len(rows) == len(self.study.cycle.crank_deg) and np.all(np.asarray(rows["status"]) == OK)
+        return {
+            name: float(rows[name].min() if quantity.smaller_is_worse else rows[name].max()) if whole else np.nan
+            for name, quantity in METRICS.items()
+        }
+
+    def of_band(self, table: pd.DataFrame, column: str) -> NDArray[np.float64]:
+        """Values (n_band, n_columns) of a table on the full grid, at the crank angle of the figures."""
+        samples = table["sample"].to_numpy()
+        first, n = int(samples[0]), len(np.unique(samples))
+        values = table[column].to_numpy().reshape(n, len(self.study.cycle.crank_deg), -1)
+        return values[self.band - first, 0]
+
+
+def case_label(study: Study, sample: int) -> str:
+    """What a sample is called: a case by its label."""
+    if sample == 0 and study.samples.nominal_first:
+        return "nominal reducer"
+    if study.samples.experiment == "cases":
+        return study.cases[sample - int(study.samples.nominal_first)].label
+    return f"sample {sample}"
+
+
+def drawn_samples(study: Study, failed: pd.DataFrame) -> dict[str, int]:
+    """Sample of each line of a figure, by label.
+
+    Parameters
+    ----------
+    study : its samples and cases.
+    failed : ``sample`` and ``crank_deg`` of the loops without a result.
+    """
+    n = min(study.samples.rows, DRAWN_CASES) if study.samples.experiment == "cases" else 1
+    lost = set(failed.loc[failed["crank_deg"] == study.cycle.crank_deg[0], "sample"])
+    return {case_label(study, sample): sample for sample in range(n) if sample not in lost}

@@ -1,0 +1,50 @@
+"""Numbers as the report writes them: their digits, their intervals, and what the samples do not determine."""
+
+import math
+
+from pipeline.figures.labels import Quantity
+
+NOTHING = "\u2013"
+"""En dash: no value, or an end of an interval that the samples do not determine."""
+UNDETERMINED = "not determined"
+
+SHARE = Quantity("Share of units", "%", 1)
+
+
+def number(value: float, quantity: Quantity) -> str:
+    """The value with the quantity's digits; an en dash for none."""
+    return quantity.text(value) if math.isfinite(value) else NOTHING
+
+
+def interval(low: float, high: float, quantity: Quantity) -> str:
+    """A confidence interval; an en dash stands for an undetermined end."""
+    if not (math.isfinite(low) or math.isfinite(high)):
+        return UNDETERMINED
+    return f"{number(low, quantity)} to {number(high, quantity)}"
+
+
+def percent(share: float) -> str:
+    """A share in percent, with its sign."""
+    return f"{number(100 * share, SHARE)} %" if math.isfinite(share) else NOTHING
+
+
+def percent_interval(low: float, high: float) -> str:
+    """A confidence interval of a share in percent."""
+    text = interval(100 * low, 100 * high, SHARE)
+    return text if text == UNDETERMINED else f"{text} %"
+
+
+def plain(value: float | int) -> str:
+    """A setting as it was typed, with digits grouped from 10,000 on."""
+    text = f"{value:,.10g}" if abs(value) >= 1e4 else f"{value:.10g}"
+    return text.replace("-", "\u2212")
+
+
+def counted(count: int, singular: str, plural: str | None = None) -> str:
+    """``1 sample``, ``2,000 samples``."""
+    return f"{count:,} {singular if count == 1 else plural or singular + 's'}"
+
+
+def listed(texts: list[str], last: str = "and") -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {last} {texts[-1]}" if texts else NOTHING
