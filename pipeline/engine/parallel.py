@@ -1,8 +1,8 @@
 """Chunks on any joblib backend: what crosses to a worker and back, how much is in flight, what an error says.
 
 A worker gets the stage, its chunk's input rows and a handle of what all chunks share, and returns Parquet bytes: no
-shared file system is needed, and compression runs in parallel. Results are independent of the backend, since every
-chunk runs the same function with one BLAS thread.
+shared file system is needed, and compression runs in parallel. On one machine every chunk runs the same function with
+one BLAS thread, for any number of processes; workers elsewhere are started by their owner, who sets the same.
 """
 
 import os
@@ -114,7 +114,7 @@ def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved:
 
 
 def _attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved | Exception:
-    """As `solve_chunk`, with an error as a value: raised here, it would end the other workers and lose their results."""
+    """As `solve_chunk`, with an error as a value: raised, it would end the other workers and lose their results."""
     try:
         return solve_chunk(stage, shared, chunk)
     except (ChunkError, InputError) as error:

@@ -1,6 +1,6 @@
 """Files of a run: reading what a stage left, building the next output beside it, swapping it in when complete.
 
-<runs>/<study>/<stage>/            record.json, <table>.parquet or <table>/part-*.parquet, extra files
+<runs>/<study>/<stage>/            record.json, <table>.parquet (a file, or a folder of part-*.parquet), extra files
 <runs>/<study>/.work/<stage>/      the stage being built: state.json, chunks/ (what is finished), output/
 <runs>/<study>/.lock               held while a process writes the run
 <runs>/.cache/<sha256>/            computations shared by studies
@@ -215,7 +215,7 @@ class Work:
 
     def write_chunk(self, start: int, parts: Mapping[str, Part], failed: int) -> None:
         """Write the parts of a chunk, then the note that says it is finished."""
-        files = {table: self._write(f"{table}/part-{start:09d}.parquet", part) for table, part in parts.items()}
+        files = {table: self._write(f"{table}.parquet/part-{start:09d}.parquet", part) for table, part in parts.items()}
         self.finished[start] = {"failed": failed, "parts": files}
         write_json(self.folder / "chunks" / f"{start:09d}.json", self.finished[start])
 
@@ -238,7 +238,7 @@ class Work:
             parts = [self.finished[start]["parts"] for start in sorted(self.finished)]
             files = [part[table.name] for part in parts if table.name in part]
             # a table without rows still says its columns
-            files = files or [self._write(f"{table.name}/part-{0:09d}.parquet", table.part(table.empty()))]
+            files = files or [self._write(f"{table.name}.parquet/part-{0:09d}.parquet", table.part(table.empty()))]
             described[table.name] = table_record(table, files)
         written = {file["name"] for entry in described.values() for file in entry["files"]} | {RECORD}
         names = sorted(p.relative_to(self.output).as_posix() for p in self.output.rglob("*") if p.is_file())

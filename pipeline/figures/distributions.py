@@ -8,8 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.figures.labels import METRICS
-from pipeline.figures.style import ACCENT, ACCENT_LIGHT, ALARM, INK, MUTED, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, legend_below, new_figure, styled
 
+BARS = "#a9cbe4"
 BINS = (8, 40)
 """Fewest and most bars of a histogram."""
 ESTIMATES = {"p05": "5 %", "mean": "mean", "p95": "95 %"}
@@ -27,8 +28,8 @@ def distributions_figure(
     Parameters
     ----------
     values : one row a sample, one column a metric (a name of `METRICS`).
-    estimates : ``metric``, ``statistic``, ``value``, ``ci_low``, ``ci_high``; an infinite end of an interval is one that
-        the samples do not determine, drawn as an arrow.
+    estimates : ``metric``, ``statistic``, ``value``, ``ci_low``, ``ci_high``; an infinite end of an interval is one
+        that the samples do not determine, drawn as an arrow.
     limits : metric -> limit; upper, but for metrics of which smaller is worse.
     nominal : metric -> value of the nominal reducer.
     """
@@ -49,11 +50,11 @@ def _histogram(axes: Axes, values: np.ndarray, metric: str, limit: float | None,
     edges = np.histogram_bin_edges(values, "fd") if np.ptp(values) > 0 else np.array([0.0, 1.0])
     bars = int(np.clip(len(edges) - 1, *BINS)) if np.ptp(values) > 0 else 1
     counts, edges = np.histogram(values, bars)
-    axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=ACCENT_LIGHT, edgecolor="white", linewidth=0.6)
+    axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=BARS, edgecolor="white", linewidth=0.6)
     axes.grid(False, axis="x")
     top = counts.max()
     inside = [value for value in (limit, nominal) if value is not None and np.isfinite(value)]
-    low, high = min(edges[0], *inside, edges[0]), max(edges[-1], *inside, edges[-1])
+    low, high = min([edges[0], *inside]), max([edges[-1], *inside])
     room = 0.06 * (high - low)
     axes.set(xlabel=quantity.axis, ylabel="samples", xlim=(low - room, high + room), ylim=(-0.36 * top, 1.12 * top))
     axes.set_yticks([tick for tick in axes.get_yticks() if 0 <= tick <= top])
@@ -65,7 +66,8 @@ def _histogram(axes: Axes, values: np.ndarray, metric: str, limit: float | None,
     if limit is not None:
         start, end = axes.get_xlim()
         axes.axvline(limit, color=ALARM, linewidth=1.3)
-        axes.axvspan(*((start, limit) if quantity.smaller_is_worse else (limit, end)), facecolor=ALARM, alpha=0.07, linewidth=0)
+        failing = (start, limit) if quantity.smaller_is_worse else (limit, end)
+        axes.axvspan(*failing, facecolor=ALARM, alpha=0.07, linewidth=0)
         right = limit < 0.5 * (start + end)
         axes.annotate(f"limit {limit:g}", (limit, 1.12 * top), (4 if right else -4, -2), textcoords="offset points",
                       ha="left" if right else "right", va="top", fontsize=8.5, color=ALARM)
@@ -81,7 +83,8 @@ def _estimates(axes: Axes, rows: pd.DataFrame) -> None:
             continue
         value, low, high = (float(rows.loc[name, key]) for key in ("value", "ci_low", "ci_high"))
         y = -depth * (0.22 + 0.3 * line)
-        axes.plot([max(low, start), min(high, end)], [y, y], color=ACCENT, linewidth=2.2, solid_capstyle="butt", alpha=0.55)
+        axes.plot([max(low, start), min(high, end)], [y, y], color=ACCENT, linewidth=2.2, solid_capstyle="butt",
+                  alpha=0.55)
         for bound, marker, edge in ((low, "<", start), (high, ">", end)):
             if not np.isfinite(bound):
                 axes.plot([edge], [y], marker, color=ACCENT, markersize=4, alpha=0.55, clip_on=False)
@@ -117,6 +120,5 @@ def crank_figure(
         axes.margins(x=0.15, y=0.12)
         if len(rows) <= 6:
             axes.set_xticks(rows.index)
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    legend_below(figure, axes)
     return figure

@@ -15,7 +15,7 @@ from pipeline.figures.style import (
     COLOURS,
     INK,
     MUTED,
-    legend_beside,
+    legend_below,
     line_styles,
     new_figure,
     styled,
@@ -74,7 +74,7 @@ def hysteresis_figure(
         if first is not None:
             _mark_rigidity(whole, first, marks.rigidity)
             _mark_widths(middle, first, marks.lost_motion)
-    whole.legend(loc="upper left")
+    legend_below(figure, whole)
     return figure
 
 
@@ -93,7 +93,7 @@ def bearing_figure(traces: Mapping[str, pd.DataFrame], spread: Mapping[str, pd.D
         for style, rows in zip(line_styles(traces), traces.values(), strict=True):
             axes.plot(rows["torque_Nm"], rows[column], **{**style, "markersize": 2.5})
         axes.set(xlabel="torque on the output (N m)", ylabel=f"displacement along {column[8]} (µm)")
-    legend_beside(axes)
+    legend_below(figure, axes)
     return figure
 
 
@@ -138,24 +138,26 @@ def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
     reach = axes.get_xlim()[1]
     for place, level, pair, text, colour in (
         (0.0, 0.0, ("unloading+", "unloading-"), "clearance backlash", ALARM),
-        (0.62 * reach, torque, ("loading+", "loading-"), "lost motion", COLOURS[2]),
+        (0.78 * reach, torque, ("loading+", "loading-"), "lost motion", COLOURS[2]),
     ):
         high, low = _at(loop, level, pair[0]), _at(loop, -level, pair[1])
         for end, angle in ((level, high), (-level, low)):
             axes.plot([end, place], [angle, angle], color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
             axes.plot(end, angle, "o", color=colour, markersize=5, markerfacecolor="white", zorder=4)
         if high - low > 0.02 * np.ptp(axes.get_ylim()):
-            axes.annotate("", (place, high), (place, low), zorder=5,
-                          arrowprops={"arrowstyle": "<|-|>", "color": colour, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})
-        axes.text(place + 0.04 * reach, low + 0.3 * (high - low), text, color=colour, fontsize=8.5, va="center",
-                  bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5})
+            arrow = {"arrowstyle": "<|-|>", "color": colour, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
+            axes.annotate("", (place, high), (place, low), zorder=5, arrowprops=arrow)
+        side = "left" if level == 0 else "right"
+        axes.text(place + (0.04 if level == 0 else -0.04) * reach, low + (0.3 if level == 0 else 0.65) * (high - low),
+                  text, color=colour, fontsize=8.5, va="center", ha=side,
+                  bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5})
     for level in (-torque, torque):
         axes.axvline(level, color=MUTED, linewidth=0.8, linestyle=":")
 
 
 def _zoom(axes: Axes, loops: Mapping[str, pd.DataFrame], spread: pd.DataFrame | None, reach: float) -> None:
     """Axes within ``reach`` [N m] of zero torque, as high as the curves are there."""
-    frames = [(rows, ("angle_arcmin",)) for rows in loops.values()]
+    frames: list[tuple[pd.DataFrame, tuple[str, ...]]] = [(rows, ("angle_arcmin",)) for rows in loops.values()]
     frames += [(spread, ("low", "high"))] if spread is not None else []
     top = 0.0
     for rows, columns in frames:

@@ -25,7 +25,12 @@ class Quantity:
 
     def text(self, value: float) -> str:
         """The value with its digits, without the unit."""
-        return f"{value + 0.0:,.{self.decimals}f}".replace("-", "\u2212")
+        return signed(value, self.decimals)
+
+
+def signed(value: float, decimals: int) -> str:
+    """A number with grouped digits and a true minus sign; what rounds to 0 has none."""
+    return f"{round(value, decimals) + 0.0:,.{decimals}f}".replace("-", "\u2212")
 
 
 METRICS = {
@@ -48,7 +53,7 @@ PARAMETERS = {
     "eccentricity": "eccentricity",
     "roller_diameter": "output roller diameter",
     "bearing_clearance": "bearing clearance",
-    "remainder": "no single error, linearly",
+    "remainder": "rest: not linear in the errors",
 }
 
 

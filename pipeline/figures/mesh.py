@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.figures.style import ACCENT, ALARM, INK, new_figure, styled
 
-PATCH_PITCHES_SHOWN = 1.4
+PATCH_PITCHES_SHOWN = 1.05
 """Half width of the close-up in distances between neighbouring patches."""
 
 
@@ -41,7 +41,8 @@ def mesh_figure(
     apart = np.abs(centres - centres[loaded])
     reach = PATCH_PITCHES_SHOWN * float(np.min(apart[apart > 0]))
     corner = centres[loaded] - reach * (1 + 1j)
-    whole.add_patch(Rectangle((corner.real, corner.imag), 2 * reach, 2 * reach, fill=False, edgecolor=INK, linewidth=1.2))
+    side = 2 * reach
+    whole.add_patch(Rectangle((corner.real, corner.imag), side, side, fill=False, edgecolor=INK, linewidth=1.2))
     _draw_flank(close, plane, patch_points, loaded, reach)
     whole.set_title(f"{len(triangles):,} quadratic triangles, {len(nodes):,} nodes")
     close.set_title("Flank at the loaded pin")
@@ -65,13 +66,12 @@ def _draw_flank(
     corners = plane.x[plane.triangles] + 1j * plane.y[plane.triangles] - centre
     seen = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
     axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[seen]), color="0.7", linewidth=0.5)
-    others = {"color": ACCENT, "linewidth": 3.0, "label": "contact patch"}
-    for number, points in enumerate(patch_points):
-        if number != loaded and np.min(np.abs(points - centre)) < 2 * reach:
-            axes.plot(points.real, points.imag, solid_capstyle="butt", **others)
-            others.pop("label", None)  # one entry of the legend stands for all
-    points = patch_points[loaded]
-    axes.plot(points.real, points.imag, color=ALARM, linewidth=4.0, solid_capstyle="butt", label="of the loaded pin")
+    near = np.flatnonzero(np.min(np.abs(patch_points - centre), axis=1) < 2 * reach)
+    neighbours = near[near != loaded]
+    for numbers, colour, label in ((neighbours, ACCENT, "contact patches"), ([loaded], ALARM, "of the loaded pin")):
+        points = patch_points[numbers].T
+        lines = axes.plot(points.real, points.imag, color=colour, linewidth=4.0, solid_capstyle="butt")
+        lines[0].set_label(label)
     # the corner that points away from the disk is empty
     place = f"{'upper' if centre.imag > 0 else 'lower'} {'right' if centre.real > 0 else 'left'}"
     axes.legend(loc=place, frameon=True, framealpha=1.0, edgecolor="none")

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ALARM, legend_beside, line_styles, new_figure, rising_styles, styled
+from pipeline.figures.style import ALARM, legend_below, line_styles, new_figure, rising_styles, styled
 
 MARGIN = 2
 """Pins shown beyond the first and last loaded one."""
@@ -30,13 +30,15 @@ def dead_zones_figure(traces: Mapping[str, pd.DataFrame]) -> Figure:
         axes.plot(
             rows["contact"], rows["approach_um"], "o", color="#66727f", markersize=3, label="approach of the bodies"
         )
-        axes.plot(loaded["contact"], loaded["approach_um"], "s", color=ALARM, markersize=4.5, label="approach, in contact")
+        axes.plot(
+            loaded["contact"], loaded["approach_um"], "s", color=ALARM, markersize=4.5, label="approach, in contact"
+        )
         top = max(rows["clearance_um"].max(), rows["approach_um"].max(), 0.0)
         axes.set_ylim(min(rows["clearance_um"].min(), 0.0) * 1.1, 1.08 * top if top > 0 else 1.0)
         axes.set(title=f"{label}: {len(loaded)} pins in contact", ylabel="distance (µm)")
         axes.margins(x=0.01)
     panels[-1].set_xlabel("pin number")
-    legend_beside(panels[0])
+    legend_below(figure, panels[0])
     return figure
 
 
@@ -61,7 +63,7 @@ def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -
     numbers = np.concatenate([rows["contact"][rows["force_N"] > 0] for rows in traces.values()])
     if numbers.size:
         force.set_xlim(numbers.min() - MARGIN, numbers.max() + MARGIN)
-    legend_beside(force)
+    legend_below(figure, force)
     return figure
 
 
@@ -79,7 +81,8 @@ def roller_loads_figure(traces: Mapping[str, pd.DataFrame], contacts: pd.DataFra
     -----
     One sense of torque loads one face at each end of a tongue: end 0 is drawn solid, end 1 dotted.
     """
-    rollers = contacts.loc[contacts["kind"] == "output", ["contact", "interface", "face", "end", "station", "body_a", "body_b"]]
+    columns = ["contact", "interface", "face", "end", "station", "body_a", "body_b"]
+    rollers = contacts.loc[contacts["kind"] == "output", columns]
     figure = new_figure(4.6)
     grid = figure.subplots(2, 2, sharex=True, sharey="row")
     for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
@@ -95,7 +98,7 @@ def roller_loads_figure(traces: Mapping[str, pd.DataFrame], contacts: pd.DataFra
         grid[1, interface].set(xlabel="roller, 0 outside", xticks=sorted(row["station"].unique()))
     grid[0, 0].set(ylabel="contact force (N)", ylim=(0, None))
     grid[1, 0].set(ylabel="deformation (µm)", ylim=(0, None))
-    legend_beside(grid[0, 1])
+    legend_below(figure, grid[0, 1])
     return figure
 
 

@@ -7,11 +7,12 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, RULE, new_figure, styled
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, new_figure, styled
 
-PINS_BETWEEN_NUMBERS = 5
-LABEL_GAP = 1.7
-"""From a pin's centre to its number, in pin radii beyond the pin."""
+MOST_NUMBERS = 100
+"""Up to so many pins each one has its number beside it, else every fifth."""
+NUMBER_RADIUS = 1.07
+"""Circle of the numbers over that of the pins."""
 
 
 @styled
@@ -27,11 +28,13 @@ def reducer_figure(
     crank_deg : crank angle of ``contacts`` [degrees].
     pin_radius, roller_radius : [mm]
     """
-    figure = new_figure(4.7)
-    ring, slides = figure.subplots(1, 2, width_ratios=[1.18, 1])
-    _draw_ring(ring, contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
-    _draw_slides(slides, contacts[contacts["kind"] == "output"], roller_radius)
-    for axes in (ring, slides):
+    figure = new_figure(6.0)
+    mosaic = [["ring", "0"], ["ring", "1"]]
+    panels: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[2.05, 1])
+    _draw_ring(panels["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
+    for interface in (0, 1):
+        _draw_slide(panels[str(interface)], contacts[contacts["interface"] == interface], roller_radius)
+    for axes in panels.values():
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.grid(False)
     return figure
@@ -52,10 +55,10 @@ def _draw_ring(
     centre = pins["x_mm"].to_numpy() + 1j * pins["y_mm"].to_numpy() - radius * normal
     axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED, linewidth=0.7)
     _circles(axes, centre, radius, facecolor="white", edgecolor=ACCENT, linewidth=0.8)
-    for number, at in zip(pins["contact"], centre, strict=True):
-        if number % PINS_BETWEEN_NUMBERS == 0:
-            out = at * (1 + (1 + LABEL_GAP) * radius / abs(at))
-            axes.text(out.real, out.imag, str(number), ha="center", va="center", fontsize=8, color=ACCENT)
+    for number, at in zip(pins["contact"], NUMBER_RADIUS * centre, strict=True):
+        if len(pins) <= MOST_NUMBERS or number % 5 == 0:
+            axes.text(at.real, at.imag, str(number), ha="center", va="center", fontsize=7, color=ACCENT,
+                      in_layout=False)
     reach = np.abs(centre[0])
     tip = 0.45 * reach * np.exp(1j * np.radians(crank_deg))
     axes.annotate("", (tip.real, tip.imag), (0, 0), arrowprops={"arrowstyle": "-|>", "color": ALARM, "linewidth": 1.4})
@@ -67,27 +70,25 @@ def _draw_ring(
         "", (turn[-1].real, turn[-1].imag), (turn[-4].real, turn[-4].imag),
         arrowprops={"arrowstyle": "-|>", "color": MUTED, "linewidth": 1.0},
     )
-    axes.text(0.55 * reach, -0.3 * reach, "count\nclockwise", ha="center", va="center", fontsize=8.5, color=MUTED)
-    edge = reach + 5.2 * radius
+    axes.text(0.42 * reach, -0.3 * reach, "count\nclockwise", ha="center", va="center", fontsize=8.5, color=MUTED)
+    edge = 1.12 * reach
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Pins 0 to {len(pins) - 1}, crank at {crank_deg:g}°")
 
 
-def _draw_slides(axes: Axes, rollers: pd.DataFrame, radius: float) -> None:
+def _draw_slide(axes: Axes, rollers: pd.DataFrame, radius: float) -> None:
+    """Rollers of one interface, each with its place in its row."""
     place = rollers["x_mm"].to_numpy() + 1j * rollers["y_mm"].to_numpy()
-    edge = np.max(np.abs([place.real, place.imag])) + 7 * radius
-    axes.axhline(0, color=RULE, linewidth=0.8)
-    axes.axvline(0, color=RULE, linewidth=0.8)
-    for interface, style in zip((0, 1), (COLOURS[2], COLOURS[1]), strict=True):
-        mine = rollers["interface"].to_numpy() == interface
-        rows = rollers[mine]
-        name = f"{rows['body_a'].iloc[0]} to {rows['body_b'].iloc[0]}"
-        _circles(axes, place[mine], radius, facecolor="white", edgecolor=style, linewidth=1.1)
-        axes.plot([], [], "o", color=style, markerfacecolor="white", markersize=7, label=f"interface {interface}: {name}")
-        for at, station in zip(place[mine], rows["station"], strict=True):
-            axes.text(at.real, at.imag, str(station), ha="center", va="center", fontsize=7.5, color=style)
-        _name_rows(axes, rows, place[mine], radius, style)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, handletextpad=0.2, columnspacing=1.2)
-    axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title="Output rollers, 0 outside, and their contacts")
+    interface = int(rollers["interface"].iloc[0])
+    colour = (COLOURS[2], ALARM)[interface % 2]
+    axes.plot(0, 0, "+", color=INK, markersize=6)
+    _circles(axes, place, radius, facecolor="white", edgecolor=colour, linewidth=0.9)
+    for at, station in zip(place, rollers["station"], strict=True):
+        axes.text(at.real, at.imag, str(station), ha="center", va="center_baseline", fontsize=6, color=colour,
+                  in_layout=False)
+    _name_rows(axes, rollers, place, radius, colour)
+    edge = np.max(np.abs([place.real, place.imag])) + 10 * radius
+    bodies = f"{rollers['body_a'].iloc[0]} to {rollers['body_b'].iloc[0]}"
+    axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Interface {interface}: {bodies}")
 
 
 def _name_rows(axes: Axes, rows: pd.DataFrame, place: NDArray[np.complex128], radius: float, colour: str) -> None:
@@ -99,7 +100,7 @@ def _name_rows(axes: Axes, rows: pd.DataFrame, place: NDArray[np.complex128], ra
         at = outer + along * 1.6 * radius
         upright = abs(along.imag) > abs(along.real)
         axes.text(
-            at.real, at.imag, f"{row['contact'].min()}–{row['contact'].max()}", color=colour, fontsize=8,
+            at.real, at.imag, f"{row['contact'].min()}–{row['contact'].max()}", color=colour, fontsize=7.5,
             rotation=90 if upright else 0, rotation_mode="anchor", va="center",
             ha="left" if (along.imag if upright else along.real) > 0 else "right",
         )

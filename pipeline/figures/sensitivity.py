@@ -5,10 +5,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.figures.labels import parameter_title
-from pipeline.figures.style import ACCENT, INK, MUTED, new_figure, styled
+from pipeline.figures.labels import parameter_title, signed
+from pipeline.figures.style import INK, MUTED, new_figure, styled
 
-PALE = "#a9c9e2"
+CLEAR, PALE, REST = "#4a97c9", "#cfe2f0", "#c3cad2"
+REMAINDER = "remainder"
 TITLES = {"rank_correlation": "Rank correlation", "variance_share": "Share of the variance"}
 
 
@@ -22,28 +23,30 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
 
     Notes
     -----
-    A pale bar has an interval that holds 0: the samples do not show that the error matters at all.
+    A pale bar has an interval that holds 0: the samples do not show that the error matters at all. Errors that do not
+    vary in the study have an index of exactly 0, or none, and no bar.
     """
-    known = indices[np.isfinite(indices["index"].to_numpy(float))]
-    kinds = [kind for kind in TITLES if (known["kind"] == kind).any()]
-    most = max((int((known["kind"] == kind).sum()) for kind in kinds), default=1)
+    shown = indices[np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"])]
+    kinds = [kind for kind in TITLES if (shown["kind"] == kind).any()]
+    most = max((int((shown["kind"] == kind).sum()) for kind in kinds), default=1)
     figure = new_figure(0.75 + 0.24 * most)
     for axes, kind in zip(figure.subplots(1, max(len(kinds), 1), squeeze=False)[0], kinds, strict=False):
-        _bars(axes, known[known["kind"] == kind], kind)
+        _bars(axes, shown[shown["kind"] == kind], kind)
     return figure
 
 
 def _bars(axes: Axes, rows: pd.DataFrame, kind: str) -> None:
-    rows = rows.iloc[np.argsort(-np.abs(rows["index"].to_numpy()), kind="stable")]
+    rest = (rows["parameter"] == REMAINDER).to_numpy()
+    rows = rows.iloc[np.lexsort([-np.abs(rows["index"].to_numpy()), rest])]
     place = np.arange(len(rows))
     value, low, high = (rows[name].to_numpy(float) for name in ("index", "ci_low", "ci_high"))
-    clear = (low > 0) | (high < 0)
-    axes.barh(place, value, height=0.66, color=np.where(clear, ACCENT, PALE))
+    colours = np.where((low > 0) | (high < 0), CLEAR, PALE)
+    axes.barh(place, value, height=0.66, color=np.where(rows["parameter"] == REMAINDER, REST, colours))
     bounded = np.isfinite(low) & np.isfinite(high)
     axes.hlines(place[bounded], low[bounded], high[bounded], color=INK, linewidth=1.1)
     axes.axvline(0, color=MUTED, linewidth=0.8)
     for y, number in zip(place, value, strict=True):
-        axes.annotate(f"{number + 0.0:.2f}".replace("-", "\u2212"), (1.0, y), (4, 0), xycoords=("axes fraction", "data"),
+        axes.annotate(signed(number, 2), (1.0, y), (4, 0), xycoords=("axes fraction", "data"),
                       textcoords="offset points", va="center", fontsize=8, color=INK)
     axes.set_yticks(place, [parameter_title(name) for name in rows["parameter"]])
     axes.tick_params(axis="y", length=0)

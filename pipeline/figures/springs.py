@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from pipeline.figures.style import line_styles, new_figure, styled
 
@@ -24,15 +25,16 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame) -> Figure:
 
     Notes
     -----
-    Beyond the law's range its tangent goes on, drawn dashed. Pins of equal curvature share a curve; the ones shown are
-    spread evenly over the pins, from the roots of the lobes to their tips.
+    Beyond the law's range its tangent goes on, drawn dashed.
     """
-    curves = {contact: rows for contact, rows in laws.groupby("contact")}
+    curves = dict(iter(laws.groupby("contact")))
     figure = new_figure(5.4)
     grid = figure.subplots(2, 2, sharex="col")
+    grid[0, 0].set_ylabel("local deformation (µm)")
+    grid[1, 0].set_ylabel("tangent stiffness (N/µm)")
     for column, (title, chosen) in enumerate((
         ("(a) Pins, by the flank's radius", _pin_curves(contacts)),
-        ("(b) Input bearing and output rollers", _other_curves(contacts)),
+        ("(b) Input bearing and output rollers", _other_curves(contacts, curves)),
     )):
         shown = {label: curves[contact] for label, contact in chosen.items()}
         for style, rows in zip(line_styles(shown), shown.values(), strict=True):
@@ -43,10 +45,9 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame) -> Figure:
         grid[0, column].legend(loc="upper left")
         grid[1, column].set_xlabel("force (N)")
         grid[0, column].margins(x=0.0)
-    grid[0, 0].set_ylabel("local deformation (µm)")
-    grid[1, 0].set_ylabel("tangent stiffness (N/µm)")
-    for axes in grid.flat:
-        axes.set_ylim(bottom=0)
+        grid[0, column].set_ylim(bottom=0)
+        grid[1, column].set_yscale("log")  # the roots are stiffer than the tips by two orders
+        grid[1, column].yaxis.set_minor_locator(NullLocator())
     return figure
 
 
@@ -59,22 +60,25 @@ def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict) -> None:
 
 
 def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
-    """A few pins from the most concave flank to the most convex one."""
-    pins = contacts[contacts["kind"] == "pin"].sort_values("curvature_per_mm", kind="stable")
-    picks = np.unique(np.linspace(0, len(pins) - 1, CURVES_SHOWN).round().astype(int))
+    """A few pins, their curvatures evenly spread from the most concave flank to the most convex one."""
+    pins = contacts[contacts["kind"] == "pin"]
+    curvatures = pins["curvature_per_mm"].to_numpy()
+    wanted = np.linspace(curvatures.min(), curvatures.max(), CURVES_SHOWN)
+    picks = dict.fromkeys(int(np.argmin(np.abs(curvatures - curvature))) for curvature in wanted)
     chosen = {}
-    for contact, curvature in zip(pins["contact"].iloc[picks], pins["curvature_per_mm"].iloc[picks], strict=True):
+    for contact, curvature in zip(pins["contact"].iloc[list(picks)], curvatures[list(picks)], strict=True):
         shape = "concave" if curvature < 0 else "convex"
         radius = np.inf if curvature == 0 else 1 / abs(curvature)
         chosen[f"{radius:.3g} mm {shape}, pin {contact}"] = int(contact)
     return chosen
 
 
-def _other_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
-    """The bearing, and one roller of each interface."""
-    rollers = contacts[contacts["kind"] == "output"].groupby("interface")["contact"].min()
-    names = {
-        f"roller, {row['body_a']} to {row['body_b']}": int(row["contact"])
-        for _, row in contacts[contacts["contact"].isin(rollers)].iterrows()
-    }
+def _other_curves(contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame]) -> Mapping[str, int]:
+    """The bearing, and one roller of each interface; one for both where they obey the same law."""
+    output = contacts[contacts["kind"] == "output"]
+    rollers = output.loc[output.groupby("interface")["contact"].idxmin()]
+    first, *others = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
+    if all(np.array_equal(first, other) for other in others):
+        return {"input bearing": BEARING, "output roller": int(rollers["contact"].iloc[0])}
+    names = {f"roller, {row['body_a']} to {row['body_b']}": int(row["contact"]) for _, row in rollers.iterrows()}
     return {"input bearing": BEARING, **names}

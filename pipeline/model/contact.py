@@ -14,9 +14,9 @@ Source: Johnson, Contact Mechanics (1985), ch. 4 and 5.6; Palmgren, Ball and Rol
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Real = NDArray[np.float64]
+from pipeline.model.profile import Real
 
 PALMGREN_MM = 3.84e-5
 """Palmgren's line contact of steel bodies: approach [mm] = 3.84e-5 Q^0.9 / L^0.8, Q in N, L in mm."""
@@ -100,7 +100,7 @@ class ContactLaws:
             self.power * self.exponent * np.maximum(force, np.finfo(float).tiny) ** (self.exponent - 1),
             0.0,
         )
-        return np.asarray(self.linear - self.logarithmic * (1 + log) + powered, np.float64)
+        return self.linear - self.logarithmic * (1 + log) + powered
 
     def deflection(self, force: ArrayLike) -> Real:
         """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
@@ -148,7 +148,7 @@ class ContactLaws:
         proper = 0.5 * inside**2 * (self.linear - self.logarithmic * (log - 0.5)) + self.power * inside**higher / higher
         beyond = force - inside
         at_limit, slope = self._proper_deflection(inside), self._proper_compliance(inside)
-        return np.asarray(proper + beyond * at_limit + 0.5 * beyond**2 * slope, np.float64)
+        return proper + beyond * at_limit + 0.5 * beyond**2 * slope
 
     def peak_pressure(self, force: ArrayLike) -> Real:
         """Peak Hertz pressure [MPa] at ``force`` (..., n) [N]."""

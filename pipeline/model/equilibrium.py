@@ -8,7 +8,8 @@ Unknowns of a load step are the contact forces F >= 0 [N] and the rigid motions 
 the stationarity of a convex potential, so F is unique. The active contacts are found by a primal-dual active set:
 Newton on the closed contacts, then contacts are dropped where the local deflection has become negative and added
 where an open contact is penetrated. Each step eliminates the forces (Cholesky of law' + C on the active contacts) and
-then solves the few rigid motions. The factor is kept from load step to load step: the laws are nearly linear, a new
+then solves the few rigid motions; contacts between rigid bodies are uncoupled and need no factor. It is kept from load
+step to load step: the laws are nearly linear, a new
 contact is a new row, and only an opened contact or slow convergence asks for another. A load step starts from the
 extrapolated forces of the steps before; a start that leads nowhere is replaced by an interior-point iteration. A linear
 bearing without clearance is a compliance like the bodies' and leaves two motions fewer.
@@ -25,7 +26,7 @@ from pipeline.model.contact import ContactLaws
 from pipeline.model.profile import Real
 from pipeline.model.reducer import Bearing, Reducer
 
-FORCE_TOLERANCE = 1e-11
+FORCE_TOLERANCE = 1e-10
 """A step is solved when no active contact's deflection is off by more than this share of the largest one ..."""
 BALANCE_TOLERANCE = 1e-12
 """... and no rigid motion's balance by more than this share of the sum of its terms."""
@@ -98,7 +99,10 @@ def _closing_force(penetration, own, a, c, k, m, limit):
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
 def _factorise(matrix, n):
-    """Cholesky factor of the leading n x n block, in place, lower triangle; false if not positive definite."""
+    """Cholesky factor of the leading n x n block, in place; false if not positive definite.
+
+    Lower triangle; the diagonal holds the inverses of the pivots, since divisions are slow.
+    """
     for i in range(n):  # noqa: SIM110 (compiled)
         if not _append(matrix, i):
             return False
@@ -113,14 +117,14 @@ def _append(matrix, n):
         dot = 0.0
         for k in range(j):
             dot += row[k] * matrix[j, k]
-        row[j] = (row[j] - dot) / matrix[j, j]
+        row[j] = (row[j] - dot) * matrix[j, j]
     dot = 0.0
     for k in range(n):
         dot += row[k] * row[k]
     pivot = row[n] - dot
     if not pivot > 0.0:
         return False
-    row[n] = np.sqrt(pivot)
+    row[n] = 1.0 / np.sqrt(pivot)
     return True
 
 
@@ -131,14 +135,14 @@ def _forward(factor, n, y):
         dot = 0.0
         for k in range(i):
             dot += factor[i, k] * y[k]
-        y[i] = (y[i] - dot) / factor[i, i]
+        y[i] = (y[i] - dot) * factor[i, i]
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
 def _backward(factor, n, y):
     """Solve L^T x = y in place."""
     for i in range(n - 1, -1, -1):
-        y[i] /= factor[i, i]
+        y[i] *= factor[i, i]
         for k in range(i):
             y[k] -= factor[i, k] * y[i]
 
@@ -173,15 +177,24 @@ def _bearing(bearing, clearance, motion, thrust, spring):
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _deflect(reducer, gap, motion, force, active, n_active, elastic, depth):
+def _coupled(compliance, active, n_active, dense):
+    """Positions in ``active`` of the contacts that elastic bodies couple, into ``dense``; returns their number."""
+    n_dense = 0
+    for j in range(n_active):
+        if compliance[active[j], active[j]] > 0.0:
+            dense[n_dense] = j
+            n_dense += 1
+    return n_dense
+
+
+@njit(cache=True, nogil=True, fastmath=_MATH)
+def _deflect(reducer, gap, motion, force, active, dense, n_dense, elastic, depth):
     """Elastic deflection of every contact, and the local one that is left: approach - gap - elastic."""
     closing, compliance = reducer
     n = gap.shape[0]
     elastic[:] = 0.0
-    for j in range(n_active):
-        row, f = compliance[active[j]], force[active[j]]
-        if row[active[j]] == 0.0:  # between rigid bodies
-            continue
+    for p in range(n_dense):
+        row, f = compliance[active[dense[p]]], force[active[dense[p]]]
         for i in range(n):
             elastic[i] += row[i] * f
     for i in range(n):
@@ -226,60 +239,82 @@ def _imbalance(closing, torque, output, planar, spring, force, active, n_active,
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _add_row(reducer, active, j, slope, factor, projected, held):
-    """Row j of the factor L of H = law' + C and of L^-1 closing, and its share in closing^T H^-1 closing."""
+def _add_row(reducer, active, dense, p, slope, factor, projected, held):
+    """Row p of the factor L of H = law' + C and of L^-1 closing, and its share in closing^T H^-1 closing."""
     closing, compliance = reducer
-    i = active[j]
+    i = active[dense[p]]
     row = compliance[i]
-    for p in range(j):
-        factor[j, p] = row[active[p]]
-    factor[j, j] = row[i] + slope[j]
-    if not _append(factor, j):
+    for other in range(p):
+        factor[p, other] = row[active[dense[other]]]
+    factor[p, p] = row[i] + slope[dense[p]]
+    if not _append(factor, p):
         return False
     for d in range(closing.shape[0]):
         dot = closing[d, i]
-        for p in range(j):
-            dot -= factor[j, p] * projected[d, p]
-        projected[d, j] = dot / factor[j, j]
+        for other in range(p):
+            dot -= factor[p, other] * projected[d, other]
+        projected[d, p] = dot * factor[p, p]
         for e in range(d + 1):
-            held[d, e] += projected[d, j] * projected[e, j]
+            held[d, e] += projected[d, p] * projected[e, p]
     return True
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _newton(n_active, factor, projected, held, planar, spring, miss, balance, tangent, step):
+def _newton(
+    closing, active, n_active, dense, n_dense, factor, projected, held, planar, spring, slope, miss, balance, right,
+    tangent, step,
+):
     """Newton step: of the motions in ``step``, of the active forces in ``miss``; false if singular.
 
     (closing^T H^-1 closing + bearing) dq = closing^T H^-1 miss - balance;  H dF = closing dq - miss.
     """
     n_motions = step.shape[0]
-    _forward(factor, n_active, miss)
-    stiffest = spring[2] + spring[4]
-    for d in range(n_motions):
-        stiffest = max(stiffest, held[d, d])
+    for p in range(n_dense):
+        right[p] = miss[dense[p]]
+        slope[dense[p]] = 0.0  # marks what the factor holds
+    _forward(factor, n_dense, right)
     for d in range(n_motions):
         dot = 0.0
-        for j in range(n_active):
-            dot += projected[d, j] * miss[j]
+        for p in range(n_dense):
+            dot += projected[d, p] * right[p]
         step[d] = dot - balance[d]
-        for e in range(d):
+        for e in range(d + 1):
             tangent[d, e] = held[d, e]
-        tangent[d, d] = held[d, d] + REGULAR * stiffest
+    for j in range(n_active):
+        if slope[j] > 0.0:
+            stiffness = 1.0 / slope[j]
+            for d in range(n_motions):
+                pull = closing[d, active[j]] * stiffness
+                step[d] += pull * miss[j]
+                for e in range(d + 1):
+                    tangent[d, e] += pull * closing[e, active[j]]
     if planar:
         tangent[0, 0] += spring[2]
         tangent[1, 0] += spring[3]
         tangent[1, 1] += spring[4]
+    stiffest = 0.0
+    for d in range(n_motions):
+        stiffest = max(stiffest, tangent[d, d])
+    for d in range(n_motions):
+        tangent[d, d] += REGULAR * stiffest
     if not _factorise(tangent, n_motions):
         return False
     _forward(tangent, n_motions, step)
     _backward(tangent, n_motions, step)
+    for p in range(n_dense):
+        value = -right[p]
+        for d in range(n_motions):
+            value += projected[d, p] * step[d]
+        right[p] = value
+    _backward(factor, n_dense, right)
     for j in range(n_active):
-        miss[j] = -miss[j]
-    for d in range(n_motions):
-        row, q = projected[d], step[d]
-        for j in range(n_active):
-            miss[j] += row[j] * q
-    _backward(factor, n_active, miss)
+        if slope[j] > 0.0:
+            value = -miss[j]
+            for d in range(n_motions):
+                value += closing[d, active[j]] * step[d]
+            miss[j] = value / slope[j]
+    for p in range(n_dense):
+        miss[dense[p]] = right[p]
     return True
 
 
@@ -293,10 +328,10 @@ def _move(motion, step, length, planar, spring, thrust):
 
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
-def _open_pulled(reducer, laws, gap, motion, force, active, n_active, elastic, depth):
+def _open_pulled(reducer, laws, gap, motion, force, active, n_active, dense, n_dense, elastic, depth):
     """Judge the contacts that a step left without force: they open, or stay closed if they are still penetrated."""
     a, c, k, m, limit = laws
-    _deflect(reducer, gap, motion, force, active, n_active, elastic, depth)
+    _deflect(reducer, gap, motion, force, active, dense, n_dense, elastic, depth)
     kept = 0
     for j in range(n_active):
         i = active[j]
@@ -332,7 +367,7 @@ def _interior(torque, output, gap, reducer, laws, planar, bearing, clearance, mo
     Force times slack tends to zero along the central path of the convex problem, which has no active set
     to guess. Returns the number of contacts that it leaves closed.
     """
-    factor, projected, held, elastic, depth, miss, slope, balance, tangent, step, spring, thrust = work
+    factor, projected, held, elastic, depth, miss, slope, balance, right, tangent, step, spring, thrust, dense = work
     n = gap.shape[0]
     stride = _stride(torque, output, gap, reducer, laws)
     load = abs(torque) / np.max(np.abs(reducer[0][output]))
@@ -342,8 +377,9 @@ def _interior(torque, output, gap, reducer, laws, planar, bearing, clearance, mo
     for i in range(n):
         active[i] = i
         force[i] = load
+    n_dense = _coupled(reducer[1], active, n, dense)
     for _ in range(INTERIOR_STEPS):
-        _deflect(reducer, gap, motion, force, active, n, elastic, depth)
+        _deflect(reducer, gap, motion, force, active, dense, n_dense, elastic, depth)
         if planar:
             _bearing(bearing, clearance, motion, thrust, spring)
         _misfit(laws, force, active, n, elastic, depth, miss, slope)
@@ -356,8 +392,12 @@ def _interior(torque, output, gap, reducer, laws, planar, bearing, clearance, mo
         for i in range(n):
             slope[i] += slack[i] / force[i]
             miss[i] -= CENTRING * complementarity / force[i]
-            sound = sound and _add_row(reducer, active, i, slope, factor, projected, held)
-        if not (sound and _newton(n, factor, projected, held, planar, spring, miss, balance, tangent, step)):
+        for p in range(n_dense):
+            sound = sound and _add_row(reducer, active, dense, p, slope, factor, projected, held)
+        if not sound or not _newton(
+            reducer[0], active, n, dense, n_dense, factor, projected, held, planar, spring, slope, miss, balance, right,
+            tangent, step,
+        ):
             break
         length = 1.0
         for i in range(n):
@@ -394,12 +434,13 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
 
     ``state`` holds the number of active contacts and of the rows of the factor that are theirs.
     """
-    factor, projected, held, elastic, depth, miss, slope, balance, tangent, step, spring, thrust = work
+    factor, projected, held, elastic, depth, miss, slope, balance, right, tangent, step, spring, thrust, dense = work
     a, c, k, m, limit = laws
     n_active, factored = state[0], state[1]
+    n_dense = _coupled(reducer[1], active, n_active, dense)
     previous, residual, changes = np.inf, np.inf, 0
     for iteration in range(STEP_LIMIT):
-        _deflect(reducer, gap, motion, force, active, n_active, elastic, depth)
+        _deflect(reducer, gap, motion, force, active, dense, n_dense, elastic, depth)
         before = n_active
         for i in range(gap.shape[0]):
             if depth[i] > OPEN and force[i] == 0.0:
@@ -408,9 +449,12 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
                 n_active += 1
         for j in range(before, n_active):
             row, f = reducer[1][active[j]], force[active[j]]
-            for i in range(gap.shape[0]):
-                elastic[i] += row[i] * f
-                depth[i] -= row[i] * f
+            if row[active[j]] > 0.0:
+                dense[n_dense] = j
+                n_dense += 1
+                for i in range(gap.shape[0]):
+                    elastic[i] += row[i] * f
+                    depth[i] -= row[i] * f
         if planar:
             _bearing(bearing, clearance, motion, thrust, spring)
         off = _misfit(laws, force, active, n_active, elastic, depth, miss, slope)
@@ -425,10 +469,13 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
         if factored == 0:
             held[:] = 0.0
         sound = n_active > 0
-        while sound and factored < n_active:
-            sound = _add_row(reducer, active, factored, slope, factor, projected, held)
+        while sound and factored < n_dense:
+            sound = _add_row(reducer, active, dense, factored, slope, factor, projected, held)
             factored += 1
-        if not (sound and _newton(n_active, factor, projected, held, planar, spring, miss, balance, tangent, step)):
+        if not sound or not _newton(
+            reducer[0], active, n_active, dense, n_dense, factor, projected, held, planar, spring, slope, miss, balance,
+            right, tangent, step,
+        ):
             break
         length = 1.0
         if n_active != before:
@@ -443,7 +490,10 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
                 force[i] = 0.0
                 pulled = True
         if pulled:
-            n_active = _open_pulled(reducer, laws, gap, motion, force, active, n_active, elastic, depth)
+            n_active = _open_pulled(
+                reducer, laws, gap, motion, force, active, n_active, dense, n_dense, elastic, depth
+            )
+            n_dense = _coupled(reducer[1], active, n_active, dense)
             factored = 0
     state[0], state[1] = n_active, 0
     return STEP_LIMIT, max(residual, 2 * ACCEPTED)
@@ -486,18 +536,20 @@ def _solve_batch(
     n_motions, n_contacts = reducer[0].shape
     thrust = np.zeros(1)
     work = (
-        np.empty((n_contacts, n_contacts)),
-        np.empty((n_motions, n_contacts)),
-        np.empty((n_motions, n_motions)),
-        np.empty(n_contacts),
-        np.empty(n_contacts),
-        np.empty(n_contacts),
-        np.empty(n_contacts),
-        np.empty(n_motions),
-        np.empty((n_motions, n_motions)),
-        np.empty(n_motions),
-        np.zeros(8),
+        np.empty((n_contacts, n_contacts)),  # factor
+        np.empty((n_motions, n_contacts)),  # projected
+        np.empty((n_motions, n_motions)),  # held
+        np.empty(n_contacts),  # elastic
+        np.empty(n_contacts),  # depth
+        np.empty(n_contacts),  # miss
+        np.empty(n_contacts),  # slope
+        np.empty(n_motions),  # balance
+        np.empty(n_contacts),  # right
+        np.empty((n_motions, n_motions)),  # tangent
+        np.empty(n_motions),  # step
+        np.zeros(8),  # spring
         thrust,
+        np.empty(n_contacts, np.int64),  # dense
     )
     active = np.empty(n_contacts, np.int64)
     state = np.zeros(3, np.int64)  # active contacts, rows of the factor, solved steps with these contacts

@@ -5,12 +5,13 @@ crank angle 0 it is parallel to the housing frame. Array order: (n_pins,) or the
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Real = NDArray[Any]  # float64; numpy's stubs lose the type in arithmetic with complex numbers
+Complex = NDArray[Any]  # complex128
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from pipeline.figures.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.figures.springs import spring_laws_figure
 from pipeline.model.profile import CycloidProfile, disk_rotation
-from pipeline.report.frames import Frames
+from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.wording import counted, plain
 
 FLANK_POINTS_PER_LOBE = 60
@@ -202,39 +202,36 @@ def _loop_spreads(frames: Frames) -> Mapping[str, pd.DataFrame]:
 
 def _distributions(frames: Frames) -> Drawing:
     worst = frames.distributions[frames.distributions["crank_deg"].isna()]
-    shown = [name for name in frames.shown_metrics if np.ptp(frames.worst[name].to_numpy()) >= 0]
     level = plain(100 * frames.study.metrics.confidence)
     return Drawing(
         "distributions",
         "Distributions of the metrics over the samples",
-        f"Worst value of each of {counted(len(frames.worst), 'sample')} over the crank angles. Below each histogram: 5 % "
-        f"quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead marks an end that the samples do "
-        "not determine. Beyond the limit the ground is shaded.",
-        distributions_figure(frames.worst[shown], worst, frames.limits, frames.worst_of(frames.nominal)),
+        f"Worst value of each of {counted(len(frames.worst), 'sample')} over the crank angles. Below each histogram: "
+        f"5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead marks an end that the "
+        "samples do not determine. Beyond the limit the ground is shaded.",
+        distributions_figure(frames.worst[frames.shown_metrics], worst, frames.limits, frames.worst_of(frames.nominal)),
     )
 
 
 def _cranks(frames: Frames) -> Drawing:
-    metrics = [name for name in ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")]
     by_crank = frames.distributions[frames.distributions["crank_deg"].notna()]
     return Drawing(
         "cranks",
         "The metrics at each crank angle",
         "Mean, 5 % to 95 % quantile over the samples, and the nominal reducer.",
-        crank_figure(by_crank, frames.nominal, metrics, frames.limits),
+        crank_figure(by_crank, frames.nominal, HEADLINES, frames.limits),
     )
 
 
 def _drivers(frames: Frames) -> Iterator[Drawing]:
-    table = frames.sensitivity
+    table, level = frames.sensitivity, plain(100 * frames.study.metrics.confidence)
     for metric in frames.shown_metrics:
         rows = table[(table["metric"] == metric) & np.isfinite(table["index"].to_numpy(float))]
         if len(rows):
             yield Drawing(
                 f"drivers_{metric}",
                 f"Which tolerance drives the {METRICS[metric].title.lower()}",
-                f"Worst over the crank angles. Lines: {plain(100 * frames.study.metrics.confidence)} % intervals. Pale bars: "
-                "the interval holds 0.",
+                f"Worst over the crank angles. Lines: {level} % intervals. Pale bars: the interval holds 0.",
                 sensitivity_figure(rows),
             )
 

@@ -13,6 +13,8 @@ from pipeline.figures.labels import METRICS
 DRAWN_CASES = 6
 """Cases that share a figure; more lines could not be told apart."""
 OK = "ok"
+HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
+"""The metrics that the report is about; others stand beside them in its tables."""
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,24 @@ def test_inputs_are_read_when_needed_and_results_wait_for_the_reader(tmp_path: P
     assert starts == {start for start, _ in bounds}
 
 
+def test_after_an_error_what_was_begun_is_finished_and_nothing_else_is_begun(tmp_path: Path) -> None:
+    read, yielded = [], []
+
+    def reader(start: int, stop: int) -> Chunk:
+        read.append(start)
+        return chunk(start, stop)
+
+    def collect() -> None:
+        trouble = SHARED | {"trouble": Trouble(seconds=0.02, fail_at=3)}
+        for part in solved_chunks(ADD, trouble, [(k, k + 1) for k in range(40)], reader, tmp_path, 2, Backend()):
+            yielded.append(part.start)
+
+    with pytest.raises(parallel.ChunkError, match="samples 3 to 3 failed"):
+        collect()
+    assert sorted(yielded) == sorted(set(read) - {3})
+    assert len(read) < 20
+
+
 def test_nothing_to_do_starts_nothing(tmp_path: Path) -> None:
     assert list(solved_chunks(ADD, SHARED, [], chunk, tmp_path, 2, Backend())) == []
     assert list(tmp_path.iterdir()) == []
@@ -59,6 +77,7 @@ def test_shared_value_is_loaded_once_a_process_and_arrays_are_private(tmp_path: 
     assert Dumped(path, "k").load() is first
     assert joblib.load(path)["a"][0] == 0.0
     assert Dumped(path, "another").load()["a"][0] == 0.0
+    assert list(parallel._LOADED) == ["another"]  # a worker does not keep what earlier stages shared
 
 
 def test_a_chunk_without_upstream_rows_is_an_error_that_keeps_its_cause() -> None:

@@ -54,13 +54,18 @@ def ran(captured: str) -> list[str]:
 def test_output_is_what_pandas_users_are_promised(tmp_path: Path) -> None:
     run(STAGES, Toy(), ["finish"], tmp_path, ONE)
     points = pd.read_parquet(tmp_path / "toy/draw/points.parquet")
-    sums = pd.read_parquet(tmp_path / "toy/add/sums")
+    sums = pd.read_parquet(tmp_path / "toy/add/sums.parquet")
     expected = 2 * (points["x_mm"] + points["x_mm"] ** 2).groupby(points["sample"]).sum()
     np.testing.assert_allclose(sums["sum_mm"], expected, rtol=1e-12)
     assert sums["sample"].tolist() == list(range(40))
-    assert sorted(p.name for p in (tmp_path / "toy/add").iterdir()) == ["kept", "powers.txt", "record.json", "sums"]
-    assert len(list((tmp_path / "toy/add/sums").iterdir())) == 4
-    assert len(list((tmp_path / "toy/add/kept").iterdir())) == 1  # chunks without rows leave no file
+    assert sorted(p.name for p in (tmp_path / "toy/add").iterdir()) == [
+        "kept.parquet",
+        "powers.txt",
+        "record.json",
+        "sums.parquet",
+    ]
+    assert len(list((tmp_path / "toy/add/sums.parquet").iterdir())) == 4
+    assert len(list((tmp_path / "toy/add/kept.parquet").iterdir())) == 1  # chunks without rows leave no file
     assert pd.read_parquet(tmp_path / "toy/finish/total.parquet")["value"][0] == sums["sum_mm"].mean()
 
 
@@ -72,7 +77,7 @@ def test_record_says_where_a_result_comes_from(tmp_path: Path) -> None:
     assert record["inputs"] == {"draw/points": outputs["draw"].hashes["points"]}
     assert record["packages"] == package_versions()
     assert (record["status"], record["items"], record["chunk"], record["jobs"]) == ("complete", 40, 10, 1)
-    large = pd.read_parquet(tmp_path / "toy/add/sums")["large"]
+    large = pd.read_parquet(tmp_path / "toy/add/sums.parquet")["large"]
     assert record["failed"] == large.sum() > 0
     assert record["tables"]["sums"]["rows"] == 40
     assert [f["first"] for f in record["tables"]["sums"]["files"]] == [0, 10, 20, 30]
@@ -113,9 +118,9 @@ def test_values_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
     two = run(STAGES, Toy(), ["finish"], tmp_path / "2", Resources(jobs=2, chunk=10))
     assert hashes(one) == hashes(two)
     for table in ("sums", "kept"):
-        frames = [pd.read_parquet(tmp_path / jobs / "toy/add" / table) for jobs in "12"]
+        frames = [pd.read_parquet(tmp_path / jobs / "toy/add" / f"{table}.parquet") for jobs in "12"]
         pd.testing.assert_frame_equal(*frames, check_exact=True)
-    part = "toy/add/sums/part-000000010.parquet"
+    part = "toy/add/sums.parquet/part-000000010.parquet"
     assert (tmp_path / "1" / part).read_bytes() == (tmp_path / "2" / part).read_bytes()
 
 
@@ -126,6 +131,9 @@ def test_why_tells_every_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     steeper = Toy(numbers=Numbers(slope=3.0))
     assert why(STAGES, steeper, "add", tmp_path) == ["setting numbers.slope changed: 2.0 -> 3.0"]
     assert why(STAGES, steeper, "finish", tmp_path) == ["add runs first: setting numbers.slope changed: 2.0 -> 3.0"]
+    (tmp_path / "toy/draw").rename(tmp_path / "kept")
+    assert why(STAGES, Toy(), "add", tmp_path) == ["draw runs first: never run"]
+    (tmp_path / "kept").rename(tmp_path / "toy/draw")
     reseeded = Toy(numbers=Numbers(seed=2))
     run(STAGES, reseeded, ["draw"], tmp_path, ONE)
     assert why(STAGES, reseeded, "add", tmp_path) == ["input draw/points changed"]
@@ -133,10 +141,10 @@ def test_why_tells_every_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("pipeline.engine.fingerprint.package_versions", lambda: package_versions() | {"numpy": "0"})
     assert why(STAGES, Toy(), "draw", tmp_path) == [f"package numpy {package_versions()['numpy']} -> 0"]
     monkeypatch.undo()
-    (tmp_path / "toy/add/sums/part-000000010.parquet").unlink()
+    (tmp_path / "toy/add/sums.parquet/part-000000010.parquet").unlink()
     (tmp_path / "toy/add/powers.txt").write_text("cut")
     assert why(STAGES, Toy(), "add", tmp_path) == [
-        "output file add/sums/part-000000010.parquet missing",
+        "output file add/sums.parquet/part-000000010.parquet missing",
         "output file add/powers.txt has 3 bytes, not 7",
     ]
 
@@ -203,11 +211,23 @@ def test_a_damaged_finished_chunk_is_solved_again(tmp_path: Path, trouble) -> No
     trouble(fail_at=39)
     with pytest.raises(ChunkError):
         run(STAGES, Toy(), ["add"], tmp_path, ONE)
-    damage(tmp_path / "toy/.work/add/output/sums/part-000000010.parquet")
+    damage(tmp_path / "toy/.work/add/output/sums.parquet/part-000000010.parquet")
     (tmp_path / "toy/.work/add/chunks/000000000.json").write_text('{"failed": 3, ')
+    (tmp_path / "toy/.work/add/output/sums.parquet/.part-000000030.parquet.1.tmp").write_text("half")
     begun = trouble()
     run(STAGES, Toy(), ["add"], tmp_path, ONE)
     assert begun() == [0, 10, 30]
+    assert not list((tmp_path / "toy").rglob("*.tmp"))
+
+
+def test_nothing_is_kept_of_an_interrupted_whole_stage(tmp_path: Path) -> None:
+    def stopped(job: Job):
+        job.path("half.txt").touch()
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run((replace(DRAW, run=stopped),), Toy(), ["draw"], tmp_path, ONE)
+    assert run(STAGES, Toy(), ["draw"], tmp_path, ONE)["draw"].record["files"] == {}
 
 
 def test_a_killed_run_resumes_and_its_workers_end(tmp_path: Path, trouble) -> None:
@@ -228,7 +248,6 @@ def test_a_killed_run_resumes_and_its_workers_end(tmp_path: Path, trouble) -> No
     outputs = run(STAGES, Toy(), ["finish"], tmp_path, Resources(1, 2))
     assert begun() == sorted(set(range(0, 40, 2)) - finished)
     assert hashes(outputs) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", ONE))
-    assert not list((tmp_path / "toy").rglob("*.tmp"))
     assert psutil.wait_procs(workers, timeout=10)[1] == []
 
 
@@ -249,7 +268,7 @@ def damage(path: Path) -> None:
 
 def test_a_damaged_input_is_named_and_made_again(tmp_path: Path) -> None:
     sound = hashes(run(STAGES, Toy(), ["finish"], tmp_path, ONE))
-    for name in ("sums/part-000000010.parquet", "powers.txt"):
+    for name in ("sums.parquet/part-000000010.parquet", "powers.txt"):
         damage(tmp_path / "toy/add" / name)
         (tmp_path / "toy/finish/record.json").unlink()
         with pytest.raises(InputError, match=f"add/{name}: damaged .* run stage add again"):
@@ -267,7 +286,7 @@ def test_a_damaged_input_of_a_chunk_is_named(tmp_path: Path, jobs: int) -> None:
 
 def test_a_lost_output_file_is_made_again(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     run(STAGES, Toy(), ["finish"], tmp_path, ONE)
-    (tmp_path / "toy/add/sums/part-000000010.parquet").unlink()
+    (tmp_path / "toy/add/sums.parquet/part-000000010.parquet").unlink()
     capsys.readouterr()
     run(STAGES, Toy(), ["finish"], tmp_path, ONE)
     assert ran(capsys.readouterr().err) == ["add"]

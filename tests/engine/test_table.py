@@ -118,6 +118,12 @@ def test_content_hash_sees_a_change_of_one_value(name: str) -> None:
     assert digest(changed) != digest(rows(9))
 
 
+def test_content_hash_sees_the_last_byte_of_an_item() -> None:
+    flags = Table("flags", "sample", (TABLE.columns[0], TABLE.columns[2]))
+    parts = [flags.part({"sample": [0, 0, 1], "active": [True, last, True]}).content for last in (False, True)]
+    assert parts[0] != parts[1]
+
+
 def test_content_hash_sees_the_order_of_rows_of_an_item_and_an_exchange_between_columns_of_items() -> None:
     swapped = {name: values[[1, 0, 2]] for name, values in rows(3).items()}
     assert digest(swapped) != digest(rows(3))

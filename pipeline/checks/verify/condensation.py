@@ -1,0 +1,92 @@
+"""Check of the disk's compliance: symmetry, patch loads, and independence of mesh and patch width at every pin."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.checks.verify.findings import Finding, at_least, compared, vanishing
+from pipeline.checks.verify.specimen import Specimen
+from pipeline.config import Study
+from pipeline.model.contact import Material
+from pipeline.model.patches import boundary_patches
+from pipeline.model.profile import Real
+
+FINER = np.sqrt(2)
+"""Edges are shorter by this factor everywhere in each refinement: twice the triangles."""
+
+
+def _refined(study: Study, factor: float) -> Study:
+    reduce = study.reduce
+    return study.model_copy(
+        update={
+            "reduce": reduce.model_copy(
+                update={
+                    "flank_edges_per_lobe": round(factor * reduce.flank_edges_per_lobe),
+                    "growth": reduce.growth / factor,
+                    "largest_edge_mm": reduce.largest_edge_mm / factor,
+                }
+            )
+        }
+    )
+
+
+def _pin_compliances(specimen: Specimen, factor: float, widths: list[float]) -> list[Real]:
+    """Compliance between the pins on a refined mesh, for patches of every half width [mm]."""
+    disk = assembly.elastic_disk(_refined(specimen.study, factor))
+    pins = specimen.reducer.pins
+    centre = specimen.profile.eccentricity * np.exp(1j * specimen.reducer.crank)
+    turn = np.exp(1j * specimen.reducer.crank / specimen.profile.lobes)
+    point, normal = (pins.point - centre) * turn, pins.normal * turn
+    return [
+        disk.compliance(boundary_patches(disk.mesh, "flank", point, normal, width)).matrix for width in widths
+    ]
+
+
+def _patch_loads(specimen: Specimen) -> tuple[Real, Real]:
+    """Resultant (n, 3) of the unit loads of every patch: as assembled, and as the contact's point and normal say."""
+    patches = specimen.patches
+    assembled = specimen.disk.loads(patches).T @ specimen.disk.rigid_motions
+    along, across = specimen.reducer.closing[specimen.disk_rows, :2].T, specimen.reducer.closing[specimen.disk_rows, 2]
+    turn = np.exp(1j * specimen.reducer.crank / specimen.profile.lobes)
+    force = -(along[0] + 1j * along[1]) * turn
+    return assembled, np.stack([force.real, force.imag, -across], axis=-1)
+
+
+def check_disk_compliance(specimen: Specimen) -> Iterator[Finding]:
+    """Disk compliance: symmetry, patch integrals, mesh and patch independence."""
+    study, compliance = specimen.study, specimen.disk_compliance
+    assembled, wanted = _patch_loads(specimen)
+    yield compared("force of every patch per unit force", wanted[:, :2], assembled[:, :2], 1e-3)
+    largest_arm = np.abs(wanted[:, 2]).max()
+    yield compared("moment of every patch, over the largest arm", wanted[:, 2], assembled[:, 2], 1e-3, largest_arm)
+    yield vanishing("asymmetry before symmetrising, over the largest entry", compliance.asymmetry, 1e-10)
+    yield at_least("least eigenvalue of the compliance [mm/N]", 0.0, np.linalg.eigvalsh(compliance.matrix))
+
+    steel = study.design.materials[study.design.disk.material]
+    material = Material(steel.youngs_modulus_MPa, steel.poisson_ratio, study.design.disk.stress)
+    unit = 2 / (np.pi * material.modulus * study.design.disk.thickness_mm)
+    n, width = specimen.reducer.n_pins, study.reduce.patch_half_width_mm
+    off = ~np.eye(n, dtype=bool)
+    base = compliance.matrix[:n, :n]
+    once, twice = [], []
+    once += _pin_compliances(specimen, FINER, [width])
+    twice += _pin_compliances(specimen, FINER**2, [width, width / 2])
+    for name, finer, narrowing in (
+        ("mesh refined once", once[0], 1.0),
+        ("mesh refined twice", twice[0], 1.0),
+        ("mesh refined twice, patch halved", twice[1], 2.0),
+    ):
+        yield compared(
+            f"C_ii + unit ln(w) at every pin, {name}, over unit = 2/(pi E' t)",
+            np.diag(base) / unit,
+            np.diag(finer) / unit - np.log(narrowing),
+            0.02,
+        )
+        yield compared(
+            f"off-diagonals of the pins, {name}, over the largest",
+            base[off],
+            finer[off],
+            5e-3,
+            np.abs(base[off]).max(),
+        )

@@ -1,0 +1,138 @@
+"""Check of the flank: envelope of the pins, normals, curvature, arms, and two closed forms from the literature."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.checks.verify.findings import Finding, compared, vanishing
+from pipeline.checks.verify.specimen import Specimen
+from pipeline.model.clearance import Errors, exact_gaps
+from pipeline.model.profile import Complex, CycloidProfile, Real, disk_rotation, pin_contacts
+
+CRANKS = 64
+SCAN = 801
+"""Points over three lobe pitches, between which the nearest one is refined."""
+GOLDEN = (np.sqrt(5) - 1) / 2
+NARROWINGS = 60
+"""Golden-section steps: the bracket shrinks below the spacing of floating-point numbers."""
+STEP = 2e-6
+"""Of the flank parameter [rad] in the differences: truncation and rounding are both near 1e-11."""
+STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+"""Central first difference of fourth order."""
+
+
+def flank_distance(profile: CycloidProfile, centre: Complex, near: Real) -> Real:
+    """Distance of points ``centre`` (n,) from the flank by golden-section search about the parameters ``near`` (n,)."""
+
+    def away(psi: Real) -> Real:
+        return np.abs(profile.flank(psi) - centre)
+
+    spacing = 3 * profile.lobe_pitch / (SCAN - 1)
+    offsets = spacing * (np.arange(SCAN) - SCAN // 2)
+    scan = np.abs(profile.flank(near[:, None] + offsets) - centre[:, None])
+    nearest = near + offsets[np.argmin(scan, axis=1)]
+    low, high = nearest - spacing, nearest + spacing
+    for _ in range(NARROWINGS):
+        left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        falls = away(left) > away(right)
+        low, high = np.where(falls, left, low), np.where(falls, high, right)
+    return away(0.5 * (low + high))
+
+
+def difference(function, psi: Real) -> Complex:
+    """Numerical derivative of a function of the flank parameter."""
+    total: Complex = sum(weight * function(psi + k * STEP) for k, weight in STENCIL.items())
+    return total / STEP
+
+
+def li_guan_flank(profile: CycloidProfile, phi: Real) -> Complex:
+    """Flank of Li, He, Guan: parameter phi is the turning angle of the crank against the lobe's root.
+
+    Source: Lixing Li, Weidong He, Tianmin Guan, equations of the tooth profile of cycloid drives, i = N/(N-1).
+    """
+    ratio = profile.pins / profile.lobes
+    k = profile.shortening
+    width = profile.pin_radius / np.sqrt(1 + k * k - 2 * k * np.cos(phi))
+    outer, inner = profile.pin_circle_radius - width, profile.eccentricity - k * width
+    x = outer * np.cos((1 - ratio) * phi) - inner * np.cos(ratio * phi)
+    y = outer * np.sin((1 - ratio) * phi) + inner * np.sin(ratio * phi)
+    return x + 1j * y
+
+
+def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
+    """Flank with the angle psi between pin radius and normal (Blanche and Yang 1989), with the signs that envelop."""
+    n = profile.pins
+    psi = np.arctan2(np.sin((1 - n) * phi), 1 / profile.shortening - np.cos((1 - n) * phi))
+    turned = profile.pin_radius * np.exp(1j * (phi + psi))
+    return profile.pin_circle_radius * np.exp(1j * phi) - turned - profile.eccentricity * np.exp(1j * n * phi)
+
+
+def _no_errors(profile: CycloidProfile, rollers: int) -> Errors:
+    zeros = np.zeros((1, profile.pins))
+    return Errors(zeros, zeros, zeros, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, rollers)))
+
+
+def _envelope(specimen: Specimen) -> tuple[Real, Real]:
+    """Distance of every nominal pin from the nominal flank [mm] at every crank angle: by search, and by the model."""
+    profile, design = specimen.profile, specimen.study.design
+    searched, modelled = [], []
+    for crank in np.degrees(2 * np.pi * np.arange(CRANKS) / CRANKS):
+        at = assembly.reducer(design, crank)
+        centre = (at.pins.centre - profile.eccentricity * np.exp(1j * at.crank)) * np.exp(
+            -1j * disk_rotation(profile, at.crank)
+        )
+        searched.append(flank_distance(profile, centre, at.pins.flank_parameter) - profile.pin_radius)
+        modelled.append(exact_gaps(profile, at, _no_errors(profile, design.output.rollers), "radial")[0])
+    return np.array(searched), np.array(modelled)
+
+
+def _arms(profile: CycloidProfile) -> tuple[Real, Real]:
+    """Arms of the model, and e (N-1) sin(beta)/S of the textbooks, at every crank angle."""
+    arms, closed = [], []
+    k = profile.shortening
+    for crank in 2 * np.pi * np.arange(CRANKS) / CRANKS:
+        beta = profile.pin_angle() - crank
+        arms.append(pin_contacts(profile, crank).arm)
+        closed.append(
+            -profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
+        )
+    return np.array(arms), np.array(closed)
+
+
+def check_profile(specimen: Specimen) -> Iterator[Finding]:
+    """Profile, normals, curvature, arms."""
+    profile = specimen.profile
+    searched, modelled = _envelope(specimen)
+    yield vanishing("distance of nominal pins from the flank, 64 crank angles [mm]", searched, 1e-9)
+    yield vanishing("gaps of the nominal reducer, 64 crank angles [mm]", modelled, 1e-9)
+    psi = 2 * np.pi * ((np.arange(4000) + 0.3) / 4000 - 0.5)
+    slope = difference(profile.flank, psi)
+    yield vanishing(
+        "normal against the differentiated flank [rad]",
+        np.angle(1j * slope / np.abs(slope) / profile.normal(psi)),
+        1e-8,
+    )
+    turning = np.imag(difference(profile.normal, psi) / profile.normal(psi)) / np.abs(slope)
+    yield compared(
+        "curvature against the differentiated normal, times the pin radius [-]",
+        turning * profile.pin_radius,
+        profile.flank_curvature(profile.phase(psi)) * profile.pin_radius,
+        1e-8,
+    )
+    yield vanishing(
+        "flank against Li, He, Guan [mm]",
+        np.abs(profile.flank(psi) - li_guan_flank(profile, -profile.lobes * psi)),
+        1e-12,
+    )
+    yield vanishing(
+        "flank against Blanche and Yang [mm]", np.abs(profile.flank(psi) - blanche_yang_flank(profile, psi)), 1e-12
+    )
+    arms, closed = _arms(profile)
+    yield compared("arm against e (N-1) sin(beta)/S [mm]", closed, arms, 1e-12)
+    beta = np.linspace(0, np.pi, 200_001)
+    k = profile.shortening
+    everywhere = profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
+    yield compared(
+        "largest arm against e (N-1) [mm]", profile.eccentricity * profile.lobes, everywhere.max(), 1e-8
+    )

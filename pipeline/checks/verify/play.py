@@ -1,0 +1,105 @@
+"""Check of the rigid backlash: the general program of the whole chain against the separated form of its parts."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.checks.verify.findings import Finding, compared, relative
+from pipeline.checks.verify.specimen import Specimen
+from pipeline.config.design import Design
+from pipeline.model.backlash import general_play, separated_play
+from pipeline.model.clearance import Errors, exact_gaps, roller_gaps
+from pipeline.model.profile import Real
+from pipeline.model.reducer import Reducer
+
+SAMPLES = 6
+PIN_SCATTER = 1.5e-3
+"""Standard deviation of the pin errors [mm]."""
+ALLOWANCE = 12e-3
+"""Material off every lobe [mm], which leaves room for the errors and for the bearing's clearance."""
+BEARING_CLEARANCE = 2e-3
+NARROWINGS = 52
+"""Golden-section steps a direction: 1e-11 of the clearance."""
+GOLDEN = (np.sqrt(5) - 1) / 2
+CRANK_DEG = 37.0
+
+
+def random_gaps(design: Design, at: Reducer, allowance: float) -> Real:
+    """Gaps (n, n_contacts) [mm] of reducers with random pins and rollers, fixed seed."""
+    profile = assembly.profile(design)
+    random = np.random.default_rng(20170101)
+    shape = (SAMPLES, profile.pins)
+    errors = Errors(
+        *(PIN_SCATTER * random.standard_normal(shape) for _ in range(3)),
+        lobe=np.full((SAMPLES, profile.lobes), allowance),
+        eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
+        roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.rollers)),
+    )
+    return np.hstack([exact_gaps(profile, at, errors, "radial"), roller_gaps(errors, "half_diameter")])
+
+
+def _searched_end(at: Reducer, gap: Real, clearance: float, sense: float) -> Real:
+    """Largest output rotation (n,) in one sense: the separated form, maximised over the bearing's disc.
+
+    With the disk centre held, the parts separate; the end of play is a concave function of the centre, so two nested
+    golden-section searches over the disc find its largest value.
+    """
+
+    def end(x: Real, y: Real) -> Real:
+        moved = gap - x[:, None] * at.closing[:, 0] - y[:, None] * at.closing[:, 1]
+        play = separated_play(at, moved)
+        pose = play.pose_plus if sense > 0 else play.pose_minus
+        return sense * pose[:, play.output_motion]
+
+    def over_y(x: Real) -> Real:
+        reach = np.sqrt(np.maximum(clearance**2 - x**2, 0.0))
+        return _golden(lambda y: end(x, y), -reach, reach)
+
+    edge = np.full(len(gap), clearance)
+    return sense * _golden(over_y, -edge, edge)
+
+
+def _golden(function, low: Real, high: Real) -> Real:
+    """Largest value (n,) of concave functions on [low, high], each entry its own search."""
+    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    at_left, at_right = function(left), function(right)
+    for _ in range(NARROWINGS):
+        rises = at_left < at_right
+        low, high = np.where(rises, left, low), np.where(rises, high, right)
+        new = np.where(rises, low + GOLDEN * (high - low), high - GOLDEN * (high - low))
+        at_new = function(new)
+        left, right = np.where(rises, right, new), np.where(rises, new, left)
+        at_left, at_right = np.where(rises, at_right, at_new), np.where(rises, at_new, at_left)
+    return np.maximum(at_left, at_right)
+
+
+def _with_plate(design: Design, plate: str) -> Design:
+    return design.model_copy(update={"output": design.output.model_copy(update={"plate": plate})})
+
+
+def check_rigid_backlash(specimen: Specimen) -> Iterator[Finding]:
+    """Rigid backlash: general program against the separated form."""
+    for plate in ("rotates", "floats"):
+        design = _with_plate(specimen.study.design, plate)
+        at = assembly.reducer(design, CRANK_DEG)
+        gap = random_gaps(design, at, ALLOWANCE)
+        tight = np.zeros(len(gap))
+        yield relative(
+            f"backlash, plate {plate}, bearing fixed [rad]",
+            separated_play(at, gap).backlash,
+            general_play(at, gap, tight).backlash,
+            1e-9,
+        )
+        few = gap[:2]
+        searched = [_searched_end(at, few, BEARING_CLEARANCE, sense) for sense in (1.0, -1.0)]
+        yield relative(
+            f"backlash, plate {plate}, bearing with clearance [rad]",
+            searched[0] - searched[1],
+            general_play(at, few, np.full(len(few), BEARING_CLEARANCE)).backlash,
+            1e-9,
+        )
+        gap = random_gaps(design, at, 0.0)
+        apart, whole = separated_play(at, gap), general_play(at, gap, tight)
+        yield relative(f"overlap of interfering parts, plate {plate} [mm]", apart.overlap, whole.overlap, 1e-9)
+        yield compared(f"backlash of interfering pins, plate {plate} [rad]", 0.0, whole.backlash, 1e-15)

@@ -1,0 +1,95 @@
+"""The reducer under test: one sample of a study at crank 0, with its meshed disk condensed once for all checks."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.config import Study
+from pipeline.model.bodies import Compliance, ElasticBody
+from pipeline.model.clearance import gaps
+from pipeline.model.contact import ContactLaws
+from pipeline.model.patches import Patches
+from pipeline.model.profile import CycloidProfile, Real
+from pipeline.model.reducer import Bearing, Reducer
+from pipeline.sampling import draw
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """One sample of a study at one crank angle.
+
+    Attributes
+    ----------
+    study : its design, mesh and tolerances.
+    sample : number of the sample.
+    crank_deg : crank angle [degrees].
+    """
+
+    study: Study
+    sample: int = 1
+    crank_deg: float = 0.0
+
+    @cached_property
+    def profile(self) -> CycloidProfile:
+        return assembly.profile(self.study.design)
+
+    @cached_property
+    def reducer(self) -> Reducer:
+        return assembly.reducer(self.study.design, self.crank_deg)
+
+    @cached_property
+    def bearing(self) -> Bearing:
+        return assembly.bearing(self.study.design)
+
+    @cached_property
+    def laws(self) -> ContactLaws:
+        return assembly.contact_laws(self.study, self.reducer)
+
+    @cached_property
+    def gap(self) -> Real:
+        """Gap of every contact (n_contacts,) [mm]."""
+        errors = assembly.errors(draw(self.study, self.sample, self.sample + 1))
+        return gaps(self.profile, self.reducer, errors, **dict(self.study.clearance))[0]
+
+    @cached_property
+    def bearing_clearance(self) -> float:
+        """Radial clearance of the input bearing [mm]."""
+        sampled = draw(self.study, self.sample, self.sample + 1)
+        return float(assembly.bearing_clearance(self.study.design, sampled.bearing_clearance)[0])
+
+    @cached_property
+    def disk(self) -> ElasticBody:
+        return assembly.elastic_disk(self.study)
+
+    @cached_property
+    def disk_rows(self) -> np.ndarray:
+        """Contacts that load the disk, in the order of its patches."""
+        return assembly.disk_contacts(self.reducer)
+
+    @cached_property
+    def patches(self) -> Patches:
+        return assembly.disk_patches(self.study, self.disk, self.reducer)
+
+    @cached_property
+    def disk_compliance(self) -> Compliance:
+        return self.disk.compliance(self.patches)
+
+    @cached_property
+    def compliance(self) -> Real:
+        """Compliance between all contacts (n_contacts, n_contacts) [mm/N], zero between rigid bodies."""
+        full = np.zeros((len(self.reducer.contacts), len(self.reducer.contacts)))
+        full[np.ix_(self.disk_rows, self.disk_rows)] = self.disk_compliance.matrix
+        return full
+
+    @property
+    def rated_torque(self) -> float:
+        """[N mm]"""
+        return assembly.NMM_PER_NM * self.study.design.cycloid.rated_torque_Nm
+
+    def in_stress(self, stress: str) -> "Specimen":
+        """The same sample with the disk in ``plane_stress`` or ``plane_strain``."""
+        disk = self.study.design.disk.model_copy(update={"stress": stress})
+        design = self.study.design.model_copy(update={"disk": disk})
+        return Specimen(self.study.model_copy(update={"design": design}), self.sample, self.crank_deg)

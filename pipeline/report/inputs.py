@@ -1,0 +1,235 @@
+"""What went into a study, as the report tells it: reducer, tolerances, settings, and where each number comes from."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.config.cases import Case
+from pipeline.config.consistency import number_keys
+from pipeline.config.design import Design
+from pipeline.config.study import Study
+from pipeline.config.tolerances import PIN_TOLERANCES, Fixed, Normal, Tolerances, Triangular
+from pipeline.figures.labels import PARAMETERS
+from pipeline.report.frames import Frames
+from pipeline.report.wording import NOTHING, counted, listed, plain
+
+UNITS = {
+    "_N_per_mm_power": "N/mmⁿ",
+    "_MPa": "MPa",
+    "_deg": "°",
+    "_Nm": "N m",
+    "_mm": "mm",
+    "_um": "µm",
+}
+PROPER_NAMES = {"youngs": "Young's", "poisson": "Poisson's"}
+SIGNS = {
+    "pin_radial": "each pin; outwards positive",
+    "pin_tangential": "each pin; counterclockwise positive",
+    "pin_radius": "each pin; smaller gives clearance",
+    "disk_profile": "material off the whole flank; positive gives clearance",
+    "lobe_profile": "material off each lobe besides; positive gives clearance",
+    "eccentricity": "larger positive",
+    "roller_diameter": "each output roller; smaller gives clearance",
+    "bearing_clearance": "radial, besides the design's",
+    "ovality_2": "amplitude; direction random",
+    "ovality_3": "amplitude; direction random",
+}
+EXPERIMENTS = {
+    "monte_carlo": "Monte Carlo: independent random samples",
+    "sobol": "scrambled Sobol’ points",
+    "latin_hypercube": "Latin hypercube",
+    "cases": "listed cases",
+}
+METHODS = {"exact": "exact distances", "first_order": "first order in the errors"}
+DISK_READINGS = {
+    "radial_on_diameter": "on the disk's diameter: half of it shifts the flank, like the radius of the pin circle",
+    "radial": "on the disk's radius: it shifts the flank, like the radius of the pin circle",
+    "normal": "along the normal of the flank",
+}
+ROLLER_READINGS = {
+    "half_diameter": "half of a roller's diameter error at each of its two faces",
+    "diameter": "a roller's whole diameter error at each contact",
+}
+LAWS = {
+    "hertz": "line contact after Hertz (Johnson, Contact Mechanics, 1985)",
+    "palmgren": "line contact after Palmgren (Ball and Roller Bearing Engineering, 1959)",
+}
+STRESS = {"plane_stress": "plane stress", "plane_strain": "plane strain"}
+PLATE = {"rotates": "only rotates", "floats": "rotates and floats"}
+
+
+@dataclass(frozen=True)
+class DesignNumber:
+    """One number of the design file and where it comes from."""
+
+    key: str
+    name: str
+    value: str
+    unit: str
+    status: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class ToleranceRow:
+    """One tolerance that is not zero."""
+
+    title: str
+    distribution: str
+    lower: str
+    upper: str
+    allowance: str
+    details: str
+    sign: str
+
+
+def design_numbers(design: Design) -> list[tuple[str, list[DesignNumber]]]:
+    """Every number of the design by section, in the file's order."""
+    raw = design.model_dump()
+    sections: dict[str, list[DesignNumber]] = {}
+    for key in number_keys(raw):
+        section, _, rest = key.partition(".")
+        name, unit = _name_and_unit(rest)
+        provenance = design.provenance.get(key)
+        sections.setdefault(section, []).append(DesignNumber(
+            key,
+            name,
+            plain(_value(raw, key)),
+            unit,
+            provenance.status if provenance else "not stated",
+            provenance.reason if provenance else "",
+        ))
+    return list(sections.items())
+
+
+def names_by_status(numbers: Sequence[tuple[str, list[DesignNumber]]], status: str) -> list[str]:
+    """Names of the numbers of one status, with their section where the name alone is not enough."""
+    return [f"{item.name} ({section})" for section, items in numbers for item in items if item.status == status]
+
+
+def tolerance_rows(tolerances: Tolerances) -> list[ToleranceRow]:
+    """The tolerances that are not zero."""
+    return [_tolerance_row(name, tolerance) for name, tolerance in tolerances if not _is_zero(tolerance)]
+
+
+def zero_tolerances(tolerances: Tolerances) -> list[str]:
+    """Names of the tolerances that are zero."""
+    return [PARAMETERS[name] for name, tolerance in tolerances if _is_zero(tolerance)]
+
+
+def case_columns(cases: Sequence[Case]) -> list[str]:
+    """Tolerances that some case sets."""
+    return [name for name in PARAMETERS if any(_any(getattr(case, name, 0.0)) for case in cases)]
+
+
+def case_cells(case: Case, columns: Sequence[str]) -> list[str]:
+    """Deviations of one case [um]; of a list its length and range."""
+    cells = []
+    for name in columns:
+        value = getattr(case, name)
+        if isinstance(value, tuple):
+            cells.append(f"{len(value)} values, {plain(min(value))} to {plain(max(value))}")
+        else:
+            cells.append(plain(value))
+    return cells
+
+
+def reducer_facts(design: Design) -> list[tuple[str, str]]:
+    """The reducer in numbers."""
+    cycloid, output, bearing = design.cycloid, design.output, design.bearing
+    law = "linear" if bearing.exponent == 1 else f"with the power {plain(bearing.exponent)} of the deflection"
+    return [
+        ("Reduction ratio", f"{cycloid.lobes}, which is the number of lobes"),
+        ("Pins", f"{cycloid.pins} of radius {plain(cycloid.pin_radius_mm)} mm on a circle of radius "
+                 f"{plain(cycloid.pin_circle_radius_mm)} mm"),
+        ("Eccentricity", f"{plain(cycloid.eccentricity_mm)} mm"),
+        ("Rated torque", f"{plain(cycloid.rated_torque_Nm)} N m"),
+        ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
+        ("Input bearing", f"radial spring, {law}"),
+        ("Output", f"sliding plate between two crossed slides, {output.rollers} rollers of radius "
+                   f"{plain(output.roller_radius_mm)} mm; the plate {PLATE[output.plate]}"),
+    ]
+
+
+def study_facts(frames: Frames) -> list[tuple[str, str]]:
+    """The study in numbers."""
+    study = frames.study
+    samples, cycle, reduce = study.samples, study.cycle, study.reduce
+    nominal = ", and the nominal reducer as sample 0" if samples.nominal_first else ""
+    experiment = EXPERIMENTS[samples.experiment]
+    if samples.replicated:
+        experiment += f" in {samples.randomisations} independent randomisations"
+    seed = "" if frames.listed else f", seed {samples.seed}"
+    top = cycle.torque_fraction * study.design.cycloid.rated_torque_Nm
+    triangles, nodes = frames.mesh
+    return [
+        ("Samples", f"{counted(samples.count, 'sample')}{nominal}"),
+        ("Design of experiment", f"{experiment}{seed}"),
+        ("Crank angles", f"{listed([f'{plain(crank)}°' for crank in cycle.crank_deg])}"),
+        ("Load cycle", f"0 → +T → −T → +T on the output with T = {plain(top)} N m, {cycle.levels_per_branch} equal "
+                       "steps a branch and the torques of the definitions; input held"),
+        ("Clearances", f"{METHODS[study.clearance.method]}; the disk's tolerance is "
+                       f"{DISK_READINGS[study.clearance.disk_reading]}; "
+                       f"{ROLLER_READINGS[study.clearance.roller_reading]}"),
+        ("Contacts", LAWS[study.springs.law]),
+        ("Disk", f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
+                 f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm"),
+    ]
+
+
+def varying_errors(study: Study) -> int:
+    """Errors of a sample that vary: one per element of a tolerance with a width."""
+    counts = dict.fromkeys(PIN_TOLERANCES, study.design.cycloid.pins)
+    counts |= {"lobe_profile": study.design.cycloid.lobes, "roller_diameter": study.design.output.rollers}
+    wide = [name for name, tolerance in study.tolerances if tolerance.limits_um[0] < tolerance.limits_um[1]]
+    return sum(counts.get(name, 1) for name in wide)
+
+
+def _name_and_unit(key: str) -> tuple[str, str]:
+    """``pin_circle_radius_mm`` -> ``pin circle radius``, ``mm``."""
+    suffix = next((suffix for suffix in UNITS if key.endswith(suffix)), "")
+    name = key.removesuffix(suffix).replace("_", " ").replace(".", ", ")
+    for plain_name, proper_name in PROPER_NAMES.items():
+        name = name.replace(plain_name, proper_name)
+    return name, UNITS.get(suffix, "")
+
+
+def _value(raw: dict[str, Any], key: str) -> float:
+    value: Any = raw
+    for name in key.split("."):
+        value = value[name]
+    return value
+
+
+def _is_zero(tolerance: Any) -> bool:
+    return tolerance.limits_um == (0.0, 0.0) and tolerance.allowance_um == 0
+
+
+def _any(value: Any) -> bool:
+    return any(value) if isinstance(value, tuple) else bool(value)
+
+
+def _details(tolerance: Any) -> Iterator[str]:
+    if isinstance(tolerance, Normal):
+        yield f"σ {plain(tolerance.scale_um)} µm, truncated at the limits"
+        if tolerance.mean_um is not None:
+            yield f"mean {plain(tolerance.mean_um)} µm"
+    if isinstance(tolerance, Triangular):
+        yield f"mode {plain(tolerance.peak_um)} µm"
+    length = getattr(tolerance, "correlation_length_mm", None)
+    if length is not None:
+        yield f"correlated over {plain(length)} mm"
+
+
+def _tolerance_row(name: str, tolerance: Any) -> ToleranceRow:
+    lower, upper = tolerance.limits_um
+    fixed = isinstance(tolerance, Fixed)
+    return ToleranceRow(
+        PARAMETERS[name],
+        tolerance.distribution,
+        plain(lower),
+        NOTHING if fixed else plain(upper),
+        plain(tolerance.allowance_um),
+        "; ".join(_details(tolerance)),
+        SIGNS[name],
+    )

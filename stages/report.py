@@ -1,0 +1,124 @@
+"""Stage 6: the report, one HTML page that needs nothing beside it, and its figures."""
+
+import importlib.metadata
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.study import Study
+from pipeline.engine.fingerprint import package_versions
+from pipeline.engine.stage import Job, Stage, Tables
+from pipeline.engine.table import Table
+from pipeline.figures.style import save
+from pipeline.report.drawings import drawings
+from pipeline.report.frames import OK, Frames, drawn_samples
+from pipeline.report.page import Picture, TableNote, report_page
+from stages.aggregate import AGGREGATE, worst_over_cranks
+from stages.clearance import CLEARANCE
+from stages.hysteresis import CONTACTS, HYSTERESIS
+from stages.reduce import MESH_FILE, REDUCE
+from stages.sample import SAMPLE
+from stages.springs import SPRINGS
+
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, AGGREGATE)
+BAND_SAMPLES = 2000
+"""Samples that a band of the figures is drawn from: more change it by less than its line's width."""
+BAND_ROWS = 2_000_000
+"""Rows of a table that are read for the bands at most; many crank angles leave fewer samples."""
+PRINTED_WITH = ("matplotlib", "jinja2", "joblib", "pydantic")
+
+
+def _table(job: Job, stage: str, name: str) -> pd.DataFrame:
+    return pd.DataFrame(job.read(stage, name))
+
+
+def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
+    """Rows of the first samples, as many as the bands need."""
+    samples: int = job.study.samples.rows
+    rows = job.inputs[stage].record["tables"][table]["rows"]
+    wanted = min(BAND_SAMPLES + 1, max(1, BAND_ROWS * samples // rows))
+    return pd.DataFrame(job.inputs[stage].read_items(table, 0, wanted))
+
+
+def _loads(job: Job, samples: list[int]) -> pd.DataFrame:
+    """Contacts of the drawn samples, as far as the study keeps them."""
+    keep = job.study.cycle.keep_contacts
+    kept = [sample for sample in samples if keep == "all" or sample in keep]
+    parts = [pd.DataFrame(job.inputs["hysteresis"].read_items("contacts", sample, sample + 1)) for sample in kept]
+    return pd.concat(parts) if parts else pd.DataFrame(CONTACTS.empty())
+
+
+def _frames(job: Job) -> Frames:
+    study: Study = job.study
+    metrics, status = _table(job, "aggregate", "metrics"), _table(job, "hysteresis", "status")
+    failed = status[np.asarray(status["status"]) != OK]
+    with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
+        size = len(mesh["triangles"]), len(mesh["nodes"])
+    return Frames(
+        study=study,
+        metrics=metrics,
+        worst=worst_over_cranks(metrics[metrics["sample"] > 0] if study.samples.nominal_first else metrics),
+        distributions=_table(job, "aggregate", "distributions"),
+        sensitivity=_table(job, "aggregate", "sensitivity"),
+        status=status,
+        contacts=_table(job, "clearance", "contacts"),
+        gaps=_first_rows(job, "clearance", "gaps"),
+        curves=_first_rows(job, "hysteresis", "curves"),
+        loads=_loads(job, list(drawn_samples(study, failed).values())),
+        laws=_table(job, "springs", "laws"),
+        mesh=size,
+    )
+
+
+def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
+    """The figures, written into the stage's folder."""
+    pictures = {}
+    for drawing in drawings(frames):
+        stem = job.path(f"figures/{drawing.name}")
+        save(drawing.figure, stem)
+        pictures[drawing.name] = Picture(drawing.title, drawing.caption, stem.with_suffix(".svg").read_bytes())
+    for suffix in ("png", "svg"):
+        job.path(f"figures/mesh.{suffix}").write_bytes(job.input_path("reduce", f"mesh.{suffix}").read_bytes())
+    pictures["mesh"] = Picture(
+        "Mesh of the disk and its deflection",
+        "Left: size of the deflection by 1 N on the pin of the longest arm, the bore held. Right: the mesh at that pin, "
+        "with the patches that carry the pressure of the pins.",
+        job.path("figures/mesh.svg").read_bytes(),
+    )
+    return pictures
+
+
+def _notes(job: Job) -> list[TableNote]:
+    return [
+        TableNote(
+            path=f"{stage.name}/{table.name}{'' if stage.solve else '.parquet'}",
+            row_per=table.row_per,
+            rows=job.inputs[stage.name].record["tables"][table.name]["rows"],
+            columns=tuple(column.name for column in table.columns),
+        )
+        for stage in UPSTREAM
+        for table in stage.tables
+    ]
+
+
+def _run(job: Job) -> Tables:
+    frames = _frames(job)
+    versions = package_versions() | {name: importlib.metadata.version(name) for name in PRINTED_WITH}
+    page = report_page(frames, _pictures(job, frames), _notes(job), versions)
+    job.path("report.html").write_text(page, encoding="utf-8")
+    return {}
+
+
+NO_TABLES: tuple[Table, ...] = ()
+
+REPORT = Stage(
+    name="report",
+    reads=tuple(stage.name for stage in UPSTREAM),
+    sections=(
+        "title", "description", "design", "samples", "cases", "tolerances", "clearance", "springs", "reduce", "cycle",
+        "metrics", "limits",
+    ),
+    tables=NO_TABLES,
+    module="stages.report",
+    run=_run,
+)
