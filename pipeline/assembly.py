@@ -1,11 +1,12 @@
 """A validated design and study as objects of the model: where millimetres of a file become bodies and contacts."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pipeline.config.design import Design
 from pipeline.config.design import Material as MaterialSection
 from pipeline.config.study import Study
-from pipeline.model.bodies import ElasticBody, elastic_body
 from pipeline.model.clearance import Errors
 from pipeline.model.contact import (
     ContactLaws,
@@ -20,11 +21,11 @@ from pipeline.model.contact import (
     palmgren_laws,
 )
 from pipeline.model.cycle import LoadCycle
-from pipeline.model.meshing import flank_nodes, lobed_disk_mesh
-from pipeline.model.patches import Patches, boundary_patches, joined, line_patches
-from pipeline.model.profile import CycloidProfile, Real, disk_rotation
-from pipeline.model.reducer import OUTPUT, PIN, Bearing, Reducer, RollerPlate, roller_plate_reducer
-from pipeline.sampling import Errors as SampledErrors
+from pipeline.model.profile import CycloidProfile, Real
+from pipeline.model.reducer import Bearing, Reducer, RollerPlate, roller_plate_reducer
+
+if TYPE_CHECKING:  # its statistics are slow to import, and workers import this module
+    from pipeline.sampling import Errors as SampledErrors
 
 MM_PER_UM = 1e-3
 NMM_PER_NM = 1e3
@@ -65,7 +66,7 @@ def load_cycle(study: Study) -> LoadCycle:
     )
 
 
-def errors(sampled: SampledErrors) -> Errors:
+def errors(sampled: "SampledErrors") -> Errors:
     """Sampled errors [um] as the model takes them [mm]; a lobe's error is the disk's and its own."""
     return Errors(
         pin_radial=MM_PER_UM * sampled.pin_radial,
@@ -130,51 +131,6 @@ def _roller_laws(study: Study, at: Reducer) -> ContactLaws:
     return concatenated(laws)
 
 
-def elastic_disk(study: Study) -> ElasticBody:
-    """The lobed disk, meshed, assembled and factorised, held by the mean motion of its bore."""
-    design, reduce = study.design, study.reduce
-    flank = flank_nodes(profile(design), reduce.flank_edges_per_lobe)
-    mesh = lobed_disk_mesh(
-        flank, design.cycloid.lobes, design.disk.bore_radius_mm, reduce.growth, reduce.largest_edge_mm
-    )
-    material = design.materials[design.disk.material]
-    return elastic_body(
-        mesh,
-        material.youngs_modulus_MPa,
-        material.poisson_ratio,
-        design.disk.thickness_mm,
-        design.disk.stress,
-        "bore",
-    )
-
-
 def disk_contacts(at: Reducer) -> np.ndarray:
     """Numbers of the contacts that load the disk: the pins, then the rollers of its own slide."""
     return np.flatnonzero((at.contacts.body_a == "disk") | (at.contacts.body_b == "disk"))
-
-
-def disk_patches(study: Study, disk: ElasticBody, at: Reducer) -> Patches:
-    """Patches of ``disk_contacts`` on the disk, in the disk's frame, directed as the contacts push it.
-
-    Notes
-    -----
-    The pins press on the true flank. The disk's tongue stands out of the plane of the slice; its rollers' forces enter
-    the slice along the tongue's faces, spread over the patch of a roller.
-    """
-    contacts, reduce = at.contacts, study.reduce
-    lobed = profile(study.design)
-    turn = np.exp(-1j * disk_rotation(lobed, at.crank))
-    centre = lobed.eccentricity * np.exp(1j * at.crank)
-    point, normal = (contacts.point - centre) * turn, contacts.normal * turn
-    pins = contacts.kind == PIN
-    rollers = (contacts.kind == OUTPUT) & (contacts.body_a == "disk")
-    return joined(
-        boundary_patches(disk.mesh, "flank", point[pins], normal[pins], reduce.patch_half_width_mm),
-        line_patches(
-            disk.mesh,
-            point[rollers],
-            1j * normal[rollers],
-            -normal[rollers],
-            reduce.roller_patch_half_width_mm,
-        ),
-    )

@@ -16,8 +16,9 @@ from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Cache, Output, write_atomic
 from pipeline.errors import InputError
-from stages import STAGES, hysteresis
+from stages import hysteresis
 from stages.aggregate import METRIC_COLUMNS
+from stages.chain import STAGES
 
 ROOT = Path(__file__).parent.parent
 RUNS = ROOT / "data" / "runs"

@@ -1,1 +1,1 @@
-"""The stages of a study."""
+"""The stages of a study, one file each; `stages.chain` has them in order."""

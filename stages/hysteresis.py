@@ -12,11 +12,10 @@ from pipeline.model.contact import ContactLaws
 from pipeline.model.cycle import ARCMIN, BRANCHES, LoadCycle, solve_cycle
 from pipeline.model.equilibrium import Equilibria
 from pipeline.model.reducer import PIN, Bearing, Reducer
+from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
 from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
-from stages.reduce import COMPLIANCE_FILE, full_compliance
 from stages.springs import laws_of_columns
 
-UM_PER_MM = 1e3
 NM_PER_NMM = 1e-3
 STEP = Column("step", "int32", "1", "step of the load cycle")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline import assembly
+from pipeline import assembly, elastic
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
@@ -15,10 +15,9 @@ from pipeline.figures.style import save
 from pipeline.figures.vtk import write_vtk
 from pipeline.model.bodies import ElasticBody
 from pipeline.model.reducer import PIN, Reducer
+from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
 from stages.keys import CONTACT, CRANK
 
-UM_PER_MM = 1e3
-COMPLIANCE_FILE = "compliance.npz"
 MESH_FILE = "mesh.npz"
 SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.output", "reduce")
 
@@ -37,23 +36,9 @@ CONTACTS = Table(
 )
 
 
-def matrix_name(crank_deg: float) -> str:
-    """Name of the matrix of one crank angle in ``compliance.npz``."""
-    return f"crank_{crank_deg:.9g}"
-
-
-def full_compliance(path: Path, at: Reducer, crank_deg: float) -> np.ndarray:
-    """Compliance (n_contacts, n_contacts) [mm/N] between all contacts: the disk's, and rigid bodies elsewhere."""
-    rows = assembly.disk_contacts(at)
-    full = np.zeros((len(at.contacts), len(at.contacts)))
-    with np.load(path) as matrices:
-        full[np.ix_(rows, rows)] = matrices[matrix_name(crank_deg)] / UM_PER_MM
-    return full
-
-
 def _write_mesh(study: Study, disk: ElasticBody, at: Reducer, folder: Path) -> None:
     """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
-    patches = assembly.disk_patches(study, disk, at)
+    patches = elastic.disk_patches(study, disk, at)
     pin = int(np.argmax(np.abs(at.pins.arm)))
     moved = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
     write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": moved})
@@ -78,14 +63,14 @@ def _run(job: Job) -> Tables:
 
     @cache
     def disk() -> ElasticBody:
-        return assembly.elastic_disk(study)
+        return elastic.elastic_disk(study)
 
     matrices = {}
     for crank, at in reducers.items():
 
         def condense(folder: Path, at: Reducer = at) -> None:
             np.save(
-                folder / "matrix.npy", UM_PER_MM * disk().compliance(assembly.disk_patches(study, disk(), at)).matrix
+                folder / "matrix.npy", UM_PER_MM * disk().compliance(elastic.disk_patches(study, disk(), at)).matrix
             )
 
         folder = job.memo(f"{settings} crank {crank:.9g}", condense)

@@ -81,24 +81,23 @@ def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
         job.path(f"figures/mesh.{suffix}").write_bytes(job.input_path("reduce", f"mesh.{suffix}").read_bytes())
     pictures["mesh"] = Picture(
         "Mesh of the disk and its deflection",
-        "Left: size of the deflection by 1 N on the pin of the longest arm, the bore held. Right: the mesh at that pin, "
-        "with the patches that carry the pressure of the pins.",
+        "Left: size of the deflection by 1 N on the pin of the longest arm, the bore held. Right: the mesh at that "
+        "pin, with the patches that carry the pressure of the pins.",
         job.path("figures/mesh.svg").read_bytes(),
     )
     return pictures
 
 
 def _notes(job: Job) -> list[TableNote]:
-    return [
-        TableNote(
-            path=f"{stage.name}/{table.name}{'' if stage.solve else '.parquet'}",
-            row_per=table.row_per,
-            rows=job.inputs[stage.name].record["tables"][table.name]["rows"],
-            columns=tuple(column.name for column in table.columns),
-        )
-        for stage in UPSTREAM
-        for table in stage.tables
-    ]
+    """What the page says of every table of the run."""
+    notes = []
+    for stage in UPSTREAM:
+        for table in stage.tables:
+            entry = job.inputs[stage.name].record["tables"][table.name]
+            place, _, _ = entry["files"][0]["name"].partition("/")  # one file, or a folder of parts
+            columns = tuple(column.name for column in table.columns)
+            notes.append(TableNote(f"{stage.name}/{place}", table.row_per, entry["rows"], columns))
+    return notes
 
 
 def _run(job: Job) -> Tables:

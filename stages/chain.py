@@ -1,0 +1,12 @@
+"""The chain of stages in the order in which they depend on each other; workers import one stage, not this."""
+
+from pipeline.engine.stage import Stage
+from stages.aggregate import AGGREGATE
+from stages.clearance import CLEARANCE
+from stages.hysteresis import HYSTERESIS
+from stages.reduce import REDUCE
+from stages.report import REPORT
+from stages.sample import SAMPLE
+from stages.springs import SPRINGS
+
+STAGES: tuple[Stage, ...] = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, AGGREGATE, REPORT)
