@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from pipeline.model.profile import CycloidProfile, Real, disk_rotation
+from pipeline.model.profile import Complex, CycloidProfile, Real, disk_rotation
 from pipeline.model.reducer import OUTPUT, Reducer
 
 DISK_READINGS = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}
@@ -18,11 +18,17 @@ ROLLER_READINGS = {"diameter": 1.0, "half_diameter": 0.5}
 """Gap per missing roller diameter: all of it, or the half on each side of a roller that lies centred."""
 
 VALLEY_SCAN = 65
-"""Points per valley, tip to tip, at which the distance is scanned before refinement where feet may be many."""
+"""Steps from root to tip at which the distance is scanned before refinement where feet may be many."""
 SINGLE_FOOT = 0.05
-"""A foot point is unique, and Newton finds it from the nominal one, while the pin's displacement stays below this
-share of the nominal locus' radius of curvature."""
+"""Newton finds the foot point from the nominal one while the pin's displacement stays below this share of the nominal
+locus' radius of curvature."""
+OTHER_NORMAL = 0.1
+"""Flank points whose normals differ by more than this [rad] are no neighbours of the foot: one may come nearer."""
+FOOT_TOLERANCE = 1e-10
+"""Turn [rad] left at the foot point, to which the distance is second order: 1e-20 of a length."""
 FOOT_ITERATIONS = 30
+SMALL_TURN = 0.02
+"""Angle [rad] up to which five terms of the series of sine and cosine are exact to the last bit."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +90,20 @@ def first_order_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, 
 
 
 @njit(cache=True, nogil=True)
-def _locus(psi: float, circle: float, eccentricity: float, pins: int) -> tuple[complex, complex, complex]:
+def _locus(psi, circle, eccentricity, pins):
     """Locus q and its first two derivatives by psi."""
     slow = circle * complex(np.cos(psi), np.sin(psi))
     fast = eccentricity * complex(np.cos(pins * psi), np.sin(pins * psi))
     return slow - fast, 1j * (slow - pins * fast), -(slow - pins * pins * fast)
+
+
+@njit(cache=True, nogil=True)
+def _turned(x, y, angle):
+    """The vector (x, y) turned by an angle up to ``SMALL_TURN``, to the last bit."""
+    square = angle * angle
+    cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0))
+    sine = angle * (1.0 - square * (1.0 / 6.0) * (1.0 - square * 0.05))
+    return x * cosine - y * sine, y * cosine + x * sine
 
 
 @njit(cache=True, nogil=True)
@@ -99,13 +114,36 @@ def _distance(psi, centre, circle, offset, eccentricity, pins):
 
 
 @njit(cache=True, nogil=True)
+def _single_distance(slow, fast, centre, offset, pins):
+    """Distance of ``centre`` from the flank around a pin whose foot point is unique; negative if it moves too far.
+
+    ``slow`` and ``fast`` are the two terms of the locus at the nominal foot, which Newton leaves by a small turn.
+    Real numbers: products of complex ones are compiled with checks for infinities, at three times the cost.
+    """
+    turn = 0.0
+    for _ in range(FOOT_ITERATIONS):
+        sx, sy = _turned(slow.real, slow.imag, turn)
+        fx, fy = _turned(fast.real, fast.imag, pins * turn)
+        x, y = sx - fx - centre.real, sy - fy - centre.imag
+        dx, dy = pins * fy - sy, sx - pins * fx
+        slope, length = x * dx + y * dy, dx * dx + dy * dy
+        bend = length + x * (pins * pins * fx - sx) + y * (pins * pins * fy - sy)
+        if abs(slope) <= FOOT_TOLERANCE * length:  # second order in what is left of the turn
+            return offset + (y * dx - x * dy) / np.sqrt(length)
+        turn -= slope / bend
+        if abs(pins * turn) > SMALL_TURN:
+            return -1.0
+    return -1.0
+
+
+@njit(cache=True, nogil=True)
 def _foot(psi, low, high, centre, circle, eccentricity, pins):
     """Foot point of ``centre`` on the locus near ``psi``, held to [low, high]."""
     for _ in range(FOOT_ITERATIONS):
         q, dq, ddq = _locus(psi, circle, eccentricity, pins)
         away = q - centre
         slope = away.real * dq.real + away.imag * dq.imag
-        bend = abs(dq) ** 2 + away.real * ddq.real + away.imag * ddq.imag
+        bend = dq.real * dq.real + dq.imag * dq.imag + away.real * ddq.real + away.imag * ddq.imag
         step = -slope / bend if bend > 0 else -np.sign(slope) * 0.01 * (high - low)
         moved = min(max(psi + step, low), high)
         if abs(moved - psi) <= 1e-15:
@@ -115,42 +153,54 @@ def _foot(psi, low, high, centre, circle, eccentricity, pins):
 
 
 @njit(cache=True, nogil=True)
-def _nearest(root, low, high, centre, circle, offset, eccentricity, pins):
-    """Smallest distance of ``centre`` from the flank over [low, high], every local minimum refined."""
+def _nearest(first, last, valley, root, centre, circle, offset, eccentricity, pins):
+    """Smallest distance of ``centre`` from a flank, every local minimum over the valley's points refined.
+
+    ``valley`` (``_valley``) has its points ``first`` to ``last`` on this flank.
+    """
+    psi, fast, radial, normal = valley
+    turned = centre * complex(np.cos(root), -np.sin(root))
     best = np.inf
-    step = (high - low) / VALLEY_SCAN
-    previous, here = np.inf, _distance(low, centre, circle, offset, eccentricity, pins)
-    for k in range(VALLEY_SCAN + 1):
+    previous, here = np.inf, np.inf
+    for k in range(first, last + 2):
         ahead = np.inf
-        if k < VALLEY_SCAN:
-            ahead = _distance(low + (k + 1) * step, centre, circle, offset, eccentricity, pins)
-        if here <= previous and here <= ahead:
-            left, right = max(low, low + (k - 1) * step), min(high, low + (k + 1) * step)
-            psi = _foot(low + k * step, left, right, centre, circle, eccentricity, pins)
-            best = min(best, here, _distance(psi, centre, circle, offset, eccentricity, pins))
+        if k <= last:
+            away = turned - circle * radial[k] - fast[k] - offset * normal[k]
+            ahead = away.real * away.real + away.imag * away.imag
+        if k > first and here <= previous and here <= ahead:
+            near = k - 1
+            low, high = psi[max(first, near - 1)], psi[min(last, near + 1)]
+            foot = _foot(root + psi[near], root + low, root + high, centre, circle, eccentricity, pins)
+            best = min(best, _distance(foot, centre, circle, offset, eccentricity, pins))
+            if near in (first, last):
+                best = min(best, _distance(root + psi[near], centre, circle, offset, eccentricity, pins))
         previous, here = here, ahead
     return best
 
 
 @njit(cache=True, nogil=True)
-def _exact_gaps(psi, root, half, single, centre, radius, circle, offset, before, behind, eccentricity, pins):
+def _exact_gaps(psi, root, valley, single, room, centre, radius, circle, offset, before, behind, eccentricity, pins):
     """Signed distances (n, n_pins); see ``exact_gaps``. circle, offset: (n, n_lobes)."""
     n, n_pins = centre.shape
+    slow, fast = np.exp(1j * psi), eccentricity * np.exp(1j * pins * psi)
+    last = len(valley[0]) - 1
     gaps = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
             own = before[i] if psi[i] > root[i] else behind[i]
-            q, _, _ = _locus(psi[i], circle[s, own], eccentricity, pins)
-            if abs(centre[s, i] - q) <= single[i]:
-                low, high = (root[i], root[i] + half) if psi[i] > root[i] else (root[i] - half, root[i])
-                foot = _foot(psi[i], low - half, high + half, centre[s, i], circle[s, own], eccentricity, pins)
-                nearest = _distance(foot, centre[s, i], circle[s, own], offset[s, own], eccentricity, pins)
-            else:
+            at = circle[s, own] * slow[i]
+            nearest = -1.0
+            moved = abs(centre[s, i] - at + fast[i])
+            step = abs(circle[s, before[i]] - circle[s, behind[i]]) + abs(offset[s, before[i]] - offset[s, behind[i]])
+            if moved <= single[i] and 2.0 * moved + step <= room[i]:
+                nearest = _single_distance(at, fast[i], centre[s, i], offset[s, own], pins)
+            if nearest < 0.0:
                 nearest = min(
                     _nearest(
+                        last // 2,
+                        last,
+                        valley,
                         root[i],
-                        root[i],
-                        root[i] + half,
                         centre[s, i],
                         circle[s, before[i]],
                         offset[s, before[i]],
@@ -158,8 +208,9 @@ def _exact_gaps(psi, root, half, single, centre, radius, circle, offset, before,
                         pins,
                     ),
                     _nearest(
-                        root[i],
-                        root[i] - half,
+                        0,
+                        last // 2,
+                        valley,
                         root[i],
                         centre[s, i],
                         circle[s, behind[i]],
@@ -170,6 +221,28 @@ def _exact_gaps(psi, root, half, single, centre, radius, circle, offset, before,
                 )
             gaps[s, i] = nearest - radius[s, i]
     return gaps
+
+
+def _valley(profile: CycloidProfile) -> tuple[Real, Complex, Complex, Complex]:
+    """Points of a valley from tip to tip about its root at psi = 0: psi, -fast term, radial direction, normal."""
+    psi = 0.5 * profile.lobe_pitch * np.linspace(-1, 1, 2 * VALLEY_SCAN + 1)
+    return psi, -profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), profile.normal(psi)
+
+
+def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
+    """How far a pin may move (n_pins,) before its foot is no longer the only one, and until the other flank is nearer.
+
+    The first is the least gap over change of normal among the points of the valley that are no neighbours of the
+    foot, and Newton's own limit; the second the least gap of the other side of the root.
+    """
+    psi, fast, radial, normal = _valley(profile)
+    flank = profile.pin_circle_radius * radial + fast + profile.pin_radius * normal
+    place = -phase / profile.lobes
+    gap = np.abs(profile.locus(place)[:, None] - flank) - profile.pin_radius
+    turned = np.abs(profile.normal(place)[:, None] - normal)
+    least = np.min(gap / np.maximum(turned, OTHER_NORMAL), axis=1, where=turned > OTHER_NORMAL, initial=np.inf)
+    room = np.min(gap, axis=1, where=psi * place[:, None] <= 0, initial=np.inf)
+    return np.minimum(least, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
 
 
 def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str) -> Real:
@@ -199,8 +272,8 @@ def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_r
     return _exact_gaps(
         pins.flank_parameter,
         pins.flank_parameter + pins.phase / profile.lobes,
-        0.5 * profile.lobe_pitch,
-        SINGLE_FOOT * np.abs(profile.locus_radius(pins.phase)),
+        _valley(profile),
+        *_rooms(profile, pins.phase),
         centre,
         profile.pin_radius + errors.pin_radius,
         circle,

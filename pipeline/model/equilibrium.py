@@ -261,8 +261,22 @@ def _add_row(reducer, active, dense, p, slope, factor, projected, held):
 
 @njit(cache=True, nogil=True, fastmath=_MATH)
 def _newton(
-    closing, active, n_active, dense, n_dense, factor, projected, held, planar, spring, slope, miss, balance, right,
-    tangent, step,
+    closing,
+    active,
+    n_active,
+    dense,
+    n_dense,
+    factor,
+    projected,
+    held,
+    planar,
+    spring,
+    slope,
+    miss,
+    balance,
+    right,
+    tangent,
+    step,
 ):
     """Newton step: of the motions in ``step``, of the active forces in ``miss``; false if singular.
 
@@ -395,8 +409,22 @@ def _interior(torque, output, gap, reducer, laws, planar, bearing, clearance, mo
         for p in range(n_dense):
             sound = sound and _add_row(reducer, active, dense, p, slope, factor, projected, held)
         if not sound or not _newton(
-            reducer[0], active, n, dense, n_dense, factor, projected, held, planar, spring, slope, miss, balance, right,
-            tangent, step,
+            reducer[0],
+            active,
+            n,
+            dense,
+            n_dense,
+            factor,
+            projected,
+            held,
+            planar,
+            spring,
+            slope,
+            miss,
+            balance,
+            right,
+            tangent,
+            step,
         ):
             break
         length = 1.0
@@ -473,8 +501,22 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
             sound = _add_row(reducer, active, dense, factored, slope, factor, projected, held)
             factored += 1
         if not sound or not _newton(
-            reducer[0], active, n_active, dense, n_dense, factor, projected, held, planar, spring, slope, miss, balance,
-            right, tangent, step,
+            reducer[0],
+            active,
+            n_active,
+            dense,
+            n_dense,
+            factor,
+            projected,
+            held,
+            planar,
+            spring,
+            slope,
+            miss,
+            balance,
+            right,
+            tangent,
+            step,
         ):
             break
         length = 1.0
@@ -490,9 +532,7 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
                 force[i] = 0.0
                 pulled = True
         if pulled:
-            n_active = _open_pulled(
-                reducer, laws, gap, motion, force, active, n_active, dense, n_dense, elastic, depth
-            )
+            n_active = _open_pulled(reducer, laws, gap, motion, force, active, n_active, dense, n_dense, elastic, depth)
             n_dense = _coupled(reducer[1], active, n_active, dense)
             factored = 0
     state[0], state[1] = n_active, 0
