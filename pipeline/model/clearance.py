@@ -17,8 +17,9 @@ it if the error is a size on the diameter), or material taken off along the norm
 ROLLER_READINGS = {"diameter": 1.0, "half_diameter": 0.5}
 """Gap per missing roller diameter: all of it, or the half on each side of a roller that lies centred."""
 
-VALLEY_SCAN = 65
-"""Steps from root to tip at which the distance is scanned before refinement where feet may be many."""
+VALLEY_SCAN = 32
+"""Points from root to tip at which the distance is scanned before refinement where feet may be many, the denser the
+nearer to the root."""
 SINGLE_FOOT = 0.05
 """Newton finds the foot point from the nominal one while the pin's displacement stays below this share of the nominal
 locus' radius of curvature."""
@@ -143,7 +144,10 @@ def _foot(psi, low, high, centre, circle, eccentricity, pins):
         q, dq, ddq = _locus(psi, circle, eccentricity, pins)
         away = q - centre
         slope = away.real * dq.real + away.imag * dq.imag
-        bend = dq.real * dq.real + dq.imag * dq.imag + away.real * ddq.real + away.imag * ddq.imag
+        length = dq.real * dq.real + dq.imag * dq.imag
+        if abs(slope) <= FOOT_TOLERANCE * length:
+            return psi
+        bend = length + away.real * ddq.real + away.imag * ddq.imag
         step = -slope / bend if bend > 0 else -np.sign(slope) * 0.01 * (high - low)
         moved = min(max(psi + step, low), high)
         if abs(moved - psi) <= 1e-15:
@@ -225,7 +229,8 @@ def _exact_gaps(psi, root, valley, single, room, centre, radius, circle, offset,
 
 def _valley(profile: CycloidProfile) -> tuple[Real, Complex, Complex, Complex]:
     """Points of a valley from tip to tip about its root at psi = 0: psi, -fast term, radial direction, normal."""
-    psi = 0.5 * profile.lobe_pitch * np.linspace(-1, 1, 2 * VALLEY_SCAN + 1)
+    even = np.linspace(-1, 1, 2 * VALLEY_SCAN + 1)
+    psi = 0.5 * profile.lobe_pitch * even * np.abs(even)
     return psi, -profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), profile.normal(psi)
 
 

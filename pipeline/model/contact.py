@@ -29,6 +29,9 @@ HALF_WIDTH_LIMIT = 0.5
 """Largest half width over cylinder radius: 30 degrees of arc, where Hertz' parabola leaves the circle
 by 7 % (Johnson 1985, 5.3)."""
 
+SMALLEST_DEFLECTION = 1e-100
+"""Deflection [mm] from which a law is inverted; below it forces underflow."""
+
 
 @dataclass(frozen=True)
 class Material:
@@ -126,7 +129,7 @@ class ContactLaws:
             If 60 iterations do not settle, with the deflections at fault.
         """
         deflection = np.asarray(deflection, float)
-        wanted = np.maximum(deflection, np.finfo(float).tiny)
+        wanted = np.maximum(deflection, SMALLEST_DEFLECTION)
         log_force = np.log(wanted / self.compliance(np.ones_like(wanted)))
         for _ in range(60):
             trial = np.exp(log_force)
@@ -136,7 +139,8 @@ class ContactLaws:
                 break
         else:
             if np.any(np.abs(step) > 1e-12 * np.maximum(1.0, np.abs(log_force))):
-                raise ArithmeticError(f"force law not inverted at deflections {deflection[np.abs(step) > 1e-12]} mm")
+                unsettled = np.broadcast_to(deflection, step.shape)[np.abs(step) > 1e-12]
+                raise ArithmeticError(f"force law not inverted at deflections {unsettled} mm")
         return np.where(deflection > 0, np.exp(log_force), 0.0)
 
     def energy(self, force: ArrayLike) -> Real:
