@@ -90,7 +90,7 @@ def _law(force, a, c, k, m, limit):
 @njit(cache=True, nogil=True, fastmath=_MATH)
 def _closing_force(penetration, own, a, c, k, m, limit):
     """Force of one contact with ``law(F) + own F = penetration``, to a few per cent: a start for Newton."""
-    force = penetration / (own + abs(a) + c)
+    force = penetration / (own + abs(a) + c + k)
     for _ in range(6):
         deflection, slope = _law(force, a, c, k, m, limit)
         force = max(0.1 * force, force + (penetration - deflection - own * force) / (slope + own))
