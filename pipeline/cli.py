@@ -3,15 +3,17 @@
 import argparse
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pipeline.checks import bench
+from pipeline.checks import bench, calibrate
+from pipeline.checks.paper import comparison
 from pipeline.config import Study, load_study, load_unit
-from pipeline.engine.parallel import ChunkError
+from pipeline.engine.parallel import ChunkError, dask_cluster
 from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Cache, Output, write_atomic
@@ -22,6 +24,9 @@ from stages.chain import STAGES
 
 ROOT = Path(__file__).parent.parent
 RUNS = ROOT / "data" / "runs"
+PUBLISHED = ROOT / "data" / "published"
+ALL_WORKERS = -1
+"""Joblib's number of processes for as many as the cluster has."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,6 +60,8 @@ def _parser() -> argparse.ArgumentParser:
 
     def jobs_option(sub: argparse.ArgumentParser) -> None:
         sub.add_argument("--jobs", type=int, help="processes; default: the study's")
+        sub.add_argument("--backend", choices=("loky", "dask"), default="loky", help="this machine, or a Dask cluster")
+        sub.add_argument("--scheduler", help="address of the cluster's scheduler, as in tcp://192.0.2.1:8786")
 
     running = command("run", _run, "run stages, and whatever they depend on that is missing or stale")
     running.add_argument("stage", nargs="*", default=[STAGES[-1].name], help=", ".join(s.name for s in STAGES))
@@ -80,19 +87,39 @@ def _parser() -> argparse.ArgumentParser:
     study_option(measuring)
     jobs_option(measuring)
 
+    papering = command("paper", _paper, "hold the paper's Table 2, contacts and figures against the model")
+    jobs_option(papering)
+
+    fitting = command("calibrate", _calibrate, "fit numbers of a study's design to published metrics of its cases")
+    fitting.add_argument("--study", default=comparison.STUDY, help="study of cases, or its stem in data/studies")
+    for name, stem, what in (
+        ("--targets", comparison.TARGETS, "CSV of published metrics"),
+        ("--parameters", comparison.FITTED, "CSV of fitted numbers: key, lower, upper"),
+    ):
+        fitting.add_argument(name, type=Path, default=PUBLISHED / stem, help=what)
+
     command("clean-runs", _clean_runs, "forget all runs, never inputs")
     return parser
 
 
-def _resources(study: Study, jobs: int | None) -> Resources:
-    if jobs is not None and jobs < 1:
-        raise InputError(f"--jobs = {jobs}; must be at least 1")
-    return Resources(jobs or study.run.jobs, study.run.chunk)
+@contextmanager
+def _resources(study: Study, options: argparse.Namespace) -> Iterator[Resources]:
+    """Where and with how many processes chunks are solved; a cluster is connected while the context lasts."""
+    if options.jobs is not None and options.jobs < 1:
+        raise InputError(f"--jobs = {options.jobs}; must be at least 1")
+    if (options.backend == "dask") != (options.scheduler is not None):
+        raise InputError("--backend dask and --scheduler ADDRESS go together; give both or neither")
+    if options.backend == "dask":
+        with dask_cluster(options.scheduler) as cluster:
+            yield Resources(options.jobs or ALL_WORKERS, study.run.chunk, cluster)
+    else:
+        yield Resources(options.jobs or study.run.jobs, study.run.chunk)
 
 
 def _run(options: argparse.Namespace) -> None:
     study = load_study(options.study, ROOT)
-    run(STAGES, study, options.stage, RUNS, _resources(study, options.jobs))
+    with _resources(study, options) as resources:
+        run(STAGES, study, options.stage, RUNS, resources)
     report = RUNS / study.name / "report" / "report.html"
     if STAGES[-1].name in options.stage:
         print(f"report: {report.relative_to(Path.cwd()) if report.is_relative_to(Path.cwd()) else report}")
@@ -105,7 +132,8 @@ def _why(options: argparse.Namespace) -> None:
 
 def _unit(options: argparse.Namespace) -> None:
     study = load_unit(options.dimensions, options.design, options.study, ROOT)
-    outputs = run(STAGES, study, ["report"], RUNS, _resources(study, options.jobs))
+    with _resources(study, options) as resources:
+        outputs = run(STAGES, study, ["report"], RUNS, resources)
     metrics = pd.DataFrame(outputs["aggregate"].read("metrics"))
     shown = metrics.loc[metrics["sample"] == 1, ["crank_deg", *METRIC_COLUMNS, "status"]]
     print(shown.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
@@ -117,7 +145,8 @@ def _resolve(options: argparse.Namespace) -> None:
     sample = options.sample
     if not 0 <= sample < study.samples.rows:
         raise InputError(f"--sample = {sample}; study {study.name} has samples 0 to {study.samples.rows - 1}")
-    outputs = run(STAGES, study, ["hysteresis"], RUNS, _resources(study, options.jobs))
+    with _resources(study, options) as resources:
+        outputs = run(STAGES, study, ["hysteresis"], RUNS, resources)
     path = RUNS / study.name / "resolved" / f"contacts-{sample}.parquet"
     path.parent.mkdir(exist_ok=True)
     write_atomic(path, hysteresis.CONTACTS.part(_resolved(study, sample, outputs)).data)
@@ -136,13 +165,38 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
 
 def _bench(options: argparse.Namespace) -> None:
     study = load_study(options.study, ROOT)
-    outputs = run(STAGES, study, [STAGES[-1].name], RUNS, _resources(study, options.jobs))
+    with _resources(study, options) as resources:
+        outputs = run(STAGES, study, [STAGES[-1].name], RUNS, resources)
     results = bench.bench(study, outputs, RUNS)
     path = RUNS / "bench" / "bench.csv"
     bench.write(results, path)
     for result in results:
         print(f"{result.name:32} {result.value:12.4g} {result.unit:4} {result.note}")
     print(f"table: {path}")
+
+
+def _paper(options: argparse.Namespace) -> None:
+    study = load_study(comparison.STUDY, ROOT)
+    with _resources(study, options) as resources:
+        outputs = run(STAGES, study, ["aggregate"], RUNS, resources)
+    folder = RUNS / study.name
+    comparison.write(comparison.compared(study, outputs, PUBLISHED, folder), folder)
+    print((folder / "table2.csv").read_text(), end="")
+    print(f"page: {folder / 'paper.html'}")
+
+
+def _calibrate(options: argparse.Namespace) -> None:
+    study = load_study(options.study, ROOT)
+    targets = calibrate.read_targets(options.targets, study)
+    parameters = calibrate.read_parameters(options.parameters, study.design)
+    fit = calibrate.calibrated(study, targets, parameters, study.metrics.confidence)
+    folder = RUNS / "calibrate" / study.name
+    calibrate.write(fit, targets, options.targets.name, folder)
+    for name in ("fit.csv", "targets.csv"):
+        print((folder / name).read_text(), end="")
+    for warning in fit.warnings:
+        print(f"warning: {warning}")
+    print(f"design: {folder / 'design.toml'}")
 
 
 def _clean_runs(_: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -38,6 +39,32 @@ class Backend:
 
     name: str = "loky"
     options: Mapping[str, Any] = field(default_factory=lambda: {"inner_max_num_threads": 1})
+
+
+@contextmanager
+def dask_cluster(scheduler: str) -> Iterator[Backend]:
+    """The workers of a Dask cluster, connected while the context lasts.
+
+    Parameters
+    ----------
+    scheduler : str
+        Address, as in tcp://192.0.2.1:8786.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, or no scheduler answers at the address within ten seconds.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--backend dask: Dask is not installed; pip install 'distributed'") from None
+    try:
+        client = Client(scheduler, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler = {scheduler}; no Dask scheduler answers there ({error}); start one") from None
+    with client:
+        yield Backend("dask", {})
 
 
 @dataclass(frozen=True)
