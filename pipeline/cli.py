@@ -98,6 +98,14 @@ def _parser() -> argparse.ArgumentParser:
     ):
         fitting.add_argument(name, type=Path, default=PUBLISHED / stem, help=what)
 
+    verifying = command("verify", _verify, "hold the mechanics against exact answers and independent solvers")
+    verifying.add_argument("--mesh", choices=("coarse", "paper"), default="paper", help="default: paper")
+
+    exporting = command("export-ccx", _export_ccx, "write a sample of a study as an input deck of CalculiX")
+    exporting.add_argument("study", help="study file, or the stem of one in data/studies")
+    exporting.add_argument("--sample", required=True, type=int)
+    exporting.add_argument("--crank", type=float, metavar="DEG", help="crank angle; default: the study's first")
+
     command("clean-runs", _clean_runs, "forget all runs, never inputs")
     return parser
 
@@ -138,6 +146,11 @@ def _unit(options: argparse.Namespace) -> None:
     shown = metrics.loc[metrics["sample"] == 1, ["crank_deg", *METRIC_COLUMNS, "status"]]
     print(shown.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
     print(f"tables and report: {RUNS / study.name}")
+
+
+def _check_sample(study: Study, sample: int) -> None:
+    if not 0 <= sample < study.samples.rows:
+        raise InputError(f"--sample = {sample}; study {study.name} has samples 0 to {study.samples.rows - 1}")
 
 
 def _resolve(options: argparse.Namespace) -> None:
@@ -197,6 +210,24 @@ def _calibrate(options: argparse.Namespace) -> None:
     for warning in fit.warnings:
         print(f"warning: {warning}")
     print(f"design: {folder / 'design.toml'}")
+
+
+def _verify(options: argparse.Namespace) -> None:
+    from pipeline.checks import verify  # slow to import
+
+    failed = verify.verify(options.mesh, ROOT, RUNS / "verify" / "results.csv")
+    if failed:
+        print(f"{failed} rows failed", file=sys.stderr)
+        raise SystemExit(1)
+
+
+def _export_ccx(options: argparse.Namespace) -> None:
+    from pipeline.checks.calculix import export  # slow to import
+
+    study = load_study(options.study, ROOT)
+    _check_sample(study, options.sample)
+    crank = study.cycle.crank_deg[0] if options.crank is None else options.crank
+    print(export(study, options.sample, crank, RUNS / study.name / "calculix"))
 
 
 def _clean_runs(_: argparse.Namespace) -> None:

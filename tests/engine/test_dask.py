@@ -34,7 +34,9 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
     """Address of a scheduler, and its two workers, each of which takes 0.2 s a chunk."""
     about = tmp_path / "scheduler.json"
     processes = [
-        started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(about))
+        started(
+            "dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(about)
+        )
     ]
     options = ("--scheduler-file", str(about), "--nthreads", "1", "--no-nanny", "--no-dashboard")
     options += ("--local-directory", str(tmp_path))
