@@ -1,0 +1,137 @@
+"""The chain of stages on the paper's reducer: what every row must satisfy, and what no setting may change."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from conftest import LAST, run_study, small_study
+
+from pipeline import assembly
+from pipeline.engine.store import Output
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.equilibrium import ACCEPTED, solve
+from stages import hysteresis
+from stages.chain import STAGES
+from stages.springs import laws_of_columns
+
+Outputs = dict[str, Output]
+
+
+def frame(outputs: Outputs, stage: str, table: str) -> pd.DataFrame:
+    return pd.DataFrame(outputs[stage].read(table))
+
+
+def test_every_stage_writes_its_tables_with_units_in_the_metadata(outputs: Outputs, runs: Path) -> None:
+    for stage in STAGES[:-1]:
+        for table in stage.tables:
+            path = runs / "quick" / stage.name / f"{table.name}.parquet"
+            part = next(path.iterdir()) if path.is_dir() else path
+            schema = pq.read_schema(part)
+            assert schema.names == [column.name for column in table.columns]
+            for column in table.columns:
+                assert schema.field(column.name).metadata[b"unit"].decode() == column.unit
+                assert schema.field(column.name).metadata[b"meaning"]
+            assert len(pd.read_parquet(path)) == outputs[stage.name].record["tables"][table.name]["rows"]
+
+
+def test_force_is_the_laws_and_penetration_is_elastic_plus_local(outputs: Outputs) -> None:
+    contacts = frame(outputs, "hysteresis", "contacts")
+    coefficients = outputs["springs"].read("coefficients")
+    for crank, rows in contacts.groupby("crank_deg"):
+        laws = laws_of_columns(coefficients, crank)
+        local = rows["local_um"].to_numpy().reshape(-1, len(laws)) / 1e3
+        force = rows["force_N"].to_numpy().reshape(local.shape)
+        np.testing.assert_allclose(laws.force(local), force, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(contacts["penetration_um"], contacts["elastic_um"] + contacts["local_um"], atol=1e-12)
+    closed = contacts[contacts["force_N"] > 0]
+    np.testing.assert_allclose(closed["approach_um"], closed["clearance_um"] + closed["penetration_um"], atol=1e-7)
+    opened = contacts[(contacts["force_N"] == 0) & (contacts["torque_Nm"] != 0)]
+    assert np.all(opened["approach_um"] - opened["clearance_um"] <= opened["elastic_um"] + 1e-9)
+    assert len(closed) > 1000
+    assert np.all(contacts["force_N"] >= 0)
+
+
+@pytest.mark.parametrize("part", ["pin", 0, 1])
+def test_every_part_of_the_chain_carries_the_torque(outputs: Outputs, part: str | int) -> None:
+    contacts = frame(outputs, "hysteresis", "contacts")
+    places = frame(outputs, "clearance", "contacts")[["contact", "crank_deg", "interface", "kind", "arm_mm"]]
+    rows = contacts.merge(places, on=["contact", "crank_deg"])
+    rows = rows[rows["kind"] == "pin"] if part == "pin" else rows[rows["interface"] == part]
+    keys = ["sample", "crank_deg", "step"]
+    moment = (rows["force_N"] * rows["arm_mm"]).groupby([rows[key] for key in keys]).sum()
+    torque = rows.groupby(keys)["torque_Nm"].first()
+    np.testing.assert_allclose(-moment, 1e3 * torque, rtol=1e-8, atol=1e-8)
+
+
+def test_loop_is_as_wide_at_zero_torque_as_the_rigid_play(outputs: Outputs) -> None:
+    metrics, kinematic = frame(outputs, "aggregate", "metrics"), frame(outputs, "clearance", "kinematic")
+    free = ~kinematic["preloaded"].to_numpy(bool)
+    assert np.count_nonzero(free) >= 16
+    width = metrics["zero_torque_width_arcmin"].to_numpy()[free]
+    np.testing.assert_allclose(width, kinematic["backlash_arcmin"].to_numpy()[free], atol=1e-6)
+    assert np.all(width > 0.5)
+    assert set(metrics["status"]) == {"ok"}
+
+
+def test_loaded_solution_tends_to_the_rigid_play(outputs: Outputs, runs: Path) -> None:
+    study = small_study()
+    curves = frame(outputs, "hysteresis", "curves")
+    n = study.samples.rows
+    gap = outputs["clearance"].read("gaps")["clearance_um"].reshape(n, len(study.cycle.crank_deg), -1) / 1e3
+    coefficients = outputs["springs"].read("coefficients")
+    for k, crank in enumerate(study.cycle.crank_deg):
+        at = assembly.reducer(study.design, crank)
+        laws = laws_of_columns(coefficients, crank)
+        compliance = hysteresis.full_compliance(outputs["reduce"].path("compliance.npz"), at, crank)
+        width = np.zeros(n)
+        for sense, branch in ((1, "loading+"), (-1, "loading-")):
+            torque = np.array([sense * 1e-6 * 12_000.0])
+            start = np.zeros((n, len(at.motions)))
+            loaded = solve(at, assembly.bearing(study.design), laws, compliance, gap[:, k], np.zeros(n), start, torque)
+            assert np.all(loaded.residual <= ACCEPTED)
+            end = curves[(curves["crank_deg"] == crank) & (curves["branch"] == branch) & (curves["torque_Nm"] == 0)]
+            width += sense * (ARCMIN * loaded.motion[:, 0, at.output_motion] - end["angle_arcmin"].to_numpy())
+        assert np.all((width > 0) & (width < 1e-4))
+
+
+def test_metrics_are_those_of_the_curves(outputs: Outputs) -> None:
+    curves, metrics = frame(outputs, "hysteresis", "curves"), frame(outputs, "aggregate", "metrics")
+    keys = ["sample", "crank_deg"]
+    rising = curves[curves["branch"].isin(["loading+", "loading-"])].assign(torque=curves["torque_Nm"].round(9))
+    angle = rising.pivot_table(index=keys, columns=["branch", "torque"], values="angle_arcmin", observed=True)
+    up, down = angle["loading+"], angle["loading-"]
+    metrics = metrics.set_index(keys)
+    lost, rigid = metrics["lost_motion_arcmin"], metrics["torsional_rigidity_Nm_per_arcmin"]
+    np.testing.assert_allclose(lost, up[0.36] - down[-0.36], rtol=1e-12)
+    np.testing.assert_allclose(rigid, 3 / (up[12.0] - up[6.0]) + 3 / (down[-6.0] - down[-12.0]), rtol=1e-12)
+    assert np.all(lost > metrics["clearance_backlash_arcmin"])
+
+
+@pytest.mark.parametrize(("jobs", "chunk"), [(1, 100), (1, 4), (2, 3)])
+def test_values_depend_on_no_jobs_and_chunks(outputs: Outputs, runs: Path, jobs: int, chunk: int) -> None:
+    study = small_study()
+    again = run_study(study.model_copy(update={"name": f"again-{jobs}-{chunk}"}), runs, jobs, chunk)
+    assert {name: output.hashes for name, output in again.items()} == {
+        name: output.hashes for name, output in outputs.items()
+    }
+
+
+def test_a_sample_does_not_depend_on_how_many_follow(outputs: Outputs, runs: Path) -> None:
+    fewer = run_study(small_study(count=5).model_copy(update={"name": "fewer"}), runs)
+    for stage, table in (("sample", "pins"), ("clearance", "gaps"), ("hysteresis", "curves")):
+        longer = frame(outputs, stage, table)
+        pd.testing.assert_frame_equal(
+            frame(fewer, stage, table), longer[longer["sample"] <= 5], check_exact=True, check_categorical=False
+        )
+
+
+def test_zero_tolerance_has_no_backlash_and_uniform_tolerance_the_published_share(runs: Path) -> None:
+    study = small_study(experiment="cases", count=2, nominal_first=False)
+    cases = ({"label": "none"}, {"label": "disk", "disk_profile": 5.0})
+    settings = {**study.model_dump(exclude={"tolerances"}), "name": "cases", "cases": cases}
+    outputs = run_study(type(study).model_validate(settings), runs)
+    backlash = frame(outputs, LAST, "metrics").groupby("sample")["clearance_backlash_arcmin"]
+    assert backlash.max()[0] < 1e-6
+    assert 5 * 0.0631 < backlash.min()[1] <= backlash.max()[1] < 5 * 0.0633

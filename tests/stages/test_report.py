@@ -1,0 +1,340 @@
+"""The report stage on real runs of a tiny study: one self-contained page whose numbers are those of the tables."""
+
+import base64
+import re
+import tomllib
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.config import Study, load_design, parse_study
+from pipeline.config.study import Limits
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.stage import Job, Sections
+from pipeline.engine.store import Cache, Output
+from pipeline.figures.labels import METRICS
+from pipeline.report.cases import case_rows
+from pipeline.report.drawings import drawings
+from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.page import report_page
+from pipeline.report.validity import overloaded, ranges
+from pipeline.report.wording import interval, percent_interval, plain
+from stages import report
+from stages.aggregate import worst_over_cranks
+from stages.chain import STAGES
+
+ROOT = Path(__file__).parents[2]
+FAILURE = "no equilibrium at <3> N m: residual 1e-3"
+
+
+def tiny_study(name: str, **changes: object) -> Study:
+    """The quick study with a dozen samples and the coarsest mesh."""
+    data = tomllib.loads((ROOT / "data/studies/quick.toml").read_text(encoding="utf-8"))
+    data["samples"] |= {"count": 12}
+    data["cycle"] |= {"crank_deg": [0.0, 90.0], "levels_per_branch": 4}
+    data["reduce"] |= {
+        "flank_edges_per_lobe": 12,
+        "patch_half_width_mm": 0.3,
+        "growth": 1.0,
+        "largest_edge_mm": 3.0,
+    }
+    data["springs"]["table_points"] = 16
+    data |= changes
+    data = {name: section for name, section in data.items() if section is not None}
+    return parse_study(data, name, f"{name}.toml", lambda design: load_design(design, ROOT))
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="module")
+def finished(runs) -> dict[str, Output]:
+    return run(STAGES, tiny_study("tiny"), ["report"], runs, Resources(1, 7))
+
+
+@pytest.fixture(scope="module")
+def page(finished) -> str:
+    return (finished["report"].folder / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+
+
+@pytest.fixture(scope="module")
+def frames(runs, finished) -> Frames:
+    return frames_of(tiny_study("tiny"), runs)
+
+
+def frames_of(study: Study, runs: Path) -> Frames:
+    """The frames of a run as anyone reads them with pandas."""
+
+    def table(name: str) -> pd.DataFrame:
+        return pd.read_parquet(runs / study.name / f"{name}.parquet")
+
+    metrics = table("aggregate/metrics")
+    return Frames(
+        study=study,
+        metrics=metrics,
+        worst=worst_over_cranks(metrics[metrics["sample"] > 0] if study.samples.nominal_first else metrics),
+        distributions=table("aggregate/distributions"),
+        sensitivity=table("aggregate/sensitivity"),
+        status=table("hysteresis/status"),
+        contacts=table("clearance/contacts"),
+        gaps=table("clearance/gaps"),
+        curves=table("hysteresis/curves"),
+        loads=table("hysteresis/contacts"),
+        laws=table("springs/laws"),
+        mesh=(1234, 5678),
+    )
+
+
+def written(frames: Frames) -> str:
+    """The page without pictures."""
+    return report_page(frames, {}, [], {"numpy": "2"}).replace("\u00a0", " ")
+
+
+class Resources_of_page(HTMLParser):
+    """Every address and element that a browser would fetch or run."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.elements: set[str] = set()
+        self.anchors: set[str] = set()
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.add(tag)
+        found = dict(attrs)
+        self.addresses += [found[name] for name in ("src", "href", "srcset", "action", "data") if name in found]
+        if "id" in found:
+            self.anchors.add(found["id"])
+
+
+def test_page_needs_nothing_beside_it(page):
+    seen = Resources_of_page(page)
+    outside = [address for address in seen.addresses if not address.startswith(("data:image/svg+xml;base64,", "#"))]
+    assert outside == []
+    assert {address[1:] for address in seen.addresses if address.startswith("#")} <= seen.anchors
+    assert not seen.elements & {"script", "link", "iframe", "object", "video"}
+    assert not re.search(r"https?://|@import|url\(", page)
+
+
+def test_every_figure_is_written_twice_and_stands_in_the_page(finished, page):
+    folder = finished["report"].folder / "figures"
+    names = {path.stem for path in folder.glob("*.svg")}
+    assert names == {path.stem for path in folder.glob("*.png")}
+    assert names >= {
+        "reducer", "mesh", "spring_laws", "clearances", "dead_zones", "pin_loads", "roller_loads", "bearing",
+        "hysteresis", "distributions", "cranks", "drivers_lost_motion_arcmin",
+    }  # fmt: skip
+    shown = re.findall(r'<img src="data:image/svg\+xml;base64,([^"]+)"', page)
+    assert sorted(base64.b64decode(source) for source in shown) == sorted(p.read_bytes() for p in folder.glob("*.svg"))
+    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\.", page)]
+    assert numbers == list(range(1, len(names) + 1))
+
+
+def cells(page: str, heading: str) -> list[str]:
+    """Text of the cells of the first row with this heading; a number and its interval are parted by a bar."""
+    row = re.search(rf'<tr><th scope="row">{heading}(?:<span[^>]*>[^<]*</span>)?</th>(.*?)</tr>', page, re.DOTALL)
+    assert row, heading
+    found = re.findall(r"<td[^>]*>(.*?)</td>", row[1], re.DOTALL)
+    return [re.sub(r"<[^>]*>", "", cell.replace('<span class="ci">', "|")) for cell in found]
+
+
+def test_key_numbers_are_those_of_the_tables(page, frames):
+    worst = frames.distributions[frames.distributions["crank_deg"].isna()].set_index(["metric", "statistic"])
+    for metric in HEADLINES:
+        quantity = METRICS[metric]
+        nominal = frames.metrics.loc[frames.metrics["sample"] == 0, metric]
+        expected = [quantity.text(nominal.min() if quantity.smaller_is_worse else nominal.max())]
+        for statistic in ("mean", "std", "p05", "p95"):
+            row = worst.loc[(metric, statistic)]
+            expected.append(f"{quantity.text(row['value'])}|{interval(row['ci_low'], row['ci_high'], quantity)}")
+        limit, share = getattr(frames.study.limits, metric), worst.loc[(metric, "yield")]
+        expected.append(f"{'≥' if quantity.smaller_is_worse else '≤'} {plain(limit)}")
+        expected.append(f"{100 * share['value']:.1f} %|{percent_interval(share['ci_low'], share['ci_high'])}")
+        assert cells(page, quantity.title) == expected
+    together = worst.loc[("all_limits", "yield"), "value"]
+    assert cells(page, "All limits together")[-1].startswith(f"{100 * together:.1f} %|")
+
+
+def test_numbers_at_each_crank_angle_are_those_of_the_tables(page, frames):
+    rows = frames.distributions[frames.distributions["crank_deg"] == 90.0].set_index(["metric", "statistic"])["value"]
+    nominal = frames.metrics[(frames.metrics["sample"] == 0) & (frames.metrics["crank_deg"] == 90.0)].iloc[0]
+    expected = []
+    for metric in HEADLINES:
+        quantity = METRICS[metric]
+        expected += [quantity.text(nominal[metric]), quantity.text(rows[metric, "mean"])]
+        expected.append(interval(rows[metric, "p05"], rows[metric, "p95"], quantity))
+    assert re.search(
+        r'<tr><th scope="row" class="n">90</th>\s*'
+        + r"\s*".join(rf'<td class="n">{re.escape(text)}</td>' for text in expected),
+        page,
+    )
+
+
+def test_band_is_over_the_samples_at_the_first_crank_angle(frames):
+    values = frames.of_band(frames.curves, "angle_arcmin")
+    assert frames.band.tolist() == list(range(1, 13))
+    rows = frames.curves[(frames.curves["crank_deg"] == 0.0) & (frames.curves["sample"] > 0)]
+    expected = rows.pivot(index="sample", columns="step", values="angle_arcmin")
+    np.testing.assert_array_equal(values, expected.to_numpy())
+
+
+def test_every_number_of_the_design_is_told_with_its_origin(page, frames):
+    design = frames.study.design
+    for section in (design.cycloid, design.disk, design.bearing, design.output):
+        for value in section.model_dump().values():
+            if isinstance(value, int | float):
+                assert f'<td class="n">{plain(value)}</td>' in page
+    for provenance in design.provenance.values():
+        assert provenance.reason in page.replace("&#39;", "'")
+    assert page.count('class="tag calibrated"') == sum(p.status == "calibrated" for p in design.provenance.values())
+
+
+def test_paths_of_the_page_are_read_by_pandas(page, runs):
+    told = re.findall(r'<tr><td><code>([^<]+)</code></td><td>[^<]*</td><td class="n">([\d,]+)</td>', page)
+    assert len(told) == sum(len(stage.tables) for stage in STAGES)
+    for path, rows in told:
+        assert len(pd.read_parquet(runs / "tiny" / path)) == int(rows.replace(",", ""))
+
+
+def test_few_samples_leave_indices_and_bounds_undetermined_and_say_why(page, frames):
+    assert not np.isfinite(frames.distributions["ci_high"]).all()
+    assert "Shares of the variance are not determined" in page
+    assert "nan" not in re.sub(r'"data:[^"]*"', "", page).lower().replace("nanu", "")
+    assert not re.search(r"\binf\b", re.sub(r'"data:[^"]*"', "", page))
+
+
+def job(finished: dict[str, Output], folder: Path) -> Job:
+    """What the engine gives to the stage, writing into another folder."""
+    sections = Sections(tiny_study("tiny"), (*report.REPORT.sections, "name"))
+    inputs = {name: finished[name] for name in report.REPORT.reads}
+    return Job(sections, 1, folder, inputs, Cache(folder / "cache", ""))
+
+
+def test_same_run_gives_the_same_bytes(finished, tmp_path):
+    assert report.REPORT.run(job(finished, tmp_path)) == {}
+    first = finished["report"].folder
+    for name in finished["report"].record["files"]:
+        assert (tmp_path / name).read_bytes() == (first / name).read_bytes(), name
+
+
+def test_only_the_first_samples_are_read_for_bands(finished, tmp_path, monkeypatch):
+    captions = []
+    original = report.drawings
+
+    def noted(frames):
+        assert frames.curves["sample"].max() == frames.gaps["sample"].max() == 5
+        for drawing in original(frames):
+            captions.append(drawing.caption)
+            yield drawing
+
+    monkeypatch.setattr(report, "BAND_SAMPLES", 5)
+    monkeypatch.setattr(report, "drawings", noted)
+    monkeypatch.setattr(report, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
+    report.REPORT.run(job(finished, tmp_path))
+    assert sum("The band is over the first 5 samples." in caption for caption in captions) == 3
+
+
+def failing(frames: Frames, rows: list[int]) -> Frames:
+    """The frames with load cycles that have no result."""
+    lost = np.isin(np.arange(len(frames.metrics)), rows)
+    status = np.where(lost, FAILURE, "ok")
+    metrics = frames.metrics.assign(status=status)
+    metrics.loc[lost, list(METRICS)] = np.nan
+    counted = metrics[metrics["sample"] > 0]
+    return replace(
+        frames, metrics=metrics, status=frames.status.assign(status=status), worst=worst_over_cranks(counted)
+    )
+
+
+def test_failed_samples_are_listed_with_their_reasons_and_left_out_of_bands(frames):
+    tried = failing(frames, [0, 7])
+    text = written(tried)
+    assert "2 of 26 load cycles have no result; they belong to 2 samples" in text
+    assert "no equilibrium at &lt;3&gt; N m: residual 1e-3" in text
+    assert "nominal reducer" in text
+    assert 3 not in tried.band
+    assert len(tried.band) == 11
+    assert tried.drawn == {}
+    assert "keeps the contacts of none of the drawn samples" in text
+    names = [drawing.name for drawing in drawings(tried)]
+    assert "hysteresis" in names
+    assert "pin_loads" not in names
+
+
+def test_report_of_a_study_without_any_result(frames):
+    none = failing(frames, list(range(26)))
+    none = replace(none, distributions=frames.distributions[:0], sensitivity=frames.sensitivity.assign(index=np.nan))
+    text = written(none)
+    assert "No sample has a result" in text
+    assert "Not determined: no sample has a result." in text
+    assert [drawing.name for drawing in drawings(none)] == [
+        "reducer",
+        "spring_laws",
+        "clearances",
+        "hysteresis",
+        "bearing",
+    ]
+
+
+def test_no_limits_no_yield(frames):
+    free = replace(frames, study=frames.study.model_copy(update={"limits": Limits()}))
+    text = written(free)
+    assert "Yield</th>" not in text
+    assert "The study sets no limits" in text
+    assert "All limits together" not in text
+
+
+def test_contacts_beyond_the_pressure_limit_are_named(frames):
+    tight = replace(frames, study=frames.study.model_copy(update={"limits": Limits(peak_pressure_MPa=0.001)}))
+    loads = frames.loads[(frames.loads["crank_deg"] == 0.0) & (frames.loads["pressure_MPa"] > 0.001)]
+    pins = sorted(loads.loc[loads["contact"] < 80, "contact"].unique())
+    (sentence,) = overloaded(tight)
+    assert sentence.startswith(f"{len(pins)} pins ({ranges(pins)}) and ")
+    assert sentence.endswith("of the nominal reducer")
+    loose = replace(frames, study=frames.study.model_copy(update={"limits": Limits(peak_pressure_MPa=1e6)}))
+    assert overloaded(loose) == ["none of the nominal reducer"]
+    assert ranges([3, 70, 71, 72, 75, 76]) == "3, 70–72, 75–76"
+
+
+def test_markup_in_a_title_is_text(frames):
+    text = written(replace(frames, study=frames.study.model_copy(update={"title": "<script>alert(1)</script>"})))
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+
+
+def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(runs, finished):
+    cases = [{"label": "tight"}, {"label": "loose", "disk_profile": 10, "roller_diameter": -5}]
+    study = tiny_study(
+        "cases",
+        samples={"experiment": "cases", "nominal_first": False},
+        cases=cases,
+        tolerances=None,
+        cycle={"crank_deg": [0.0, 90.0], "levels_per_branch": 4, "keep_contacts": "all"},
+    )
+    run(STAGES, study, ["aggregate"], runs, Resources(1, 7))
+    frames = frames_of(study, runs)
+    text = written(frames)
+    worst = frames.metrics.groupby("sample")["lost_motion_arcmin"].max()
+    for sample, label in enumerate(("tight", "loose")):
+        assert cells(text, label)[1] == METRICS["lost_motion_arcmin"].text(worst[sample])
+    limits = study.limits.model_dump()
+    for row in case_rows(frames):
+        sample = ("tight", "loose").index(row.label)
+        for name, fails in zip(frames.shown_metrics, row.failing, strict=True):
+            value = frames.metrics.loc[frames.metrics["sample"] == sample, name]
+            beyond = value.min() < limits[name] if METRICS[name].smaller_is_worse else value.max() > limits[name]
+            assert fails == beyond
+    assert 'class="n fails"' in text
+    assert "Which tolerance decides" not in text
+    names = {drawing.name: drawing for drawing in drawings(frames)}
+    assert "distributions" not in names
+    labels = [artist.get_label() for artist in names["hysteresis"].figure.axes[0].lines]
+    assert labels[:2] == ["tight", "loose"]
+    assert "output rollers at 0.36 N m" in names["roller_loads"].title
