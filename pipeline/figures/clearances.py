@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ACCENT_LIGHT, INK, MUTED, legend_below, line_styles, new_figure, styled
+from pipeline.figures.style import ACCENT_LIGHT, INK, MUTED, legend_below, line_styles, new_figure, pin_axis, styled
 
 
 @styled
@@ -22,13 +22,18 @@ def pin_clearances_figure(traces: Mapping[str, pd.DataFrame], spread: pd.DataFra
     axes.axhline(0, color=MUTED, linewidth=0.8)
     if spread is not None:
         axes.fill_between(
-            spread["contact"], spread["low"], spread["high"], color=ACCENT_LIGHT, linewidth=0,
+            spread["contact"],
+            spread["low"],
+            spread["high"],
+            color=ACCENT_LIGHT,
+            linewidth=0,
             label="5 % to 95 % of samples",
         )
         axes.plot(spread["contact"], spread["middle"], "--", color=INK, linewidth=1.0, label="median of samples")
     for style, rows in zip(line_styles(traces), traces.values(), strict=True):
         axes.plot(rows["contact"], rows["clearance_um"], **style)
-    axes.set(xlabel="pin number", ylabel="clearance (µm)")
+    axes.set_ylabel("clearance (µm)")
+    pin_axis(axes)
     axes.margins(x=0.01)
     legend_below(figure, axes)
     return figure

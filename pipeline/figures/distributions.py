@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from pipeline.figures.labels import METRICS
 from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, legend_below, new_figure, styled
@@ -36,7 +37,7 @@ def distributions_figure(
     metrics = list(values)
     lines = -(-len(metrics) // 2)
     figure = new_figure(3.1 * lines)
-    for axes in figure.subplots(lines, 2, squeeze=False).flat[len(metrics):]:
+    for axes in figure.subplots(lines, 2, squeeze=False).flat[len(metrics) :]:
         axes.set_visible(False)
     for axes, metric in zip(figure.axes, metrics, strict=False):
         rows = estimates[estimates["metric"] == metric].set_index("statistic")
@@ -57,20 +58,38 @@ def _histogram(axes: Axes, values: np.ndarray, metric: str, limit: float | None,
     low, high = min([edges[0], *inside]), max([edges[-1], *inside])
     room = 0.06 * (high - low)
     axes.set(xlabel=quantity.axis, ylabel="samples", xlim=(low - room, high + room), ylim=(-0.36 * top, 1.12 * top))
-    axes.set_yticks([tick for tick in axes.get_yticks() if 0 <= tick <= top])
+    ticks = MaxNLocator(5, integer=True).tick_values(0, top)
+    axes.set_yticks(ticks[ticks <= top])
     axes.axhline(0, color=MUTED, linewidth=0.8)
     if nominal is not None and np.isfinite(nominal):
         axes.plot([nominal], [0.0], "D", color=INK, markersize=5, markerfacecolor="white", clip_on=False, zorder=5)
-        axes.annotate("nominal", (nominal, 0), (0, 8), textcoords="offset points", ha="center", fontsize=8, color=INK,
-                      bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}, zorder=6)
+        axes.annotate(
+            "nominal",
+            (nominal, 0),
+            (0, 8),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            color=INK,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8},
+            zorder=6,
+        )
     if limit is not None:
         start, end = axes.get_xlim()
         axes.axvline(limit, color=ALARM, linewidth=1.3)
         failing = (start, limit) if quantity.smaller_is_worse else (limit, end)
         axes.axvspan(*failing, facecolor=ALARM, alpha=0.07, linewidth=0)
         right = limit < 0.5 * (start + end)
-        axes.annotate(f"limit {limit:g}", (limit, 1.12 * top), (4 if right else -4, -2), textcoords="offset points",
-                      ha="left" if right else "right", va="top", fontsize=8.5, color=ALARM)
+        axes.annotate(
+            f"limit {limit:g}",
+            (limit, 1.12 * top),
+            (4 if right else -4, -2),
+            textcoords="offset points",
+            ha="left" if right else "right",
+            va="top",
+            fontsize=8.5,
+            color=ALARM,
+        )
         axes.set_xlim(start, end)
 
 
@@ -83,14 +102,23 @@ def _estimates(axes: Axes, rows: pd.DataFrame) -> None:
             continue
         value, low, high = (float(rows.loc[name, key]) for key in ("value", "ci_low", "ci_high"))
         y = -depth * (0.22 + 0.3 * line)
-        axes.plot([max(low, start), min(high, end)], [y, y], color=ACCENT, linewidth=2.2, solid_capstyle="butt",
-                  alpha=0.55)
+        axes.plot(
+            [max(low, start), min(high, end)], [y, y], color=ACCENT, linewidth=2.2, solid_capstyle="butt", alpha=0.55
+        )
         for bound, marker, edge in ((low, "<", start), (high, ">", end)):
             if not np.isfinite(bound):
                 axes.plot([edge], [y], marker, color=ACCENT, markersize=4, alpha=0.55, clip_on=False)
         axes.plot([value], [y], "o", color=ACCENT, markersize=4.5)
-        axes.annotate(text, (1.0, y), (3, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
-                      fontsize=8, color=MUTED, va="center")
+        axes.annotate(
+            text,
+            (1.0, y),
+            (3, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            fontsize=8,
+            color=MUTED,
+            va="center",
+        )
 
 
 @styled
@@ -112,8 +140,15 @@ def crank_figure(
         axes.vlines(rows.index, rows["p05"], rows["p95"], color=ACCENT, linewidth=6, alpha=0.3, label="5 % to 95 %")
         axes.plot(rows.index, rows["mean"], "o", color=ACCENT, markersize=4.5, label="mean")
         if len(nominal):
-            axes.plot(nominal["crank_deg"], nominal[metric], "D", color=INK, markerfacecolor="white", markersize=4.5,
-                      label="nominal")
+            axes.plot(
+                nominal["crank_deg"],
+                nominal[metric],
+                "D",
+                color=INK,
+                markerfacecolor="white",
+                markersize=4.5,
+                label="nominal",
+            )
         if metric in limits:
             axes.axhline(limits[metric], color=ALARM, linewidth=1.2, label="limit")
         axes.set(xlabel="crank angle (degrees)", title=METRICS[metric].title, ylabel=METRICS[metric].unit)

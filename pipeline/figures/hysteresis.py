@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from pipeline.figures.style import (
     ACCENT_LIGHT,
-    ALARM,
-    COLOURS,
     INK,
     MUTED,
     legend_below,
@@ -23,6 +21,9 @@ from pipeline.figures.style import (
 
 ZOOM = 3.0
 """Reach of the close-up about zero torque, in lost-motion torques."""
+SMALLEST_MARK = 0.08
+"""Share of the axis that a width must have for its arrow to be drawn."""
+BEHIND_TEXT = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def hysteresis_figure(
     traces : label -> rows of ``hysteresis/curves`` of one sample at one crank angle, in the order of steps.
     spread : ``branch``, ``torque_Nm``, ``low``, ``middle``, ``high`` [arcmin]: 5th, 50th and 95th percentile of the
         angle over the samples, each loop `centred`, on the branches loading+ and loading-.
-    marks : where to draw the definitions of the metrics, on the first trace.
+    marks : where to draw the definitions of the metrics, on the trace with the widest loop.
     """
     figure = new_figure(4.4)
     whole, middle = figure.subplots(1, 2)
@@ -68,12 +69,12 @@ def hysteresis_figure(
         axes.set(xlabel="torque on the output (N m)", ylabel="torsion angle (arcmin)")
     whole.set_title("Load cycle")
     middle.set_title("About zero torque")
-    first = next(iter(loops.values()), None)
     if marks is not None:
         _zoom(middle, loops, spread, ZOOM * marks.lost_motion)
-        if first is not None:
-            _mark_rigidity(whole, first, marks.rigidity)
-            _mark_widths(middle, first, marks.lost_motion)
+    if marks is not None and loops:
+        widest = max(loops.values(), key=lambda rows: _at(rows, 0.0, "unloading+"))
+        _mark_rigidity(whole, widest, marks.rigidity)
+        _mark_widths(middle, widest, marks.lost_motion)
     legend_below(figure, whole)
     return figure
 
@@ -98,9 +99,7 @@ def bearing_figure(traces: Mapping[str, pd.DataFrame], spread: Mapping[str, pd.D
 
 
 def _centred_frame(rows: pd.DataFrame) -> pd.DataFrame:
-    angle = centred(
-        rows["angle_arcmin"].to_numpy()[None], np.asarray(rows["branch"]), rows["torque_Nm"].to_numpy()
-    )[0]
+    angle = centred(rows["angle_arcmin"].to_numpy()[None], np.asarray(rows["branch"]), rows["torque_Nm"].to_numpy())[0]
     return rows.assign(angle_arcmin=angle)
 
 
@@ -110,11 +109,19 @@ def _draw_spread(axes: Axes, spread: pd.DataFrame | None, what: str) -> None:
     for number, (_, rows) in enumerate(spread.groupby("branch", observed=True)):
         once = number == 0
         axes.fill_between(
-            rows["torque_Nm"], rows["low"], rows["high"], color=ACCENT_LIGHT, linewidth=0,
+            rows["torque_Nm"],
+            rows["low"],
+            rows["high"],
+            color=ACCENT_LIGHT,
+            linewidth=0,
             label="5 % to 95 % of samples" if once else None,
         )
         axes.plot(
-            rows["torque_Nm"], rows["middle"], color=INK, linewidth=1.0, linestyle="--",
+            rows["torque_Nm"],
+            rows["middle"],
+            color=INK,
+            linewidth=1.0,
+            linestyle="--",
             label=f"median {what}" if once else None,
         )
 
@@ -127,30 +134,37 @@ def _at(rows: pd.DataFrame, torque: float, branch: str) -> float:
 
 def _mark_rigidity(axes: Axes, loop: pd.DataFrame, torque: tuple[float, float]) -> None:
     angle = [_at(loop, level, "loading+") for level in torque]
-    axes.plot([torque[0], torque[1], torque[1]], [angle[0], angle[0], angle[1]], color=ALARM, linewidth=1.2)
-    axes.plot(torque, angle, "o", color=ALARM, markersize=5, markerfacecolor="white", zorder=4)
-    axes.text(torque[1], angle[0] - 0.03 * np.ptp(axes.get_ylim()), "torsional rigidity:\nΔ torque / Δ angle",
-              color=ALARM, ha="right", va="top", fontsize=8.5)
+    axes.plot([torque[0], torque[1], torque[1]], [angle[0], angle[0], angle[1]], color=INK, linewidth=1.0)
+    axes.plot(torque, angle, "o", color=INK, markersize=5, markerfacecolor="white", zorder=4)
+    text = "torsional rigidity:\nΔ torque / Δ angle between the circles"
+    axes.text(0.98, 0.04, text, transform=axes.transAxes, ha="right", va="bottom", fontsize=8.5, bbox=BEHIND_TEXT)
 
 
 def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
     """Arrows of the width at zero torque and of the lost motion between the loop's centre lines."""
-    reach = axes.get_xlim()[1]
-    for place, level, pair, text, colour in (
-        (0.0, 0.0, ("unloading+", "unloading-"), "clearance backlash", ALARM),
-        (0.78 * reach, torque, ("loading+", "loading-"), "lost motion", COLOURS[2]),
+    reach, height = axes.get_xlim()[1], np.ptp(axes.get_ylim())
+    for side, level, branches, text in (
+        (-0.14, 0.0, ("unloading+", "unloading-"), "clearance\nbacklash"),
+        (0.78, torque, ("loading+", "loading-"), "lost\nmotion"),
     ):
-        high, low = _at(loop, level, pair[0]), _at(loop, -level, pair[1])
+        high, low = _at(loop, level, branches[0]), _at(loop, -level, branches[1])
+        if high - low < SMALLEST_MARK * height:
+            continue
+        place = side * reach
         for end, angle in ((level, high), (-level, low)):
-            axes.plot([end, place], [angle, angle], color=colour, linewidth=0.9, linestyle=(0, (4, 2)))
-            axes.plot(end, angle, "o", color=colour, markersize=5, markerfacecolor="white", zorder=4)
-        if high - low > 0.02 * np.ptp(axes.get_ylim()):
-            arrow = {"arrowstyle": "<|-|>", "color": colour, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
-            axes.annotate("", (place, high), (place, low), zorder=5, arrowprops=arrow)
-        side = "left" if level == 0 else "right"
-        axes.text(place + (0.04 if level == 0 else -0.04) * reach, low + (0.3 if level == 0 else 0.65) * (high - low),
-                  text, color=colour, fontsize=8.5, va="center", ha=side,
-                  bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5})
+            axes.plot([end, place], [angle, angle], color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+            axes.plot(end, angle, "o", color=INK, markersize=5, markerfacecolor="white", zorder=4)
+        arrow = {"arrowstyle": "<|-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", (place, high), (place, low), zorder=5, arrowprops=arrow)
+        axes.text(
+            place - 0.04 * reach,
+            low + 0.65 * (high - low),
+            text,
+            fontsize=8.5,
+            va="center",
+            ha="right",
+            bbox=BEHIND_TEXT,
+        )
     for level in (-torque, torque):
         axes.axvline(level, color=MUTED, linewidth=0.8, linestyle=":")
 

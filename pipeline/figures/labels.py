@@ -19,6 +19,11 @@ class Quantity:
     smaller_is_worse: bool = False
 
     @property
+    def inline(self) -> str:
+        """The title inside a sentence."""
+        return self.title[0].lower() + self.title[1:]
+
+    @property
     def axis(self) -> str:
         """Label of an axis."""
         return f"{self.title} ({self.unit})"
@@ -43,13 +48,13 @@ METRICS = {
 }
 
 PARAMETERS = {
-    "disk_profile": "disk profile, whole disk",
-    "lobe_profile": "lobe profile, lobe by lobe",
-    "pin_radial": "pin position, radial",
-    "pin_tangential": "pin position, tangential",
+    "disk_profile": "disk profile (whole disk)",
+    "lobe_profile": "lobe profile (each lobe)",
+    "pin_radial": "radial pin position",
+    "pin_tangential": "tangential pin position",
     "pin_radius": "pin radius",
-    "ovality_2": "pin circle, two-lobed ovality",
-    "ovality_3": "pin circle, three-lobed ovality",
+    "ovality_2": "two-lobed ovality of pin circle",
+    "ovality_3": "three-lobed ovality of pin circle",
     "eccentricity": "eccentricity",
     "roller_diameter": "output roller diameter",
     "bearing_clearance": "bearing clearance",

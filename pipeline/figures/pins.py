@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.style import ALARM, legend_below, line_styles, new_figure, rising_styles, styled
+from pipeline.figures.style import ALARM, legend_below, line_styles, new_figure, pin_axis, rising_styles, styled
 
 MARGIN = 2
 """Pins shown beyond the first and last loaded one."""
@@ -37,7 +37,7 @@ def dead_zones_figure(traces: Mapping[str, pd.DataFrame]) -> Figure:
         axes.set_ylim(min(rows["clearance_um"].min(), 0.0) * 1.1, 1.08 * top if top > 0 else 1.0)
         axes.set(title=f"{label}: {len(loaded)} pins in contact", ylabel="distance (µm)")
         axes.margins(x=0.01)
-    panels[-1].set_xlabel("pin number")
+    pin_axis(panels[-1])
     legend_below(figure, panels[0])
     return figure
 
@@ -59,7 +59,8 @@ def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -
         force.plot(rows["contact"], rows["force_N"].where(loaded), **style)
         depth.plot(rows["contact"], rows["penetration_um"].where(loaded), **style)
     force.set(ylabel="contact force (N)", ylim=(0, None))
-    depth.set(ylabel="deformation (µm)", xlabel="pin number", ylim=(0, None))
+    depth.set(ylabel="deformation (µm)", ylim=(0, None))
+    pin_axis(depth)
     numbers = np.concatenate([rows["contact"][rows["force_N"] > 0] for rows in traces.values()])
     if numbers.size:
         force.set_xlim(numbers.min() - MARGIN, numbers.max() + MARGIN)

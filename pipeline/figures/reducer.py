@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, new_figure, styled
 
+INTERFACES = (0, 1)
+"""Disk to plate, plate to output."""
 MOST_NUMBERS = 100
 """Up to so many pins each one has its number beside it, else every fifth."""
 NUMBER_RADIUS = 1.07
@@ -29,10 +31,10 @@ def reducer_figure(
     pin_radius, roller_radius : [mm]
     """
     figure = new_figure(6.0)
-    mosaic = [["ring", "0"], ["ring", "1"]]
+    mosaic = [["ring", str(interface)] for interface in INTERFACES]
     panels: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[2.05, 1])
     _draw_ring(panels["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
-    for interface in (0, 1):
+    for interface in INTERFACES:
         _draw_slide(panels[str(interface)], contacts[contacts["interface"] == interface], roller_radius)
     for axes in panels.values():
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
@@ -42,23 +44,29 @@ def reducer_figure(
 
 def _circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style) -> None:
     size = np.full(len(centre), 2 * radius)
-    axes.add_collection(EllipseCollection(
-        size, size, np.zeros(len(centre)), units="xy", transOffset=axes.transData,
-        offsets=np.column_stack([centre.real, centre.imag]), **style,
-    ))
+    axes.add_collection(
+        EllipseCollection(
+            size,
+            size,
+            np.zeros(len(centre)),
+            units="xy",
+            transOffset=axes.transData,
+            offsets=np.column_stack([centre.real, centre.imag]),
+            **style,
+        )
+    )
 
 
-def _draw_ring(
-    axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], crank_deg: float, radius: float
-) -> None:
+def _draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], crank_deg: float, radius: float) -> None:
     normal = pins["normal_x"].to_numpy() + 1j * pins["normal_y"].to_numpy()
     centre = pins["x_mm"].to_numpy() + 1j * pins["y_mm"].to_numpy() - radius * normal
     axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED, linewidth=0.7)
     _circles(axes, centre, radius, facecolor="white", edgecolor=ACCENT, linewidth=0.8)
     for number, at in zip(pins["contact"], NUMBER_RADIUS * centre, strict=True):
         if len(pins) <= MOST_NUMBERS or number % 5 == 0:
-            axes.text(at.real, at.imag, str(number), ha="center", va="center", fontsize=7, color=ACCENT,
-                      in_layout=False)
+            axes.text(
+                at.real, at.imag, str(number), ha="center", va="center", fontsize=7, color=ACCENT, in_layout=False
+            )
     reach = np.abs(centre[0])
     tip = 0.45 * reach * np.exp(1j * np.radians(crank_deg))
     axes.annotate("", (tip.real, tip.imag), (0, 0), arrowprops={"arrowstyle": "-|>", "color": ALARM, "linewidth": 1.4})
@@ -67,7 +75,9 @@ def _draw_ring(
     turn = 0.72 * reach * np.exp(-1j * np.linspace(0.25, 1.0, 40))
     axes.plot(turn.real, turn.imag, color=MUTED, linewidth=1.0)
     axes.annotate(
-        "", (turn[-1].real, turn[-1].imag), (turn[-4].real, turn[-4].imag),
+        "",
+        (turn[-1].real, turn[-1].imag),
+        (turn[-4].real, turn[-4].imag),
         arrowprops={"arrowstyle": "-|>", "color": MUTED, "linewidth": 1.0},
     )
     axes.text(0.42 * reach, -0.3 * reach, "count\nclockwise", ha="center", va="center", fontsize=8.5, color=MUTED)
@@ -83,10 +93,11 @@ def _draw_slide(axes: Axes, rollers: pd.DataFrame, radius: float) -> None:
     axes.plot(0, 0, "+", color=INK, markersize=6)
     _circles(axes, place, radius, facecolor="white", edgecolor=colour, linewidth=0.9)
     for at, station in zip(place, rollers["station"], strict=True):
-        axes.text(at.real, at.imag, str(station), ha="center", va="center_baseline", fontsize=6, color=colour,
-                  in_layout=False)
+        axes.text(
+            at.real, at.imag, str(station), ha="center", va="center_baseline", fontsize=6, color=colour, in_layout=False
+        )
     _name_rows(axes, rollers, place, radius, colour)
-    edge = np.max(np.abs([place.real, place.imag])) + 10 * radius
+    edge = np.max(np.abs([place.real, place.imag])) + 12 * radius
     bodies = f"{rollers['body_a'].iloc[0]} to {rollers['body_b'].iloc[0]}"
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Interface {interface}: {bodies}")
 
@@ -100,7 +111,13 @@ def _name_rows(axes: Axes, rows: pd.DataFrame, place: NDArray[np.complex128], ra
         at = outer + along * 1.6 * radius
         upright = abs(along.imag) > abs(along.real)
         axes.text(
-            at.real, at.imag, f"{row['contact'].min()}–{row['contact'].max()}", color=colour, fontsize=7.5,
-            rotation=90 if upright else 0, rotation_mode="anchor", va="center",
+            at.real,
+            at.imag,
+            f"{row['contact'].min()}–{row['contact'].max()}",
+            color=colour,
+            fontsize=7.5,
+            rotation=90 if upright else 0,
+            rotation_mode="anchor",
+            va="center",
             ha="left" if (along.imag if upright else along.real) > 0 else "right",
         )

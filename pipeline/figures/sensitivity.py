@@ -46,13 +46,21 @@ def _bars(axes: Axes, rows: pd.DataFrame, kind: str) -> None:
     axes.hlines(place[bounded], low[bounded], high[bounded], color=INK, linewidth=1.1)
     axes.axvline(0, color=MUTED, linewidth=0.8)
     for y, number in zip(place, value, strict=True):
-        axes.annotate(signed(number, 2), (1.0, y), (4, 0), xycoords=("axes fraction", "data"),
-                      textcoords="offset points", va="center", fontsize=8, color=INK)
+        axes.annotate(
+            signed(number, 2),
+            (1.0, y),
+            (4, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            color=INK,
+        )
     axes.set_yticks(place, [parameter_title(name) for name in rows["parameter"]])
     axes.tick_params(axis="y", length=0)
     axes.grid(False, axis="y")
     axes.set(title=TITLES[kind], ylim=(len(rows) - 0.5, -0.5))
     if kind == "rank_correlation":
-        axes.set_xlim(-1, 1)
+        axes.set(xlim=(-1, 1), xticks=[-1, -0.5, 0, 0.5, 1])
     else:
         axes.set_xlim(min(0.0, float(low[bounded].min(initial=0.0))), max(1.0, float(high[bounded].max(initial=0.0))))

@@ -32,13 +32,15 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame) -> Figure:
     grid = figure.subplots(2, 2, sharex="col")
     grid[0, 0].set_ylabel("local deformation (µm)")
     grid[1, 0].set_ylabel("tangent stiffness (N/µm)")
-    for column, (title, chosen) in enumerate((
-        ("(a) Pins, by the flank's radius", _pin_curves(contacts)),
-        ("(b) Input bearing and output rollers", _other_curves(contacts, curves)),
-    )):
+    for column, (title, chosen) in enumerate(
+        (
+            ("(a) Pins, by the flank's radius", _pin_curves(contacts)),
+            ("(b) Input bearing and output rollers", _other_curves(contacts, curves)),
+        )
+    ):
         shown = {label: curves[contact] for label, contact in chosen.items()}
         for style, rows in zip(line_styles(shown), shown.values(), strict=True):
-            style.pop("marker")
+            style = {"color": style["color"], "label": style["label"]}
             _draw(grid[0, column], rows, "local_um", style)
             _draw(grid[1, column], rows, "stiffness_N_per_um", style)
         grid[0, column].set_title(title)

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import AutoLocator
+from matplotlib.ticker import AutoLocator, MaxNLocator
 
 WIDTH = 9.0
 """Width of a figure [inches]: that of the report's column, so that its 9 points are 12 pixels there."""
@@ -111,6 +111,7 @@ def line_styles(labels: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield {
             "color": COLOURS[number % len(COLOURS)],
             "marker": MARKERS[number % len(MARKERS)],
+            "markersize": max(5.0 - 0.8 * number, 3.0),  # a later marker leaves an earlier one below it in sight
             "label": label,
         }
 
@@ -120,6 +121,12 @@ def rising_styles(labels: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     shades = matplotlib.colormaps["Blues"](np.linspace(0.4, 1.0, max(len(labels), 2)))
     for number, label in enumerate(labels):
         yield {"color": shades[number], "marker": MARKERS[number % len(MARKERS)], "label": label}
+
+
+def pin_axis(axes: Axes) -> None:
+    """Horizontal axis of pin numbers."""
+    axes.set_xlabel("pin number")
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, steps=[1, 2, 5, 10]))
 
 
 def legend_below(figure: Figure, axes: Axes) -> None:

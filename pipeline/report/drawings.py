@@ -21,7 +21,7 @@ from pipeline.model.profile import CycloidProfile, disk_rotation
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.wording import counted, plain
 
-FLANK_POINTS_PER_LOBE = 60
+FLANK_POINTS_PER_LOBE = 48
 RISING = (0.25, 0.5, 1.0)
 """Shares of the largest torque that join the lost-motion torque in the figures of growing torque."""
 
@@ -51,11 +51,14 @@ def drawings(frames: Frames) -> Iterator[Drawing]:
 
 
 def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
-    """Closed outline of the disk in the housing frame (n_points,) [mm], x + iy."""
+    """Closed outline of the disk in the housing frame (n_points,) [mm], x + iy; its points are equally far apart."""
     cycloid = design.cycloid
     profile = CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
     crank = np.radians(crank_deg)
-    psi = np.linspace(0, 2 * np.pi, FLANK_POINTS_PER_LOBE * profile.lobes + 1)
+    fine = np.linspace(0, profile.lobe_pitch, 50 * FLANK_POINTS_PER_LOBE)
+    length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(profile.flank(fine))))])
+    lobe = np.interp(np.linspace(0, length[-1], FLANK_POINTS_PER_LOBE, endpoint=False), length, fine)
+    psi = (lobe + profile.lobe_pitch * np.arange(profile.lobes + 1)[:, None]).ravel()
     return profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank)) + profile.eccentricity * np.exp(1j * crank)
 
 
@@ -116,7 +119,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
     study, pins = frames.study, frames.study.design.cycloid.pins
     torques = _rising_torques(frames, next(iter(kept.values())))
     low, crank = torques[0], plain(frames.crank_deg)
-    at_low = {label: _at_torque(frames, rows, low) for label, rows in kept.items()}
+    at_low = {label: _at_torque(rows, low) for label, rows in kept.items()}
     of_pins = {label: rows[rows["contact"] < pins] for label, rows in at_low.items()}
     yield Drawing(
         "dead_zones",
@@ -129,9 +132,9 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
     if len(kept) > 1:
         traces, rising, what = at_low, False, f"at {plain(low)} N m"
     else:
-        (label, rows), = kept.items()
-        traces = {f"{plain(torque)} N m": _at_torque(frames, rows, torque) for torque in torques}
-        rising, what = True, f"of the {label} under growing torque"
+        ((label, rows),) = kept.items()
+        traces = {f"{plain(torque)} N m": _at_torque(rows, torque) for torque in torques}
+        rising, what = True, f"of {frames.owner(label)} under growing torque"
     yield Drawing(
         "pin_loads",
         f"Contact forces and deformations of the pins {what}",
@@ -155,7 +158,7 @@ def _rising_torques(frames: Frames, rows: pd.DataFrame) -> list[float]:
     return sorted({float(visited[np.argmin(np.abs(visited - torque))]) for torque in wanted})
 
 
-def _at_torque(frames: Frames, rows: pd.DataFrame, torque: float) -> pd.DataFrame:
+def _at_torque(rows: pd.DataFrame, torque: float) -> pd.DataFrame:
     """Contacts at the first step of the cycle that has this torque."""
     return rows[rows["step"] == rows.loc[rows["torque_Nm"] == torque, "step"].min()]
 
@@ -230,7 +233,7 @@ def _drivers(frames: Frames) -> Iterator[Drawing]:
         if len(rows):
             yield Drawing(
                 f"drivers_{metric}",
-                f"Which tolerance drives the {METRICS[metric].title.lower()}",
+                f"Which tolerance drives the {METRICS[metric].inline}",
                 f"Worst over the crank angles. Lines: {level} % intervals. Pale bars: the interval holds 0.",
                 sensitivity_figure(rows),
             )
@@ -240,12 +243,10 @@ def _of_band(frames: Frames, spread: object) -> str:
     """Which samples the band is of."""
     if spread is None:
         return ""
-    n, rows = len(frames.band), frames.study.samples.count
-    return f" The band is over {'the first ' if n < rows - len(frames.failed) else ''}{counted(n, 'sample')}."
+    some = frames.curves["sample"].iloc[-1] + 1 < frames.study.samples.rows
+    return f" The band is over {'the first ' if some else ''}{counted(len(frames.band), 'sample')}."
 
 
 def _direction(crank_deg: float) -> str:
     names: dict[float, str] = {0.0: "+x", 90.0: "+y", 180.0: "−x", 270.0: "−y"}
     return names.get(crank_deg, f"{plain(crank_deg)}° from x, counterclockwise")
-
-

@@ -13,6 +13,7 @@ from pipeline.figures.labels import METRICS
 DRAWN_CASES = 6
 """Cases that share a figure; more lines could not be told apart."""
 OK = "ok"
+NOMINAL = "nominal reducer"
 HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
 """The metrics that the report is about; others stand beside them in its tables."""
 
@@ -94,6 +95,10 @@ class Frames:
         rows = self.metrics[self.metrics["sample"] == 0] if self.study.samples.nominal_first else self.metrics[:0]
         return rows[np.asarray(rows["status"]) == OK]
 
+    def owner(self, label: str) -> str:
+        """A label of `drawn` inside a sentence."""
+        return f"the {label}" if label == NOMINAL else label
+
     def at_crank(self, table: pd.DataFrame) -> pd.DataFrame:
         """Rows at the crank angle of the figures."""
         return table[table["crank_deg"] == self.crank_deg]
@@ -117,7 +122,7 @@ class Frames:
 def case_label(study: Study, sample: int) -> str:
     """What a sample is called: a case by its label."""
     if sample == 0 and study.samples.nominal_first:
-        return "nominal reducer"
+        return NOMINAL
     if study.samples.experiment == "cases":
         return study.cases[sample - int(study.samples.nominal_first)].label
     return f"sample {sample}"

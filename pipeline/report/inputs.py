@@ -91,14 +91,16 @@ def design_numbers(design: Design) -> list[tuple[str, list[DesignNumber]]]:
         section, _, rest = key.partition(".")
         name, unit = _name_and_unit(rest)
         provenance = design.provenance.get(key)
-        sections.setdefault(section, []).append(DesignNumber(
-            key,
-            name,
-            plain(_value(raw, key)),
-            unit,
-            provenance.status if provenance else "not stated",
-            provenance.reason if provenance else "",
-        ))
+        sections.setdefault(section, []).append(
+            DesignNumber(
+                key,
+                name,
+                plain(_value(raw, key)),
+                unit,
+                provenance.status if provenance else "not stated",
+                provenance.reason if provenance else "",
+            )
+        )
     return list(sections.items())
 
 
@@ -140,14 +142,20 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
     law = "linear" if bearing.exponent == 1 else f"with the power {plain(bearing.exponent)} of the deflection"
     return [
         ("Reduction ratio", f"{cycloid.lobes}, which is the number of lobes"),
-        ("Pins", f"{cycloid.pins} of radius {plain(cycloid.pin_radius_mm)} mm on a circle of radius "
-                 f"{plain(cycloid.pin_circle_radius_mm)} mm"),
+        (
+            "Pins",
+            f"{cycloid.pins} of radius {plain(cycloid.pin_radius_mm)} mm on a circle of radius "
+            f"{plain(cycloid.pin_circle_radius_mm)} mm",
+        ),
         ("Eccentricity", f"{plain(cycloid.eccentricity_mm)} mm"),
         ("Rated torque", f"{plain(cycloid.rated_torque_Nm)} N m"),
         ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
         ("Input bearing", f"radial spring, {law}"),
-        ("Output", f"sliding plate between two crossed slides, {output.rollers} rollers of radius "
-                   f"{plain(output.roller_radius_mm)} mm; the plate {PLATE[output.plate]}"),
+        (
+            "Output",
+            f"sliding plate between two crossed slides, {output.rollers} rollers of radius "
+            f"{plain(output.roller_radius_mm)} mm; the plate {PLATE[output.plate]}",
+        ),
     ]
 
 
@@ -163,17 +171,26 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
     top = cycle.torque_fraction * study.design.cycloid.rated_torque_Nm
     triangles, nodes = frames.mesh
     return [
-        ("Samples", f"{counted(samples.count, 'sample')}{nominal}"),
+        ("Samples", f"{counted(samples.count, 'case' if frames.listed else 'sample')}{nominal}"),
         ("Design of experiment", f"{experiment}{seed}"),
         ("Crank angles", f"{listed([f'{plain(crank)}°' for crank in cycle.crank_deg])}"),
-        ("Load cycle", f"0 → +T → −T → +T on the output with T = {plain(top)} N m, {cycle.levels_per_branch} equal "
-                       "steps a branch and the torques of the definitions; input held"),
-        ("Clearances", f"{METHODS[study.clearance.method]}; the disk's tolerance is "
-                       f"{DISK_READINGS[study.clearance.disk_reading]}; "
-                       f"{ROLLER_READINGS[study.clearance.roller_reading]}"),
+        (
+            "Load cycle",
+            f"0 → +T → −T → +T on the output with T = {plain(top)} N m, {cycle.levels_per_branch} equal "
+            "steps a branch and the torques of the definitions; input held",
+        ),
+        (
+            "Clearances",
+            f"{METHODS[study.clearance.method]}; the disk's tolerance is "
+            f"{DISK_READINGS[study.clearance.disk_reading]}; "
+            f"{ROLLER_READINGS[study.clearance.roller_reading]}",
+        ),
         ("Contacts", LAWS[study.springs.law]),
-        ("Disk", f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
-                 f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm"),
+        (
+            "Disk",
+            f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
+            f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm",
+        ),
     ]
 
 
@@ -211,7 +228,7 @@ def _any(value: Any) -> bool:
 
 def _details(tolerance: Any) -> Iterator[str]:
     if isinstance(tolerance, Normal):
-        yield f"σ {plain(tolerance.scale_um)} µm, truncated at the limits"
+        yield f"σ {tolerance.scale_um:.3g} µm, truncated at the limits"
         if tolerance.mean_um is not None:
             yield f"mean {plain(tolerance.mean_um)} µm"
     if isinstance(tolerance, Triangular):

@@ -1,6 +1,7 @@
 """The page: one HTML file that needs nothing beside it."""
 
 import base64
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,11 +9,16 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from pipeline.report import inputs
+from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
+from pipeline.report.drivers import constant_metrics, drivers, first_drivers, shares_determined
 from pipeline.report.frames import DRAWN_CASES, Frames
-from pipeline.report.results import ROWS_SHOWN, Results
+from pipeline.report.results import Results
+from pipeline.report.validity import beyond_law, overloaded
 from pipeline.report.wording import counted, listed, plain
 
 TEMPLATE = "page.html"
+NUMBER_AND_UNIT = re.compile(r"(\d) (%|N m\b|mm\b|µm\b|MPa\b|arcmin\b)")
+"""What a line must not break between."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +65,21 @@ def report_page(
         lstrip_blocks=True,
     )
     environment.filters |= {"plain": plain, "listed": listed, "counted": counted}
-    study = frames.study
+    study, found = frames.study, drivers(frames)
     numbers = inputs.design_numbers(study.design)
     cases = inputs.case_columns(study.cases)
-    return environment.get_template(TEMPLATE).render(
+    page = environment.get_template(TEMPLATE).render(
         study=study,
         frames=frames,
         results=Results(frames),
+        case_rows=case_rows(frames) if frames.listed else [],
+        case_crank_rows=case_crank_rows(frames) if frames.listed else [],
+        drivers=found,
+        first_drivers=first_drivers(found),
+        shares_determined=shares_determined(frames),
+        constant_metrics=constant_metrics(frames),
+        beyond_law=beyond_law(frames),
+        overloaded=overloaded(frames),
         pictures=pictures,
         tables=tables,
         versions=versions,
@@ -84,3 +98,4 @@ def report_page(
         law=inputs.LAWS[study.springs.law],
         stress=inputs.STRESS[study.design.disk.stress],
     )
+    return NUMBER_AND_UNIT.sub("\\1\u00a0\\2", page)

@@ -1,21 +1,17 @@
 """The results of a study as the report tells them: rows of tables and short sentences, their numbers as text."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pandas as pd
 
-from pipeline.figures.labels import METRICS, parameter_title, signed
-from pipeline.figures.sensitivity import REMAINDER
-from pipeline.report.frames import HEADLINES, OK, Frames, case_label
+from pipeline.figures.labels import METRICS
+from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.wording import (
     NOTHING,
-    UNDETERMINED,
     counted,
     interval,
-    listed,
     number,
     percent,
     percent_interval,
@@ -24,9 +20,7 @@ from pipeline.report.wording import (
 
 STATISTICS = ("mean", "std", "p05", "p95")
 ALL_LIMITS = "all_limits"
-ROWS_SHOWN = 40
-"""Of the tables of cases and of failed loops."""
-DRIVERS_NAMED = 3
+FAILURES_SHOWN = 20
 
 
 @dataclass(frozen=True)
@@ -47,25 +41,6 @@ class MetricRow:
     estimates: tuple[Cell, ...]
     limit: str
     met: Cell
-
-
-@dataclass(frozen=True)
-class CaseRow:
-    """One listed case, its worst metrics over the crank angles or those at one; with `failing` past a limit."""
-
-    label: str
-    crank: str
-    values: tuple[str, ...]
-    failing: tuple[bool, ...]
-    note: str
-
-
-@dataclass(frozen=True)
-class Driver:
-    """What drives one metric, in one sentence."""
-
-    title: str
-    sentence: str
 
 
 @dataclass(frozen=True)
@@ -141,7 +116,7 @@ class Results:
 
     @cached_property
     def crank_rows(self) -> list[tuple[str, list[tuple[str, str, str]]]]:
-        """Per crank angle and headline metric: nominal, mean with interval, 5 % to 95 %."""
+        """Per crank angle and headline metric: nominal, mean, 5 % to 95 % quantile."""
         rows = []
         for crank in self.frames.study.cycle.crank_deg:
             at = self.frames.nominal[self.frames.nominal["crank_deg"] == crank]
@@ -149,53 +124,20 @@ class Results:
             for metric in HEADLINES:
                 nominal = float(at[metric].iloc[0]) if len(at) else np.nan
                 low, high = (self._estimate(metric, name, crank)[0] for name in ("p05", "p95"))
-                cells.append((
-                    number(nominal, METRICS[metric]),
-                    self._cell(metric, "mean", crank).value,
-                    interval(low, high, METRICS[metric]),
-                ))
+                cells.append(
+                    (
+                        number(nominal, METRICS[metric]),
+                        self._cell(metric, "mean", crank).value,
+                        interval(low, high, METRICS[metric]),
+                    )
+                )
             rows.append((plain(crank), cells))
         return rows
-
-    @cached_property
-    def case_rows(self) -> list[CaseRow]:
-        """Worst metrics of the listed cases, and of the nominal reducer where the study has it."""
-        return [
-            self._case_row(sample, rows, "")
-            for sample, rows in self.frames.metrics.groupby("sample")
-            if sample < ROWS_SHOWN
-        ]
-
-    @cached_property
-    def case_crank_rows(self) -> list[CaseRow]:
-        """Metrics of the listed cases at every crank angle."""
-        few = self.frames.metrics[self.frames.metrics["sample"] < ROWS_SHOWN]
-        grouped = few.groupby(["sample", "crank_deg"])
-        return [self._case_row(sample, rows, plain(crank)) for (sample, crank), rows in grouped]
-
-    def _case_row(self, sample: int, rows: pd.DataFrame, crank: str) -> CaseRow:
-        failed = np.asarray(rows["status"]) != OK
-        worst = self.frames.worst_of(rows) if not crank else {name: float(rows[name].iloc[0]) for name in METRICS}
-        shown = self.frames.shown_metrics
-        notes = (["no result"] if failed.any() else []) + (["preloaded"] if rows["preloaded"].any() else [])
-        return CaseRow(
-            case_label(self.frames.study, sample),
-            crank,
-            tuple(number(worst[name], METRICS[name]) for name in shown),
-            tuple(self._fails(name, worst[name]) for name in shown),
-            ", ".join(notes),
-        )
-
-    def _fails(self, metric: str, value: float) -> bool:
-        limit = self.frames.limits.get(metric)
-        if limit is None or np.isnan(value):
-            return False
-        return value < limit if METRICS[metric].smaller_is_worse else value > limit
 
     @property
     def failure_rows(self) -> list[tuple[str, str, str]]:
         """Label, crank angle and reason of the first loops without a result."""
-        failed = self.frames.failed.head(ROWS_SHOWN)
+        failed = self.frames.failed.head(FAILURES_SHOWN)
         return [
             (case_label(self.frames.study, int(sample)), plain(crank), str(reason))
             for sample, crank, reason in zip(failed["sample"], failed["crank_deg"], failed["status"], strict=True)
@@ -210,96 +152,6 @@ class Results:
         loops, samples = len(failed), failed["sample"].nunique()
         whole = counted(len(self.frames.status), "load cycle")
         return (
-            f"{loops:,} of {whole} {'has' if loops == 1 else 'have'} no result; {counted(samples, 'sample')} "
-            f"{'is' if samples == 1 else 'are'} therefore left out of the statistics."
+            f"{loops:,} of {whole} {'has' if loops == 1 else 'have'} no result; they belong to "
+            f"{counted(samples, 'sample')}, left out of all statistics."
         )
-
-    @cached_property
-    def drivers(self) -> list[Driver]:
-        """For each metric the tolerances that drive it most, as far as the samples tell."""
-        return [Driver(METRICS[metric].title, self._driver(metric)) for metric in self.frames.shown_metrics]
-
-    def _driver(self, metric: str) -> str:
-        table = self.frames.sensitivity[self.frames.sensitivity["metric"] == metric]
-        known = table[np.isfinite(table["index"].to_numpy(float)) & (table["parameter"] != REMAINDER)]
-        if not len(known):
-            return f"{UNDETERMINED}: the metric or the errors do not vary, or there are too few samples"
-        clear = known[(known["ci_low"] > 0) | (known["ci_high"] < 0)]
-        shares = clear[clear["kind"] == "variance_share"].sort_values("index", ascending=False, kind="stable")
-        if len(shares):
-            named = [
-                f"{parameter_title(name)} ({percent(share)})"
-                for name, share in zip(shares["parameter"], shares["index"], strict=True)
-            ]
-            return f"{listed(named[:DRIVERS_NAMED])} of its variance{self._rest(metric)}"
-        ranks = clear[clear["kind"] == "rank_correlation"].sort_values(
-            "index", ascending=False, kind="stable", key=np.abs
-        )
-        if len(ranks):
-            named = [
-                f"{parameter_title(name)} ({signed(index, 2)})"
-                for name, index in zip(ranks["parameter"], ranks["index"], strict=True)
-            ]
-            return f"{listed(named[:DRIVERS_NAMED])} by rank correlation"
-        return "no single tolerance stands out: every interval holds 0"
-
-    def _rest(self, metric: str) -> str:
-        table = self.frames.sensitivity
-        rest = table[(table["metric"] == metric) & (table["parameter"] == REMAINDER)]["index"]
-        return f"; {percent(float(rest.iloc[0]))} is not linear in the errors" if len(rest) else ""
-
-    @property
-    def shares_determined(self) -> bool:
-        """Whether the samples are enough for variance shares."""
-        shares = self.frames.sensitivity[self.frames.sensitivity["kind"] == "variance_share"]
-        return bool(np.any(np.isfinite(shares["index"].to_numpy(float))))
-
-    @property
-    def constant_metrics(self) -> list[str]:
-        """Metrics that do not vary over the samples, which therefore nothing drives."""
-        return [METRICS[name].title.lower() for name in self.frames.shown_metrics if self._spread(name) == 0]
-
-    def _spread(self, metric: str) -> float:
-        return float(np.ptp(self.frames.worst[metric].to_numpy())) if self.samples else 0.0
-
-    @property
-    def beyond_law(self) -> str:
-        """Share of the pins' moment on contacts beyond the range of their law, at the largest torque of the cycle."""
-        curves = self.frames.curves
-        top = np.abs(curves["torque_Nm"].to_numpy()) >= (1 - 1e-9) * np.abs(curves["torque_Nm"].to_numpy()).max()
-        lost = curves["sample"].isin(self.frames.failed["sample"]).to_numpy()
-        shares = curves["beyond_limit_share"].to_numpy()[top & ~lost]
-        if not shares.size:
-            return NOTHING
-        return f"{percent(float(shares.mean()))} on average and {percent(float(shares.max()))} at most"
-
-    @cached_property
-    def overloaded(self) -> list[str]:
-        """Contacts of the drawn samples beyond the pressure limit, one sentence a sample."""
-        limit = self.frames.limits.get("peak_pressure_MPa")
-        return [] if limit is None else list(self._overloaded(limit))
-
-    def _overloaded(self, limit: float) -> Iterator[str]:
-        loads = self.frames.at_crank(self.frames.loads)
-        for label, sample in self.frames.drawn.items():
-            rows = loads[loads["sample"] == sample]
-            if not len(rows):
-                continue
-            over = rows.loc[rows["pressure_MPa"] > limit, "contact"].unique()
-            pins = sorted(int(contact) for contact in over if contact < self.frames.study.design.cycloid.pins)
-            rollers = len(over) - len(pins)
-            parts = ([f"{counted(len(pins), 'pin')} ({ranges(pins)})"] if pins else []) + (
-                [counted(rollers, "output roller")] if rollers else []
-            )
-            yield f"{label}: {listed(parts) if parts else 'none'}"
-
-
-def ranges(numbers: list[int]) -> str:
-    """Ascending numbers with their runs joined: ``3, 70–75``."""
-    runs: list[list[int]] = []
-    for item in numbers:
-        if runs and item == runs[-1][1] + 1:
-            runs[-1][1] = item
-        else:
-            runs.append([item, item])
-    return ", ".join(f"{first}" if first == last else f"{first}\u2013{last}" for first, last in runs)

@@ -35,9 +35,8 @@ def percent_interval(low: float, high: float) -> str:
 
 
 def plain(value: float | int) -> str:
-    """A setting as it was typed, with digits grouped from 10,000 on."""
-    text = f"{value:,.10g}" if abs(value) >= 1e4 else f"{value:.10g}"
-    return text.replace("-", "\u2212")
+    """A setting as it was typed, with grouped digits."""
+    return f"{value:,.10g}".replace("-", "\u2212")
 
 
 def counted(count: int, singular: str, plural: str | None = None) -> str:

@@ -96,7 +96,7 @@ def written(frames: Frames) -> str:
     return report_page(frames, {}, [], {"numpy": "2"}).replace("\u00a0", " ")
 
 
-class Resources_of_page(HTMLParser):
+class PageResources(HTMLParser):
     """Every address and element that a browser would fetch or run."""
 
     def __init__(self, page: str) -> None:
@@ -115,7 +115,7 @@ class Resources_of_page(HTMLParser):
 
 
 def test_page_needs_nothing_beside_it(page):
-    seen = Resources_of_page(page)
+    seen = PageResources(page)
     outside = [address for address in seen.addresses if not address.startswith(("data:image/svg+xml;base64,", "#"))]
     assert outside == []
     assert {address[1:] for address in seen.addresses if address.startswith("#")} <= seen.anchors

@@ -1,0 +1,50 @@
+"""How far a run stays inside what the contact laws hold for, in words."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline.report.frames import Frames
+from pipeline.report.wording import NOTHING, counted, listed, percent
+
+
+def beyond_law(frames: Frames) -> str:
+    """Share of the pins' moment on contacts beyond the range of their law, at the largest torque of the cycle."""
+    curves = frames.curves
+    torque = np.abs(curves["torque_Nm"].to_numpy())
+    lost = curves["sample"].isin(frames.failed["sample"]).to_numpy()
+    shares = curves["beyond_limit_share"].to_numpy()[(torque >= (1 - 1e-9) * torque.max()) & ~lost]
+    if not shares.size:
+        return NOTHING
+    return f"{percent(float(shares.mean()))} on average and {percent(float(shares.max()))} at most"
+
+
+def overloaded(frames: Frames) -> list[str]:
+    """Contacts of the drawn samples beyond the pressure limit, one phrase a sample; none without a limit."""
+    limit = frames.limits.get("peak_pressure_MPa")
+    return [] if limit is None else list(_overloaded(frames, limit))
+
+
+def _overloaded(frames: Frames, limit: float) -> Iterator[str]:
+    loads = frames.at_crank(frames.loads)
+    for label, sample in frames.drawn.items():
+        rows = loads[loads["sample"] == sample]
+        if not len(rows):
+            continue
+        over = rows.loc[rows["pressure_MPa"] > limit, "contact"].unique()
+        pins = sorted(int(contact) for contact in over if contact < frames.study.design.cycloid.pins)
+        rollers = len(over) - len(pins)
+        parts = [f"{counted(len(pins), 'pin')} ({ranges(pins)})"] if pins else []
+        parts += [counted(rollers, "output roller")] if rollers else []
+        yield f"{listed(parts) if parts else 'none'} of {frames.owner(label)}"
+
+
+def ranges(numbers: list[int]) -> str:
+    """Ascending numbers with their runs joined: ``3, 70–75``."""
+    runs: list[list[int]] = []
+    for item in numbers:
+        if runs and item == runs[-1][1] + 1:
+            runs[-1][1] = item
+        else:
+            runs.append([item, item])
+    return ", ".join(f"{first}" if first == last else f"{first}\u2013{last}" for first, last in runs)

@@ -1,0 +1,68 @@
+"""Two reducers for the tests, the paper's and a small one, with errors, laws and a compliance for them."""
+
+import numpy as np
+
+from pipeline.model.clearance import Errors
+from pipeline.model.contact import (
+    LineContact,
+    Material,
+    concatenated,
+    cylinder_share,
+    flat_share,
+    hertz_laws,
+    mesh_compliance,
+    meshed_share,
+    palmgren_laws,
+)
+from pipeline.model.profile import CycloidProfile
+from pipeline.model.reducer import OUTPUT, RollerPlate, roller_plate_reducer
+
+PAPER = CycloidProfile(pins=80, pin_circle_radius=32.5, pin_radius=0.8, eccentricity=0.35)
+SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)
+STEEL = Material(206e3, 0.3, "plane_stress")
+ARCMIN = 180 * 60 / np.pi
+MICROMETRE = 1e-3
+
+
+def reducer_at(profile, crank, *, floats=False, slide_angle=0.5 * np.pi):
+    stations, offset = ((18.65, 11.6, 4.6), 5.0) if profile is PAPER else ((4.5, 3.0), 2.0)
+    return roller_plate_reducer(profile, RollerPlate(stations, offset, slide_angle, floats), crank)
+
+
+def errors_of(profile, reducer, n=1, **given):
+    """Zero errors but for those ``given`` [mm]: scalars or arrays."""
+    shapes = dict.fromkeys(("pin_radial", "pin_tangential", "pin_radius"), profile.pins) | {
+        "lobe": profile.lobes,
+        "roller_diameter": np.count_nonzero(reducer.contacts.kind == OUTPUT),
+    }
+    values = {name: np.zeros((n, length)) + given.pop(name, 0.0) for name, length in shapes.items()}
+    return Errors(**values, eccentricity=np.zeros(n) + given.pop("eccentricity", 0.0), **given)
+
+
+def random_errors(profile, reducer, n, scale, rng, lobe_scale=None):
+    zero = errors_of(profile, reducer, n)
+    drawn = {name: scale * rng.uniform(-1, 1, value.shape) for name, value in vars(zero).items()}
+    if lobe_scale is not None:
+        drawn["lobe"] *= lobe_scale / scale
+    return Errors(**drawn)
+
+
+def laws_of(profile, reducer, law="hertz", width=0.15, length=2.0):
+    """Laws of every contact: pins on a meshed flank, rollers between two flats."""
+    radius = profile.pin_radius
+    pins = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), length, STEEL, STEEL)
+    rollers = LineContact(np.full(len(reducer.contacts) - profile.pins, 1.5), length, STEEL, STEEL)
+    if law == "palmgren":
+        held = mesh_compliance(STEEL, length, radius, width)
+        return concatenated([palmgren_laws(pins, 1, held), palmgren_laws(rollers, 2, 0.0)])
+    halves = [cylinder_share(rollers, STEEL, 1.5), flat_share(rollers, STEEL, 5.0)]
+    return concatenated([
+        hertz_laws(pins, [cylinder_share(pins, STEEL, radius), meshed_share(pins, STEEL, width)], radius),
+        hertz_laws(rollers, [*halves, *halves], 1.5),
+    ])
+
+
+def random_compliance(n, rng, size=3e-6):
+    """Symmetric positive definite (n, n) [mm/N], with couplings of either sign."""
+    factor = rng.normal(size=(n, n))
+    return size * (factor @ factor.T / n + 0.5 * np.eye(n))

@@ -1,0 +1,203 @@
+"""Gaps of actual pins and flanks: first order against exact, exact against brute force, signs, published slopes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reducers import ARCMIN, MICROMETRE, PAPER, SMALL, errors_of, random_errors, reducer_at
+
+from pipeline.model.backlash import separated_play
+from pipeline.model.clearance import Errors, exact_gaps, first_order_gaps, gaps, pin_lobes
+from pipeline.model.profile import disk_rotation
+
+METHODS = {"exact": exact_gaps, "first_order": first_order_gaps}
+PROFILES = pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])
+IN_A_ROOT, OFF_ROOT = 0.0, np.radians(1.3)
+
+
+def brute_force_gaps(profile, crank, errors, reading):
+    """Distance of each actual pin from every sampled lobe nearby, less its radius: an independent construction.
+
+    Lobe j lies between the roots at -j and -(j+1) pitches of the disk frame; each is sampled on its own flank.
+    """
+    theta = -2 * np.pi * np.arange(profile.pins) / profile.pins
+    pin = np.exp(1j * theta) * (profile.pin_circle_radius + errors.pin_radial + 1j * errors.pin_tangential)
+    eccentricity = profile.eccentricity + errors.eccentricity[:, None]
+    centre = (pin - eccentricity * np.exp(1j * crank)) * np.exp(1j * crank / (profile.pins - 1))
+    distance = np.full(centre.shape, np.inf)
+    for sample, lobe in np.ndindex(errors.lobe.shape):
+        off = errors.lobe[sample, lobe]
+        if reading == "normal":
+            flank = replace(profile, pin_radius=profile.pin_radius + off)
+        else:
+            factor = {"radial": 1.0, "radial_on_diameter": 0.5}[reading]
+            flank = replace(profile, pin_circle_radius=profile.pin_circle_radius - factor * off)
+        first, last = -(lobe + 1) * profile.lobe_pitch, -lobe * profile.lobe_pitch
+        near = np.abs(np.angle(centre[sample] * np.exp(-0.5j * (first + last)))) < 1.6 * profile.lobe_pitch
+        centres = centre[sample, near][:, None]
+        low, high = np.full(centres.shape, first), np.full(centres.shape, last)
+        for points in (301, *[21] * 7):
+            psi = low + (high - low) * np.linspace(0, 1, points)
+            away = np.abs(centres - flank.flank(psi))
+            best = np.take_along_axis(psi, np.argmin(away, axis=1)[:, None], 1)
+            step = (high - low) / (points - 1)
+            low, high = np.maximum(best - step, first), np.minimum(best + step, last)
+        distance[sample, near] = np.minimum(distance[sample, near], away.min(axis=1))
+    return distance - profile.pin_radius - errors.pin_radius
+
+
+@PROFILES
+@pytest.mark.parametrize("crank", [IN_A_ROOT, OFF_ROOT])
+@pytest.mark.parametrize("method", METHODS)
+def test_no_errors_no_gaps(profile, crank, method):
+    at = reducer_at(profile, crank)
+    np.testing.assert_allclose(METHODS[method](profile, at, errors_of(profile, at), "radial"), 0, atol=1e-12)
+
+
+@PROFILES
+@pytest.mark.parametrize("reading", ["radial", "radial_on_diameter", "normal"])
+@pytest.mark.parametrize("size", [10e-3, 1e-3])
+@pytest.mark.parametrize("crank", [IN_A_ROOT, 2.0])
+def test_exact_gap_is_the_distance_from_equal_lobes(profile, reading, size, crank):
+    at = reducer_at(profile, crank)
+    errors = random_errors(profile, at, 3, size, np.random.default_rng(1))
+    errors = replace(errors, lobe=np.repeat(errors.lobe[:, :1], profile.lobes, axis=1))
+    gap = exact_gaps(profile, at, errors, reading)
+    np.testing.assert_allclose(gap, brute_force_gaps(profile, crank, errors, reading), atol=1e-9)
+
+
+@PROFILES
+@pytest.mark.parametrize(("size", "lobe_size"), [(10e-3, 10e-3), (1e-3, 1e-3), (0.1e-3, 1e-3)])
+@pytest.mark.parametrize("crank", [IN_A_ROOT, OFF_ROOT])
+def test_exact_gap_is_the_distance_from_unequal_lobes(profile, size, lobe_size, crank):
+    """Also in and near a root, where the pin may touch the lobe next to its nominal one."""
+    at = reducer_at(profile, crank)
+    errors = random_errors(profile, at, 4, size, np.random.default_rng(2), lobe_size)
+    gap = exact_gaps(profile, at, errors, "normal")
+    np.testing.assert_allclose(gap, brute_force_gaps(profile, crank, errors, "normal"), atol=1e-9)
+
+
+@PROFILES
+@pytest.mark.parametrize("reading", ["radial", "radial_on_diameter", "normal"])
+def test_first_order_misses_a_second_order_away_from_the_roots(profile, reading):
+    crank = np.radians(20.0)
+    at = reducer_at(profile, crank)
+    errors = random_errors(profile, at, 5, 1.0, np.random.default_rng(3))
+    away = np.abs(at.pins.phase) > np.radians(30)
+    missed = []
+    for size in (1e-3, 1e-4):
+        scaled = Errors(**{name: size * value for name, value in vars(errors).items()})
+        difference = exact_gaps(profile, at, scaled, reading) - first_order_gaps(profile, at, scaled, reading)
+        missed.append(np.abs(difference[:, away]).max())
+    assert missed[0] < 0.1e-3
+    assert missed[0] / missed[1] == pytest.approx(100, rel=0.05)
+
+
+def test_first_order_fails_in_the_roots_where_the_pin_lies_close_to_the_evolute():
+    at = reducer_at(PAPER, IN_A_ROOT)
+    errors = errors_of(PAPER, at, lobe=10e-3)
+    pin = int(np.argmin(np.abs(at.pins.phase - np.radians(4.5))))
+    first, exact = (METHODS[m](PAPER, at, errors, "radial")[0, pin] for m in ("first_order", "exact"))
+    assert first == pytest.approx(9.0e-3, abs=0.05e-3)
+    assert abs(exact - first) == pytest.approx(0.9e-3, abs=0.05e-3)
+
+
+@PROFILES
+def test_first_order_counts_the_nearer_lobe_in_a_root(profile):
+    at = reducer_at(profile, IN_A_ROOT)
+    for side in (0, -1):  # pin 0 stands in the root between the first and the last lobe
+        lobe = np.zeros((1, profile.lobes))
+        lobe[0, side] = -1e-3
+        assert first_order_gaps(profile, at, errors_of(profile, at, lobe=lobe), "normal")[0, 0] == pytest.approx(-1e-3)
+        lobe[0, side] = 1e-3
+        assert first_order_gaps(profile, at, errors_of(profile, at, lobe=lobe), "normal")[0, 0] == 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("error", "reading", "per_um"),
+    [
+        ("pin_radial", "radial", lambda at, n, out: -np.real(np.conj(n) * out)),  # outwards: away from the disk
+        ("pin_tangential", "radial", lambda at, n, out: -np.real(np.conj(n) * 1j * out)),  # counterclockwise
+        ("pin_radius", "radial", lambda at, n, out: -np.ones(len(n))),  # a thicker pin closes
+        ("lobe", "normal", lambda at, n, out: np.ones(len(n))),  # material taken off opens
+        ("lobe", "radial", lambda at, n, out: -np.real(np.conj(n) * out)),
+        ("lobe", "radial_on_diameter", lambda at, n, out: -0.5 * np.real(np.conj(n) * out)),
+        ("eccentricity", "radial", lambda at, n, out: np.real(np.conj(n) * np.exp(1j * at.crank))),
+    ],
+)
+def test_sign_and_size_of_each_error(method, error, reading, per_um):
+    crank = 0.7
+    at = reducer_at(PAPER, crank)
+    gap = METHODS[method](PAPER, at, errors_of(PAPER, at, **{error: 0.1e-3}), reading)[0]
+    theta = -2 * np.pi * np.arange(PAPER.pins) / PAPER.pins
+    to_pitch_point = PAPER.eccentricity * PAPER.pins * np.exp(1j * crank) - PAPER.pin_circle_radius * np.exp(1j * theta)
+    expected = per_um(at, to_pitch_point / np.abs(to_pitch_point), np.exp(1j * theta))
+    away = np.abs(at.pins.phase) > np.radians(20)
+    np.testing.assert_allclose(gap[away] / 0.1e-3, expected[away], atol=2e-3)
+
+
+@pytest.mark.parametrize(("reading", "share"), [("diameter", 1.0), ("half_diameter", 0.5)])
+def test_a_smaller_roller_opens_its_own_contact_only(reading, share):
+    at = reducer_at(SMALL, 0.4)
+    rollers = len(at.contacts) - SMALL.pins
+    diameter = -1e-3 * np.eye(rollers)
+    gap = gaps(
+        SMALL, at, errors_of(SMALL, at, rollers, roller_diameter=diameter),
+        method="first_order", disk_reading="radial", roller_reading=reading,
+    )
+    np.testing.assert_array_equal(gap[:, : SMALL.pins], 0)
+    np.testing.assert_allclose(gap[:, SMALL.pins :], -share * diameter)
+    with pytest.raises(ValueError, match="1 roller errors for 16 rollers"):
+        gaps(
+            SMALL, at, replace(errors_of(SMALL, at), roller_diameter=np.zeros((1, 1))),
+            method="exact", disk_reading="radial", roller_reading=reading,
+        )
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("size_um", [1.0, 10.0])
+def test_uniform_radial_disk_error_gives_the_published_slope_at_any_crank_angle(method, size_um):
+    """0.0632 arcmin per um on the diameter, with no fitted number (mechanics, section 2)."""
+    for crank in np.radians([0.0, 1.0, 4.5, 45.0, 123.4, 300.0]):
+        at = reducer_at(PAPER, crank)
+        errors = errors_of(PAPER, at, lobe=size_um * MICROMETRE)
+        gap = gaps(
+            PAPER, at, errors, method=method, disk_reading="radial_on_diameter", roller_reading="half_diameter"
+        )
+        assert 0.0631 < ARCMIN * separated_play(at, gap).backlash[0] / size_um < 0.0633
+
+
+def test_normal_disk_error_of_10_um_alone_exceeds_the_published_total():
+    at = reducer_at(PAPER, IN_A_ROOT)
+    gap = gaps(
+        PAPER, at, errors_of(PAPER, at, lobe=10e-3), method="exact", disk_reading="normal", roller_reading="diameter"
+    )
+    assert ARCMIN * separated_play(at, gap).backlash[0] == pytest.approx(2.487, abs=1e-3)
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(pitches=st.integers(1, 11), crank=st.floats(0.05, 0.45), method=st.sampled_from(sorted(METHODS)))
+def test_turning_crank_and_errors_by_pin_pitches_turns_the_gaps(pitches, crank, method):
+    """A pin pitch of the crank brings the next pin into the place of this one, and the next lobe too."""
+    errors = random_errors(SMALL, reducer_at(SMALL, 0.0), 2, 2e-3, np.random.default_rng(pitches))
+    turned = Errors(**{
+        name: np.roll(value, pitches, axis=1) if name in ("pin_radial", "pin_tangential", "pin_radius", "lobe") else value
+        for name, value in vars(errors).items()
+    })
+    gap = METHODS[method](SMALL, reducer_at(SMALL, crank), errors, "radial")
+    moved = reducer_at(SMALL, crank - 2 * np.pi * pitches / SMALL.pins)
+    np.testing.assert_allclose(METHODS[method](SMALL, moved, turned, "radial"), np.roll(gap, pitches, axis=1), atol=1e-11)
+
+
+@PROFILES
+def test_each_pin_stands_between_the_two_lobes_at_its_sides(profile):
+    for crank in (0.3, 2.0, 40.0):
+        at = reducer_at(profile, crank)
+        before, behind = pin_lobes(profile, at)
+        psi = at.pins.centre - profile.eccentricity * np.exp(1j * crank)
+        turn = (np.angle(psi) - disk_rotation(profile, crank)) / profile.lobe_pitch  # valley = nearest root, counterclockwise
+        assert np.all(np.abs(np.angle(np.exp(2j * np.pi * (turn + behind) / profile.lobes))) < 2 * np.pi / profile.lobes)
+        np.testing.assert_array_equal((before + 1) % profile.lobes, behind)
