@@ -7,7 +7,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test lint types bench clean-runs
+.PHONY: help setup study $(STAGES) why test lint types bench paper calibrate verify clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -40,6 +40,15 @@ types: $(VENV)/installed  ## check types
 
 bench: $(VENV)/installed  ## measure speed, as ratios within one run
 	$(PIPELINE) bench --study $(STUDY) $(JOBS_OPTION)
+
+paper: $(VENV)/installed  ## hold the paper's Table 2, contacts and figures against the model: one HTML page
+	$(PIPELINE) paper $(JOBS_OPTION)
+
+calibrate: $(VENV)/installed  ## fit numbers of the design to Table 2, with intervals and what is not determined
+	$(PIPELINE) calibrate
+
+verify: $(VENV)/installed  ## hold the mechanics against exact answers and independent solvers: make verify MESH=coarse
+	$(PIPELINE) verify --mesh $(or $(MESH),paper)
 
 clean-runs: $(VENV)/installed  ## forget all runs, never inputs
 	$(PIPELINE) clean-runs

@@ -207,6 +207,7 @@ def _calibrate(options: argparse.Namespace) -> None:
     calibrate.write(fit, targets, options.targets.name, folder)
     for name in ("fit.csv", "targets.csv"):
         print((folder / name).read_text(), end="")
+    print(f"singular values: {', '.join(f'{value:.3g}' for value in fit.fit.singular_values)}")
     for warning in fit.warnings:
         print(f"warning: {warning}")
     print(f"design: {folder / 'design.toml'}")

@@ -164,6 +164,8 @@ def _element_errors(job: Job, samples: np.ndarray) -> dict[str, np.ndarray]:
 
 def _sensitivity(job: Job, worst: pd.DataFrame) -> Columns:
     study: Study = job.study
+    if study.samples.experiment == "cases":  # stated units are no sample of anything
+        return SENSITIVITY.empty()
     samples = worst.index.to_numpy()
     replicate = replicates(study.samples, samples)
     reducer = pd.DataFrame(job.read("sample", "reducer")).set_index("sample").loc[samples]

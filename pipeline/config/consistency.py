@@ -11,7 +11,7 @@ from pipeline.config.study import Cycle, Metrics, Reduce, Samples
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
-RESERVED_NAMES = ("verify", "paper_tables", "bench", "blind", "identify")
+RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify")
 """Run folders of the targets that are no study."""
 
 

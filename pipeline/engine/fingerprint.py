@@ -20,6 +20,8 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 """Libraries whose version may change a number."""
 
 OWN_PACKAGES = ("pipeline", "stages")
+TEMPLATES = (".html", ".css")
+"""Files beside the modules of a package that are sources too."""
 NO_EFFECT = ("pipeline.engine.progress",)
 
 
@@ -108,6 +110,9 @@ def source_hashes(module: str) -> dict[str, str]:
         root, path = _locate(name)
         if path is not None:
             hashes[path.relative_to(root).as_posix()], imports = _source(path, path.stat().st_mtime_ns, name)
+            if path.name == "__init__.py":  # templates and style sheets of a package
+                data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
+                hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
             waiting += imports
             waiting.append(name.rpartition(".")[0])
     if not hashes:

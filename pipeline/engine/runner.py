@@ -18,6 +18,10 @@ from pipeline.engine.store import Cache, Output, Work, locked
 from pipeline.errors import InputError
 
 
+PICTURES = (".png", ".svg")
+"""Endings of files that are looked at and never read: a new look of a figure must not run the stages after it."""
+
+
 @dataclass(frozen=True)
 class Resources:
     """What a run may use; none of it changes a value: processes, items a chunk, and where chunks are solved."""
@@ -119,7 +123,9 @@ def _hint(name: str, names: Sequence[str]) -> str:
 
 
 def _content(outputs: Mapping[str, Output]) -> dict[str, str]:
-    return {f"{stage}/{name}": digest for stage, output in outputs.items() for name, digest in output.hashes.items()}
+    """Hashes of all that a stage may read of its inputs: their tables and files, but no pictures."""
+    hashes = {f"{stage}/{name}": digest for stage, output in outputs.items() for name, digest in output.hashes.items()}
+    return {name: digest for name, digest in hashes.items() if not name.endswith(PICTURES)}
 
 
 def _reasons(output: Output, now: Fingerprint) -> list[str]:
@@ -141,8 +147,8 @@ def _executed(
         counts = _solve_chunks(stage, job, work, resources) if stage.solve else _run_whole(stage, job, work)
         contents = work.contents(stage.tables)
     if not stage.solve:
-        rows = sum(table["rows"] for table in contents["tables"].values())
-        progress.say(stage.name, f"{rows} rows", f"{meter.seconds:.1f} s")
+        rows, files = sum(table["rows"] for table in contents["tables"].values()), len(contents["files"])
+        progress.say(stage.name, f"{rows} rows" if stage.tables else f"{files} files", f"{meter.seconds:.1f} s")
     record = {
         "stage": stage.name,
         "status": "complete",

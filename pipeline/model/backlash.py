@@ -159,7 +159,7 @@ def _cut_program(objective: Real, rows: Real, limits: Real, radius: float) -> np
         if solution.status != 0:
             raise ArithmeticError(f"rigid play not solved: {solution.message}")
         reach = float(np.hypot(*solution.x[:2]))
-        if reach <= radius * (1 + CONE_TOLERANCE):
+        if reach <= radius * (1 + CONE_TOLERANCE) + PROGRAM_TOLERANCE:
             return solution.x
         cut = np.zeros(len(objective))
         cut[:2] = solution.x[:2] / reach

@@ -673,4 +673,5 @@ def solve(
     )
     if linear:
         motion = np.concatenate([-force @ planar / bearing.stiffness, motion], axis=2)
+    residual[~np.all(np.isfinite(gap), axis=1)] = np.inf
     return Equilibria(motion, force, iterations, residual, residual <= ACCEPTED)

@@ -17,6 +17,8 @@ Real = NDArray[np.float64]
 
 BLOCKS = 20
 """Blocks of independent samples in the jackknife: enough for Student's t, few enough to solve for each."""
+FEWEST_SAMPLES = 10
+"""Fewer samples give no interval of a rank correlation: the normal approximation of Fisher's z is too sure of them."""
 RANK_TOLERANCE = 1e-9
 """Variance of a principal component, in units of an element's own, below which it is round-off."""
 REMAINDER = "remainder"
@@ -56,7 +58,7 @@ def rank_correlation(
 
     Returns
     -------
-    Indices; NaN where a parameter or metric does not vary or there are fewer than 4 samples.
+    Indices; NaN where a parameter or metric does not vary or there are fewer than 10 samples.
 
     Notes
     -----
@@ -72,7 +74,8 @@ def rank_correlation(
     whole = _spearman(columns, metrics)
     z, n = _fisher(whole), len(metrics)
     if replicate is None:
-        deviation = np.sqrt((1 + whole**2 / 2) / (n - 3)) if n > 3 else np.full_like(whole, np.nan)
+        few = n < FEWEST_SAMPLES
+        deviation = np.full_like(whole, np.nan) if few else np.sqrt((1 + whole**2 / 2) / (n - 3))
         half = stats.norm.ppf((1 + confidence) / 2) * deviation
     else:
         parts = [_fisher(_spearman(columns[replicate == r], metrics[replicate == r])) for r in np.unique(replicate)]

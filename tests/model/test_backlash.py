@@ -92,7 +92,7 @@ def test_both_ends_are_reached_and_penetrate_nothing(floats):
     for pose in (play.pose_plus, play.pose_minus):
         np.testing.assert_allclose(penetration(at, gap, pose), 0, atol=1e-12)
         reach = np.hypot(pose[:, 0], pose[:, 1])
-        assert np.all(reach <= clearance * (1 + 1e-9))
+        assert np.all(reach <= clearance * (1 + 1e-9) + 1e-12)  # the program's own tolerance, in mm
         assert np.all(reach[clearance > 0] > 1e-6)
     assert np.all(play.pose_plus[:, at.output_motion] > play.pose_minus[:, at.output_motion])
 
@@ -150,7 +150,7 @@ def test_play_rises_steadily_with_the_bearing_clearance_from_that_of_a_tight_bea
     play = rigid_play(at, gap, clearance)
     assert np.all(np.diff(play.backlash) > 0)
     assert play.backlash[1] == pytest.approx(play.backlash[0], rel=1e-6)
-    assert np.all(np.hypot(play.pose_plus[:, 0], play.pose_plus[:, 1]) <= clearance * (1 + 1e-9))
+    assert np.all(np.hypot(play.pose_plus[:, 0], play.pose_plus[:, 1]) <= clearance * (1 + 1e-9) + 1e-12)  # the program's own tolerance, in mm
 
 
 def test_a_bearing_clearance_relieves_an_interference():

@@ -1,0 +1,285 @@
+"""Calibration: numbers of a design fitted to published metrics of a study's cases.
+
+The disk is condensed at the start of a round and held while the numbers are fitted; rounds follow until the numbers
+settle, so that the compliance is the fitted geometry's own. The intervals are those of the last round.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.checks.leastsquares import Fitted, fitted
+from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, solved, with_numbers
+from pipeline.config import Design, Study, parse_design
+from pipeline.config.consistency import number_keys
+from pipeline.config.section import nearest_name
+from pipeline.errors import InputError
+from pipeline.model.profile import Real
+
+ROUNDS = 6
+SETTLED = 1e-4
+"""Largest change of a number, in logarithms, at which the rounds end."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A published metric of one case; the tolerances are stated as published [um]."""
+
+    case: str
+    tolerance_disk_um: float
+    tolerance_roller_um: float
+    metric: str
+    value: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the design that is fitted, by its dotted key, and its bounds in the unit of the key."""
+
+    key: str
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A fit and the targets it was made to.
+
+    Attributes
+    ----------
+    study : with the fitted design.
+    disk : condensed at the fitted design.
+    parameters : what was fitted.
+    fit : numbers in their order, misfits in the order of the targets that are not zero.
+    used : (n_targets,) whether a target was in the fit; zeros cannot be met relatively and are only compared.
+    """
+
+    study: Study
+    disk: Condensed
+    parameters: tuple[Parameter, ...]
+    fit: Fitted
+    used: np.ndarray
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the targets do not determine."""
+        return self.fit.warnings(tuple(parameter.key for parameter in self.parameters))
+
+
+def read_targets(path: Path, study: Study) -> tuple[Target, ...]:
+    """The targets of a CSV file with the columns of `Target`.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or names a case or a metric that the study does not have.
+    """
+    rows = _rows(path, tuple(Target.__dataclass_fields__))
+    cases = [case.label for case in study.cases]
+    problems = []
+    for line, row in enumerate(rows, 2):
+        for column, known in (("case", cases), ("metric", METRICS)):
+            if row[column] not in known:
+                problems.append(
+                    f"{path.name}: line {line}: {column} = {row[column]!r}; {nearest_name(row[column], known)}"
+                )
+    numbers = ("tolerance_disk_um", "tolerance_roller_um", "value")
+    values = _numbers(path, rows, numbers, problems)
+    return tuple(
+        Target(
+            row["case"],
+            one["tolerance_disk_um"],
+            one["tolerance_roller_um"],
+            row["metric"],
+            one["value"],
+            row["source"],
+        )
+        for row, one in zip(rows, values, strict=True)
+    )
+
+
+def read_parameters(path: Path, design: Design) -> tuple[Parameter, ...]:
+    """The fitted numbers of a CSV file with the columns key, lower, upper.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, a key is no number of the design, or its value lies outside bounds that must be > 0.
+    """
+    rows = _rows(path, ("key", "lower", "upper"))
+    numbers = number_keys(design.model_dump())
+    problems = [
+        f"{path.name}: key = {row['key']!r}; {nearest_name(row['key'], numbers)}"
+        for row in rows
+        if row["key"] not in numbers
+    ]
+    values = _numbers(path, rows, ("lower", "upper"), problems)
+    found = tuple(Parameter(row["key"], **value) for row, value in zip(rows, values, strict=True))
+    for one in found:
+        value = number(design, one.key)
+        if not 0 < one.lower < value < one.upper:
+            problems.append(f"{path.name}: {one.key} = {value:g} in the design; must lie within 0 < lower < it < upper")
+    if problems:
+        raise InputError(problems)
+    return found
+
+
+def number(design: Design, key: str) -> float:
+    """The design's number of a dotted key."""
+    section: object = design
+    for name in key.split("."):
+        section = section[name] if isinstance(section, Mapping) else getattr(section, name)
+    return float(section)  # type: ignore[arg-type]
+
+
+def calibrated(
+    study: Study,
+    targets: Sequence[Target],
+    parameters: Sequence[Parameter],
+    confidence: float | None,
+    disk: Condensed | None = None,
+) -> Calibration:
+    """Fit the parameters to the targets by the least relative misfits.
+
+    Parameters
+    ----------
+    confidence : level of the intervals; None leaves them out.
+    disk : a compliance to keep throughout, so that nothing is condensed; None condenses until the numbers settle.
+
+    Raises
+    ------
+    InputError
+        If there are more parameters than targets other than zero.
+    """
+    keys = [parameter.key for parameter in parameters]
+    value, used = np.array([target.value for target in targets]), np.array([target.value != 0 for target in targets])
+    if np.count_nonzero(used) < len(keys):
+        raise InputError(f"{len(keys)} numbers cannot be fitted to {np.count_nonzero(used)} targets other than zero")
+    lower, upper = np.array([one.lower for one in parameters]), np.array([one.upper for one in parameters])
+    best = np.array([number(study.design, key) for key in keys])
+    for turn in range(1 if disk else ROUNDS):
+        here = disk or condensed(with_numbers(study, dict(zip(keys, best, strict=True))))
+
+        def misfit(numbers: Real, here: Condensed = here) -> Real:
+            changed = with_numbers(study, dict(zip(keys, numbers, strict=True)))
+            return computed(changed, here, targets)[used] / value[used] - 1
+
+        fit = fitted(misfit, best, lower, upper, None)
+        moved, best = np.max(np.abs(np.log(fit.value / best))), fit.value
+        if moved < SETTLED or turn == ROUNDS - 1:
+            break
+    if confidence is not None:
+        fit = fitted(misfit, best, lower, upper, confidence)
+    found = with_numbers(study, dict(zip(keys, fit.value.tolist(), strict=True)))
+    return Calibration(found, here, tuple(parameters), fit, used)
+
+
+def computed(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
+    """The study's own values (n_targets,) of the targets."""
+    values = metrics_of(study, solved(study, disk))
+    case = {one.label: row for row, one in enumerate(study.cases)}
+    return np.array([values[case[target.case], METRICS.index(target.metric)] for target in targets])
+
+
+def write(calibration: Calibration, targets: Sequence[Target], source: str, folder: Path) -> None:
+    """Write the numbers, their correlation, each target (CSV) and the fitted design (TOML) into ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    fit = calibration.fit
+    with (folder / "fit.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["key", "value", "ci_low", "ci_high", "lower", "upper", "degrees_of_freedom"])
+        for k, one in enumerate(calibration.parameters):
+            ends = ["" if np.isnan(end) else f"{end:.6g}" for end in (fit.low[k], fit.high[k])]
+            table.writerow([one.key, f"{fit.value[k]:.6g}", *ends, one.lower, one.upper, fit.freedom])
+    keys = [one.key for one in calibration.parameters]
+    with (folder / "correlation.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["key", *keys])
+        table.writerows(
+            [key, *(f"{value:.4f}" for value in row)] for key, row in zip(keys, fit.correlation, strict=True)
+        )
+    with (folder / "targets.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["case", "metric", "published", "computed", "relative_error", "fitted"])
+        for target, value, used in zip(
+            targets, computed(calibration.study, calibration.disk, targets), calibration.used, strict=True
+        ):
+            error = f"{value / target.value - 1:.6f}" if used else ""
+            table.writerow([target.case, target.metric, target.value, f"{value:.6g}", error, used])
+    (folder / "design.toml").write_text(_design_file(calibration, source), encoding="utf-8")
+
+
+def _design_file(calibration: Calibration, source: str) -> str:
+    """The fitted design as TOML; its fitted numbers say so in their provenance."""
+    content = calibration.study.design.model_dump()
+    fit = calibration.fit
+    for one, value, low, high in zip(calibration.parameters, fit.value, fit.low, fit.high, strict=True):
+        ends = ["not bounded" if np.isnan(end) else f"{end:.4g}" for end in (low, high)]
+        content["provenance"][one.key] = {
+            "status": "calibrated",
+            "reason": f"fitted to {source} with {len(calibration.parameters)} numbers, {fit.freedom} degrees of "
+            f"freedom left; interval {ends[0]} to {ends[1]}",
+        }
+        section, name = one.key.rsplit(".", 1)
+        place = content
+        for part in section.split("."):
+            place = place[part]
+        place[name] = float(f"{value:.6g}")
+    parse_design(content, "design.toml")
+    return "".join(_sections(content, ""))
+
+
+def _sections(content: Mapping[str, object], prefix: str) -> list[str]:
+    lines = []
+    for key, value in content.items():
+        if not isinstance(value, Mapping):
+            lines.append(f"{key} = {_literal(value)}\n")
+    for key, value in content.items():
+        if key == "provenance" and isinstance(value, Mapping):
+            lines.append("\n[provenance]\n")
+            lines += [
+                f'"{name}" = {{ status = {_literal(entry["status"])}, reason = {_literal(entry["reason"])} }}\n'
+                for name, entry in value.items()
+            ]
+        elif isinstance(value, Mapping):
+            inner = _sections(value, f"{prefix}{key}.")
+            heading = [] if all(isinstance(item, Mapping) for item in value.values()) else [f"\n[{prefix}{key}]\n"]
+            lines += heading + inner
+    return lines
+
+
+def _literal(value: object) -> str:
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return repr(value)
+
+
+def _rows(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
+    if not path.is_file():
+        raise InputError(f"{path.name}: no such file; give a CSV file, or the stem of one in data/published")
+    with path.open(encoding="utf-8", newline="") as file:
+        reader = csv.DictReader(file)
+        if tuple(reader.fieldnames or ()) != columns:
+            raise InputError(f"{path.name}: columns {', '.join(reader.fieldnames or ())}; must be {', '.join(columns)}")
+        return list(reader)
+
+
+def _numbers(
+    path: Path, rows: list[dict[str, str]], columns: tuple[str, ...], problems: list[str]
+) -> list[dict[str, float]]:
+    """The columns of every row as numbers; raises InputError with ``problems`` and all that is no number."""
+    values: list[dict[str, float]] = []
+    for line, row in enumerate(rows, 2):
+        values.append({})
+        for column in columns:
+            try:
+                values[-1][column] = float(row[column])
+            except ValueError:
+                problems.append(f"{path.name}: line {line}: {column} = {row[column]!r}; must be a number")
+    if problems:
+        raise InputError(problems)
+    return values

@@ -1,0 +1,79 @@
+"""Runs the study of cases through the stages, holds it against the paper, and writes tables, figures and page."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline import assembly
+from pipeline.checks.calibrate import calibrated, read_parameters, read_targets
+from pipeline.checks.paper import assumptions, procedures, table2
+from pipeline.checks.paper.drawings import drawings
+from pipeline.checks.paper.page import Comparison, FigureOfPaper, paper_page
+from pipeline.checks.paper.statements import statements
+from pipeline.checks.paper.tables import Tables
+from pipeline.checks.response import Condensed, solved
+from pipeline.config import Study
+from pipeline.engine.store import Output, write_atomic
+from pipeline.figures.style import save
+from pipeline.report.page import Picture
+from stages.condensed import COMPLIANCE_FILE, full_compliance
+
+STUDY = "paper_tables"
+TARGETS, FITTED, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"
+CONFIDENCE = 0.95
+
+
+def compared(study: Study, outputs: Mapping[str, Output], published: Path, folder: Path) -> Comparison:
+    """The finished run against the paper; figures are written to ``folder``/figures."""
+    targets = read_targets(published / TARGETS, study)
+    parameters = read_parameters(published / FITTED, study.design)
+    tables = Tables.read(study, outputs)
+    disk = _condensed(study, outputs)
+    own = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
+    predicted = table2.prediction(study, disk, targets, parameters)
+    return Comparison(
+        study,
+        pd.concat([own, predicted], ignore_index=True),
+        table2.contacts(study, outputs["hysteresis"].read("curves"), published / CONTACTS),
+        assumptions.refitted(assumptions.readings(study), disk, targets, parameters),
+        assumptions.refitted(assumptions.assumptions(study), disk, targets, parameters),
+        procedures.procedures(study, disk, solved(study, disk)),
+        calibrated(study, targets, parameters, CONFIDENCE, disk),
+        _figures(tables, published, folder / "figures"),
+    )
+
+
+def _condensed(study: Study, outputs: Mapping[str, Output]) -> Condensed:
+    """The compliance that the stage reduce wrote."""
+    crank = study.cycle.crank_deg[0]
+    path = outputs["reduce"].path(COMPLIANCE_FILE)
+    return Condensed.of(full_compliance(path, assembly.reducer(study.design, crank), crank), study.design)
+
+
+def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPaper]:
+    folder.mkdir(parents=True, exist_ok=True)
+    stated = statements(tables, published / CONTACTS)
+    figures = []
+    for drawing in drawings(tables):
+        save(drawing.figure, folder / drawing.stem)
+        picture = Picture(drawing.title, drawing.caption, (folder / f"{drawing.stem}.svg").read_bytes())
+        mine = [one for one in stated if one.figure in drawing.numbers]
+        figures.append(FigureOfPaper(" and ".join(drawing.numbers), picture, mine))
+    return figures
+
+
+def write(comparison: Comparison, folder: Path) -> None:
+    """The tables as CSV and the page, into ``folder``."""
+    stated = pd.DataFrame([vars(one) for figure in comparison.figures for one in figure.statements])
+    frames = {
+        "table2": comparison.table2,
+        "contacts": comparison.contacts,
+        "readings": comparison.readings,
+        "assumptions": comparison.assumptions,
+        "procedures": comparison.procedures,
+        "statements": stated,
+    }
+    for name, frame in frames.items():
+        write_atomic(folder / f"{name}.csv", frame.to_csv(index=False).encode())
+    write_atomic(folder / "paper.html", paper_page(comparison).encode())

@@ -1,0 +1,101 @@
+"""Table 2 of the paper beside the run's metrics, and the prediction of its third column from the first two."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.checks.calibrate import Calibration, Parameter, Target, calibrated, computed
+from pipeline.checks.response import Condensed
+from pipeline.config import Study
+from pipeline.engine.table import Columns
+
+LARGEST_ERROR, RMS_ERROR = 0.02, 0.01
+"""What a fit has to meet: the largest relative error of Table 2's numbers other than zero, and their rms."""
+NONE = 1e-6
+"""A computed backlash [arcmin] up to this is the published zero."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Relative errors of the numbers of Table 2 that are not zero."""
+
+    largest: float
+    rms: float
+
+    @classmethod
+    def of(cls, errors: np.ndarray) -> "Misfit":
+        """Of errors (n,); NaN stands for a published zero and is left out."""
+        nonzero = errors[np.isfinite(errors)]
+        return cls(float(np.max(np.abs(nonzero))), float(np.sqrt(np.mean(nonzero**2))))
+
+    @property
+    def met(self) -> bool:
+        """Whether the limits are kept."""
+        return self.largest <= LARGEST_ERROR and self.rms <= RMS_ERROR
+
+
+def case_of_sample(study: Study) -> dict[str, int]:
+    """Sample of each case's label."""
+    return {case.label: number + study.samples.nominal_first for number, case in enumerate(study.cases)}
+
+
+def table2(study: Study, metrics: Columns, targets: Sequence[Target]) -> pd.DataFrame:
+    """Each published number with the run's, from ``aggregate/metrics`` at the study's first crank angle."""
+    frame = pd.DataFrame(metrics)
+    frame = frame[frame["crank_deg"] == study.cycle.crank_deg[0]].set_index("sample")
+    samples = case_of_sample(study)
+    values = [float(frame.loc[samples[target.case], target.metric]) for target in targets]
+    return _rows(targets, values, predicted=False)
+
+
+def prediction(
+    study: Study, disk: Condensed, targets: Sequence[Target], parameters: Sequence[Parameter]
+) -> pd.DataFrame:
+    """The last case of the targets computed with the numbers fitted to the other cases alone."""
+    last = targets[-1].case
+    others = [target for target in targets if target.case != last]
+    wanted = [target for target in targets if target.case == last]
+    fit = calibrated(study, others, parameters, None, disk)
+    return _rows(wanted, list(computed(fit.study, disk, wanted)), predicted=True)
+
+
+def _rows(targets: Sequence[Target], values: Sequence[float], predicted: bool) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "tolerance_disk_um": [target.tolerance_disk_um for target in targets],
+            "tolerance_roller_um": [target.tolerance_roller_um for target in targets],
+            "metric": [target.metric for target in targets],
+            "published": [target.value for target in targets],
+            "computed": values,
+            "relative_error": [
+                value / target.value - 1 if target.value else np.nan
+                for target, value in zip(targets, values, strict=True)
+            ],
+            "predicted": predicted,
+        }
+    )
+
+
+def contacts(study: Study, curves: Columns, published: Path) -> pd.DataFrame:
+    """Pins in contact, published and from ``hysteresis/curves`` on the branch loading+."""
+    found, samples = pd.DataFrame(curves), case_of_sample(study)
+    loading = found[(found["branch"] == "loading+") & (found["crank_deg"] == study.cycle.crank_deg[0])]
+    table = pd.read_csv(published, dtype={"case": str})
+    counts = []
+    for row in table.itertuples():
+        mine = loading[loading["sample"] == samples[row.case]]
+        counts.append(int(mine.loc[np.isclose(mine["torque_Nm"], row.torque_Nm), "pins_in_contact"].iloc[0]))
+    table.insert(3, "computed", counts)
+    return table.rename(columns={"pins_in_contact": "published"})
+
+
+def fit_rows(calibration: Calibration) -> list[Mapping[str, object]]:
+    """Key, value and interval of every fitted number."""
+    fit = calibration.fit
+    return [
+        {"key": one.key, "value": value, "low": low, "high": high}
+        for one, value, low, high in zip(calibration.parameters, fit.value, fit.low, fit.high, strict=True)
+    ]
