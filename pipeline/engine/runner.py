@@ -17,7 +17,6 @@ from pipeline.engine.stage import Chunk, Job, Sections, Stage
 from pipeline.engine.store import Cache, Output, Work, locked
 from pipeline.errors import InputError
 
-
 PICTURES = (".png", ".svg")
 """Endings of files that are looked at and never read: a new look of a figure must not run the stages after it."""
 

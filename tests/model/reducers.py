@@ -56,10 +56,12 @@ def laws_of(profile, reducer, law="hertz", width=0.15, length=2.0):
         held = mesh_compliance(STEEL, length, radius, width)
         return concatenated([palmgren_laws(pins, 1, held), palmgren_laws(rollers, 2, 0.0)])
     halves = [cylinder_share(rollers, STEEL, 1.5), flat_share(rollers, STEEL, 5.0)]
-    return concatenated([
-        hertz_laws(pins, [cylinder_share(pins, STEEL, radius), meshed_share(pins, STEEL, width)], radius),
-        hertz_laws(rollers, [*halves, *halves], 1.5),
-    ])
+    return concatenated(
+        [
+            hertz_laws(pins, [cylinder_share(pins, STEEL, radius), meshed_share(pins, STEEL, width)], radius),
+            hertz_laws(rollers, [*halves, *halves], 1.5),
+        ]
+    )
 
 
 def random_compliance(n, rng, size=3e-6):

@@ -103,7 +103,9 @@ def test_play_of_equal_gaps_is_the_gap_over_the_longest_arms():
     expected = 5e-3 * (1 / pins.max() - 1 / pins.min() + 2 * 2 / slide)
     assert separated_play(at, np.full((1, len(at.contacts)), 5e-3)).backlash[0] == pytest.approx(expected, rel=1e-12)
     floating = reducer_at(SMALL, CRANK, floats=True)
-    assert separated_play(floating, np.full((1, len(at.contacts)), 5e-3)).backlash[0] == pytest.approx(expected, rel=1e-12)
+    assert separated_play(floating, np.full((1, len(at.contacts)), 5e-3)).backlash[0] == pytest.approx(
+        expected, rel=1e-12
+    )
 
 
 def test_a_floating_plate_shifts_out_of_the_way_of_one_face():
@@ -150,7 +152,9 @@ def test_play_rises_steadily_with_the_bearing_clearance_from_that_of_a_tight_bea
     play = rigid_play(at, gap, clearance)
     assert np.all(np.diff(play.backlash) > 0)
     assert play.backlash[1] == pytest.approx(play.backlash[0], rel=1e-6)
-    assert np.all(np.hypot(play.pose_plus[:, 0], play.pose_plus[:, 1]) <= clearance * (1 + 1e-9) + 1e-12)  # the program's own tolerance, in mm
+    assert np.all(
+        np.hypot(play.pose_plus[:, 0], play.pose_plus[:, 1]) <= clearance * (1 + 1e-9) + 1e-12
+    )  # the program's own tolerance, in mm
 
 
 def test_a_bearing_clearance_relieves_an_interference():

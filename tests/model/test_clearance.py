@@ -145,15 +145,23 @@ def test_a_smaller_roller_opens_its_own_contact_only(reading, share):
     rollers = len(at.contacts) - SMALL.pins
     diameter = -1e-3 * np.eye(rollers)
     gap = gaps(
-        SMALL, at, errors_of(SMALL, at, rollers, roller_diameter=diameter),
-        method="first_order", disk_reading="radial", roller_reading=reading,
+        SMALL,
+        at,
+        errors_of(SMALL, at, rollers, roller_diameter=diameter),
+        method="first_order",
+        disk_reading="radial",
+        roller_reading=reading,
     )
     np.testing.assert_array_equal(gap[:, : SMALL.pins], 0)
     np.testing.assert_allclose(gap[:, SMALL.pins :], -share * diameter)
     with pytest.raises(ValueError, match="1 roller errors for 16 rollers"):
         gaps(
-            SMALL, at, replace(errors_of(SMALL, at), roller_diameter=np.zeros((1, 1))),
-            method="exact", disk_reading="radial", roller_reading=reading,
+            SMALL,
+            at,
+            replace(errors_of(SMALL, at), roller_diameter=np.zeros((1, 1))),
+            method="exact",
+            disk_reading="radial",
+            roller_reading=reading,
         )
 
 
@@ -164,9 +172,7 @@ def test_uniform_radial_disk_error_gives_the_published_slope_at_any_crank_angle(
     for crank in np.radians([0.0, 1.0, 4.5, 45.0, 123.4, 300.0]):
         at = reducer_at(PAPER, crank)
         errors = errors_of(PAPER, at, lobe=size_um * MICROMETRE)
-        gap = gaps(
-            PAPER, at, errors, method=method, disk_reading="radial_on_diameter", roller_reading="half_diameter"
-        )
+        gap = gaps(PAPER, at, errors, method=method, disk_reading="radial_on_diameter", roller_reading="half_diameter")
         assert 0.0631 < ARCMIN * separated_play(at, gap).backlash[0] / size_um < 0.0633
 
 
@@ -183,13 +189,19 @@ def test_normal_disk_error_of_10_um_alone_exceeds_the_published_total():
 def test_turning_crank_and_errors_by_pin_pitches_turns_the_gaps(pitches, crank, method):
     """A pin pitch of the crank brings the next pin into the place of this one, and the next lobe too."""
     errors = random_errors(SMALL, reducer_at(SMALL, 0.0), 2, 2e-3, np.random.default_rng(pitches))
-    turned = Errors(**{
-        name: np.roll(value, pitches, axis=1) if name in ("pin_radial", "pin_tangential", "pin_radius", "lobe") else value
-        for name, value in vars(errors).items()
-    })
+    turned = Errors(
+        **{
+            name: np.roll(value, pitches, axis=1)
+            if name in ("pin_radial", "pin_tangential", "pin_radius", "lobe")
+            else value
+            for name, value in vars(errors).items()
+        }
+    )
     gap = METHODS[method](SMALL, reducer_at(SMALL, crank), errors, "radial")
     moved = reducer_at(SMALL, crank - 2 * np.pi * pitches / SMALL.pins)
-    np.testing.assert_allclose(METHODS[method](SMALL, moved, turned, "radial"), np.roll(gap, pitches, axis=1), atol=1e-11)
+    np.testing.assert_allclose(
+        METHODS[method](SMALL, moved, turned, "radial"), np.roll(gap, pitches, axis=1), atol=1e-11
+    )
 
 
 @PROFILES
@@ -198,6 +210,10 @@ def test_each_pin_stands_between_the_two_lobes_at_its_sides(profile):
         at = reducer_at(profile, crank)
         before, behind = pin_lobes(profile, at)
         psi = at.pins.centre - profile.eccentricity * np.exp(1j * crank)
-        turn = (np.angle(psi) - disk_rotation(profile, crank)) / profile.lobe_pitch  # valley = nearest root, counterclockwise
-        assert np.all(np.abs(np.angle(np.exp(2j * np.pi * (turn + behind) / profile.lobes))) < 2 * np.pi / profile.lobes)
+        turn = (
+            np.angle(psi) - disk_rotation(profile, crank)
+        ) / profile.lobe_pitch  # valley = nearest root, counterclockwise
+        assert np.all(
+            np.abs(np.angle(np.exp(2j * np.pi * (turn + behind) / profile.lobes))) < 2 * np.pi / profile.lobes
+        )
         np.testing.assert_array_equal((before + 1) % profile.lobes, behind)

@@ -108,7 +108,9 @@ def test_deflection_increases_everywhere_without_a_jump_of_value_or_slope_at_the
     assert laws.deflection([below])[0] == pytest.approx(laws.deflection([above])[0], rel=1e-10)
     assert laws.compliance([below])[0] == pytest.approx(laws.compliance([above])[0], rel=1e-10)
     if np.isfinite(laws.force_limit[0]):
-        np.testing.assert_allclose(laws.compliance([[2 * limit], [9 * limit]]), laws.compliance([[limit]] * 2), rtol=1e-14)
+        np.testing.assert_allclose(
+            laws.compliance([[2 * limit], [9 * limit]]), laws.compliance([[limit]] * 2), rtol=1e-14
+        )
 
 
 @EACH_LAW
@@ -238,8 +240,10 @@ def test_records_are_joined_and_taken_apart_in_order():
     joined = concatenated([LAWS["pin in a root"], LAWS["palmgren roller"], LAWS["roller between flats"]])
     assert len(joined) == 3
     force = np.array([[5.0, 60.0, 700.0]])
-    parts = [LAWS[name].deflection([f])[0] for name, f in zip(
-        ("pin in a root", "palmgren roller", "roller between flats"), force[0], strict=True)]
+    parts = [
+        LAWS[name].deflection([f])[0]
+        for name, f in zip(("pin in a root", "palmgren roller", "roller between flats"), force[0], strict=True)
+    ]
     np.testing.assert_array_equal(joined.deflection(force)[0], parts)
     assert isinstance(joined[1], ContactLaws)
     np.testing.assert_array_equal(joined[[2, 0]].deflection(force[:, [2, 0]])[0], [parts[2], parts[0]])

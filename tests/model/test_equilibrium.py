@@ -1,4 +1,4 @@
-"""Equilibrium of rigid bodies, elastic disk and nonlinear contacts against energy, balance, symmetry and exact cases."""
+"""Equilibrium of rigid bodies, elastic disk and contacts against energy, balance, symmetry and exact cases."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,14 @@ class Model:
         n = len(gap)
         start = np.zeros((n, len(self.at.motions))) if start is None else start
         return solve(
-            self.at, self.bearing, self.laws, self.compliance, gap, np.full(n, self.clearance), start, np.asarray(torque)
+            self.at,
+            self.bearing,
+            self.laws,
+            self.compliance,
+            gap,
+            np.full(n, self.clearance),
+            start,
+            np.asarray(torque),
         )
 
     def bearing_force(self, motion):
@@ -64,7 +71,9 @@ class Model:
         """Energy whose least value over balanced forces is the solution (linear bearing)."""
         shift = -(force @ self.at.closing)[:2]
         return (
-            self.laws.energy(force).sum() + 0.5 * force @ self.compliance @ force + gap @ force
+            self.laws.energy(force).sum()
+            + 0.5 * force @ self.compliance @ force
+            + gap @ force
             + shift @ shift / (2 * self.bearing.stiffness)
         )
 
@@ -127,8 +136,12 @@ def test_solution_is_the_least_complementary_energy_that_scipy_finds(floats, sen
         return unit * (total + planar @ (planar.T @ force) / model.bearing.stiffness)
 
     found = minimize(
-        lambda x: model.complementary_energy(unit * x, gap[0]), np.full(len(model.laws), 1.0), jac=slope, method="SLSQP",
-        bounds=[(0, None)] * len(model.laws), options={"maxiter": 1000, "ftol": 1e-16},
+        lambda x: model.complementary_energy(unit * x, gap[0]),
+        np.full(len(model.laws), 1.0),
+        jac=slope,
+        method="SLSQP",
+        bounds=[(0, None)] * len(model.laws),
+        options={"maxiter": 1000, "ftol": 1e-16},
         constraints={"type": "eq", "fun": lambda x: free @ x - load / unit, "jac": lambda x: free},
     )
     force = solution.force[0, 0]

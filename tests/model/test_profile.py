@@ -60,7 +60,9 @@ def test_contacts_lie_on_the_flank_and_their_normals_turn_the_disk_by_the_arm(pr
         contacts.point, centre + turn * profile.flank(contacts.flank_parameter), atol=1e-12 * size
     )
     np.testing.assert_allclose(contacts.normal, turn * profile.normal(contacts.flank_parameter), atol=1e-10)
-    np.testing.assert_allclose(contacts.point - contacts.centre, profile.pin_radius * contacts.normal, atol=1e-12 * size)
+    np.testing.assert_allclose(
+        contacts.point - contacts.centre, profile.pin_radius * contacts.normal, atol=1e-12 * size
+    )
     np.testing.assert_allclose(np.cos(contacts.phase), np.cos(profile.phase(contacts.flank_parameter)), atol=1e-9)
     moment = np.imag(np.conj(contacts.point - centre) * contacts.normal)
     shape = np.sqrt(1 + profile.shortening**2 - 2 * profile.shortening * np.cos(contacts.phase))
@@ -68,7 +70,9 @@ def test_contacts_lie_on_the_flank_and_their_normals_turn_the_disk_by_the_arm(pr
     np.testing.assert_allclose(
         contacts.arm, -profile.eccentricity * (profile.pins - 1) * np.sin(contacts.phase) / shape, atol=1e-9 * size
     )
-    np.testing.assert_allclose(contacts.flank_curvature, profile.flank_curvature(profile.phase(contacts.flank_parameter)))
+    np.testing.assert_allclose(
+        contacts.flank_curvature, profile.flank_curvature(profile.phase(contacts.flank_parameter))
+    )
 
 
 def test_arm_is_largest_where_the_cosine_of_the_phase_is_the_shortening():
@@ -87,7 +91,8 @@ def test_flank_closes_after_all_of_its_equal_lobes_without_crossing_itself(profi
     whole = start + 2 * np.pi * np.arange(profile.lobes + 1) / profile.lobes
     np.testing.assert_allclose(profile.flank(whole[-1]), profile.flank(start), atol=1e-12 * profile.pin_circle_radius)
     np.testing.assert_allclose(
-        profile.flank(lobe + profile.lobe_pitch), np.exp(1j * profile.lobe_pitch) * profile.flank(lobe),
+        profile.flank(lobe + profile.lobe_pitch),
+        np.exp(1j * profile.lobe_pitch) * profile.flank(lobe),
         atol=1e-11 * profile.pin_circle_radius,
     )
     bearing = np.unwrap(np.angle(profile.flank(lobe)))

@@ -34,7 +34,9 @@ def test_contacts_are_numbered_pins_first_and_each_row_from_outside_to_inside(pr
     rows = np.abs(contacts.arm[profile.pins :]).reshape(8, -1)  # 2 interfaces, 2 faces, 2 ends
     assert np.all(np.diff(rows, axis=1) < 0)
     assert len(set(contacts.label)) == len(contacts)
-    np.testing.assert_array_equal(contacts.interface[profile.pins :], np.repeat([0, 1], len(contacts.arm[profile.pins :]) // 2))
+    np.testing.assert_array_equal(
+        contacts.interface[profile.pins :], np.repeat([0, 1], len(contacts.arm[profile.pins :]) // 2)
+    )
 
 
 @CASES
@@ -72,7 +74,7 @@ def test_turning_the_whole_chain_or_shifting_both_sides_of_a_contact_closes_noth
 
 @CASES
 def test_a_positive_output_torque_loads_half_of_each_slide_and_the_pins_of_negative_arm(profile, crank, floats):
-    """The output pushed counterclockwise leans on the rollers that turn it back; the disk leans on its pins likewise."""
+    """The output pushed counterclockwise leans on the rollers that turn it back, and so does the disk on its pins."""
     at = reducer_at(profile, crank, floats=floats)
     output = at.closing[:, at.output_motion]
     second = at.contacts.interface == 1

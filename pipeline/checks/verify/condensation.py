@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline import assembly
+from pipeline import elastic
+from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, at_least, compared, vanishing
-from pipeline.checks.verify.specimen import Specimen
 from pipeline.config import Study
 from pipeline.model.contact import Material
 from pipeline.model.patches import boundary_patches
@@ -33,14 +33,12 @@ def _refined(study: Study, factor: float) -> Study:
 
 def _pin_compliances(specimen: Specimen, factor: float, widths: list[float]) -> list[Real]:
     """Compliance between the pins on a refined mesh, for patches of every half width [mm]."""
-    disk = assembly.elastic_disk(_refined(specimen.study, factor))
+    disk = elastic.elastic_disk(_refined(specimen.study, factor))
     pins = specimen.reducer.pins
     centre = specimen.profile.eccentricity * np.exp(1j * specimen.reducer.crank)
     turn = np.exp(1j * specimen.reducer.crank / specimen.profile.lobes)
     point, normal = (pins.point - centre) * turn, pins.normal * turn
-    return [
-        disk.compliance(boundary_patches(disk.mesh, "flank", point, normal, width)).matrix for width in widths
-    ]
+    return [disk.compliance(boundary_patches(disk.mesh, "flank", point, normal, width)).matrix for width in widths]
 
 
 def _patch_loads(specimen: Specimen) -> tuple[Real, Real]:
@@ -69,13 +67,12 @@ def check_disk_compliance(specimen: Specimen) -> Iterator[Finding]:
     n, width = specimen.reducer.n_pins, study.reduce.patch_half_width_mm
     off = ~np.eye(n, dtype=bool)
     base = compliance.matrix[:n, :n]
-    once, twice = [], []
-    once += _pin_compliances(specimen, FINER, [width])
-    twice += _pin_compliances(specimen, FINER**2, [width, width / 2])
+    (once,) = _pin_compliances(specimen, FINER, [width])
+    twice, halved = _pin_compliances(specimen, FINER**2, [width, width / 2])
     for name, finer, narrowing in (
-        ("mesh refined once", once[0], 1.0),
-        ("mesh refined twice", twice[0], 1.0),
-        ("mesh refined twice, patch halved", twice[1], 2.0),
+        ("mesh refined once", once, 1.0),
+        ("mesh refined twice", twice, 1.0),
+        ("mesh refined twice, patch halved", halved, 2.0),
     ):
         yield compared(
             f"C_ii + unit ln(w) at every pin, {name}, over unit = 2/(pi E' t)",

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, relative, stated
-from pipeline.checks.verify.specimen import Specimen
 from pipeline.model.bodies import elastic_body
 from pipeline.model.contact import LineContact, Material, meshed_share
 from pipeline.model.meshing import lobed_disk_mesh
@@ -55,4 +55,6 @@ def check_cylinder_between_flats(specimen: Specimen) -> Iterator[Finding]:
             2e-3,
         )
         first, second = np.abs(np.diff([value for value, _ in meshed]))
-        yield stated(f"observed order of the compression, w/R = {width:g}, edges under w 2, 4, 8", np.log2(first / second))
+        yield stated(
+            f"observed order of the compression, w/R = {width:g}, edges under w 2, 4, 8", np.log2(first / second)
+        )

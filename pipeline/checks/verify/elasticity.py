@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, Functional, LinearForm, MeshTri
 
+from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, vanishing
-from pipeline.checks.verify.specimen import Specimen
 from pipeline.model.bodies import ElasticBody, Stress, elastic_body
 from pipeline.model.meshing import flank_nodes, lobed_disk_mesh
 from pipeline.model.profile import CycloidProfile, Real

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.checks.verify.specimen import Specimen
+from pipeline.checks.specimen import Specimen
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,7 @@ def compared(quantity: str, reference: ArrayLike, computed: ArrayLike, limit: fl
     reference, computed, scale = np.broadcast_arrays(np.asarray(reference, float), computed, scale)
     error = np.abs(computed - reference) / np.abs(scale)
     worst = int(np.argmax(np.where(np.isnan(error), np.inf, error)))
-    return Finding(
-        quantity, float(reference.flat[worst]), float(computed.flat[worst]), float(error.flat[worst]), limit
-    )
+    return Finding(quantity, float(reference.flat[worst]), float(computed.flat[worst]), float(error.flat[worst]), limit)
 
 
 def relative(quantity: str, reference: ArrayLike, computed: ArrayLike, limit: float) -> Finding:
@@ -65,6 +63,11 @@ def at_least(quantity: str, bound: float, computed: ArrayLike) -> Finding:
     """The smallest value of what must not fall below ``bound``; the error is what it lacks."""
     least = float(np.min(computed))
     return Finding(quantity, bound, least, max(0.0, bound - least), 0.0)
+
+
+def positive(quantity: str, computed: ArrayLike) -> Finding:
+    """The smallest value of what must be positive."""
+    return at_least(quantity, float(np.finfo(float).tiny), computed)
 
 
 def stated(quantity: str, value: float, reference: float = np.nan) -> Finding:

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline import assembly
+from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, vanishing
-from pipeline.checks.verify.specimen import Specimen
 from pipeline.model.clearance import Errors, exact_gaps
 from pipeline.model.profile import Complex, CycloidProfile, Real, disk_rotation, pin_contacts
 
@@ -94,9 +94,7 @@ def _arms(profile: CycloidProfile) -> tuple[Real, Real]:
     for crank in 2 * np.pi * np.arange(CRANKS) / CRANKS:
         beta = profile.pin_angle() - crank
         arms.append(pin_contacts(profile, crank).arm)
-        closed.append(
-            -profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
-        )
+        closed.append(-profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta)))
     return np.array(arms), np.array(closed)
 
 
@@ -133,6 +131,4 @@ def check_profile(specimen: Specimen) -> Iterator[Finding]:
     beta = np.linspace(0, np.pi, 200_001)
     k = profile.shortening
     everywhere = profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
-    yield compared(
-        "largest arm against e (N-1) [mm]", profile.eccentricity * profile.lobes, everywhere.max(), 1e-8
-    )
+    yield compared("largest arm against e (N-1) [mm]", profile.eccentricity * profile.lobes, everywhere.max(), 1e-8)

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline import assembly
+from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative
-from pipeline.checks.verify.specimen import Specimen
 from pipeline.config.design import Design
 from pipeline.model.backlash import general_play, separated_play
 from pipeline.model.clearance import Errors, exact_gaps, roller_gaps
@@ -31,7 +31,9 @@ def random_gaps(design: Design, at: Reducer, allowance: float) -> Real:
     random = np.random.default_rng(20170101)
     shape = (SAMPLES, profile.pins)
     errors = Errors(
-        *(PIN_SCATTER * random.standard_normal(shape) for _ in range(3)),
+        pin_radial=PIN_SCATTER * random.standard_normal(shape),
+        pin_tangential=PIN_SCATTER * random.standard_normal(shape),
+        pin_radius=PIN_SCATTER * random.standard_normal(shape),
         lobe=np.full((SAMPLES, profile.lobes), allowance),
         eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
         roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.rollers)),

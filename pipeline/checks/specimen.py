@@ -5,15 +5,20 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline import assembly
+from pipeline import assembly, elastic
 from pipeline.config import Study
+from pipeline.model.backlash import rigid_play
 from pipeline.model.bodies import Compliance, ElasticBody
 from pipeline.model.clearance import gaps
 from pipeline.model.contact import ContactLaws
+from pipeline.model.equilibrium import Equilibria, solve
 from pipeline.model.patches import Patches
 from pipeline.model.profile import CycloidProfile, Real
 from pipeline.model.reducer import Bearing, Reducer
 from pipeline.sampling import draw
+
+SHARES = np.array([0.03, 0.25, 0.5, 0.75, 1.0])
+"""Of the rated torque: the loads of the checks."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ class Specimen:
 
     @cached_property
     def disk(self) -> ElasticBody:
-        return assembly.elastic_disk(self.study)
+        return elastic.elastic_disk(self.study)
 
     @cached_property
     def disk_rows(self) -> np.ndarray:
@@ -70,7 +75,7 @@ class Specimen:
 
     @cached_property
     def patches(self) -> Patches:
-        return assembly.disk_patches(self.study, self.disk, self.reducer)
+        return elastic.disk_patches(self.study, self.disk, self.reducer)
 
     @cached_property
     def disk_compliance(self) -> Compliance:
@@ -93,3 +98,23 @@ class Specimen:
         disk = self.study.design.disk.model_copy(update={"stress": stress})
         design = self.study.design.model_copy(update={"disk": disk})
         return Specimen(self.study.model_copy(update={"design": design}), self.sample, self.crank_deg)
+
+
+def loaded(
+    specimen: Specimen,
+    torque: Real,
+    compliance: Real | None = None,
+    gap: Real | None = None,
+    reducer: Reducer | None = None,
+) -> Equilibria:
+    """Equilibria of the sample at the output torques [N mm] of one sense, from the end of its free play.
+
+    ``compliance``, ``gap`` and ``reducer`` take the place of the sample's own.
+    """
+    at = reducer or specimen.reducer
+    gaps_of_one = (specimen.gap if gap is None else gap)[None]
+    loose = np.array([specimen.bearing_clearance])
+    play = rigid_play(at, gaps_of_one, loose)
+    start = play.pose_plus if torque[0] > 0 else play.pose_minus
+    matrix = specimen.compliance if compliance is None else compliance
+    return solve(at, specimen.bearing, specimen.laws, matrix, gaps_of_one, loose, start, torque)

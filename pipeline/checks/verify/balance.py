@@ -1,0 +1,203 @@
+"""Check of the equilibrium: balance, uniqueness, mirror symmetry, and SciPy's minimum of the potential energy."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize, root
+
+from pipeline.checks.specimen import SHARES, Specimen, loaded
+from pipeline.checks.verify.findings import Finding, at_least, compared, relative, vanishing
+from pipeline.model.contact import ContactLaws
+from pipeline.model.equilibrium import Equilibria, solve
+from pipeline.model.profile import Complex, Real
+from pipeline.model.reducer import Bearing, Reducer
+
+LIMIT = 1e-8
+STARTS = 20
+START_SCATTER = 3e-2
+"""Of the random starts: a disk shifted by this [mm], bodies turned by a tenth of it [rad]."""
+SPAN = 30.0
+"""Radius [mm] at which rotations count as lengths in the energy."""
+MICROMETRES = 1e3
+"""The energy is minimised in um and N, where its terms are of one size."""
+
+
+def _unbalanced(specimen: Specimen, states: Equilibria, torque: Real) -> tuple[Real, Real]:
+    """Force (n_torques,) and moments (n_torques, 3 bodies) left over, as shares of the sums of their terms."""
+    contacts, force = specimen.reducer.contacts, states.force[0]
+    forces, moments = [], []
+    for body in ("disk", "plate", "output"):
+        sign = np.where(contacts.body_b == body, 1.0, 0.0) - np.where(contacts.body_a == body, 1.0, 0.0)
+        terms = force * sign * contacts.arm
+        total, scale = terms.sum(axis=1), np.abs(terms).sum(axis=1)
+        moments.append((total + torque if body == "output" else total) / scale)
+        if body == "disk":
+            pushed = force * sign
+            held = specimen.bearing.stiffness * (states.motion[0, :, 0] + 1j * states.motion[0, :, 1])
+            forces = np.abs(pushed @ contacts.normal - held) / np.abs(pushed).sum(axis=1)
+    return np.asarray(forces), np.stack(moments, axis=-1)
+
+
+def _misfit(specimen: Specimen, states: Equilibria) -> Real:
+    """Deflection of closed contacts less their penetration, and penetration of open ones, over the largest."""
+    force = states.force[0]
+    approach = states.motion[0] @ specimen.reducer.closing.T - specimen.gap
+    own = specimen.laws.deflection(force) + force @ specimen.compliance
+    return np.where(force > 0, np.abs(approach - own), np.maximum(approach - own, 0.0)) / own.max()
+
+
+def mirrored(at: Reducer) -> np.ndarray:
+    """Permutation (n_contacts,) of the contacts by the mirror about the crank's axis, at crank 0."""
+    points: Complex = np.conj(at.contacts.point)
+    interface = at.contacts.interface
+    apart = np.abs(points[:, None] - at.contacts.point) + np.where(interface[:, None] == interface, 0.0, 1e3)
+    partner = np.argmin(apart, axis=1)
+    if np.abs(points - at.contacts.point[partner]).max() > 1e-9:
+        raise ValueError("the contacts are not mirrored about the crank's axis; take crank angle 0")
+    return partner
+
+
+@dataclass(frozen=True)
+class PotentialEnergy:
+    """Potential energy of patch displacements u and rigid motions q: 1/2 u K u + springs + bearing - torque.
+
+    The formulation in displacements, whose forces are derivatives; the solver's is its dual. Of a linear bearing
+    without clearance. Lengths [um], rotations as um at ``SPAN``, forces [N].
+
+    Attributes
+    ----------
+    laws : of the contacts.
+    gap : (n_contacts,) [mm]
+    approach : (n_contacts, n_state) penetration by a unit of the state.
+    stiffness : (n_state, n_state) [N/um] of disk and bearing.
+    load : (n_state,) [N]
+    """
+
+    laws: ContactLaws
+    gap: Real
+    approach: Real
+    stiffness: Real
+    load: Real
+
+    @classmethod
+    def of(cls, specimen: Specimen, torque: float) -> "PotentialEnergy":
+        """The energy of the sample at an output torque [N mm]."""
+        at, rows = specimen.reducer, specimen.disk_rows
+        scale = np.array([1 / SPAN if name.endswith("_phi") else 1.0 for name in at.motions])
+        n = len(rows)
+        patches = np.zeros((len(at.contacts), n))
+        patches[rows, np.arange(n)] = -1.0
+        stiffness = np.zeros((n + len(scale),) * 2)
+        stiffness[:n, :n] = np.linalg.inv(specimen.disk_compliance.matrix) / MICROMETRES
+        stiffness[[n, n + 1], [n, n + 1]] = specimen.bearing.stiffness / MICROMETRES
+        load = np.zeros(len(stiffness))
+        load[n + at.output_motion] = torque / SPAN
+        return cls(specimen.laws, specimen.gap, np.hstack([patches, at.closing * scale]), stiffness, load)
+
+    def penetration(self, state: Real) -> Real:
+        """(n_contacts,) [mm], negative where open."""
+        return (self.approach @ state) / MICROMETRES - self.gap
+
+    def force(self, state: Real) -> Real:
+        """Contact forces (n_contacts,) [N]."""
+        return self.laws.force(self.penetration(state))
+
+    def value(self, state: Real) -> float:
+        """[N um]"""
+        depth, force = self.penetration(state), self.force(state)
+        springs = MICROMETRES * np.sum(force * depth - self.laws.energy(force))
+        return float(0.5 * state @ self.stiffness @ state + springs - self.load @ state)
+
+    def gradient(self, state: Real) -> Real:
+        """(n_state,) [N]"""
+        return self.stiffness @ state + self.approach.T @ self.force(state) - self.load
+
+    def curvature(self, state: Real) -> Real:
+        """(n_state, n_state) [N/um]"""
+        force = self.force(state)
+        slope, closed = np.zeros(len(force)), force > 0
+        slope[closed] = 1 / self.laws[closed].compliance(force[closed]) / MICROMETRES
+        return self.stiffness + self.approach.T @ (slope[:, None] * self.approach)
+
+    def least(self) -> Real:
+        """State of least energy, from a state with every contact that resists the torque closed.
+
+        Energies tell states apart to the root of the rounding only, so the zero of the gradient is found last.
+
+        Raises
+        ------
+        ArithmeticError
+            If SciPy finds no such state.
+        """
+        start = np.zeros(len(self.load))
+        start[self.load != 0] = np.sign(self.load[self.load != 0]) * MICROMETRES * np.abs(self.gap).max() * 3
+        near = minimize(self.value, start, jac=self.gradient, hess=self.curvature, method="trust-exact", tol=1e-6)
+        found = root(self.gradient, near.x, jac=self.curvature, tol=1e-14)
+        if np.abs(self.gradient(found.x)).max() > 1e-9 * np.abs(self.load).max():
+            raise ArithmeticError(f"least energy not found: {near.message} {found.message}")
+        return found.x
+
+
+def _against_scipy(specimen: Specimen, states: Equilibria, torque: Real) -> Iterator[Finding]:
+    at = specimen.reducer
+    angle, forces = [], []
+    for one in torque:
+        energy = PotentialEnergy.of(specimen, one)
+        state = energy.least()
+        forces.append(energy.force(state))
+        angle.append(state[len(specimen.disk_rows) + at.output_motion] / (SPAN * MICROMETRES))
+    largest = np.max(forces, axis=1, keepdims=True)
+    yield compared("contact forces against scipy.optimize, over the largest", forces, states.force[0], LIMIT, largest)
+    yield relative("output angle against scipy.optimize [rad]", angle, states.motion[0, :, at.output_motion], LIMIT)
+
+
+def _mirror(specimen: Specimen, torque: Real) -> Iterator[Finding]:
+    """The mirrored sample under the opposite torque, on the mean of the compliance and its mirror image."""
+    partner = mirrored(specimen.reducer)
+    compliance = 0.5 * (specimen.compliance + specimen.compliance[np.ix_(partner, partner)])
+    yield compared(
+        "compliance against its mirror image (the mesh has none), over the largest",
+        specimen.compliance,
+        specimen.compliance[np.ix_(partner, partner)],
+        5e-3,
+        specimen.compliance.max(),
+    )
+    forward = loaded(specimen, torque, compliance).force[0]
+    backward = loaded(specimen, -torque, compliance, specimen.gap[partner]).force[0]
+    yield compared(
+        "forces of the mirrored sample, over the largest", forward, backward[:, partner], LIMIT, forward.max()
+    )
+
+
+def _uniqueness(specimen: Specimen, states: Equilibria, torque: Real) -> Iterator[Finding]:
+    at, random = specimen.reducer, np.random.default_rng(1)
+    scatter = START_SCATTER * np.where([name.endswith("_phi") for name in at.motions], 0.1, 1.0)
+    start = scatter * random.standard_normal((STARTS, len(at.motions)))
+    gap = np.repeat(specimen.gap[None], STARTS, axis=0)
+    loose = np.full(STARTS, specimen.bearing_clearance)
+    for name, bearing in (("linear bearing", specimen.bearing), ("bearing of exponent 1.5", Bearing(4e6, 1.5))):
+        alone = states if bearing == specimen.bearing else None
+        forces = []
+        for one in torque:  # a single load from each start: no step before it helps
+            found = solve(at, bearing, specimen.laws, specimen.compliance, gap, loose, start, np.array([one]))
+            forces.append(np.where(found.converged, 1.0, np.nan)[..., None] * found.force)
+        every = np.concatenate(forces, axis=1)
+        reference = every[:1] if alone is None else alone.force
+        yield compared(
+            f"forces from {STARTS} random starts, {name}, over the largest", reference, every, LIMIT, every.max()
+        )
+
+
+def check_equilibrium(specimen: Specimen) -> Iterator[Finding]:
+    """Equilibrium: balance, uniqueness, mirror symmetry, least energy."""
+    torque = SHARES * specimen.rated_torque
+    states = loaded(specimen, torque)
+    force, moments = _unbalanced(specimen, states, torque)
+    yield vanishing("force left over on the disk, over the sum of its terms", force, LIMIT)
+    yield vanishing("moment left over on each body, over the sum of its terms", moments, LIMIT)
+    yield vanishing("misfit of penetration and deflection, over the largest", _misfit(specimen, states), LIMIT)
+    yield at_least("least contact force [N]", 0.0, states.force)
+    yield from _uniqueness(specimen, states, torque)
+    yield from _mirror(specimen, torque)
+    yield from _against_scipy(specimen, states, torque)

@@ -1,0 +1,128 @@
+"""Check of the contact laws: energy, continuity, growth, and the scaling of the exponents."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.checks.specimen import Specimen
+from pipeline.checks.verify.findings import Finding, positive, relative, vanishing
+from pipeline.model.contact import (
+    ContactLaws,
+    LineContact,
+    Material,
+    concatenated,
+    cylinder_share,
+    hertz_laws,
+    meshed_share,
+    palmgren_laws,
+)
+from pipeline.model.profile import Real
+
+LIMIT = 1e-10
+STEP = 1e-2
+"""Share of the force in differences of eighth order: truncation near 1e-14, rounding 1e-13."""
+STENCIL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+"""Central first difference of eighth order, one side."""
+STEEL = Material(206e3, 0.3, "plane_stress")
+SCALE = 3.7
+LINE = LineContact(np.array([0.4, 0.8, 48.0]), 1.0, STEEL, STEEL)
+
+
+def _difference(function, force: Real) -> Real:
+    """Numerical derivative of eighth order by the logarithm of the force."""
+    pairs = ((weight, force * (1 + k * STEP), force * (1 - k * STEP)) for k, weight in STENCIL.items())
+    return sum(weight * (function(above) - function(below)) for weight, above, below in pairs) / STEP
+
+
+def _energy_slope(laws: ContactLaws, force: Real) -> Real:
+    """dE/d(deflection) [N], both followed along the force; E is the force's work, F delta less its complement."""
+
+    def stored(at: Real) -> Real:
+        return at * laws.deflection(at) - laws.energy(at)
+
+    return _difference(stored, force) / _difference(laws.deflection, force)
+
+
+def _grid(laws: ContactLaws) -> Real:
+    """Forces (points, n) [N] on both sides of the limit, none within a stencil of it."""
+    largest = np.where(np.isfinite(laws.force_limit), laws.force_limit, 1e4)
+    return np.concatenate([np.geomspace(1e-4, 0.9, 40), np.geomspace(1.15, 20.0, 15)])[:, None] * largest
+
+
+def _hertz(lengths: float, patch: float = 0.08) -> ContactLaws:
+    """Pin on a meshed flank with every length scaled."""
+    line = replace(LINE, radius=lengths * LINE.radius, length=lengths * LINE.length)
+    shares = [cylinder_share(line, STEEL, 0.8 * lengths), meshed_share(line, STEEL, patch * lengths)]
+    return hertz_laws(line, shares, 0.8 * lengths)
+
+
+def _scaling() -> Iterator[Finding]:
+    force = np.geomspace(0.1, 50, 20)[:, None]
+    yield relative(
+        "Hertz: lengths times s, force times s^2 give s times the deflection [mm]",
+        SCALE * _hertz(1.0).deflection(force),
+        _hertz(SCALE).deflection(SCALE**2 * force),
+        LIMIT,
+    )
+    yield relative(
+        "Hertz: half width grows with the root of the force [mm]",
+        np.sqrt(SCALE) * LINE.half_width(force),
+        LINE.half_width(SCALE * force),
+        LIMIT,
+    )
+    yield relative(
+        "Hertz: peak pressure is 2 p/(pi b) [MPa]",
+        2 * force / (np.pi * LINE.length * LINE.half_width(force)),
+        _hertz(1.0).peak_pressure(force),
+        LIMIT,
+    )
+    slack, taut = (palmgren_laws(replace(LINE, length=length), 1, 0.0) for length in (1.0, SCALE))
+    yield relative(
+        "Palmgren: deflection with force^0.9 [mm]",
+        SCALE**0.9 * slack.deflection(force),
+        slack.deflection(SCALE * force),
+        LIMIT,
+    )
+    yield relative(
+        "Palmgren: deflection with length^-0.8 [mm]",
+        SCALE**-0.8 * slack.deflection(force),
+        taut.deflection(force),
+        LIMIT,
+    )
+
+
+def _continuity(name: str, laws: ContactLaws) -> Iterator[Finding]:
+    tiny = np.array([[1e-17], [1e-16]])
+    at_micrometre = laws.force(np.full((1, len(laws)), 1e-3))
+    yield vanishing(
+        f"{name}: force 1e-17 and 1e-16 mm beyond the dead zone, over that at 1 um",
+        laws.force(tiny) / at_micrometre,
+        LIMIT,
+    )
+    yield vanishing(f"{name}: force in the dead zone [N]", laws.force(np.array([[-1.0], [-1e-9], [0.0]])), 0.0)
+    limited = np.flatnonzero(np.isfinite(laws.force_limit))
+    bounded, at = laws[limited], laws.force_limit[limited]
+    below, above = at * (1 - 1e-13), at * (1 + 1e-13)
+    yield relative(
+        f"{name}: deflection across the law's limit [mm]", bounded.deflection(below), bounded.deflection(above), LIMIT
+    )
+    yield relative(
+        f"{name}: slope across the law's limit [mm/N]", bounded.compliance(below), bounded.compliance(above), LIMIT
+    )
+
+
+def check_contact_laws(specimen: Specimen) -> Iterator[Finding]:
+    """Contact laws: force = dE/d(penetration), continuity, growth, exponents."""
+    rigid = palmgren_laws(LINE, 2, 0.0)
+    meshed = palmgren_laws(LINE, 1, 2e-6)
+    for name, laws in (("Hertz", specimen.laws), ("Palmgren", concatenated([rigid, meshed]))):
+        force = _grid(laws)
+        yield relative(f"{name}: force as derivative of the energy [N]", _energy_slope(laws, force), force, LIMIT)
+        yield relative(f"{name}: force from the deflection [N]", force, laws.force(laws.deflection(force)), LIMIT)
+        yield from _continuity(name, laws)
+        rising = laws.force(np.linspace(0.0, 1.0, 4000)[:, None] * laws.deflection(force[-1]))
+        yield positive(f"{name}: least growth of the force from point to point [N]", np.diff(rising, axis=0))
+        far = np.where(np.isfinite(laws.force_limit), laws.force_limit, 1e4) * np.geomspace(1e-9, 1e4, 400)[:, None]
+        yield positive(f"{name}: least slope of the law [mm/N]", laws.compliance(far))
+    yield from _scaling()

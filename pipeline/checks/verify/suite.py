@@ -1,0 +1,139 @@
+"""The suite: every check by name, its results as a table, a CSV file and a page of the documentation."""
+
+import csv
+import io
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.checks.specimen import Specimen
+from pipeline.checks.verify.balance import check_equilibrium
+from pipeline.checks.verify.condensation import check_disk_compliance
+from pipeline.checks.verify.cylinder import check_cylinder_between_flats
+from pipeline.checks.verify.elasticity import check_elastic_bodies
+from pipeline.checks.verify.findings import Check, Finding
+from pipeline.checks.verify.geometry import check_profile
+from pipeline.checks.verify.laws import check_contact_laws
+from pipeline.checks.verify.play import check_rigid_backlash
+from pipeline.checks.verify.whole import check_calculix, check_unreduced
+from pipeline.config import load_study
+from pipeline.engine.store import write_atomic
+
+MESHES = {"coarse": "quick", "paper": "paper"}
+"""Study whose mesh and tolerances each size takes."""
+CHECKS: Mapping[str, Check] = {
+    "profile": check_profile,
+    "rigid backlash": check_rigid_backlash,
+    "cylinder between flats": check_cylinder_between_flats,
+    "disk compliance": check_disk_compliance,
+    "elastic bodies": check_elastic_bodies,
+    "contact laws": check_contact_laws,
+    "equilibrium": check_equilibrium,
+    "whole reducer, scikit-fem": check_unreduced,
+    "whole reducer, CalculiX": check_calculix,
+}
+PLANE_STRAIN = ("whole reducer, scikit-fem", "whole reducer, CalculiX")
+"""Checks that compare codes in plane strain, where CalculiX' elements are ours."""
+PAGE = Path("data") / "verification.md"
+"""In the project's folder; the documented run is at the paper's size."""
+COLUMNS = ("check", "quantity", "reference", "computed", "error", "limit", "ok", "seconds")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of ``results.csv``: a finding, the check that it belongs to, and the time since the row before [s]."""
+
+    check: str
+    finding: Finding
+    seconds: float
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Texts in the order of ``COLUMNS``; empty where there is no number."""
+        found = self.finding
+        numbers = (found.reference, found.computed, found.error, np.nan if found.limit is None else found.limit)
+        judged = "" if found.ok is None else str(found.ok)
+        texts = ["" if np.isnan(number) else f"{number:.9g}" for number in numbers]
+        return (self.check, found.quantity, *texts, judged, f"{self.seconds:.3f}")
+
+
+def run_checks(specimen: Specimen, checks: Mapping[str, Check] = CHECKS) -> Iterator[Row]:
+    """Rows of the checks, one by one as they are found."""
+    in_strain = specimen.in_stress("plane_strain")
+    for name, check in checks.items():
+        start = time.perf_counter()
+        for finding in check(in_strain if name in PLANE_STRAIN else specimen):
+            yield Row(name, finding, time.perf_counter() - start)
+            start = time.perf_counter()
+
+
+def verify(mesh: str, root: Path, results: Path) -> int:
+    """Run every check, print its rows as they come, write the table and, at the paper's size, the page.
+
+    Parameters
+    ----------
+    mesh : ``coarse`` or ``paper``.
+    root : the project's folder.
+    results : the CSV file to write.
+
+    Returns
+    -------
+    Number of rows that failed.
+    """
+    rows = []
+    for row in run_checks(Specimen(load_study(MESHES[mesh], root))):
+        print(line(row), flush=True)
+        rows.append(row)
+    write_results(rows, results)
+    if mesh == "paper":
+        write_atomic(root / PAGE, page(rows, mesh).encode())
+    return sum(row.finding.ok is False for row in rows)
+
+
+def line(row: Row) -> str:
+    """A row for the terminal: verdict, check, quantity, computed number, error and limit."""
+    found = row.finding
+    verdict = {True: "ok", False: "FAILED", None: "skipped"}[found.ok]
+    if found.skipped:
+        return f"{verdict:8}{row.check:26}{found.quantity}"
+    judged = "" if found.limit is None else f"error {found.error:.1e}  limit {found.limit:.1e}"
+    return f"{verdict:8}{row.check:26}{found.quantity:92}{found.computed:12.5g}  {judged}"
+
+
+def write_results(rows: list[Row], path: Path) -> None:
+    """Write ``results.csv``."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(row.cells for row in rows)
+    write_atomic(path, text.getvalue().encode())
+
+
+def page(rows: list[Row], mesh: str) -> str:
+    """The page: one table a check, its numbers, errors and limits."""
+    lines = [
+        "# Verification",
+        "",
+        "Written by `make verify`; do not edit. Code against exact answers and against independent solvers: every",
+        f"error must keep its limit. Mesh and tolerances of `data/studies/{MESHES[mesh]}.toml`, sample 1, crank at 0",
+        "degrees. Where a quantity has many values, the two that differ most stand here.",
+    ]
+    for name, check in CHECKS.items():
+        lines += ["", f"## {name[0].upper()}{name[1:]}", "", (check.__doc__ or "").splitlines()[0], ""]
+        lines += ["| quantity | reference | computed | error | limit | kept |", "|---|---|---|---|---|---|"]
+        lines += [_page_line(row.finding) for row in rows if row.check == name]
+    return "\n".join(lines) + "\n"
+
+
+def _page_line(found: Finding) -> str:
+    def text(number: float | None, form: str) -> str:
+        return "" if number is None or np.isnan(number) else format(number, form)
+
+    kept = "" if found.limit is None else "yes" if found.ok else "**no**"
+    numbers = (text(found.reference, ".6g"), text(found.computed, ".6g"), text(found.error, ".1e"))
+    return (
+        f"| {' | '.join((found.quantity, *numbers, text(found.limit, '.1e'), 'skipped' if found.skipped else kept))} |"
+    )

@@ -1,0 +1,98 @@
+"""Check of the condensation: the same mesh solved whole, with its nonlinear springs, in scikit-fem and in CalculiX."""
+
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.checks.calculix import INSTALL, PROGRAM, Answer, calculix_deck, calculix_program, run_calculix
+from pipeline.checks.specimen import SHARES, Specimen, loaded
+from pipeline.checks.verify.findings import Finding, compared, relative, skipped, stated
+from pipeline.checks.verify.unreduced import WholeSolution, solve_unreduced, unreduced
+from pipeline.engine.progress import Meter
+from pipeline.model.equilibrium import Equilibria
+from pipeline.model.reducer import Reducer
+
+ANGLE_LIMIT = 5e-3
+FORCE_LIMIT = 1e-2
+ALGEBRA_LIMIT = 1e-6
+"""Of the condensation alone, every arm that of the mesh's polygon."""
+PLANE_STRAIN_LIMIT = 1e-4
+"""Of CalculiX in plane strain, whose finite rotations and tables of springs differ from ours."""
+GIB = 2.0**30
+
+
+def on_mesh(specimen: Specimen) -> Reducer:
+    """The reducer with the arms that the patches have on the mesh's polygon, within its distance from the flank."""
+    at, rows = specimen.reducer, specimen.disk_rows
+    closing = at.closing.copy()
+    resultant = specimen.disk.loads(specimen.patches).T @ specimen.disk.rigid_motions
+    closing[rows, at.motions.index("disk_phi")] = -resultant[:, 2]
+    return replace(at, closing=closing)
+
+
+def _agreement(
+    name: str, angle: np.ndarray, force: np.ndarray, ours: Equilibria, output: int, limits: tuple[float, float]
+) -> Iterator[Finding]:
+    """Angle, and forces as a share of the largest, of another solution (n_torques,), (n_torques, n_contacts)."""
+    largest = force.max(axis=1, keepdims=True)
+    yield relative(f"output angle, {name} [rad]", angle, ours.motion[0, :, output], limits[0])
+    yield compared(f"contact forces, {name}, over the largest [N]", force, ours.force[0], limits[1], largest)
+
+
+def _cost(name: str, seconds: float, peak_bytes: float) -> Iterator[Finding]:
+    yield stated(f"{name}: time [s]", seconds)
+    yield stated(f"{name}: peak memory [GiB]", peak_bytes / GIB)
+
+
+def check_unreduced(specimen: Specimen) -> Iterator[Finding]:
+    """Whole reducer in scikit-fem: every freedom of the same mesh, nonlinear springs on the patch means, 5 loads."""
+    torque = SHARES * specimen.rated_torque
+    output = specimen.reducer.output_motion
+    with Meter() as condensing:
+        loaded(specimen, torque)
+        condensed_in = condensing.seconds
+    start = time.perf_counter()
+    ours = loaded(specimen, torque)  # the disk is condensed and the solver compiled by now
+    solved_in = time.perf_counter() - start
+    with Meter() as whole:
+        other: WholeSolution = solve_unreduced(specimen, unreduced(specimen), torque)
+        whole_in = whole.seconds
+    yield from _agreement("unreduced", other.angle, other.force, ours, output, (ANGLE_LIMIT, FORCE_LIMIT))
+    same_arms = loaded(specimen, torque, reducer=on_mesh(specimen))
+    name = "unreduced, arms of the mesh"
+    yield from _agreement(name, other.angle, other.force, same_arms, output, (ALGEBRA_LIMIT, ALGEBRA_LIMIT))
+    yield stated("freedoms of the whole system", specimen.disk.freedoms.size)
+    yield stated("Newton steps of the whole system, 5 loads", float(other.iterations.sum()))
+    yield from _cost("condensation and 5 loads", condensed_in, condensing.peak_bytes)
+    yield stated("5 loads, condensed: time [s]", solved_in)
+    yield from _cost("5 loads, unreduced", whole_in, whole.peak_bytes)
+
+
+def check_calculix(specimen: Specimen) -> Iterator[Finding]:
+    """Whole reducer in CalculiX: plane strain, 5 loads; then the gap of its expanded elements in plane stress."""
+    if calculix_program() is None:
+        yield skipped(f"needs CalculiX: no program {PROGRAM}; {INSTALL}")
+        return
+    torque, output = SHARES * specimen.rated_torque, specimen.reducer.output_motion
+    for stress in ("plane_strain", "plane_stress"):
+        bodies = specimen if specimen.study.design.disk.stress == stress else specimen.in_stress(stress)
+        ours = loaded(bodies, torque)
+        with tempfile.TemporaryDirectory() as folder:
+            answer: Answer = run_calculix(calculix_deck(bodies, torque, ours), Path(folder))
+        if stress == "plane_strain":
+            limits = (PLANE_STRAIN_LIMIT, PLANE_STRAIN_LIMIT)
+            yield from _agreement("CalculiX in plane strain", answer.angle, answer.force, ours, output, limits)
+            yield stated("iterations of CalculiX, 5 loads", float(answer.iterations))
+            yield from _cost("5 loads, CalculiX", answer.seconds, answer.peak_bytes)
+        else:
+            yield stated(
+                "output angle at the rated torque, CalculiX's plane stress beside ours [rad]",
+                float(ours.motion[0, -1, output]),
+                float(answer.angle[-1]),
+            )
+            gap = np.abs(ours.motion[0, :, output] / answer.angle - 1).max()
+            yield stated("gap of CalculiX's expanded elements in plane stress, output angle, relative", float(gap))

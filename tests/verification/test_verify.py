@@ -1,0 +1,134 @@
+"""The verification suite in short, on a reducer of 20 pins: every limit of ``make verify``, its runner and its page.
+
+``make verify`` runs the same checks at the paper's size and writes ``data/verification.md``.
+"""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import cli
+from pipeline.checks.calculix import calculix_deck, calculix_program, run_calculix
+from pipeline.checks.specimen import Specimen, loaded
+from pipeline.checks.verify import CHECKS, page, run_checks, suite
+from pipeline.checks.verify.findings import Finding, at_least, compared, positive, skipped, stated
+from pipeline.checks.verify.suite import COLUMNS, PAGE, Row, write_results
+from pipeline.config import load_study
+from pipeline.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+CRUDE = {"flank_edges_per_lobe": 20, "growth": 0.8, "largest_edge_mm": 4.0, "patch_half_width_mm": 0.6}
+FINE = {"flank_edges_per_lobe": 44, "growth": 0.35, "largest_edge_mm": 2.0, "patch_half_width_mm": 0.4}
+SLOW = ("whole reducer, CalculiX",)
+
+
+def small_reducer(**reduce):
+    """Sample 1 of the quick study with 20 pins in place of 80."""
+    study = load_study("quick", ROOT)
+    few = {"pins": 20, "pin_radius_mm": 2.0, "eccentricity_mm": 1.2}
+    design = study.design.model_copy(update={"cycloid": study.design.cycloid.model_copy(update=few)})
+    return Specimen(study.model_copy(update={"design": design, "reduce": study.reduce.model_copy(update=reduce)}))
+
+
+@pytest.fixture(scope="module")
+def crude():
+    return small_reducer(**CRUDE)
+
+
+@pytest.fixture(scope="module")
+def rows(crude):
+    checks = {name: check for name, check in CHECKS.items() if name not in SLOW}
+    compliance = {"disk compliance": checks.pop("disk compliance")}
+    return list(run_checks(crude, checks)) + list(run_checks(small_reducer(**FINE), compliance))
+
+
+@pytest.mark.parametrize("name", [name for name in CHECKS if name not in SLOW])
+def test_every_error_keeps_its_limit(rows, name):
+    own = [row.finding for row in rows if row.check == name]
+    assert len(own) > 3
+    assert [finding for finding in own if not finding.ok] == []
+
+
+def test_committed_page_is_the_suites_and_shows_no_failure(rows):
+    text = (ROOT / PAGE).read_text()
+    made = page(rows, "paper")
+    assert text.split("\n\n")[:2] == made.split("\n\n")[:2]
+    assert "**no**" not in text
+    for name in CHECKS:
+        assert f"## {name[0].upper()}{name[1:]}\n" in text
+    for row in rows:
+        limit = "" if row.finding.limit is None else f"{row.finding.limit:.1e}"
+        assert f"| {row.finding.quantity} |" in text
+        assert any(
+            line.startswith(f"| {row.finding.quantity} |") and f"| {limit} |" in line for line in text.splitlines()
+        )
+
+
+def test_deck_of_a_sample_meets_the_condensed_model(crude, tmp_path):
+    if calculix_program() is None:
+        pytest.skip("no CalculiX; apt install calculix-ccx")
+    specimen = Specimen(crude.study, crude.sample, 50.0).in_stress("plane_strain")
+    torque = np.array([0.5 * specimen.rated_torque])
+    ours = loaded(specimen, torque)
+    answer = run_calculix(calculix_deck(specimen, torque, ours), tmp_path)
+    assert answer.angle[0] == pytest.approx(ours.motion[0, 0, specimen.reducer.output_motion], rel=3e-4)
+    np.testing.assert_allclose(answer.force[0], ours.force[0, 0], atol=5e-4 * ours.force.max())
+    assert np.count_nonzero(answer.force[0] > 1e-6) == np.count_nonzero(ours.force)
+
+
+def test_deck_is_written_for_any_crank_and_refuses_a_loose_bearing(crude):
+    turned = Specimen(crude.study, crude.sample, 50.0)
+    torque = np.array([1000.0, 2000.0])
+    states = loaded(turned, torque)
+    text = calculix_deck(turned, torque, states).text.splitlines()
+    contacts = len(turned.reducer.contacts)
+    assert text.count("*EQUATION") == contacts + 2
+    assert sum(line.startswith("*SPRING") for line in text) == contacts + 2
+    assert text.count("*STEP, NLGEOM, INC=10000") == 2
+    assert max(map(len, text)) <= 132
+    tables = [part.split("*")[0].splitlines() for part in "\n".join(text).split("NONLINEAR\n")[1:]]
+    assert max(map(len, tables)) <= 200  # beyond it CalculiX overwrites its memory
+    design = crude.study.design
+    loose = design.model_copy(update={"bearing": design.bearing.model_copy(update={"clearance_um": 1.0})})
+    refused = Specimen(crude.study.model_copy(update={"design": loose}))
+    with pytest.raises(InputError, match="clearance 0.001 mm"):
+        calculix_deck(refused, torque, states)
+
+
+def test_a_failed_row_is_the_commands_failure(monkeypatch, tmp_path, capsys):
+    def wrong(specimen):
+        """A check that fails, states, and skips."""
+        yield compared("one of two", [1.0, 2.0], [1.0, 2.5], 0.1)
+        yield stated("a number", 3.0)
+        yield skipped("needs a program; how to install it")
+
+    monkeypatch.setattr(suite, "CHECKS", {"wrong": wrong})
+    monkeypatch.setattr(suite.run_checks, "__defaults__", ({"wrong": wrong},))
+    monkeypatch.setattr(cli, "RUNS", tmp_path)
+    with pytest.raises(SystemExit) as exit_status:
+        cli.main(["verify", "--mesh", "coarse"])
+    assert exit_status.value.code == 1
+    with (tmp_path / "verify" / "results.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert tuple(table[0]) == COLUMNS
+    assert [line["ok"] for line in table] == ["False", "True", ""]
+    assert (table[0]["reference"], table[0]["computed"], float(table[0]["error"])) == ("2", "2.5", 0.5)
+    assert "needs a program; how to install it" in capsys.readouterr().out
+
+
+def test_export_names_a_sample_that_the_study_lacks(capsys):
+    assert cli.main(["export-ccx", "quick", "--sample", "99999"]) == 2
+    assert "samples 0 to" in capsys.readouterr().err
+
+
+def test_what_a_finding_accepts(tmp_path):
+    assert not compared("q", [0.0, 1.0], [np.nan, 1.0], 1.0).ok
+    assert compared("q", 2.0, [2.0, 2.1], 0.06, scale=2.0).ok
+    assert not positive("q", [1.0, 0.0]).ok
+    assert at_least("q", 0.0, [0.0, 1.0]).ok
+    row = Row("c", Finding("q", 1.0, 1.0, 0.0, 0.0), 0.25)
+    write_results([row, replace(row, finding=stated("s", 1.0))], tmp_path / "r.csv")
+    assert (tmp_path / "r.csv").read_text().splitlines()[1:] == ["c,q,1,1,0,0,True,0.250", "c,s,,1,,,True,0.250"]
