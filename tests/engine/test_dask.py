@@ -21,17 +21,17 @@ pytest.importorskip("distributed")
 ALL_WORKERS = -1
 
 
-def started(module: str, *options: str, **trouble: str) -> subprocess.Popen:
+def started(module: str, *options: str) -> subprocess.Popen:
     """A process of the cluster; it finds the toy stages and the library as workers on other machines would."""
     here = Path(__file__).parent
     paths = os.pathsep.join([str(here), str(here.parent.parent)])
     command = [sys.executable, "-m", f"distributed.cli.{module}", *options]
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths, **trouble}, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths}, stderr=subprocess.DEVNULL)
 
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
-    """Address of a scheduler, and its two workers, each of which takes 0.2 s a chunk."""
+    """Address of a scheduler, and its two workers."""
     about = tmp_path / "scheduler.json"
     processes = [
         started(
@@ -40,7 +40,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
     ]
     options = ("--scheduler-file", str(about), "--nthreads", "1", "--no-nanny", "--no-dashboard")
     options += ("--local-directory", str(tmp_path))
-    processes += [started("dask_worker", *options, TOY_TROUBLE='{"seconds": 0.2}') for _ in range(2)]
+    processes += [started("dask_worker", *options) for _ in range(2)]
     try:
         yield address_in(about), processes[1:]
     finally:
@@ -60,10 +60,11 @@ def address_in(about: Path) -> str:
 
 
 def test_cluster_that_loses_a_worker_gives_the_same_tables(
-    tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+    tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address, workers = cluster
     here = run(STAGES, Toy(), ["finish"], tmp_path / "here", Resources(jobs=1, chunk=2))
+    monkeypatch.setenv("TOY_TROUBLE", '{"seconds": 0.2}')  # a chunk: two workers need two seconds
     with dask_cluster(address) as backend:
         from distributed import get_client
 
