@@ -55,11 +55,15 @@ def test_levels_of_a_partial_cycle_and_marks_above_its_top():
 
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(
-    play=st.floats(0, 10), friction=st.floats(0, 5), stiff=st.floats(0.5, 20), other=st.floats(0.5, 20),
+    play=st.floats(0, 10),
+    friction=st.floats(0, 5),
+    stiff=st.floats(0.5, 20),
+    other=st.floats(0.5, 20),
     kink=st.floats(0.1, 2.0),
 )
 def test_metrics_of_a_loop_with_play_friction_and_two_stiffnesses(play, friction, stiff, other, kink):
     """Angle = +-play/2 + T/stiffness beyond a soft start ``kink`` up to 6 N m, lagging by the friction."""
+
     def angle(torque, sense):
         stiffness = np.where(sense > 0, stiff, other)
         return sense * (0.5 * play + kink * np.minimum(np.abs(torque), 6.0) / 6.0) + torque / stiffness
@@ -95,9 +99,7 @@ def test_width_and_rigidity_are_those_of_the_last_loop_not_of_the_first_loading(
 class Unit:
     """Reducers with the errors of a drawing (allowances included), laws, and a disk of random compliance."""
 
-    def __init__(
-        self, profile=PAPER, *, n=12, floats=False, exponent=1.0, clearance=0.0, crank=0.4, allowance=8e-3
-    ):
+    def __init__(self, profile=PAPER, *, n=12, floats=False, exponent=1.0, clearance=0.0, crank=0.4, allowance=8e-3):
         rng = np.random.default_rng(0)
         self.at = at = reducer_at(profile, crank, floats=floats)
         self.laws = laws_of(profile, at)
@@ -188,8 +190,11 @@ def test_states_do_not_depend_on_the_levels_between_them():
         np.testing.assert_allclose(few.motion[:, one], many.motion[:, other], atol=1e-11)
 
 
-@pytest.mark.parametrize("options", [{}, {"floats": True}, {"clearance": 3e-3, "n": 4}, {"exponent": 1.5}],
-                         ids=["paper", "floats", "bearing clearance", "hertzian bearing"])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"floats": True}, {"clearance": 3e-3, "n": 4}, {"exponent": 1.5}],
+    ids=["paper", "floats", "bearing clearance", "hertzian bearing"],
+)
 def test_a_unit_preloaded_in_every_part_carries_forces_at_no_torque_and_has_no_play(options):
     unit = Unit(allowance=-6e-3, **options)
     unit.gap[:, PAPER.pins :] -= 10e-3

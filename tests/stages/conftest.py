@@ -35,5 +35,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def study() -> Study:
+    return small_study()
+
+
+@pytest.fixture(scope="session")
 def outputs(runs: Path) -> dict[str, Output]:
     return run_study(small_study(), runs)

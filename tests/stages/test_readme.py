@@ -1,0 +1,83 @@
+"""Every command and snippet of the README, as a user would type it."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from pipeline import cli
+from pipeline.engine.store import Output
+
+ROOT = Path(__file__).parent.parent.parent
+README = (ROOT / "README.md").read_text()
+MAKEFILE = (ROOT / "Makefile").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+def commands(start: str) -> list[list[str]]:
+    lines = [line for block in blocks("sh") for line in block.splitlines()]
+    return [shlex.split(line, comments=True) for line in lines if line.startswith(start)]
+
+
+def test_every_make_target_named_exists() -> None:
+    stages = re.search(r"^STAGES := (.*)$", MAKEFILE, re.MULTILINE)
+    assert stages is not None
+    targets = {*re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE), *stages.group(1).split()}
+    words = [word for command in commands("make") for word in command[1:]]
+    words += [word for span in re.findall(r"`make ([a-z -]+)`", README) for word in span.split()]
+    named = {word for word in words if "=" not in word}
+    assert len(named) > 10
+    assert named <= targets
+
+
+def test_every_command_line_is_understood() -> None:
+    lines = commands(".venv/bin/python -m pipeline")
+    assert len(lines) >= 3
+    for line in lines:
+        cli._parser().parse_args(line[3:])  # exits if it does not understand
+
+
+def test_the_pandas_snippet_runs_on_a_run(
+    outputs: dict[str, Output], runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    (snippet,) = blocks("python")
+    (runs.parent / "data").mkdir(exist_ok=True)
+    link = runs.parent / "data" / "runs"
+    link.unlink(missing_ok=True)
+    link.symlink_to(runs)
+    monkeypatch.chdir(runs.parent)
+    exec(compile(snippet, "README.md", "exec"), {})
+    printed = capsys.readouterr().out
+    assert "crank_deg" in printed
+    assert "disk_profile_um" in printed or "rank_correlation" in printed
+
+
+def test_one_unit_and_the_contacts_of_one_sample(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(cli, "RUNS", runs)
+    (line,) = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("printf")]
+    dimensions = tmp_path / "unit17.toml"
+    dimensions.write_text(shlex.split(line)[1].replace("\\n", "\n"))
+    assert cli.main(["unit", "pham2017", "--dimensions", str(dimensions), "--study", "quick", "--jobs", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert "lost_motion_arcmin" in printed
+    assert (runs / "unit-unit17" / "report" / "report.html").exists()
+    assert cli.main(["resolve", str(ROOT / "data/studies/quick.toml"), "--sample", "7", "--jobs", "1"]) == 0
+    rows = pd.read_parquet(runs / "quick" / "resolved" / "contacts-7.parquet")
+    assert set(rows["sample"]) == {7}
+    assert rows["force_N"].max() > 1
+
+
+def test_a_mistake_is_answered_in_one_line_without_a_traceback(capsys: pytest.CaptureFixture) -> None:
+    assert cli.main(["run", "sampel", "--study", "quick"]) == 2
+    assert capsys.readouterr().err.strip().endswith("did you mean sample?")
+    assert cli.main(["resolve", "quick", "--sample", "1000"]) == 2
+    assert "samples 0 to 50" in capsys.readouterr().err
+    assert cli.main(["run", "--study", "quick", "--backend", "dask"]) == 2
+    assert "--scheduler" in capsys.readouterr().err
