@@ -23,6 +23,10 @@ METRIC_COLUMNS = {
     "peak_pressure_MPa": ("MPa", "largest Hertz pressure of any contact in the cycle"),
 }
 SMALLER_IS_WORSE = "torsional_rigidity_Nm_per_arcmin"
+SAMPLES_AT_ONCE = 10_000
+"""Samples whose curves are read together: at most a few million rows."""
+SENSITIVITY_SAMPLES = 20_000
+"""Samples that the indices are taken from at most; their intervals are below 0.02 by then, and each holds 3 kB."""
 
 METRICS = Table(
     "metrics",
@@ -66,13 +70,20 @@ SENSITIVITY = Table(
 
 def _metrics(job: Job) -> Columns:
     """The metrics of every sample and crank angle; missing where there is no result."""
+    rows = job.study.samples.rows
+    parts = [_metrics_of(job, start, min(start + SAMPLES_AT_ONCE, rows)) for start in range(0, rows, SAMPLES_AT_ONCE)]
+    columns: Columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    columns["status"] = job.read("hysteresis", "status")["status"]
+    return columns
+
+
+def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
+    """The metrics of the samples from ``start`` to ``stop``, read from their curves."""
     study: Study = job.study
-    status = job.read("hysteresis", "status")
-    curves = job.read("hysteresis", "curves")
-    kinematic = job.read("clearance", "kinematic")
+    status, curves = (job.read_items("hysteresis", name, start, stop) for name in ("status", "curves"))
     loops = len(status["sample"])
-    branch = np.asarray(curves["branch"][: len(curves["branch"]) // loops])
-    steps = len(branch)
+    steps = len(curves["step"]) // loops
+    branch = np.asarray(curves["branch"][:steps])
     numbers = curve_metrics(
         branch,
         curves["torque_Nm"][:steps],
@@ -95,8 +106,7 @@ def _metrics(job: Job) -> Columns:
         "sample": status["sample"],
         "crank_deg": status["crank_deg"],
         **{name: np.where(failed, np.nan, value) for name, value in values.items()},
-        "preloaded": kinematic["preloaded"],
-        "status": status["status"],
+        "preloaded": job.read_items("clearance", "kinematic", start, stop)["preloaded"],
     }
 
 
@@ -149,8 +159,8 @@ def _distributions(study: Study, metrics: pd.DataFrame, worst: pd.DataFrame) -> 
 
 def _element_errors(job: Job, samples: np.ndarray) -> dict[str, np.ndarray]:
     """Errors of the elements of each group, (n, n_elements) [um], of the given samples."""
-    first = int(job.read("sample", "reducer")["sample"][0])
-    pins, lobes, rollers = (job.read("sample", name) for name in ("pins", "lobes", "rollers"))
+    stop = int(samples[-1]) + 1
+    pins, lobes, rollers = (job.read_items("sample", name, 0, stop) for name in ("pins", "lobes", "rollers"))
     columns = {
         "pin_radial": pins["radial_um"],
         "pin_tangential": pins["tangential_um"],
@@ -158,17 +168,19 @@ def _element_errors(job: Job, samples: np.ndarray) -> dict[str, np.ndarray]:
         "lobe_profile": lobes["profile_um"],
         "roller_diameter": rollers["diameter_um"],
     }
-    n = job.study.samples.rows
-    return {name: column.reshape(n, -1)[samples - first] for name, column in columns.items()}
+    return {name: column.reshape(stop, -1)[samples] for name, column in columns.items()}
 
 
-def _sensitivity(job: Job, worst: pd.DataFrame) -> Columns:
+def _sensitivity(job: Job, every: pd.DataFrame) -> Columns:
     study: Study = job.study
-    if study.samples.experiment == "cases":  # stated units are no sample of anything
+    if study.samples.experiment == "cases" or every.empty:  # stated units are no sample of anything
         return SENSITIVITY.empty()
+    worst = every.iloc[:SENSITIVITY_SAMPLES]
     samples = worst.index.to_numpy()
     replicate = replicates(study.samples, samples)
-    reducer = pd.DataFrame(job.read("sample", "reducer")).set_index("sample").loc[samples]
+    reducer = (
+        pd.DataFrame(job.read_items("sample", "reducer", 0, int(samples[-1]) + 1)).set_index("sample").loc[samples]
+    )
     amplitudes = {name: reducer[name].to_numpy() for name in reducer if not name.endswith("_rad")}
     elements = _element_errors(job, samples)
     scalars = amplitudes | {f"{name}_mean_um": values.mean(axis=1) for name, values in elements.items()}

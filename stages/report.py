@@ -37,14 +37,14 @@ def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
     samples: int = job.study.samples.rows
     rows = job.inputs[stage].record["tables"][table]["rows"]
     wanted = min(BAND_SAMPLES + 1, max(1, BAND_ROWS * samples // rows))
-    return pd.DataFrame(job.inputs[stage].read_items(table, 0, wanted))
+    return pd.DataFrame(job.read_items(stage, table, 0, wanted))
 
 
 def _loads(job: Job, samples: list[int]) -> pd.DataFrame:
     """Contacts of the drawn samples, as far as the study keeps them."""
     keep = job.study.cycle.keep_contacts
     kept = [sample for sample in samples if keep == "all" or sample in keep]
-    parts = [pd.DataFrame(job.inputs["hysteresis"].read_items("contacts", sample, sample + 1)) for sample in kept]
+    parts = [pd.DataFrame(job.read_items("hysteresis", "contacts", sample, sample + 1)) for sample in kept]
     return pd.concat(parts) if parts else pd.DataFrame(CONTACTS.empty())
 
 

@@ -64,10 +64,13 @@ class Reduce(Section):
 
 
 class Cycle(Section):
-    """Load cycle 0 -> +T -> -T -> +T at each crank angle, T being `torque_fraction` of the rated torque."""
+    """Load cycle 0 -> +T -> -T -> +T at each crank angle, T being `torque_fraction` of the rated torque.
+
+    A branch has `levels_per_branch` equal steps and the torques of the metrics; with 0 steps, those alone.
+    """
 
     crank_deg: Annotated[tuple[Annotated[float, Field(ge=0, lt=360)], ...], Field(min_length=1)]
-    levels_per_branch: Annotated[int, Field(ge=2, le=10_000)]
+    levels_per_branch: Annotated[int, Field(ge=0, le=10_000)]
     torque_fraction: Annotated[float, Field(gt=0, le=10)] = 1.0
     keep_contacts: Literal["all"] | tuple[Annotated[int, Field(ge=0)], ...] = (0,)
 

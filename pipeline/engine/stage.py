@@ -70,6 +70,10 @@ class Job:
         """All rows of an upstream table; raises InputError if its file is damaged, naming file and stage."""
         return self._input(stage).read(table)
 
+    def read_items(self, stage: str, table: str, start: int, stop: int) -> Columns:
+        """Rows of an upstream table with `start <= sample < stop`; raises as `read`."""
+        return self._input(stage).read_items(table, start, stop)
+
     def input_path(self, stage: str, filename: str) -> Path:
         """An extra file that an upstream stage wrote; raises InputError if it is damaged."""
         return self._input(stage).path(filename)

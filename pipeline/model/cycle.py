@@ -15,8 +15,9 @@ from pipeline.model.profile import Real
 from pipeline.model.reducer import Bearing, Reducer
 
 BRANCHES = ("loading+", "unloading+", "loading-", "unloading-", "reloading+")
-LIMIT_TORQUE = 1e-9
-"""Share of the rated torque that stands for the limit T -> 0 where preload leaves no rigid play."""
+LIMIT_TORQUE = 1e-8
+"""Share of the rated torque that stands for the limit T -> 0 where preload leaves no rigid play: its twist is below
+1e-7 arcmin; smaller shares drown in the rounding of the preload."""
 ARCMIN = 180 * 60 / np.pi
 """Minutes of arc in a radian."""
 
@@ -45,8 +46,8 @@ class LoadCycle:
         """
         if max(marks) > top * (1 + 1e-12):
             raise ValueError(f"a metric asks for {max(marks):g} of the rated torque, the cycle ends at {top:g}")
-        steps = top * np.arange(1, levels + 1) / levels
-        kept = steps[np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top]
+        steps = top * np.arange(1, levels + 1) / max(levels, 1)
+        kept = steps[np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top]  # none if levels is 0
         return cls(rated_torque, np.unique(np.concatenate([kept, marks])))
 
     @property
@@ -99,7 +100,7 @@ def solve_cycle(
     Notes
     -----
     The states at zero torque are the ends of the rigid play, free of force. In a preloaded sample forces act at zero
-    torque too; its two ends are the equilibria at +-1e-9 of the rated torque.
+    torque too; its two ends are the equilibria at +-1e-8 of the rated torque.
     """
     play = rigid_play(reducer, gap, bearing_clearance)
     senses = []

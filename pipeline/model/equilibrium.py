@@ -41,7 +41,7 @@ INTERIOR_END = 1e-10
 CENTRING = 0.1
 """Share of the complementarity that an interior-point step aims at."""
 ALTERNATING = 5
-"""Times that contacts may close within a load step before further such steps are halved: they may alternate."""
+"""Times that contacts, or the bearing, may close within a load step before such steps are halved: they may alternate."""
 PATIENCE = 2.5
 """Steps with an old factor that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
@@ -483,6 +483,7 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
                 for i in range(gap.shape[0]):
                     elastic[i] += row[i] * f
                     depth[i] -= row[i] * f
+        pushed = thrust[0] > 0.0
         if planar:
             _bearing(bearing, clearance, motion, thrust, spring)
         off = _misfit(laws, force, active, n_active, elastic, depth, miss, slope)
@@ -520,7 +521,7 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
         ):
             break
         length = 1.0
-        if n_active != before:
+        if n_active != before or pushed != (thrust[0] > 0.0):
             changes += 1
             length = 0.5 if changes > ALTERNATING else 1.0
         _move(motion, step, length, planar, spring, thrust)

@@ -58,7 +58,7 @@ def test_no_errors_no_gaps(profile, crank, method):
 
 @PROFILES
 @pytest.mark.parametrize("reading", ["radial", "radial_on_diameter", "normal"])
-@pytest.mark.parametrize("size", [10e-3, 1e-3])
+@pytest.mark.parametrize("size", [40e-3, 10e-3, 1e-3])
 @pytest.mark.parametrize("crank", [IN_A_ROOT, 2.0])
 def test_exact_gap_is_the_distance_from_equal_lobes(profile, reading, size, crank):
     at = reducer_at(profile, crank)

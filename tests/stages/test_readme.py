@@ -58,18 +58,25 @@ def test_the_pandas_snippet_runs_on_a_run(
 
 
 def test_one_unit_and_the_contacts_of_one_sample(
-    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    outputs: dict[str, Output],
+    runs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
 ) -> None:
-    monkeypatch.setattr(cli, "RUNS", runs)
+    own = tmp_path / "runs"
+    own.mkdir()
+    (own / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    monkeypatch.setattr(cli, "RUNS", own)
     (line,) = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("printf")]
     dimensions = tmp_path / "unit17.toml"
     dimensions.write_text(shlex.split(line)[1].replace("\\n", "\n"))
     assert cli.main(["unit", "pham2017", "--dimensions", str(dimensions), "--study", "quick", "--jobs", "1"]) == 0
     printed = capsys.readouterr().out
     assert "lost_motion_arcmin" in printed
-    assert (runs / "unit-unit17" / "report" / "report.html").exists()
+    assert (own / "unit-unit17" / "report" / "report.html").exists()
     assert cli.main(["resolve", str(ROOT / "data/studies/quick.toml"), "--sample", "7", "--jobs", "1"]) == 0
-    rows = pd.read_parquet(runs / "quick" / "resolved" / "contacts-7.parquet")
+    rows = pd.read_parquet(own / "quick" / "resolved" / "contacts-7.parquet")
     assert set(rows["sample"]) == {7}
     assert rows["force_N"].max() > 1
 

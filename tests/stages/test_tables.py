@@ -25,7 +25,8 @@ CONTRACT = {
     "reduce/contacts": ("row crank_deg", "contact patch_half_width_mm"),
     "hysteresis/curves": (
         "sample crank_deg step",
-        "branch torque_Nm angle_arcmin bearing_x_um bearing_y_um pins_in_contact outputs_in_contact iterations residual",
+        "branch torque_Nm angle_arcmin bearing_x_um bearing_y_um pins_in_contact outputs_in_contact "
+        "iterations residual",
     ),
     "hysteresis/contacts": (
         "sample crank_deg step contact",
