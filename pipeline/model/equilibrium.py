@@ -41,7 +41,7 @@ INTERIOR_END = 1e-10
 CENTRING = 0.1
 """Share of the complementarity that an interior-point step aims at."""
 ALTERNATING = 5
-"""Times that contacts, or the bearing, may close within a load step before such steps are halved: they may alternate."""
+"""Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
 PATIENCE = 2.5
 """Steps with an old factor that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
