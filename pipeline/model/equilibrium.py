@@ -42,6 +42,8 @@ CENTRING = 0.1
 """Share of the complementarity that an interior-point step aims at."""
 ALTERNATING = 5
 """Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
+LARGEST_RISE = 2.5
+"""Ratio of one load step's torque to the last one's beyond which steps are put in between: contacts close one by one."""
 PATIENCE = 2.5
 """Steps with an old factor that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
@@ -602,18 +604,28 @@ def _solve_batch(
         state[:] = 0
         for t in range(torques.shape[0]):
             _extrapolate(torques, t, state, active, motion[s], force[s], q, f)
-            iterations[s, t], residual[s, t] = _newton_steps(
+            rise = torques[t] / torques[t - 1] if t > 0 else 1.0
+            between = int(np.log(rise) / np.log(LARGEST_RISE)) if rise > LARGEST_RISE else 0
+            iterations[s, t] = 0
+            for part in range(between):  # on the way to a far torque, as far as it goes
+                torque = torques[t - 1] * rise ** ((part + 1.0) / (between + 1.0))
+                taken, _ = _newton_steps(
+                    torque, output, gap[s], reducer, laws, planar, bearing, clearance[s], q, f, active, state, work
+                )
+                iterations[s, t] += taken
+            taken, residual[s, t] = _newton_steps(
                 torques[t], output, gap[s], reducer, laws, planar, bearing, clearance[s], q, f, active, state, work
             )
+            iterations[s, t] += taken
             if residual[s, t] > ACCEPTED:
                 state[0] = _interior(
                     torques[t], output, gap[s], reducer, laws, planar, bearing, clearance[s], q, f, active, work
                 )
                 state[1] = 0
-                more, residual[s, t] = _newton_steps(
+                taken, residual[s, t] = _newton_steps(
                     torques[t], output, gap[s], reducer, laws, planar, bearing, clearance[s], q, f, active, state, work
                 )
-                iterations[s, t] += INTERIOR_STEPS + more
+                iterations[s, t] += INTERIOR_STEPS + taken
             motion[s, t] = q
             force[s, t] = f
             same = t > 0
