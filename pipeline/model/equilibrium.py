@@ -43,7 +43,7 @@ CENTRING = 0.1
 ALTERNATING = 5
 """Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
 LARGEST_RISE = 2.5
-"""Ratio of one load step's torque to the last one's beyond which steps are put in between: contacts close one by one."""
+"""Ratio of a load step's torque to the last one's beyond which steps are put in between: contacts close one by one."""
 PATIENCE = 2.5
 """Steps with an old factor that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9

@@ -63,7 +63,11 @@ def test_contacts_lie_on_the_flank_and_their_normals_turn_the_disk_by_the_arm(pr
     np.testing.assert_allclose(
         contacts.point - contacts.centre, profile.pin_radius * contacts.normal, atol=1e-12 * size
     )
-    np.testing.assert_allclose(np.cos(contacts.phase), np.cos(profile.phase(contacts.flank_parameter)), atol=1e-9)
+    clockwise = size * np.exp(-2j * np.pi * np.arange(profile.pins) / profile.pins)
+    np.testing.assert_allclose(contacts.centre, clockwise, atol=1e-12 * size)
+    phase = np.exp(1j * (np.angle(clockwise) - crank))
+    np.testing.assert_allclose(np.exp(1j * contacts.phase), phase, atol=1e-9)
+    np.testing.assert_allclose(np.exp(1j * profile.phase(contacts.flank_parameter)), phase, atol=1e-9)
     moment = np.imag(np.conj(contacts.point - centre) * contacts.normal)
     shape = np.sqrt(1 + profile.shortening**2 - 2 * profile.shortening * np.cos(contacts.phase))
     np.testing.assert_allclose(contacts.arm, moment, atol=1e-9 * size)
