@@ -17,7 +17,9 @@ it if the error is a size on the diameter), or material taken off along the norm
 ROLLER_READINGS = {"diameter": 1.0, "half_diameter": 0.5}
 """Gap per missing roller diameter: all of it, or the half on each side of a roller that lies centred."""
 
-VALLEY_SCAN = 32
+BEYOND_THE_TIP = 1.25
+"""Reach of a valley's points, squared in units of half a lobe: well over the tips, and within the lobes."""
+VALLEY_SCAN = 40
 """Points from root to tip at which the distance is scanned before refinement where feet may be many, the denser the
 nearer to the root."""
 SINGLE_FOOT = 0.05
@@ -228,8 +230,11 @@ def _exact_gaps(psi, root, valley, single, room, centre, radius, circle, offset,
 
 
 def _valley(profile: CycloidProfile) -> tuple[Real, Complex, Complex, Complex]:
-    """Points of a valley from tip to tip about its root at psi = 0: psi, -fast term, radial direction, normal."""
-    even = np.linspace(-1, 1, 2 * VALLEY_SCAN + 1)
+    """Points of a valley about its root at psi = 0, some way beyond its two tips, over which a pin on a tip may move.
+
+    Returns psi, -fast term, radial direction, normal.
+    """
+    even = BEYOND_THE_TIP * np.linspace(-1, 1, 2 * VALLEY_SCAN + 1)
     psi = 0.5 * profile.lobe_pitch * even * np.abs(even)
     return psi, -profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), profile.normal(psi)
 
@@ -253,7 +258,7 @@ def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
 def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str) -> Real:
     """Signed distance of each actual pin from the actual flank, (n, n_pins) [mm].
 
-    The foot point is searched over both flanks of the valley in which the pin lies, tip to tip; each lobe
+    The foot point is searched over both flanks of the valley in which the pin lies, and over its tips; each lobe
     has the flank of its own error.
 
     Notes
