@@ -6,8 +6,8 @@ Gaps are (n_samples, n_contacts) [mm]; a negative gap is an interference (preloa
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from pipeline.model.compiled import entry, part
 from pipeline.model.profile import Complex, CycloidProfile, Real, disk_rotation
 from pipeline.model.reducer import OUTPUT, Reducer
 
@@ -92,7 +92,7 @@ def first_order_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, 
     )
 
 
-@njit(cache=True, nogil=True)
+@part
 def _locus(psi, circle, eccentricity, pins):
     """Locus q and its first two derivatives by psi."""
     slow = circle * complex(np.cos(psi), np.sin(psi))
@@ -100,7 +100,7 @@ def _locus(psi, circle, eccentricity, pins):
     return slow - fast, 1j * (slow - pins * fast), -(slow - pins * pins * fast)
 
 
-@njit(cache=True, nogil=True)
+@part
 def _turned(x, y, angle):
     """The vector (x, y) turned by an angle up to ``SMALL_TURN``, to the last bit."""
     square = angle * angle
@@ -109,14 +109,14 @@ def _turned(x, y, angle):
     return x * cosine - y * sine, y * cosine + x * sine
 
 
-@njit(cache=True, nogil=True)
+@part
 def _distance(psi, centre, circle, offset, eccentricity, pins):
     """Distance of ``centre`` from the flank point at ``psi``."""
     q, dq, _ = _locus(psi, circle, eccentricity, pins)
     return abs(centre - q - offset * 1j * dq / abs(dq))
 
 
-@njit(cache=True, nogil=True)
+@part
 def _single_distance(slow, fast, centre, offset, pins):
     """Distance of ``centre`` from the flank around a pin whose foot point is unique; negative if it moves too far.
 
@@ -139,7 +139,7 @@ def _single_distance(slow, fast, centre, offset, pins):
     return -1.0
 
 
-@njit(cache=True, nogil=True)
+@part
 def _foot(psi, low, high, centre, circle, eccentricity, pins):
     """Foot point of ``centre`` on the locus near ``psi``, held to [low, high]."""
     for _ in range(FOOT_ITERATIONS):
@@ -158,7 +158,7 @@ def _foot(psi, low, high, centre, circle, eccentricity, pins):
     return psi
 
 
-@njit(cache=True, nogil=True)
+@part
 def _nearest(first, last, valley, root, centre, circle, offset, eccentricity, pins):
     """Smallest distance of ``centre`` from a flank, every local minimum over the valley's points refined.
 
@@ -184,7 +184,7 @@ def _nearest(first, last, valley, root, centre, circle, offset, eccentricity, pi
     return best
 
 
-@njit(cache=True, nogil=True)
+@entry
 def _exact_gaps(psi, root, valley, single, room, centre, radius, circle, offset, before, behind, eccentricity, pins):
     """Signed distances (n, n_pins); see ``exact_gaps``. circle, offset: (n, n_lobes)."""
     n, n_pins = centre.shape

@@ -20,8 +20,8 @@ Array order: (n_samples, n_torques, n_contacts or n_motions).
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from pipeline.model.compiled import algebraic_part, entry
 from pipeline.model.contact import ContactLaws
 from pipeline.model.profile import Real
 from pipeline.model.reducer import Bearing, Reducer
@@ -72,10 +72,7 @@ class Equilibria:
     converged: np.ndarray
 
 
-_MATH = {"reassoc", "contract", "nsz", "arcp"}
-
-
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _law(force, a, c, k, m, limit):
     """Local deflection and compliance of one closed contact."""
     inside = min(force, limit)
@@ -89,7 +86,7 @@ def _law(force, a, c, k, m, limit):
     return deflection + (force - inside) * slope, slope
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _closing_force(penetration, own, a, c, k, m, limit):
     """Force of one contact with ``law(F) + own F = penetration``, to a few per cent: a start for Newton."""
     force = penetration / (own + abs(a) + c + k)
@@ -99,7 +96,7 @@ def _closing_force(penetration, own, a, c, k, m, limit):
     return force
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _factorise(matrix, n):
     """Cholesky factor of the leading n x n block, in place; false if not positive definite.
 
@@ -111,7 +108,7 @@ def _factorise(matrix, n):
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _append(matrix, n):
     """Replace row n of a matrix by that of its Cholesky factor, whose n rows before stand already."""
     row = matrix[n]
@@ -130,7 +127,7 @@ def _append(matrix, n):
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _forward(factor, n, y):
     """Solve L x = y in place."""
     for i in range(n):
@@ -140,7 +137,7 @@ def _forward(factor, n, y):
         y[i] = (y[i] - dot) * factor[i, i]
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _backward(factor, n, y):
     """Solve L^T x = y in place."""
     for i in range(n - 1, -1, -1):
@@ -149,7 +146,7 @@ def _backward(factor, n, y):
             y[k] -= factor[i, k] * y[i]
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _bearing(bearing, clearance, motion, thrust, spring):
     """Force and tangent of the bearing into ``spring``: fx, fy, kxx, kxy, kyy, and how the thrust follows the motion.
 
@@ -178,7 +175,7 @@ def _bearing(bearing, clearance, motion, thrust, spring):
     spring[5], spring[6], spring[7] = radial * ux, radial * uy, radial * miss
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _coupled(compliance, active, n_active, dense):
     """Positions in ``active`` of the contacts that elastic bodies couple, into ``dense``; returns their number."""
     n_dense = 0
@@ -189,7 +186,7 @@ def _coupled(compliance, active, n_active, dense):
     return n_dense
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _deflect(reducer, gap, motion, force, active, dense, n_dense, elastic, depth):
     """Elastic deflection of every contact, and the local one that is left: approach - gap - elastic."""
     closing, compliance = reducer
@@ -207,7 +204,7 @@ def _deflect(reducer, gap, motion, force, active, dense, n_dense, elastic, depth
             depth[i] += row[i] * q
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _misfit(laws, force, active, n_active, elastic, depth, miss, slope):
     """Misfit of the deflection of every active contact, and the law's tangents; returns the relative misfit."""
     a, c, k, m, limit = laws
@@ -221,7 +218,7 @@ def _misfit(laws, force, active, n_active, elastic, depth, miss, slope):
     return off / largest
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _imbalance(closing, torque, output, planar, spring, force, active, n_active, balance):
     """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms."""
     relative = 0.0
@@ -240,7 +237,7 @@ def _imbalance(closing, torque, output, planar, spring, force, active, n_active,
     return relative
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _add_row(reducer, active, dense, p, slope, factor, projected, held):
     """Row p of the factor L of H = law' + C and of L^-1 closing, and its share in closing^T H^-1 closing."""
     closing, compliance = reducer
@@ -261,7 +258,7 @@ def _add_row(reducer, active, dense, p, slope, factor, projected, held):
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _newton(
     closing,
     active,
@@ -334,7 +331,7 @@ def _newton(
     return True
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _move(motion, step, length, planar, spring, thrust):
     """Add a share of the step to the motions and to the bearing's thrust, which ends where it would pull."""
     if planar and thrust[0] > 0.0:
@@ -343,7 +340,7 @@ def _move(motion, step, length, planar, spring, thrust):
         motion[d] += length * step[d]
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _open_pulled(reducer, laws, gap, motion, force, active, n_active, dense, n_dense, elastic, depth):
     """Judge the contacts that a step left without force: they open, or stay closed if they are still penetrated."""
     a, c, k, m, limit = laws
@@ -360,7 +357,7 @@ def _open_pulled(reducer, laws, gap, motion, force, active, n_active, dense, n_d
     return kept
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _stride(torque, output, gap, reducer, laws):
     """Largest sensible move of a contact [mm]: the widest gap and the deflection of one that carries all the load."""
     closing, compliance = reducer
@@ -376,7 +373,7 @@ def _stride(torque, output, gap, reducer, laws):
     return widest + deepest
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _interior(torque, output, gap, reducer, laws, planar, bearing, clearance, motion, force, active, work):
     """Near-solution from no start at all, by a primal-dual interior-point iteration over all contacts.
 
@@ -450,7 +447,7 @@ def _interior(torque, output, gap, reducer, laws, planar, bearing, clearance, mo
     return kept
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _worth_renewing(residual, previous):
     """Whether the old factor would need more than ``PATIENCE`` further steps, at the rate of the last one."""
     if residual >= previous:
@@ -458,7 +455,7 @@ def _worth_renewing(residual, previous):
     return np.log(residual / FORCE_TOLERANCE) > PATIENCE * np.log(previous / residual)
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance, motion, force, active, state, work):
     """Active-set Newton from (motion, force, active), changed in place; returns the iterations and the residual.
 
@@ -542,7 +539,7 @@ def _newton_steps(torque, output, gap, reducer, laws, planar, bearing, clearance
     return STEP_LIMIT, max(residual, 2 * ACCEPTED)
 
 
-@njit(cache=True, nogil=True, fastmath=_MATH)
+@algebraic_part
 def _extrapolate(torques, t, state, active, motions, forces, motion, force):
     """Start of step t: the two or three steps before with the same contacts, continued to its torque.
 
@@ -571,7 +568,7 @@ def _extrapolate(torques, t, state, active, motions, forces, motion, force):
             force[i] = total
 
 
-@njit(cache=True, nogil=True)
+@entry
 def _solve_batch(
     torques, output, gap, reducer, laws, planar, bearing, clearance, start, motion, force, iterations, residual
 ):

@@ -5,10 +5,14 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from conftest import run_study
+from scipy.optimize import linprog
 
 from pipeline import assembly
-from pipeline.model.cycle import BRANCHES
+from pipeline.model.cycle import BRANCHES, solve_cycle
+from pipeline.model.equilibrium import Equilibria
 from pipeline.model.reducer import PIN
+from stages import hysteresis
 
 CONTRACT = {
     "sample/reducer": ("sample", "eccentricity_um disk_profile_um bearing_clearance_um"),
@@ -123,6 +127,9 @@ def test_the_nominal_sample_has_the_allowances_alone(frames):
         frame = frames[f"sample/{name}"]
         for column, value in values.items():
             assert np.all(frame.loc[frame["sample"] == 0, column] == value)
+    rollers = frames["sample/rollers"]
+    assert set(rollers["interface"]) == {0, 1}
+    assert set(rollers["roller"]) == set(range(20))
     spread = frames["sample/pins"].query("sample > 0").groupby("sample")["radial_um"].std()
     assert np.all(spread > 0.2)
 
@@ -141,8 +148,16 @@ def test_contacts_join_with_their_place_and_their_gap(frames):
         np.arctan2(at_zero["y_mm"] + 0.8 * -at_zero["normal_y"], at_zero["x_mm"] - 0.8 * at_zero["normal_x"])
     )
     np.testing.assert_allclose(np.cos(np.radians(angle + 4.5 * np.arange(80))), 1)  # clockwise from the eccentric
+    assert np.all(places["disk"] == np.where(places["interface"] == 1, -1, 0))  # plate and output touch no disk
     rollers = places[places["kind"] != PIN]
     assert set(rollers["station"]) == set(range(5))
+    at_rest = rollers[rollers["crank_deg"] == 0]  # the first slide points along y, its rollers press along x
+    for interface, along, across in ((0, "y", "x"), (1, "x", "y")):
+        rows = at_rest[at_rest["interface"] == interface]
+        np.testing.assert_allclose(rows[f"normal_{along}"], 0, atol=1e-12)
+        np.testing.assert_allclose(np.abs(rows[f"{along}_mm"]), np.abs(rows["arm_mm"]), atol=1e-12)
+        offset = rows[f"{across}_mm"] - (0.35 if interface == 0 else 0.0)  # the disk's slide moves with the eccentric
+        np.testing.assert_allclose(offset, 5 * rows[f"normal_{across}"], atol=1e-12)
     reach = rollers.groupby("station")["arm_mm"].apply(lambda arm: np.abs(arm).max())
     assert np.all(np.diff(reach) < 0)
 
@@ -220,18 +235,168 @@ def test_first_order_gaps_agree_with_exact_ones_away_from_the_roots(frames, stud
     places = frames["clearance/contacts"].query("kind == 'pin'")
     pins = frames["sample/pins"].rename(columns={"pin": "contact"})
     rows = places.merge(pins, on="contact").merge(frames["clearance/gaps"], on=["sample", "crank_deg", "contact"])
-    rows = rows.merge(frames["sample/reducer"], on="sample")
+    theta, crank = -2 * np.pi * rows["contact"] / 80, np.radians(rows["crank_deg"])
+    rows["lobe"] = np.floor(-(theta + crank / 79) / (2 * np.pi / 79)).astype(int) % 79  # between roots, clockwise
+    rows = rows.merge(frames["sample/lobes"], on=["sample", "lobe"]).merge(frames["sample/reducer"], on="sample")
     theta, crank = -2 * np.pi * rows["contact"] / 80, np.radians(rows["crank_deg"])
     normal = rows["normal_x"] + 1j * rows["normal_y"]
     out, eccentric = np.exp(1j * theta), np.exp(1j * crank)
     inwards = -np.real(np.conj(normal) * out)
     shift = np.real(np.conj(normal) * out * (rows["radial_um"] + 1j * rows["tangential_um"]))
-    first = 0.5 * rows["disk_profile_um"] * inwards - shift - rows["radius_um"]
+    first = 0.5 * (rows["disk_profile_um"] + rows["profile_um"]) * inwards - shift - rows["radius_um"]
     first += np.real(np.conj(normal) * eccentric) * rows["eccentricity_um"]
     missed = np.abs(rows["clearance_um"] - first)
     away = np.abs(np.angle(np.exp(1j * (theta - crank)))) > np.radians(30)
-    lobe = 0.5  # um: half a lobe's own error of 1 um, which is not in the sum above
-    assert missed[away].max() < lobe + 0.1
-    assert missed[away].quantile(0.9) < 0.4
+    assert missed[away].max() < 0.1
     nominal = (rows["sample"] == 0) & away
     assert missed[nominal].max() < 0.05
+
+
+def test_spring_tables_are_the_laws_of_their_coefficients(frames, outputs, study):
+    coefficients, design = pd.DataFrame(outputs["springs"].read("coefficients")), study.design
+    rows = frames["springs/laws"].query("contact >= 0").merge(coefficients, on=["contact", "crank_deg"])
+    force, limit = rows["force_N"], rows["force_limit_N"]
+    np.testing.assert_array_equal(rows["beyond_limit"], force > limit)
+    assert 0 < rows["beyond_limit"].mean() < 0.5
+    inside = rows[(force > 0) & (force < limit)]
+    log = np.log(inside["force_N"])
+    local = inside["force_N"] * (inside["linear_mm_per_N"] - inside["logarithmic_mm_per_N"] * log)
+    np.testing.assert_allclose(inside["local_um"], 1e3 * local, rtol=1e-12)
+    compliance = inside["linear_mm_per_N"] - inside["logarithmic_mm_per_N"] * (1 + log)
+    np.testing.assert_allclose(inside["stiffness_N_per_um"], 1e-3 / compliance, rtol=1e-12)
+    radius, length, depth = design.output.roller_radius_mm, design.output.roller_length_mm, design.output.flat_depth_mm
+    pin, thickness, width = design.cycloid.pin_radius_mm, design.disk.thickness_mm, study.reduce.patch_half_width_mm
+    modulus, ratio = design.materials["steel"].youngs_modulus_MPa, design.materials["steel"].poisson_ratio
+    places = frames["clearance/contacts"][["contact", "crank_deg", "kind", "curvature_per_mm"]]
+    inside = inside.merge(places, on=["contact", "crank_deg"])
+    of_pin = inside["kind"] == PIN
+    load = inside["force_N"] / np.where(of_pin, thickness, length)
+    relative = 1 / np.where(of_pin, 1 / pin + inside["curvature_per_mm"], 1 / radius)
+    b = np.sqrt(4 * load * relative / (np.pi * modulus / 2))
+    sides = np.where(
+        of_pin,
+        np.log(4 * pin / b) - 0.5 + np.log(width / b) + 0.25,
+        2 * (np.log(4 * radius / b) - 0.5 + np.log(2 * depth / b) - ratio / 2),
+    )
+    np.testing.assert_allclose(inside["local_um"], 1e3 * 2 * load / (np.pi * modulus) * sides, rtol=1e-9)
+    bearing = frames["springs/laws"].query("contact == -1")
+    stiffness = study.design.bearing.stiffness_N_per_mm_power / 1e3
+    np.testing.assert_allclose(bearing["force_N"], stiffness * bearing["local_um"], rtol=1e-12)
+    np.testing.assert_allclose(bearing["stiffness_N_per_um"], stiffness)
+    assert set(bearing["law"]) == {"bearing"}
+
+
+def test_compliance_rows_are_those_of_the_matrices_and_deflect_the_contacts(frames, outputs):
+    with np.load(outputs["reduce"].path("compliance.npz")) as matrices:
+        matrices = {float(name.removeprefix("crank_")): matrices[name] for name in matrices}
+    for crank, rows in frames["reduce/contacts"].groupby("crank_deg"):
+        matrix = matrices[crank]
+        np.testing.assert_array_equal(rows["row"], np.arange(len(matrix)))
+        np.testing.assert_array_equal(rows["compliance_um_per_N"], np.diag(matrix))
+        contacts = frames["hysteresis/contacts"].query("crank_deg == @crank").set_index(["sample", "step", "contact"])
+        force, elastic = (contacts[name].unstack() for name in ("force_N", "elastic_um"))
+        np.testing.assert_allclose(elastic[rows["contact"]], force[rows["contact"]] @ matrix, atol=1e-12)
+        assert np.all(elastic.drop(columns=rows["contact"]) == 0)  # plate and output are rigid
+
+
+def test_yield_is_the_share_within_the_limits(frames, study):
+    metrics, table = frames["aggregate/metrics"].query("sample > 0"), frames["aggregate/distributions"]
+    shares = table.query("crank_deg == 90 and statistic == 'yield'").set_index("metric")["value"]
+    rows, limits = metrics[metrics["crank_deg"] == 90], study.limits
+    passed = {
+        "clearance_backlash_arcmin": rows["clearance_backlash_arcmin"] <= limits.clearance_backlash_arcmin,
+        "lost_motion_arcmin": rows["lost_motion_arcmin"] <= limits.lost_motion_arcmin,
+        "torsional_rigidity_Nm_per_arcmin": rows["torsional_rigidity_Nm_per_arcmin"]
+        >= limits.torsional_rigidity_Nm_per_arcmin,
+        "peak_pressure_MPa": rows["peak_pressure_MPa"] <= limits.peak_pressure_MPa,
+    }
+    for name, within in passed.items():
+        assert shares[name] == pytest.approx(within.mean()), name
+    assert shares["all_limits"] == pytest.approx(np.logical_and.reduce(list(passed.values())).mean())
+    assert np.all(metrics["hysteresis_loss_arcmin"] == 0)  # no friction
+    np.testing.assert_array_equal(metrics["zero_torque_width_arcmin"], metrics["clearance_backlash_arcmin"])
+
+
+def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, runs, study, monkeypatch):
+    """Sample 5 finds no equilibrium at one state of the second crank angle; all others are as before."""
+    solved = []
+
+    def spoiled(*given):
+        states = solve_cycle(*given)
+        solved.append(states)
+        if len(solved) == 2:
+            states.converged[5, [3, 9]] = False
+            states.residual[5, 3] = 0.02
+        return states
+
+    monkeypatch.setattr(hysteresis, "solve_cycle", spoiled)
+    failed = run_study(study.model_copy(update={"name": "failing"}), runs)
+    assert failed["hysteresis"].record["failed"] == 1
+    status = pd.DataFrame(failed["hysteresis"].read("status")).set_index(["sample", "crank_deg"])["status"]
+    bad = (5, 90.0)
+    torque = assembly.load_cycle(study).state_torque[3] / 1e3
+    assert status[bad] == f"no equilibrium at {torque:.4g} N m: residual 2.0e-02"
+    assert set(status.drop(bad)) == {"ok"}
+    assert len(failed["hysteresis"].read("curves")["step"]) == len(frames["hysteresis/curves"])
+    keys = ["sample", "crank_deg"]
+    metrics = pd.DataFrame(failed["aggregate"].read("metrics")).set_index(keys)
+    assert metrics.loc[bad].drop(["preloaded", "status"]).isna().all()
+    expected = frames["aggregate/metrics"].set_index(keys)
+    pd.testing.assert_frame_equal(metrics.drop(bad), expected.drop(bad), check_categorical=False)
+    table = pd.DataFrame(failed["aggregate"].read("distributions")).query("statistic == 'mean'")
+    counts = table[table["metric"] == "lost_motion_arcmin"].set_index("crank_deg")["n"]
+    assert (counts[0.0], counts[90.0], counts[np.nan]) == (8, 7, 7)
+
+
+def test_interfering_cases_and_kept_samples(runs, study):
+    """A disk 4 um too large overlaps by what one rotation cannot relieve; samples that are not kept have no rows."""
+    cases = (
+        {"label": "free", "disk_profile": 4.0, "roller_diameter": -6.0},
+        {"label": "tight", "disk_profile": -4.0},
+        {"label": "loose", "disk_profile": 4.0, "roller_diameter": -6.0, "bearing_clearance": 3.0},
+    )
+    settings = {**study.model_dump(exclude={"tolerances"}), "name": "interfering", "cases": cases}
+    settings["samples"] |= {"experiment": "cases", "count": 3, "nominal_first": False}
+    settings["cycle"] |= {"keep_contacts": (1,)}
+    outputs = run_study(type(study).model_validate(settings), runs)
+    kinematic = pd.DataFrame(outputs["clearance"].read("kinematic"))
+    np.testing.assert_array_equal(kinematic["preloaded"], kinematic["sample"] == 1)
+    np.testing.assert_array_equal(kinematic["overlap_um"] > 0, kinematic["sample"] == 1)
+    gap = pd.DataFrame(outputs["clearance"].read("gaps")).query("sample == 1 and contact < 80")
+    place = pd.DataFrame(outputs["clearance"].read("contacts")).query("kind == 'pin'")
+    rows = gap.merge(place, on=["contact", "crank_deg"])
+    for (crank,), pins in rows.groupby(["crank_deg"]):
+        least = linprog(
+            [0, 1], np.column_stack([-pins["arm_mm"], -np.ones(80)]), pins["clearance_um"], bounds=[(None, None)] * 2
+        ).fun
+        overlap = kinematic[(kinematic["sample"] == 1) & (kinematic["crank_deg"] == crank)]["overlap_um"].item()
+        assert overlap == pytest.approx(least, rel=1e-9)
+    contacts = pd.DataFrame(outputs["hysteresis"].read("contacts"))
+    assert set(contacts["sample"]) == {1}
+    backlash = kinematic[kinematic["crank_deg"] == 0].set_index("sample")["backlash_arcmin"]
+    assert backlash[2] > backlash[0] + 0.7  # the disk runs to the ends of its clearance, along the first slide
+    curves = pd.DataFrame(outputs["hysteresis"].read("curves"))
+    ends = curves.query("sample == 2 and crank_deg == 0 and torque_Nm == 0")
+    np.testing.assert_allclose(np.hypot(ends["bearing_x_um"], ends["bearing_y_um"]), 3.0, rtol=1e-6)
+    assert len(contacts) == 120 * np.count_nonzero(curves["sample"] == 1)
+    at_rest = contacts[contacts["torque_Nm"] == 0].groupby(["crank_deg", "step"])["force_N"].max()
+    assert np.all(at_rest > 1)  # the preload
+
+
+def test_numbers_of_a_curve_count_every_contact(study):
+    """The largest pressure may be a roller's; contacts beyond their law's range have their share of the moment."""
+    at = assembly.reducer(study.design, 0.0)
+    laws = assembly.contact_laws(study, at)
+    force = np.zeros((1, 2, len(laws)))
+    force[0, 0, [1, 2, 100]] = 1.1 * laws.force_limit[1], 10.0, 1e4
+    force[0, 1, [2, 3]] = 1.0
+    motion = np.arange(2.0 * len(at.motions)).reshape(1, 2, -1)
+    states = Equilibria(motion, force, np.array([[3, 4]]), np.zeros((1, 2)), np.ones((1, 2), bool))
+    values = hysteresis._curve_values(at, laws, states)
+    assert values["peak_pressure_MPa"][0, 0] == laws.pressure[100] * 100
+    moment = np.abs(at.pins.arm[1:3]) * force[0, 0, 1:3]
+    np.testing.assert_allclose(values["beyond_limit_share"], [[moment[0] / moment.sum(), 0.0]])
+    np.testing.assert_array_equal(values["pins_in_contact"], [[2, 2]])
+    np.testing.assert_array_equal(values["outputs_in_contact"], [[1, 0]])
+    np.testing.assert_array_equal(values["bearing_y_um"], 1e3 * motion[..., 1])
+    np.testing.assert_array_equal(values["iterations"], [[3, 4]])
