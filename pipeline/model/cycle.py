@@ -67,7 +67,7 @@ class LoadCycle:
         return branch, np.concatenate(visits)
 
 
-def _first_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, pose: Real, torque: float) -> Real:
+def first_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, pose: Real, torque: float) -> Real:
     """Poses just beyond an end of play, every rotation far enough to close a contact that carries ``torque``."""
     arms = np.abs(reducer.closing[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
@@ -106,7 +106,7 @@ def solve_cycle(
     senses = []
     for sense, pose in ((1.0, play.pose_plus), (-1.0, play.pose_minus)):
         levels = sense * cycle.rated_torque * cycle.fractions
-        start = _first_poses(reducer, laws, compliance, pose, levels[0])
+        start = first_poses(reducer, laws, compliance, pose, levels[0])
         loaded = solve(reducer, bearing, laws, compliance, gap, bearing_clearance, start, levels)
         senses.append(_with_end(loaded, pose))
         if np.any(play.preloaded):

@@ -1,0 +1,149 @@
+"""A reducer as it is mounted: errors, springs, friction and what lies between its output and the torque.
+
+A drive is one crank angle of one reducer, its gaps in ``n`` states (the samples of a study, or the cycles of a
+measured unit). Effects (``pipeline.model.effects``) are functions from drive to drive.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from pipeline.model.backlash import separated_play
+from pipeline.model.clearance import Errors, gaps
+from pipeline.model.contact import ContactLaws
+from pipeline.model.cycle import first_poses
+from pipeline.model.equilibrium import Equilibria, solve
+from pipeline.model.friction import Sliders
+from pipeline.model.profile import CycloidProfile, Real
+from pipeline.model.reducer import Bearing, Reducer
+
+NO_LOAD = 1e-6
+"""Share of the rated torque that stands for the limit of no torque on either side of the play."""
+
+
+@dataclass(frozen=True)
+class GapReading:
+    """How errors become gaps; the arguments of ``clearance.gaps``."""
+
+    method: str
+    disk_reading: str
+    roller_reading: str
+
+
+@dataclass(frozen=True)
+class Creep:
+    """Kelvin-Voigt element in series with the output: delayed compliance [rad/(N mm)] and its time constant [s]."""
+
+    compliance: float
+    time_constant: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One crank angle of a reducer in ``n`` states.
+
+    Attributes
+    ----------
+    rated_torque : [N mm]
+    errors : manufacturing errors (n, ...) [mm].
+    shift : gap that the errors do not describe (n, n_contacts) [mm]: wear, growth, preload.
+    bearing_clearance : (n,) [mm]
+    compliance : of the elastic bodies between the contacts (n_contacts, n_contacts) [mm/N].
+    sliders : friction.
+    torsion : compliance between the reducer's output and the torque [rad/(N mm)].
+    creep : delayed part of it, or None.
+    """
+
+    profile: CycloidProfile
+    reducer: Reducer
+    bearing: Bearing
+    laws: ContactLaws
+    compliance: Real
+    rated_torque: float
+    errors: Errors
+    reading: GapReading
+    shift: Real
+    bearing_clearance: Real
+    sliders: Sliders = field(default_factory=Sliders.none)
+    torsion: float = 0.0
+    creep: Creep | None = None
+
+    @cached_property
+    def gap(self) -> Real:
+        """Gap of every contact at the nominal pose (n, n_contacts) [mm]."""
+        return gaps(self.profile, self.reducer, self.errors, **vars(self.reading)) + self.shift
+
+    def moved(self, **errors: Real) -> "Drive":
+        """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
+        return replace(
+            self,
+            errors=replace(self.errors, **{name: getattr(self.errors, name) + more for name, more in errors.items()}),
+        )
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """Frictionless curve of a drive in its ``n`` states.
+
+    Attributes
+    ----------
+    torque : (n_nodes,) ascending [N mm], symmetric; the two next to zero stand for the ends of the play.
+    angle : (n, n_nodes) rotation of the output [rad], the torsion included.
+    states : equilibria at the nodes (n, n_nodes, ...).
+    """
+
+    torque: Real
+    angle: Real
+    states: Equilibria
+
+    @property
+    def influence(self) -> Real:
+        """d angle / d gap (n, n_nodes, n_contacts) [rad/mm].
+
+        Notes
+        -----
+        The least complementary energy V(T) under the torque T has dV/dT = angle and dV/d gap = force, so
+        the influence of a gap on the angle is the slope of its force over the torque (Maxwell's reciprocity).
+        """
+        middle = len(self.torque) // 2
+        sides = (slice(None, middle), slice(middle, None))
+        return np.concatenate(
+            [np.gradient(self.states.force[:, side], self.torque[side], axis=1) for side in sides], axis=1
+        )
+
+
+def ladder(levels: int, reach: float) -> Real:
+    """Shares of the rated torque up to ``reach`` (levels + 1,), quadratically denser towards zero, from ``NO_LOAD``."""
+    steps = np.arange(1, levels) / (levels - 1)
+    return np.concatenate([[NO_LOAD, 2 * NO_LOAD], reach * steps**2])
+
+
+def backbone(drive: Drive, shares: Real) -> Backbone:
+    """The frictionless curve at +- the ``shares`` (n_levels,) of the rated torque, ascending from ``NO_LOAD``."""
+    play = separated_play(drive.reducer, drive.gap)
+    senses = []
+    for sense, pose in ((-1.0, play.pose_minus), (1.0, play.pose_plus)):
+        levels = sense * drive.rated_torque * shares
+        start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, levels[0])
+        senses.append(
+            solve(
+                drive.reducer,
+                drive.bearing,
+                drive.laws,
+                drive.compliance,
+                drive.gap,
+                drive.bearing_clearance,
+                start,
+                levels,
+            )
+        )
+    falling, rising = senses
+    states = Equilibria(
+        **{
+            name: np.concatenate([getattr(falling, name)[:, ::-1], getattr(rising, name)], axis=1)
+            for name in vars(falling)
+        }
+    )
+    torque = drive.rated_torque * np.concatenate([-shares[::-1], shares])
+    return Backbone(torque, states.motion[..., drive.reducer.output_motion] + drive.torsion * torque, states)

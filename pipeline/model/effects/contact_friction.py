@@ -1,0 +1,27 @@
+"""Friction that grows with the load: pins on the flank."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.model.drive import Drive
+from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.friction import pin_sliders
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    rubbing = pin_sliders(drive.reducer, drive.laws, values[0], drive.rated_torque)
+    return replace(drive, sliders=drive.sliders.joined(rubbing))
+
+
+EFFECT = Effect(
+    name="contact_friction",
+    title="friction of the pins on the flank, proportional to the load",
+    physics="every pin resists sliding along the flank by the coefficient of friction times its force",
+    source="Coulomb; tangential stiffness after Mindlin, J. Appl. Mech. 16 (1949) 259",
+    parameters=(Parameter("coefficient", "1", "coefficient of friction"),),
+    changes="a slider at every pin, pressed by its force",
+    signature="branches part the further the higher the load; no width at zero torque of its own",
+    confused_with=("coulomb", "presliding"),
+    bounds=lambda drive: ((0.0, 0.4),),
+    apply=_apply,
+)

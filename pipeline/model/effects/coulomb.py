@@ -1,0 +1,33 @@
+"""Constant friction of seals and bearings."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.drive import Drive
+from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.friction import output_sliders
+
+DISTANCE = 0.01 / ARCMIN
+"""Rotation [rad] over which the friction rises: a hundredth of an arcmin, below what benches resolve."""
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    torque = np.array([1e3 * values[0]])
+    return replace(drive, sliders=drive.sliders.joined(output_sliders(drive.reducer, torque, np.array([DISTANCE]))))
+
+
+EFFECT = Effect(
+    name="coulomb",
+    title="constant friction of seals and bearings",
+    physics="the turning end resists with a torque of constant size against its motion, whatever the load",
+    source="Coulomb; Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083",
+    parameters=(Parameter("torque_Nm", "N m", "friction torque, referred to the output"),),
+    changes="a slider on the rotation of the output",
+    signature="branches stand apart by the same torque at every load; the width at zero torque grows",
+    confused_with=("contact_friction", "presliding"),
+    bounds=lambda drive: ((0.0, 0.5e-3 * drive.rated_torque),),
+    apply=_apply,
+)

@@ -1,0 +1,30 @@
+"""Delayed elasticity in series with the output."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.drive import Creep, Drive
+from pipeline.model.effects.effect import TIME, Conditions, Effect, Parameter
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    return replace(drive, creep=Creep(1e-3 * values[0] / ARCMIN, values[1]))
+
+
+EFFECT = Effect(
+    name="creep",
+    title="delayed elasticity of soft parts",
+    physics="a part of the twist follows the torque with a delay: spring and damper in parallel, behind the output",
+    source="Kelvin-Voigt; Findley, Lai, Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials (1976)",
+    parameters=(
+        Parameter("compliance_arcmin_per_Nm", "arcmin/(N m)", "delayed twist per torque at last"),
+        Parameter("time_s", "s", "time in which 63 % of it is reached"),
+    ),
+    changes="adds a delayed rotation to that of the output",
+    signature="angle runs on at constant torque; loops open with slow loading",
+    confused_with=("presliding",),
+    bounds=lambda drive: ((0.0, 0.05e6 / drive.rated_torque * 400), (0.05, 1e4)),
+    apply=_apply,
+    needs=frozenset({TIME}),
+)

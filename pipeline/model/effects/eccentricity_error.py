@@ -1,0 +1,26 @@
+"""Eccentricity of the crank larger or smaller."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.model.drive import Drive
+from pipeline.model.effects.effect import Conditions, Effect, Parameter
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    return drive.moved(eccentricity=np.array(1e-3 * values[0]))
+
+
+EFFECT = Effect(
+    name="eccentricity_error",
+    title="eccentricity of the crank larger or smaller",
+    physics="the crank holds the disk further out than declared: gaps change by n . u de, to first order",
+    source="exact gaps of a displaced disk",
+    parameters=(Parameter("eccentricity_um", "um", "eccentricity larger by"),),
+    changes="eccentricity",
+    signature="other pins touch first; rigidity and play change together, alike at every crank angle",
+    confused_with=("bearing_clearance", "pin_circle_error"),
+    bounds=lambda drive: ((-1e3 * drive.profile.eccentricity / 3, 1e3 * drive.profile.eccentricity / 3),),
+    apply=_apply,
+)

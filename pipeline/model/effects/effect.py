@@ -1,0 +1,76 @@
+"""What an effect is, and the library of all."""
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from pipeline.model.drive import Drive
+from pipeline.model.profile import Real
+
+CRANKS, CYCLES, TIME, TEMPERATURE = "cranks", "cycles", "time", "temperature"
+"""What data must vary in for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, temperature."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect; its name carries its unit."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Of the ``n`` states of a drive: load cycles before (n,), temperature less that of the drawing (n,) [K]."""
+
+    cycle: Real
+    temperature_rise: Real
+
+    @classmethod
+    def usual(cls, n: int) -> "Conditions":
+        """Run in for ever at the drawing's temperature."""
+        return cls(np.full(n, np.inf), np.zeros(n))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect.
+
+    Attributes
+    ----------
+    name : of its file.
+    title : for people.
+    physics, source : what it is, and where the formula stands.
+    parameters : one to three.
+    changes : what it changes in the model.
+    signature : how it shows in measured curves.
+    confused_with : names of effects that curves alone hardly tell from it.
+    bounds : of a drive: (low, high) of every parameter.
+    apply : drive, values, conditions to the drive with the effect.
+    needs : what the data must vary in.
+    """
+
+    name: str
+    title: str
+    physics: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    changes: str
+    signature: str
+    confused_with: tuple[str, ...]
+    bounds: Callable[[Drive], tuple[tuple[float, float], ...]]
+    apply: Callable[[Drive, Sequence[float], Conditions], Drive]
+    needs: frozenset[str] = frozenset()
+
+
+@cache
+def library() -> Mapping[str, Effect]:
+    """All effects by name."""
+    package = importlib.import_module("pipeline.model.effects")
+    names = sorted(one.name for one in pkgutil.iter_modules(package.__path__) if one.name != "effect")
+    return {name: importlib.import_module(f"pipeline.model.effects.{name}").EFFECT for name in names}

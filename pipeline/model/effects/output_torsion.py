@@ -1,0 +1,26 @@
+"""Torsional compliance between the reducer's output and the torque."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.drive import Drive
+from pipeline.model.effects.effect import Conditions, Effect, Parameter
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    return replace(drive, torsion=drive.torsion + 1e-3 * values[0] / ARCMIN)
+
+
+EFFECT = Effect(
+    name="output_torsion",
+    title="torsional compliance in series with the output",
+    physics="shaft, flange and coupling twist in proportion to the torque",
+    source="series of linear springs",
+    parameters=(Parameter("compliance_arcmin_per_Nm", "arcmin/(N m)", "twist per torque"),),
+    changes="adds torsion times torque to the rotation of the output",
+    signature="the same angle per torque at every load and crank angle",
+    confused_with=("seat_compliance", "torque_gain"),
+    bounds=lambda drive: ((0.0, 0.05e6 / drive.rated_torque * 400),),
+    apply=_apply,
+)

@@ -1,0 +1,27 @@
+"""Interference of the disk with its pins."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.model.drive import Drive
+from pipeline.model.effects.effect import Conditions, Effect, Parameter
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    shift = drive.shift.copy()
+    shift[:, : drive.reducer.n_pins] -= 1e-3 * values[0]
+    return replace(drive, shift=shift)
+
+
+EFFECT = Effect(
+    name="preload",
+    title="preload of the disk against its pins",
+    physics="a disk pressed or grown into its pins closes every gap along the normal by the same amount",
+    source="normal reading of a profile error (mechanics of gaps: g = -d on every flank)",
+    parameters=(Parameter("interference_um", "um", "gap taken away at every pin"),),
+    changes="gap of every pin",
+    signature="no play, high rigidity near zero torque",
+    confused_with=("pin_radius_error", "pin_circle_error"),
+    bounds=lambda drive: ((0.0, 1e3 * drive.profile.eccentricity / 3),),
+    apply=_apply,
+)

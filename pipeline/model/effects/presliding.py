@@ -1,0 +1,37 @@
+"""Friction that rises over a distance before it slides (Maxwell-slip)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.drive import Drive
+from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.friction import output_sliders
+
+SHARES = np.array([0.25, 0.5, 0.75, 1.0])
+"""Distances of the four equal elements, as shares of the last one's."""
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    torque, distance = 1e3 * values[0], values[1] / ARCMIN
+    limit = np.full(len(SHARES), torque / len(SHARES))
+    return replace(drive, sliders=drive.sliders.joined(output_sliders(drive.reducer, limit, distance * SHARES)))
+
+
+EFFECT = Effect(
+    name="presliding",
+    title="friction that yields before it slides",
+    physics="bristles of different reach bend before they slip: four elastic-slip elements in parallel",
+    source="Iwan, J. Appl. Mech. 33 (1966) 893; Al-Bender et al., IEEE Trans. Autom. Control 50 (2005) 1883",
+    parameters=(
+        Parameter("torque_Nm", "N m", "friction torque once all slide, referred to the output"),
+        Parameter("distance_arcmin", "arcmin", "rotation over which it is fully raised"),
+    ),
+    changes="four sliders on the rotation of the output",
+    signature="branches part smoothly after a reversal; minor loops are lenses",
+    confused_with=("coulomb", "contact_friction"),
+    bounds=lambda drive: ((0.0, 0.5e-3 * drive.rated_torque), (0.1, 10.0)),
+    apply=_apply,
+)

@@ -1,0 +1,34 @@
+"""Running in over the load cycles."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.model.drive import Drive
+from pipeline.model.effects.effect import CYCLES, Conditions, Effect, Parameter
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    worn = 1e-3 * values[0] * -np.expm1(-conditions.cycle / values[1])
+    shift = drive.shift.copy()
+    shift[:, : drive.reducer.n_pins] += worn[:, None]
+    return replace(drive, shift=shift)
+
+
+EFFECT = Effect(
+    name="run_in",
+    title="running in over the load cycles",
+    physics="the first cycles wear the flanks, ever more slowly, as asperities are worn off",
+    source="Archard, J. Appl. Phys. 24 (1953) 981, with a pressure that falls as the surfaces conform",
+    parameters=(
+        Parameter("wear_um", "um", "depth of the wear at last"),
+        Parameter("cycles", "1", "number of cycles in which 63 % of it is reached"),
+    ),
+    changes="gap of every pin, with the cycle",
+    signature="play grows from cycle to cycle and settles",
+    confused_with=("thermal_growth", "angle_drift"),
+    bounds=lambda drive: ((0.0, 1e3 * drive.profile.eccentricity / 3), (0.3, 30.0)),
+    apply=_apply,
+    needs=frozenset({CYCLES}),
+)

@@ -1,0 +1,273 @@
+"""Equilibria along a load history, with friction: contacts, sliders and motions at once.
+
+Return mapping as in plasticity: a slider that would be pulled beyond its limit is held at it, and its anchor follows.
+Source: Simo, Hughes, Computational Inelasticity (1998), ch. 1.
+"""
+
+from dataclasses import fields
+
+import numpy as np
+
+from pipeline.model.compiled import algebraic_part, entry
+from pipeline.model.contact import ContactLaws
+from pipeline.model.equilibrium import BALANCE_TOLERANCE, FORCE_TOLERANCE, OPEN, REGULAR, _closing_force, _law
+from pipeline.model.friction import Sliders
+from pipeline.model.profile import Real
+from pipeline.model.reducer import Bearing, Reducer
+
+NEWTON_STEPS = 60
+UNDAMPED = 12
+"""Newton steps after which only half of each is taken: sticking and slipping may alternate."""
+HALVINGS = 8
+"""A step that does not converge is reached in two, each of them again, up to this depth."""
+
+
+@algebraic_part
+def _spring(bearing, clearance, x, y, spring):
+    """Force (fx, fy) and tangent (kxx, kxy, kyy) of the bearing at the displacement (x, y)."""
+    stiffness, exponent = bearing
+    spring[:] = 0.0
+    distance = np.sqrt(x * x + y * y)
+    depth = distance - clearance
+    if depth <= 0.0:
+        return
+    push = stiffness * depth**exponent
+    radial, across = exponent * push / depth, push / distance
+    ux, uy = x / distance, y / distance
+    spring[0], spring[1] = push * ux, push * uy
+    spring[2] = radial * ux * ux + across * uy * uy
+    spring[3] = (radial - across) * ux * uy
+    spring[4] = radial * uy * uy + across * ux * ux
+
+
+@algebraic_part
+def _slide(sliders, anchor, q, force, balance, scale, right_block, columns, tangent):
+    """Add the sliders' resistances to the balance and their tangents to the blocks of Newton's matrix.
+
+    ``columns`` gives the place of a contact's force among the unknowns, -1 for an open one.
+    """
+    direction, stiffness, limit, coefficient, contact = sliders
+    n_motions = q.shape[0]
+    for s in range(stiffness.shape[0]):
+        slip = -anchor[s]
+        for d in range(n_motions):
+            slip += direction[s, d] * q[d]
+        i = contact[s]
+        largest = limit[s] + (coefficient[s] * force[i] if i >= 0 else 0.0)
+        resisted = stiffness[s] * slip
+        if abs(resisted) > largest:
+            sense = 1.0 if resisted > 0.0 else -1.0
+            resisted = sense * largest
+            if i >= 0 and columns[i] >= 0:
+                for d in range(n_motions):
+                    right_block[d, columns[i]] += sense * coefficient[s] * direction[s, d]
+        else:
+            for d in range(n_motions):
+                for e in range(n_motions):
+                    tangent[d, e] += stiffness[s] * direction[s, d] * direction[s, e]
+        for d in range(n_motions):
+            term = direction[s, d] * resisted
+            balance[d] += term
+            scale[d] += abs(term)
+
+
+@algebraic_part
+def _anchor(sliders, anchor, q, force):
+    """Let the anchors follow where the resistance is at its limit."""
+    direction, stiffness, limit, coefficient, contact = sliders
+    for s in range(stiffness.shape[0]):
+        slip = 0.0
+        for d in range(q.shape[0]):
+            slip += direction[s, d] * q[d]
+        largest = limit[s] + (coefficient[s] * force[contact[s]] if contact[s] >= 0 else 0.0)
+        reach = largest / stiffness[s]
+        anchor[s] = min(max(anchor[s], slip - reach), slip + reach)
+
+
+@algebraic_part
+def _misfits(model, gap, force, q, active, miss, slope):
+    """Close penetrated contacts, list the active ones, and give their misfits of deflection and tangents.
+
+    Returns the number of active contacts and the relative misfit.
+    """
+    closing, compliance, a, c, k, m, limit = model
+    n, n_active = gap.shape[0], 0
+    largest, off = 1e-300, 0.0
+    for i in range(n):
+        elastic = 0.0
+        if compliance[i, i] > 0.0:
+            for j in range(n):
+                elastic += compliance[i, j] * force[j]
+        depth = -gap[i] - elastic
+        for d in range(q.shape[0]):
+            depth += closing[i, d] * q[d]
+        if force[i] == 0.0:
+            if depth <= OPEN:
+                continue
+            miss[i] = -depth
+            slope[i] = -1.0
+        else:
+            local, slope[i] = _law(force[i], a[i], c[i], k[i], m[i], limit[i])
+            miss[i] = local - depth
+            largest = max(largest, local + elastic)
+            off = max(off, abs(miss[i]))
+        active[n_active] = i
+        n_active += 1
+    for p in range(n_active):
+        i = active[p]
+        if slope[i] < 0.0:  # a new one
+            depth = -miss[i]
+            force[i] = _closing_force(depth, compliance[i, i], a[i], c[i], k[i], m[i], limit[i])
+            local, slope[i] = _law(force[i], a[i], c[i], k[i], m[i], limit[i])
+            miss[i] = local + compliance[i, i] * force[i] - depth
+            off = np.inf
+    return n_active, off / largest
+
+
+@algebraic_part
+def _equilibrium(torque, output, gap, model, bearing, clearance, sliders, anchor, q, force, work):
+    """Newton on contacts, sliders and motions from (q, force), changed in place; returns the relative residual."""
+    closing, compliance = model[0], model[1]
+    active, columns, miss, slope, balance, scale, spring = work
+    n, n_motions = closing.shape
+    residual = np.inf
+    for iteration in range(NEWTON_STEPS):
+        n_active, off = _misfits(model, gap, force, q, active, miss, slope)
+        size = n_active + n_motions
+        matrix, right = np.zeros((size, size)), np.empty(size)
+        columns[:] = -1
+        for p in range(n_active):
+            columns[active[p]] = p
+        tangent, below = matrix[n_active:, n_active:], matrix[n_active:, :n_active]
+        balance[:] = 0.0
+        balance[output] = -torque
+        scale[:] = np.abs(balance)
+        _spring(bearing, clearance, q[0], q[1], spring)
+        balance[0] += spring[0]
+        balance[1] += spring[1]
+        tangent[0, 0], tangent[0, 1], tangent[1, 0], tangent[1, 1] = spring[2], spring[3], spring[3], spring[4]
+        _slide(sliders, anchor, q, force, balance, scale, below, columns, tangent)
+        stiffest = bearing[0]
+        for p in range(n_active):
+            i = active[p]
+            for other in range(n_active):
+                matrix[p, other] = compliance[i, active[other]]
+            matrix[p, p] += slope[i]
+            right[p] = -miss[i]
+            stiffest = max(stiffest, 1.0 / slope[i])
+            for d in range(n_motions):
+                matrix[p, n_active + d] = -closing[i, d]
+                below[d, p] += closing[i, d]
+                term = closing[i, d] * force[i]
+                balance[d] += term
+                scale[d] += abs(term)
+        unbalanced = 0.0
+        for d in range(n_motions):
+            right[n_active + d] = -balance[d]
+            unbalanced = max(unbalanced, abs(balance[d]) / max(scale[d], 1e-300))
+            tangent[d, d] += REGULAR * stiffest
+        residual = max(off, unbalanced)
+        if off <= FORCE_TOLERANCE and unbalanced <= 100.0 * BALANCE_TOLERANCE:
+            return residual
+        step = np.linalg.solve(matrix, right)
+        length = 1.0 if iteration < UNDAMPED else 0.5
+        for d in range(n_motions):
+            q[d] += length * step[n_active + d]
+        for p in range(n_active):
+            i = active[p]
+            force[i] = max(force[i] + length * step[p], 0.0)
+    return residual
+
+
+@entry
+def _follow(torques, output, gap, model, bearing, clearance, sliders, nodes, seed_q, seed_force, q_out, f_out):
+    """States of one sample along its history; returns the largest residual. ``nodes`` are the seeds' torques."""
+    n, n_motions = model[0].shape
+    n_sliders = sliders[1].shape[0]
+    work = (
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n_motions),
+        np.empty(n_motions),
+        np.zeros(5),
+    )
+    anchor, q, force = np.zeros(n_sliders), np.zeros(n_motions), np.zeros(n)
+    trial_q, trial_force = np.empty(n_motions), np.empty(n)
+    reached, worst = 0.0, 0.0
+    for t in range(torques.shape[0]):
+        share, depth = 1.0, 0  # of what is left of the way to this torque
+        while True:
+            goal = reached + share * (torques[t] - reached)
+            trial_q[:], trial_force[:] = q, force
+            residual = _equilibrium(
+                goal, output, gap, model, bearing, clearance, sliders, anchor, trial_q, trial_force, work
+            )
+            if not residual <= 1e-9:
+                seed = np.argmin(np.abs(nodes - goal))
+                trial_q[:], trial_force[:] = seed_q[seed], seed_force[seed]
+                residual = _equilibrium(
+                    goal, output, gap, model, bearing, clearance, sliders, anchor, trial_q, trial_force, work
+                )
+            if not residual <= 1e-9 and depth < HALVINGS:
+                share, depth = 0.5 * share, depth + 1
+                continue
+            q[:], force[:] = trial_q, trial_force
+            _anchor(sliders, anchor, q, force)
+            worst = max(worst, residual)
+            reached = goal
+            if share == 1.0:
+                break
+            share = min(1.0, 2.0 * share)
+        q_out[t], f_out[t] = q, force
+    return worst
+
+
+def solve_path(
+    reducer: Reducer,
+    bearing: Bearing,
+    laws: ContactLaws,
+    compliance: Real,
+    gap: Real,
+    bearing_clearance: float,
+    sliders: Sliders,
+    torques: Real,
+    seeds: tuple[Real, Real, Real],
+) -> tuple[Real, Real, float]:
+    """Motions (n_steps, n_motions), forces (n_steps, n_contacts) and largest relative residual along a history.
+
+    Parameters
+    ----------
+    gap : (n_contacts,) [mm]
+    torques : (n_steps,) [N mm] in time order, from rest without force.
+    seeds : torques (n_nodes,), motions (n_nodes, n_motions), forces (n_nodes, n_contacts) of frictionless states, from
+        which a step starts where the one before leads nowhere: across the play.
+
+    Notes
+    -----
+    Newton on active contacts, sticking and slipping sliders and motions; a step that does not converge is
+    halved. A residual above 1e-9 says that some step did not.
+    """
+    motion, force = np.empty((len(torques), reducer.closing.shape[1])), np.empty((len(torques), len(gap)))
+    worst = _follow(
+        np.asarray(torques, float),
+        reducer.output_motion,
+        np.ascontiguousarray(gap),
+        (
+            np.ascontiguousarray(reducer.closing),
+            np.ascontiguousarray(compliance),
+            laws.linear,
+            laws.logarithmic,
+            laws.power,
+            laws.exponent,
+            laws.force_limit,
+        ),
+        (float(bearing.stiffness), float(bearing.exponent)),
+        float(bearing_clearance),
+        tuple(np.ascontiguousarray(getattr(sliders, f.name)) for f in fields(sliders)),
+        *(np.ascontiguousarray(one) for one in seeds),
+        motion,
+        force,
+    )
+    return motion, force, worst
