@@ -1,0 +1,210 @@
+"""What the model says that a bench reads: the drive of each position along its load history, through the instrument.
+
+The frictionless backbone of a drive is kept from call to call: friction, torsion and the instrument change what is
+made of it, not itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.drive import Backbone, Drive, backbone, ladder
+from pipeline.model.output_path import Ripple, condensed_path
+from pipeline.model.path import solve_path
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+LEVELS = 22
+"""Nodes of the backbone in each sense of the torque."""
+PATH_LEVELS = 11
+"""The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
+BEYOND = 1.05
+"""Reach of the backbone over the largest torque measured: friction may keep more in the reducer than the bench shows."""
+NMM_PER_NM = 1e3
+SECONDS_AN_HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """The bench as it reads: torque (1 + gain) T + zero, angle with drift and the eccentricity of its encoder.
+
+    Attributes
+    ----------
+    torque_zero : [N m]
+    torque_gain : [-]
+    drift : [arcmin/h]
+    encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
+    ripple : torque of the motor, locked to its angle.
+    """
+
+    torque_zero: float = 0.0
+    torque_gain: float = 0.0
+    drift: float = 0.0
+    encoder: tuple[float, float] = (0.0, 0.0)
+    ripple: Ripple = field(default_factory=Ripple)
+
+    def true_torque(self, read: Real) -> Real:
+        """Torque [N mm] that is read as ``read`` [N m]."""
+        return NMM_PER_NM * (read - self.torque_zero) / (1 + self.torque_gain)
+
+
+@dataclass(frozen=True)
+class Course:
+    """What one position was put through, and where it was read.
+
+    Attributes
+    ----------
+    torque : (n_turns,) [N m] from the first to the last, turning at each.
+    leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
+    state : (n_turns - 1,) state of the drive on each leg.
+    at : (n_cells,) torque [N m] of the cells.
+    time : (n_cells,) [s] from the first cell, or zeros.
+    encoder_turns : turns of the encoder per turn of the output.
+    encoder_place : [rad] of the encoder at this position.
+    """
+
+    torque: Real
+    leg: Whole
+    state: Whole
+    at: Real
+    time: Real
+    encoder_turns: float
+    encoder_place: float
+
+    def without_states(self) -> Course:
+        """The course with all its legs in the drive's first state."""
+        return Course(**{**vars(self), "state": np.zeros_like(self.state)})
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Prediction at the cells of one position.
+
+    Attributes
+    ----------
+    angle : (n_cells,) [arcmin]
+    slope : (n_cells,) d angle / d torque [arcmin/(N m)].
+    carried : (n_cells,) torque in the reducer [N mm].
+    sound : whether every equilibrium was found.
+    """
+
+    angle: Real
+    slope: Real
+    carried: Real
+    sound: bool
+
+
+class Forward:
+    """Predictions of drives on the courses of a unit; keeps the backbones of the drives that it has seen."""
+
+    def __init__(self, courses: list[Course], rated_torque: float):
+        self.courses = courses
+        reach = max(float(np.max(np.abs(course.torque))) for course in courses) * NMM_PER_NM / rated_torque
+        self.shares = ladder(LEVELS, BEYOND * reach)
+        self._kept: dict[tuple, Backbone] = {}
+
+    def backbone(self, drive: Drive) -> Backbone:
+        """The frictionless curve of a drive, without its torsion."""
+        key = (
+            id(drive.reducer),
+            drive.gap.tobytes(),
+            drive.bearing_clearance.tobytes(),
+            drive.laws.linear.tobytes(),
+            drive.laws.force_limit.tobytes(),
+            float(drive.compliance[0, 0]),
+            drive.bearing,
+        )
+        if key not in self._kept:
+            if len(self._kept) > 400:
+                self._kept.clear()
+            self._kept[key] = backbone(drive, self.shares)
+        return self._kept[key]
+
+    def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:
+        """Prediction at the cells of a position."""
+        course = self.courses[position]
+        curve = self.backbone(drive)
+        nodes = curve.torque
+        torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
+        angle, carried, slope = np.empty_like(at), np.empty_like(at), np.empty_like(at)
+        sound = bool(np.all(curve.states.converged))
+        levels = nodes[:: LEVELS // PATH_LEVELS] if drive.sliders.at_contacts else nodes
+        steps, first = _steps(torque, levels)
+        for state in np.unique(course.state):
+            at_state = curve.angle[state] + drive.torsion * nodes
+            if drive.sliders.at_contacts:
+                motions, forces, worst = solve_path(
+                    drive.reducer,
+                    drive.bearing,
+                    drive.laws,
+                    drive.compliance,
+                    drive.gap[state],
+                    drive.bearing_clearance[state],
+                    drive.sliders,
+                    steps,
+                    (nodes, curve.states.motion[state], curve.states.force[state]),
+                )
+                turned = motions[:, drive.reducer.output_motion] + drive.torsion * steps
+                inside, sound = steps, sound and worst <= 1e-6
+            else:
+                turned, inside = condensed_path(steps, nodes, at_state, drive.sliders, instrument.ripple)
+            for leg in np.flatnonzero(course.state == state):
+                cells = course.leg == leg
+                if not np.any(cells):
+                    continue
+                part = slice(first[leg], first[leg + 1] + 1)
+                order = slice(None) if torque[leg + 1] > torque[leg] else slice(None, None, -1)
+                x, y = steps[part][order], turned[part][order]
+                angle[cells], slope[cells] = _on_line(at[cells], x, y)
+                carried[cells] = np.interp(at[cells], x, inside[part][order])
+        if drive.creep is not None:
+            angle = angle + _crept(carried, course.time, drive.creep.compliance, drive.creep.time_constant)
+        turns = course.encoder_turns * angle + course.encoder_place
+        read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
+        read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
+        return Reading(read, ARCMIN * NMM_PER_NM * slope, carried, sound)
+
+    def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
+        """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
+        course, curve = self.courses[position], self.backbone(drive)
+        nodes, effect = curve.torque, ARCMIN * curve.influence @ modes.T
+        state = course.state[course.leg]
+        j = np.clip(np.searchsorted(nodes, carried) - 1, 0, len(nodes) - 2)
+        x = np.clip((carried - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
+        return (1 - x) * effect[state, j] + x * effect[state, j + 1]
+
+
+def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
+    """Torques from turn to turn over the nodes between, and the step at which each turn stands."""
+    parts, first, count = [torque[:1]], [0], 1
+    for start, end in zip(torque[:-1], torque[1:], strict=True):
+        between = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
+        part = np.append(between if end > start else between[::-1], end)
+        parts.append(part)
+        count += len(part)
+        first.append(count - 1)
+    return np.concatenate(parts), np.array(first)
+
+
+def _on_line(at: Real, x: Real, y: Real) -> tuple[Real, Real]:
+    """Value and slope at ``at`` of the polyline (x ascending, y), its ends continued."""
+    j = np.clip(np.searchsorted(x, at) - 1, 0, len(x) - 2)
+    width = np.maximum(x[j + 1] - x[j], 1e-12)
+    slope = (y[j + 1] - y[j]) / width
+    return y[j] + slope * (at - x[j]), slope
+
+
+def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:
+    """Delayed rotation [rad] at each cell: exact for a torque that is constant between cells."""
+    crept, now = np.empty_like(carried), 0.0
+    decay = np.exp(-np.diff(time, prepend=time[:1]) / time_constant)
+    for k, torque in enumerate(carried):
+        goal = compliance * torque
+        now = goal + (now - goal) * decay[k]
+        crept[k] = now
+    return crept

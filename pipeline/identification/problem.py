@@ -1,0 +1,204 @@
+"""A measured unit against its model: cells, drives, what is not known of them, and what may be added."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.forward import Course, Forward, Instrument
+from pipeline.identification.instrument import InstrumentEffect, instrument_effects
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.drive import Drive
+from pipeline.model.effects import Conditions, Effect, library
+from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Candidate = Effect | InstrumentEffect
+
+STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})
+
+
+@dataclass(frozen=True)
+class Data:
+    """Cells of all positions, position by position.
+
+    Attributes
+    ----------
+    position, cycle, block : (n_cells,) block: position x cycle x monotone branch.
+    torque, angle : (n_cells,) [N m], [arcmin].
+    count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
+    noise : floor of the angle of a cell [arcmin].
+    torque_noise : of the torque of a cell [N m].
+    common_offset : whether all positions share one zero of the angle.
+    """
+
+    position: Whole
+    cycle: Whole
+    block: Whole
+    torque: Real
+    angle: Real
+    count: Whole
+    spread: Real
+    noise: float
+    torque_noise: float
+    common_offset: bool
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    @cached_property
+    def group(self) -> Whole:
+        """Cells that share an offset (n_cells,)."""
+        return np.zeros_like(self.position) if self.common_offset else self.position
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted.
+
+    Attributes
+    ----------
+    data : the cells.
+    forward : predictions on their courses.
+    drives : of the declared unit at scale factors of the calibrated numbers (n_calibrated,), one per position.
+    calibrated : names of those numbers.
+    modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
+    conditions : of the states of the drives.
+    varied : what the data vary in, of ``effects.effect``.
+    rated_torque : [N m]
+    """
+
+    data: Data
+    forward: Forward
+    drives: Callable[[tuple[float, ...]], tuple[Drive, ...]]
+    calibrated: tuple[str, ...]
+    modes: tuple[Real, ...]
+    conditions: tuple[Conditions, ...]
+    varied: frozenset[str]
+    rated_torque: float
+
+    @property
+    def n_modes(self) -> int:
+        return len(self.modes[0])
+
+    @cached_property
+    def span(self) -> float:
+        """Largest range of the angle at a position [arcmin]."""
+        return max(float(np.ptp(self.data.angle[self.data.position == p])) for p in range(len(self.modes)))
+
+    @cached_property
+    def nominal(self) -> tuple[Drive, ...]:
+        """Declared drives."""
+        return self.drives((1.0,) * len(self.calibrated))
+
+    def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
+        """(low, high) of every parameter of an effect."""
+        if isinstance(candidate, InstrumentEffect):
+            return candidate.bounds(self.rated_torque, self.span)
+        return candidate.bounds(self.nominal[0])
+
+    def why_not(self, candidate: Candidate) -> str:
+        """Why the data cannot test an effect; empty if they can."""
+        lacking = {
+            CRANKS: "fewer than 3 crank positions",
+            CYCLES: "fewer than 2 cycles",
+            TIME: "no time stamps",
+            TEMPERATURE: "no temperature that varies",
+        }
+        reasons = [lacking[need] for need in sorted(candidate.needs - self.varied)]
+        if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
+            reasons.append("every position has its own zero of the angle")
+        return "; ".join(reasons)
+
+
+def candidates() -> Mapping[str, Candidate]:
+    """Every effect of the library and of the bench by name."""
+    return {**library(), **instrument_effects()}
+
+
+@dataclass(frozen=True)
+class Model:
+    """A set of effects that are put into the declared drives."""
+
+    effects: tuple[Candidate, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Names of the effects, joined by +."""
+        return "+".join(effect.name for effect in self.effects)
+
+    @property
+    def n_parameters(self) -> int:
+        return sum(len(effect.parameters) for effect in self.effects)
+
+    def split(self, values: Sequence[float]) -> list[tuple[Candidate, Sequence[float]]]:
+        """Every effect with its own values."""
+        parts, start = [], 0
+        for effect in self.effects:
+            stop = start + len(effect.parameters)
+            parts.append((effect, values[start:stop]))
+            start = stop
+        return parts
+
+    def put(
+        self, drives: Sequence[Drive], conditions: Sequence[Conditions], values: Sequence[float]
+    ) -> tuple[list[Drive], Instrument]:
+        """Drives and instrument with the effects at ``values``."""
+        made, instrument = list(drives), Instrument()
+        for effect, own in self.split(values):
+            if isinstance(effect, InstrumentEffect):
+                instrument = effect.apply(instrument, own)
+            else:
+                made = [effect.apply(drive, own, at) for drive, at in zip(made, conditions, strict=True)]
+        return made, instrument
+
+    @property
+    def by_state(self) -> bool:
+        """Whether the drive differs from cycle to cycle."""
+        return any(effect.needs & STATE_EFFECTS for effect in self.effects)
+
+
+def first_states(drives: Sequence[Drive]) -> tuple[Drive, ...]:
+    """The drives in their first state alone."""
+    return tuple(
+        replace(
+            drive,
+            errors=replace(drive.errors, **{name: values[:1] for name, values in vars(drive.errors).items()}),
+            shift=drive.shift[:1],
+            bearing_clearance=drive.bearing_clearance[:1],
+        )
+        for drive in drives
+    )
+
+
+def prior_modes(gaps: Sequence[Real], influences: Sequence[Real], resolution: float) -> tuple[Real, ...]:
+    """Patterns of gaps, of unit variance, that a population of units differs by: its principal curves.
+
+    Parameters
+    ----------
+    gaps : per position (n_units, n_contacts) [mm], the same units at every position.
+    influences : per position d angle / d gap at the nodes of the backbone (n_nodes, n_contacts) [rad/mm].
+    resolution : modes that change the curves by less [arcmin rms] are left out.
+
+    Returns
+    -------
+    Per position (n_modes, n_contacts) [mm]: modes of the population's curves, not of its gaps, so that few are left.
+    """
+    centred = [one - one.mean(axis=0) for one in gaps]
+    curves = ARCMIN * np.concatenate([one @ effect.T for one, effect in zip(centred, influences, strict=True)], axis=1)
+    units, sizes, _ = np.linalg.svd(curves, full_matrices=False)
+    n = len(curves)
+    kept = sizes > resolution * np.sqrt(n * curves.shape[1] / len(gaps))
+    weights = units[:, kept].T * np.sqrt(1 / (n - 1)) if np.any(kept) else np.zeros((0, n))
+    # a unit's coefficient of mode m is its row of units times sqrt(n - 1), of variance 1
+    return tuple(weights @ one for one in centred)
+
+
+def courses_without_states(courses: Sequence[Course]) -> list[Course]:
+    """Courses whose legs all pass through a drive's first state."""
+    return [course.without_states() for course in courses]
