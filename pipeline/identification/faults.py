@@ -34,7 +34,7 @@ class Fault:
     Attributes
     ----------
     kind : "missing column", "not a number", "decreasing time", "disordered rows", "constant column", "unit", "sign",
-        "saturation", "missing cycle", "one sense", "too few points", "duplicate file", "encoder jump" or "mixed offsets".
+        "saturation", "missing cycle", "one sense", "too few points", "duplicate file", "encoder jump", "mixed offsets".
     message : what was found, and what to do.
     severity : "fatal" makes an identification impossible; "note" only bears on it.
     rows : `file:line` of the first rows concerned.

@@ -13,8 +13,9 @@ Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
 SATURATION_RULE = (
-    "left out are rows at or beyond torque_saturation_Nm; where the command goes on and the torque does not, rows at "
-    "or beyond the flat tail; and an extreme that five rows in turn repeat exactly in a torque that scatters elsewhere"
+    "left out are rows at or beyond torque_saturation_Nm; where the command goes on and the torque does not, rows "
+    "whose command asks for the flat tail's torque or more; and an extreme that five rows in turn repeat exactly in a "
+    "torque that scatters elsewhere"
 )
 TAIL_SHARE = 0.9
 """Share of the largest command beyond which the torque must rise, or it is saturated."""
@@ -99,7 +100,7 @@ def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
     lost = gain * top + zero - level
     if flat > FLAT_SHARE * gain or lost < max(LOST_SHARE * top, NOISE_FACTOR * noise):
         return none
-    return (torque >= level) | (gain * command + zero >= level)
+    return gain * command + zero >= level  # not by the torque itself, whose noise would be cut at the level
 
 
 def _repeated_extreme(torque: Real, noise: float) -> Truth:
