@@ -143,7 +143,7 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     Linear regression of the metrics on the mean deviations of the study's own samples gives the slopes B (metric by
     tolerance). With the covariance C of the biases b, from the correlation of the metrics in the study and the spread
     of units and samples, a shift d of tolerance t leaves (b - B_t d)' C^-1 (b - B_t d), which is least at
-    d = B_t' C^-1 b / B_t' C^-1 B_t, and is chi-square with one degree of freedom less than metrics. A shift beyond the
+    d = B_t' C^-1 b / B_t' C^-1 B_t, and is Hotelling's with one degree of freedom less than metrics. A shift beyond the
     samples' range extrapolates the line.
     """
     if len({comparison.crank_deg for comparison in comparisons}) != 1:
@@ -156,7 +156,8 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     covariance = _covariance(comparisons, metrics.to_numpy())
     inverse = np.linalg.inv(covariance)
     whole = float(bias @ inverse @ bias)
-    p_value = float(stats.chi2.sf(whole, bias.size))
+    units = min(comparison.units.size for comparison in comparisons)
+    p_value = _tail(whole, bias.size, units)
     slopes = _slopes(deviations.to_numpy(), metrics.to_numpy())
     z = stats.norm.ppf((1 + confidence) / 2)
     found = []
@@ -174,7 +175,7 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
                 room_um=room,
                 within_limits=abs(shift) <= room,
                 explained=1 - left / whole if whole > 0 else 0.0,
-                p_value=float(stats.chi2.sf(left, bias.size - 1)) if bias.size > 1 else np.nan,
+                p_value=_tail(left, bias.size - 1, units) if bias.size > 1 else np.nan,
             )
         )
     found.sort(key=lambda candidate: (not candidate.closes, -candidate.explained, abs(candidate.shift_um)))
@@ -188,7 +189,14 @@ def _covariance(comparisons: Sequence[Comparison], samples: Real) -> Real:
     # One or two units do not show their spread; the study's stands for it.
     spread = np.array([c.units.std(ddof=1) if c.units.size > 2 else s for c, s in zip(comparisons, own, strict=True)])
     error = spread / np.sqrt([comparison.units.size for comparison in comparisons])
-    return correlation * (np.outer(error, error) + np.outer(own, own) / len(samples))
+    return np.asarray(correlation * (np.outer(error, error) + np.outer(own, own) / len(samples)), float)
+
+
+def _tail(value: float, freedom: int, units: int) -> float:
+    """Probability of Hotelling's statistic above `value`; chi-square where so few units show no spread of their own."""
+    if units <= max(freedom, 2):
+        return float(stats.chi2.sf(value, freedom))
+    return float(stats.f.sf(value * (units - freedom) / (freedom * (units - 1)), freedom, units - freedom))
 
 
 def _slopes(deviations: Real, metrics: Real) -> Real:

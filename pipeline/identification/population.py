@@ -170,8 +170,8 @@ def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> t
 
     Source
     ------
-    Pettitt, A two-sample Anderson-Darling rank statistic, Biometrika 63 (1976) 161; Anderson, On the distribution of the
-    two-sample Cramer-von Mises criterion, Ann. Math. Stat. 33 (1962) 1148.
+    Pettitt, A two-sample Anderson-Darling rank statistic, Biometrika 63 (1976) 161; Anderson, On the distribution of
+    the two-sample Cramer-von Mises criterion, Ann. Math. Stat. 33 (1962) 1148.
     """
     pooled = np.concatenate([units, samples])
     order = np.argsort(pooled, kind="stable")
