@@ -35,6 +35,8 @@ GROUPS = {
 """Tolerance of each element, its table and column; all elements are shifted alike."""
 ALPHA = 0.05
 """Level at which what a shift leaves is called a difference."""
+ITERATIONS = 10
+"""Of the shift and its weights, which depend on each other weakly."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Candidate:
     tolerance : name.
     shift_um : of the mean, with its interval `shift_low_um` to `shift_high_um`.
     room_um : how far the mean can go in that direction within the tolerance's limits.
-    within_limits : whether `shift_um` does not exceed `room_um`; else it takes an effect, or parts beyond their limits.
-    explained : share of the weighted squared bias that the shift takes away.
+    within_limits : whether the interval reaches into `room_um`; else it takes an effect, or parts beyond their limits.
+    explained : share of the weighted squared bias that the shift takes away, the slopes' error allowed for.
     p_value : of what it leaves, all metrics together; nan with a single metric, which any shift closes.
     """
 
@@ -143,7 +145,8 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     Linear regression of the metrics on the mean deviations of the study's own samples gives the slopes B (metric by
     tolerance). With the covariance C of the biases b, from the correlation of the metrics in the study and the spread
     of units and samples, a shift d of tolerance t leaves (b - B_t d)' C^-1 (b - B_t d), which is least at
-    d = B_t' C^-1 b / B_t' C^-1 B_t, and is Hotelling's with one degree of freedom less than metrics. A shift beyond the
+    d = B_t' C^-1 b / B_t' C^-1 B_t, and is Hotelling's with one degree of freedom less than metrics. The error of the
+    slopes times d is part of C: the mean of eighty pins varies little and its slope is poorly known. A shift beyond the
     samples' range extrapolates the line.
     """
     if len({comparison.crank_deg for comparison in comparisons}) != 1:
@@ -154,26 +157,23 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
     bias = np.array([comparison.bias.value for comparison in comparisons])
     covariance = _covariance(comparisons, metrics.to_numpy())
-    inverse = np.linalg.inv(covariance)
-    whole = float(bias @ inverse @ bias)
+    whole = float(bias @ np.linalg.solve(covariance, bias))
     units = min(comparison.units.size for comparison in comparisons)
     p_value = _tail(whole, bias.size, units)
-    slopes = _slopes(deviations.to_numpy(), metrics.to_numpy())
+    slopes, uncertainty = _slopes(deviations.to_numpy(), metrics.to_numpy())
     z = stats.norm.ppf((1 + confidence) / 2)
     found = []
-    for name, slope in zip(deviations, slopes.T, strict=True):
-        information = float(slope @ inverse @ slope)
-        shift = float(slope @ inverse @ bias) / information
-        left = max(whole - information * shift**2, 0.0)
+    for name, slope, error in zip(deviations, slopes, uncertainty, strict=True):
+        shift, deviation, left = _closest_shift(bias, slope, covariance, error)
         room = _room(population.study, name, float(deviations[name].mean()), shift)
         found.append(
             Candidate(
                 tolerance=name,
                 shift_um=shift,
-                shift_low_um=shift - z / np.sqrt(information),
-                shift_high_um=shift + z / np.sqrt(information),
+                shift_low_um=shift - z * deviation,
+                shift_high_um=shift + z * deviation,
                 room_um=room,
-                within_limits=abs(shift) <= room,
+                within_limits=abs(shift) - z * deviation <= room,
                 explained=1 - left / whole if whole > 0 else 0.0,
                 p_value=_tail(left, bias.size - 1, units) if bias.size > 1 else np.nan,
             )
@@ -199,10 +199,25 @@ def _tail(value: float, freedom: int, units: int) -> float:
     return float(stats.f.sf(value * (units - freedom) / (freedom * (units - 1)), freedom, units - freedom))
 
 
-def _slopes(deviations: Real, metrics: Real) -> Real:
-    """Slopes (n_metrics, n_tolerances) of one least-squares plane over all tolerances."""
-    design = np.column_stack([np.ones(len(deviations)), deviations])
-    return np.linalg.lstsq(design, metrics, rcond=None)[0][1:].T
+def _closest_shift(bias: Real, slope: Real, covariance: Real, slope_covariance: Real) -> tuple[float, float, float]:
+    """Shift [um] that leaves least, its standard deviation [um], and what it leaves."""
+    shift, deviation, left = 0.0, np.inf, 0.0
+    for _ in range(ITERATIONS):
+        weighted = np.linalg.solve(covariance + shift**2 * slope_covariance, np.column_stack([slope, bias]))
+        information = float(slope @ weighted[:, 0])
+        shift, deviation = float(slope @ weighted[:, 1]) / information, information**-0.5
+        left = max(float(bias @ weighted[:, 1]) - information * shift**2, 0.0)
+    return shift, deviation, left
+
+
+def _slopes(deviations: Real, metrics: Real) -> tuple[Real, Real]:
+    """Slopes (n_tolerances, n_metrics) of one least-squares plane over all tolerances, and the covariance of each."""
+    design = np.column_stack([np.ones(len(deviations)), deviations - deviations.mean(axis=0)])
+    slopes = np.linalg.lstsq(design, metrics, rcond=None)[0]
+    rest = metrics - design @ slopes
+    residual = rest.T @ rest / (len(design) - design.shape[1])
+    leverage = np.diagonal(np.linalg.inv(design.T @ design))
+    return np.asarray(slopes[1:], float), np.asarray(leverage[1:, None, None] * residual, float)
 
 
 def _room(study: Study, name: str, mean: float, shift: float) -> float:

@@ -121,8 +121,8 @@ def metrics_at(metrics: pd.DataFrame, crank_deg: float | None) -> pd.DataFrame:
     names = list(POPULATION_METRICS)
     failed = metrics.loc[metrics["status"] != "ok", "sample"].unique()
     if crank_deg is None:
-        grouped = metrics.groupby("sample")[names]
-        worst = grouped.max()
+        grouped = metrics.groupby("sample")
+        worst = grouped[names].max()
         worst[SMALLER_IS_WORSE] = grouped[SMALLER_IS_WORSE].min()
         return worst.drop(index=failed)
     here = metrics[np.isclose(metrics["crank_deg"], crank_deg)]

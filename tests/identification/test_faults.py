@@ -156,8 +156,10 @@ def test_missing_cycles_one_sense_and_too_few_points(tmp_path):
     faults, _ = judged(tmp_path / "few", {"rows.csv": table[table["cycle"] == 0]})
     assert faults["too few points"].severity == "note"
     assert "no effect can be accepted" in faults["too few points"].message
-    faults, _ = judged(tmp_path / "coarse", {"rows.csv": measured((0.0,), 1, per_branch=3)})
-    assert faults["too few points"].severity == "fatal"
+    unit = load_measured_unit(write_unit(tmp_path / "v", {"rows.csv": measured((0.0,), 1, per_branch=3)}), ROOT)
+    few = [fault for fault in data_faults(unit, read_rows(unit)) if fault.kind == "too few points"]
+    assert [fault.severity for fault in few] == ["note", "note", "note", "fatal"]
+    assert few[0].rows == tuple(f"rows.csv:{line}" for line in (2, 3, 4, 5))
 
 
 def test_positions_with_their_own_offset_under_a_common_one(tmp_path):

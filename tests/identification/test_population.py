@@ -32,10 +32,10 @@ def deviations_of(study, count, seed=None):
     return mean_deviations({name: pd.DataFrame(columns) for name, columns in tables.items()})
 
 
-def metrics_of(deviations):
+def metrics_of(deviations, seed=0):
     """Metrics of a linear reducer whose slopes are known, at two crank angles; the second one is the worse."""
     d = deviations
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     play = 0.2 + 0.12 * (d["disk_profile"] / 2 - d["pin_radial"]) - 0.1 * d["pin_radius"] + 0.02 * d["eccentricity"]
     values = pd.DataFrame(
         {
@@ -52,7 +52,7 @@ def metrics_of(deviations):
 
 @pytest.fixture(scope="module")
 def study():
-    return load_study("quick", ROOT)
+    return load_study("paper", ROOT)  # 10,000 samples to draw from, none solved
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def population(study):
 
 
 def units_of(study, count=40, seed=99):
-    worst = metrics_at(metrics_of(deviations_of(study, count, seed)), None)
+    worst = metrics_at(metrics_of(deviations_of(study, count, seed), seed), None)
     return worst.rename_axis("unit").reset_index()
 
 
@@ -83,7 +83,10 @@ def test_statistics_are_those_of_scipy():
     assert ours["cramer_von_mises"].p_value == pytest.approx(cvm.pvalue, abs=0.03)
     # scipy's statistic is standardised: (A2 - 1) / sigma
     shifted = [permutation_tests(units + shift, samples, rng)[2].statistic for shift in (0.0, 0.1, 0.2)]
-    theirs = [stats.anderson_ksamp([units + s, samples], variant="continuous").statistic for s in (0.0, 0.1, 0.2)]
+    few = stats.PermutationMethod(n_resamples=2)
+    theirs = [
+        stats.anderson_ksamp([units + s, samples], variant="continuous", method=few).statistic for s in (0.0, 0.1, 0.2)
+    ]
     assert np.corrcoef(shifted, theirs)[0, 1] == pytest.approx(1, abs=1e-9)
 
 
