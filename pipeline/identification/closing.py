@@ -112,13 +112,16 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
     ------
     InputError : the run has not got them.
     """
-    paths = {"metrics": "aggregate", "reducer": "sample", "pins": "sample", "lobes": "sample", "rollers": "sample"}
-    try:
-        tables = {name: pd.read_parquet(run / stage / f"{name}.parquet") for name, stage in paths.items()}
-    except FileNotFoundError as error:
-        raise InputError(
-            f"{run.name}: {Path(str(error.filename or run)).name} is missing; run the study first"
-        ) from None
+    stages = {"metrics": "aggregate", "reducer": "sample", "pins": "sample", "lobes": "sample", "rollers": "sample"}
+    paths = {name: run / stage / f"{name}.parquet" for name, stage in stages.items()}
+    missing = [
+        f"{run.name}: {path.relative_to(run)} is missing; run the study first"
+        for path in paths.values()
+        if not path.exists()
+    ]
+    if missing:
+        raise InputError(missing)
+    tables = {name: pd.read_parquet(path) for name, path in paths.items()}
     if study.samples.nominal_first:
         tables = {name: table[table["sample"] > 0] for name, table in tables.items()}
     return StudyPopulation(study, tables["metrics"], mean_deviations(tables))

@@ -10,7 +10,7 @@ from scipy import stats
 
 from pipeline.config import load_study
 from pipeline.errors import InputError
-from pipeline.identification.closing import StudyPopulation, closing, mean_deviations
+from pipeline.identification.closing import StudyPopulation, closing, mean_deviations, read_population_run
 from pipeline.identification.population import (
     POPULATION_METRICS,
     compared,
@@ -211,3 +211,19 @@ def test_problems_of_units_csv_come_at_once(tmp_path):
     assert "units.csv:3: lost_motion_arcmin = -2" in lines
     assert "units.csv:4: lost_motion_arcmin = x" in lines
     assert "units.csv:3: unit = a stands twice" in lines
+
+
+def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, population):
+    run = tmp_path / "runs/paper"
+    tables = columns_of_errors(draw(study, 0, 21), 0, interfaces=2)
+    for stage in ("sample", "aggregate"):
+        (run / stage).mkdir(parents=True)
+    for name, columns in tables.items():
+        pd.DataFrame(columns).to_parquet(run / f"sample/{name}.parquet")
+    with pytest.raises(InputError, match="run the study first"):
+        read_population_run(run, study)
+    metrics = metrics_of(mean_deviations({name: pd.DataFrame(columns) for name, columns in tables.items()}))
+    metrics.to_parquet(run / "aggregate/metrics.parquet")
+    found = read_population_run(run, study)
+    assert found.metrics["sample"].min() == 1
+    pd.testing.assert_frame_equal(found.deviations, population.deviations.loc[1:20], check_index_type=False)
