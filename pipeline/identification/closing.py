@@ -80,8 +80,12 @@ class Candidate:
 
     @property
     def closes(self) -> bool:
-        """Whether the shift, within its limits, leaves no significant difference."""
-        return self.within_limits and not self.p_value < ALPHA
+        """Whether the shift is known to have its sense, keeps the limits and leaves no significant difference.
+
+        A tolerance whose slopes the samples do not determine would explain anything.
+        """
+        determined = self.shift_low_um * self.shift_high_um > 0
+        return determined and self.within_limits and not self.p_value < ALPHA
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,7 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     units = min(comparison.units.size for comparison in comparisons)
     p_value = _tail(whole, bias.size, units)
     slopes, uncertainty = _slopes(deviations.to_numpy(), metrics.to_numpy())
-    z = stats.norm.ppf((1 + confidence) / 2)
+    z = float(stats.norm.ppf((1 + confidence) / 2))
     found = []
     for name, slope, error in zip(deviations, slopes, uncertainty, strict=True):
         shift, deviation, left = _closest_shift(bias, slope, covariance, error)

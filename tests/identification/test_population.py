@@ -159,6 +159,17 @@ def test_a_shift_beyond_the_limits_takes_an_effect(study, population):
     assert found.takes_an_effect
 
 
+def test_a_tolerance_that_drives_nothing_closes_nothing(study):
+    """Fifty samples leave its slopes to chance, and a long enough shift would fit any bias."""
+    for seed in range(5):
+        deviations = deviations_of(study, 50, seed)
+        few = StudyPopulation(study, metrics_of(deviations, seed), deviations)
+        shifted = with_tolerance(study, "disk_profile", allowance_um=11.5)
+        found = closing(compared(units_of(shifted), few.metrics), few)
+        idle = [c for c in found.candidates if c.tolerance in ("ovality_2", "ovality_3", "pin_tangential")]
+        assert not any(candidate.closes for candidate in idle)
+
+
 def test_a_wider_tolerance_widens_the_spread(study, population):
     wider = with_tolerance(study, "disk_profile", lower_um=-6.0, upper_um=10.0)
     found = {comparison.metric: comparison for comparison in compared(units_of(wider), population.metrics)}
