@@ -32,8 +32,8 @@ def load_design(path_or_stem: str | Path, root: Path) -> Design:
     ------
     InputError : the file is missing, is no TOML, or holds values that are not allowed; with all of its problems.
     """
-    path = _found(path_or_stem, root, "designs", [Path(), root])
-    return parse_design(_toml(path), path.name)
+    path = found_file(path_or_stem, root, "designs", [Path(), root])
+    return parse_design(read_toml(path), path.name)
 
 
 def load_study(path_or_stem: str | Path, root: Path) -> Study:
@@ -48,8 +48,8 @@ def load_study(path_or_stem: str | Path, root: Path) -> Study:
     ------
     InputError : a file is missing, is no TOML, or holds values that are not allowed; with all problems of both files.
     """
-    path = _found(path_or_stem, root, "studies", [Path(), root])
-    return parse_study(_toml(path), path.stem, path.name, lambda name: _study_design(name, path, root))
+    path = found_file(path_or_stem, root, "studies", [Path(), root])
+    return parse_study(read_toml(path), path.stem, path.name, lambda name: _study_design(name, path, root))
 
 
 def load_unit(path: Path, design: str, study: str | Path, root: Path) -> Study:
@@ -69,14 +69,14 @@ def load_unit(path: Path, design: str, study: str | Path, root: Path) -> Study:
     if not path.is_file():
         raise InputError([f"dimensions = {str(path)!r}; no such file; give the path of a TOML file"])
     nominal = load_design(design, root)
-    ordinary = _toml(_found(study, root, "studies", [Path(), root]))
+    ordinary = read_toml(found_file(study, root, "studies", [Path(), root]))
     settings = {
         **{name: value for name, value in ordinary.items() if name not in ("tolerances", "cases")},
         "title": f"{nominal.title}: unit {path.stem}",
         "description": "",
         "design": design,
         "samples": {"count": 1, "experiment": "cases", "nominal_first": True},
-        "cases": [{"label": path.stem, **_toml(path)}],
+        "cases": [{"label": path.stem, **read_toml(path)}],
         "cycle": {**ordinary.get("cycle", {}), "keep_contacts": "all"},
     }
     return parse_study(settings, f"unit-{path.stem}", path.name, lambda _: nominal)
@@ -89,11 +89,11 @@ def parse_design(data: Mapping[str, Any], file: str) -> Design:
     ------
     InputError : with every problem found.
     """
-    raw = _tuples(data)
-    problems, parts = _validated(Design, raw)
+    raw = with_tuples(data)
+    problems, parts = validated(Design, raw)
     problems += geometry_problems(parts)
     problems += provenance_problems(parts, number_keys(raw))
-    _raise_if(problems, file)
+    raise_if(problems, file)
     return Design.model_validate(raw)
 
 
@@ -111,12 +111,12 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     ------
     InputError : with every problem found in both files.
     """
-    raw = _tuples(data)
+    raw = with_tuples(data)
     design, others = _referred(raw.get("design"), read_design)
     cases = raw.get("cases", ()) if isinstance(raw.get("cases", ()), tuple) else ()
     if isinstance(raw.get("samples"), dict) and raw["samples"].get("experiment") == "cases":
         raw["samples"].setdefault("count", max(1, len(cases)))
-    problems, parts = _validated(Study, {**raw, "name": name, "design": design})
+    problems, parts = validated(Study, {**raw, "name": name, "design": design})
     problems = [problem for problem in problems if problem.key != "design"]
     problems += study_problems(parts, raw)
     if "design" not in raw or not (design or others):
@@ -125,7 +125,7 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
         problems.append(Problem("name", raw["name"], "unknown key; a study has the name of its file"))
     problems += tolerance_problems(_valid_fields(Tolerances, raw.get("tolerances", {})), design)
     problems += case_problems(_valid_cases(cases), design)
-    _raise_if(problems, file, others)
+    raise_if(problems, file, others)
     return Study.model_validate({**raw, "name": name, "design": design})
 
 
@@ -137,7 +137,7 @@ def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Desig
         return None, error.problems
 
 
-def _validated(model: type[BaseModel], raw: Mapping[str, Any]) -> tuple[list[Problem], dict[str, Any]]:
+def validated(model: type[BaseModel], raw: Mapping[str, Any]) -> tuple[list[Problem], dict[str, Any]]:
     """The problems of `raw` as pydantic finds them, and the sections that are valid by themselves."""
     try:
         instance = model.model_validate(raw)
@@ -170,14 +170,15 @@ def _valid_cases(raw: tuple[object, ...]) -> dict[int, Case]:
     return valid
 
 
-def _tuples(value: Any) -> Any:
+def with_tuples(value: Any) -> Any:
     """`value` with lists as tuples, which strict validation asks of frozen sections."""
     if isinstance(value, Mapping):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+        return {key: with_tuples(item) for key, item in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list | tuple) else value
 
 
-def _toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file; InputError if it is none."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -185,11 +186,11 @@ def _toml(path: Path) -> dict[str, Any]:
 
 
 def _study_design(name: str, study: Path, root: Path) -> Design:
-    path = _found(name, root, "designs", [study.parent, root], f"{study.name}: design")
-    return parse_design(_toml(path), path.name)
+    path = found_file(name, root, "designs", [study.parent, root], f"{study.name}: design")
+    return parse_design(read_toml(path), path.name)
 
 
-def _found(name: str | Path, root: Path, kind: str, bases: list[Path], where: str = "") -> Path:
+def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], where: str = "") -> Path:
     """The file of a path (under one of `bases`) or of a stem (under data/`kind`)."""
     home = root / "data" / kind
     places = [base / name for base in bases] if Path(name).suffix == ".toml" else [home / f"{name}.toml"]
@@ -201,7 +202,8 @@ def _found(name: str | Path, root: Path, kind: str, bases: list[Path], where: st
     raise InputError([f"{where or kind} = {str(name)!r}; no such file; {advice}"])
 
 
-def _raise_if(problems: list[Problem], file: str, others: Sequence[str] = ()) -> None:
+def raise_if(problems: list[Problem], file: str, others: Sequence[str] = ()) -> None:
+    """Raise InputError with the `problems` of `file` and the lines of `others`, if there are any."""
     lines = [problem.line(file) for problem in problems] + list(others)
     if lines:
         raise InputError(lines)

@@ -1,0 +1,212 @@
+"""How well a measurement repeats: the noise floor that no model can go below, and the scatter within a branch.
+
+All numbers are of cells (averages over neighbouring torques), which are what is fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.branches import Blocks, Cells
+from pipeline.identification.reading import Rows
+from pipeline.identification.scatter import MAD_TO_STD, torque_noise
+from pipeline.identification.unit import UnitFile
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+STEEP = 3.0
+"""Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
+motor the difference of two repeats is the noise of the torque times the slope, not that of the angle."""
+RESAMPLES = 1000
+FEWEST_CELLS = 3
+"""Cells of a branch that a line between neighbours needs."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An rms [arcmin] with the 95 % interval of a block bootstrap; NaN where nothing determines it.
+
+    `n` is the number of differences, `blocks` the number of independent pairs of branches that they come from.
+    """
+
+    value: float
+    ci_low: float
+    ci_high: float
+    n: int
+    blocks: int
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Repeatability of a unit's cells.
+
+    Attributes
+    ----------
+    floor : rms difference of repeats (consecutive cycles) at equal position, branch and torque, the offset of each pair
+        of cycles removed, over sqrt 2 [arcmin]. Drift and run-in between cycles are in it.
+    within_branch : scatter of a cell about the line through its neighbours [arcmin], robust; no drift is in it, and no
+        noise that neighbours share.
+    between_positions : as `floor`, between the mean loops of neighbouring positions; not divided by anything that the
+        crank angle explains.
+    row_scatter_arcmin : rms of the angle of rows about the line of their cell [arcmin].
+    torque_noise_Nm : of a row, declared or estimated.
+    """
+
+    floor: Estimate
+    within_branch: Estimate
+    between_positions: Estimate
+    row_scatter_arcmin: float
+    torque_noise_Nm: float
+
+
+def measured_noise(unit: UnitFile, rows: Rows, blocks: Blocks, cells: Cells, seed: int = 0) -> Noise:
+    """Noise of the cells of a unit.
+
+    Parameters
+    ----------
+    seed : of the bootstrap.
+
+    Notes
+    -----
+    The first branch of a position starts from a state that nobody knows and is left out of repeats. Branches are
+    compared by their number in the cycle and direction, at the torques of the earlier one, by linear interpolation.
+    """
+    rng = np.random.default_rng(seed)
+    count = np.maximum(cells.count - 2, 0)
+    within = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
+    return Noise(
+        floor=_rms(_repeats(blocks, cells), np.sqrt(2), rng),
+        within_branch=_robust(_from_neighbours(cells), rng),
+        between_positions=_rms(_positions_apart(blocks, cells), np.sqrt(2), rng),
+        row_scatter_arcmin=float(np.sqrt(within)),
+        torque_noise_Nm=torque_noise(unit, rows),
+    )
+
+
+def _repeats(blocks: Blocks, cells: Cells) -> list[Real]:
+    """Differences between consecutive cycles, a list entry per pair of branches, each pair of cycles centred."""
+    found: list[Real] = []
+    for position in np.unique(blocks.position):
+        mine = np.flatnonzero(blocks.position == position)
+        order = list(dict.fromkeys(blocks.cycle[mine].tolist()))
+        for earlier, later in zip(order[:-1], order[1:], strict=True):
+            differences = []
+            for first in mine[blocks.cycle[mine] == earlier]:
+                same = (blocks.cycle[mine] == later) & (blocks.branch[mine] == blocks.branch[first])
+                for second in mine[same & (blocks.direction[mine] == blocks.direction[first])]:
+                    if first != mine[0]:
+                        differences.append(_difference(_branch(cells, first), _branch(cells, second)))
+            found += _centred(differences)
+    return found
+
+
+def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
+    """Differences between neighbouring positions of the branches averaged over all cycles but the first branch."""
+    loops: list[dict[tuple[int, int], tuple[Real, Real]]] = []
+    for position in np.unique(blocks.position):
+        mine = np.flatnonzero(blocks.position == position)
+        kinds: dict[tuple[int, int], list[int]] = {}
+        for block in mine[1:]:
+            kinds.setdefault((int(blocks.branch[block]), int(blocks.direction[block])), []).append(block)
+        loops.append({kind: _mean_branch([_branch(cells, b) for b in members]) for kind, members in kinds.items()})
+    found: list[Real] = []
+    for here, there in zip(loops[:-1], loops[1:], strict=True):
+        found += _centred([_difference(here[kind], there[kind]) for kind in here if kind in there])
+    return found
+
+
+def _branch(cells: Cells, block: int) -> tuple[Real, Real]:
+    """Torque [N m], ascending, and angle [arcmin] of the cells of a block."""
+    mine = np.flatnonzero(cells.block == block)
+    mine = mine[np.argsort(cells.torque_mean[mine], kind="stable")]
+    return cells.torque_mean[mine], cells.angle_mean[mine]
+
+
+def _mean_branch(branches: list[tuple[Real, Real]]) -> tuple[Real, Real]:
+    """Mean angle over the repeats of a branch, at the torques of the first that all of them reach."""
+    there = [branch for branch in branches if branch[0].size]
+    if not there:
+        return np.empty(0), np.empty(0)
+    low, high = max(torque[0] for torque, _ in there), min(torque[-1] for torque, _ in there)
+    torque = there[0][0]
+    torque = torque[(torque >= low) & (torque <= high)]
+    return torque, np.mean([np.interp(torque, *branch) for branch in there], axis=0) if torque.size else torque
+
+
+def _difference(first: tuple[Real, Real], second: tuple[Real, Real]) -> Real:
+    """Angle of `second` less `first` [arcmin] at the torques of `first` that both reach, steep places left out."""
+    if min(first[0].size, second[0].size) < FEWEST_CELLS:
+        return np.empty(0)
+    torque, angle = first
+    inside = (torque >= second[0][0]) & (torque <= second[0][-1]) & ~_steep(*first)
+    inside &= ~_steep(*second)[np.clip(np.searchsorted(second[0], torque), 0, second[0].size - 1)]
+    return (np.interp(torque, *second) - angle)[inside]
+
+
+def _steep(torque: Real, angle: Real) -> NDArray[np.bool_]:
+    """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch."""
+    rise, run = np.abs(np.diff(angle)), np.abs(np.diff(torque))
+    steep = rise * np.ptp(torque) > STEEP * np.ptp(angle) * run
+    return np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
+
+
+def _centred(differences: list[Real]) -> list[Real]:
+    """The differences of one pair of loops less their common mean: the offset of the pair."""
+    kept = [values for values in differences if values.size]
+    offset = np.mean(np.concatenate(kept)) if kept else 0.0
+    return [values - offset for values in kept]
+
+
+def _from_neighbours(cells: Cells) -> list[Real]:
+    """Per block, each inner cell's angle less the line through its neighbours, for unit variance of a cell's noise."""
+    found = []
+    for block in np.unique(cells.block):
+        mine = np.flatnonzero(cells.block == block)
+        torque, angle = cells.torque_mean[mine], cells.angle_mean[mine]
+        if mine.size < FEWEST_CELLS:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = (torque[1:-1] - torque[:-2]) / (torque[2:] - torque[:-2])
+        rest = angle[1:-1] - (1 - share) * angle[:-2] - share * angle[2:]
+        inside = (share > 0) & (share < 1)
+        found.append(rest[inside] / np.sqrt(1 + share[inside] ** 2 + (1 - share[inside]) ** 2))
+    return [values for values in found if values.size]
+
+
+def _rms(groups: list[Real], divisor: float, rng: np.random.Generator) -> Estimate:
+    """Root mean square over `divisor`, bootstrapped over groups."""
+    squares = np.array([np.sum(values**2) for values in groups])
+    counts = np.array([values.size for values in groups])
+    if not counts.sum():
+        return Estimate(np.nan, np.nan, np.nan, 0, 0)
+    drawn = rng.integers(len(groups), size=(RESAMPLES, len(groups)))
+    means = np.sqrt(squares[drawn].sum(axis=1) / counts[drawn].sum(axis=1)) / divisor
+    value = float(np.sqrt(squares.sum() / counts.sum()) / divisor)
+    return _interval(value, means, int(counts.sum()), len(groups))
+
+
+def _robust(groups: list[Real], rng: np.random.Generator) -> Estimate:
+    """Standard deviation by the median absolute value, bootstrapped over groups."""
+    if not groups:
+        return Estimate(np.nan, np.nan, np.nan, 0, 0)
+    sizes = [np.abs(values) for values in groups]
+    means = np.array(
+        [
+            MAD_TO_STD * np.median(np.concatenate([sizes[i] for i in rng.integers(len(sizes), size=len(sizes))]))
+            for _ in range(RESAMPLES)
+        ]
+    )
+    joined = np.concatenate(sizes)
+    return _interval(float(MAD_TO_STD * np.median(joined)), means, joined.size, len(sizes))
+
+
+def _interval(value: float, resampled: Real, n: int, blocks: int) -> Estimate:
+    """95 % percentile interval; none from a single block, which says nothing about the spread between blocks."""
+    if blocks < 2:
+        return Estimate(value, np.nan, np.nan, n, blocks)
+    low, high = np.quantile(resampled, [0.025, 0.975])
+    return Estimate(value, float(low), float(high), n, blocks)

@@ -1,0 +1,271 @@
+"""Measured units against the distributions of a study: bias, spread, quantiles, and tests of the same distribution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from pipeline.config.section import nearest_name
+from pipeline.errors import InputError
+from pipeline.statistics import Estimate
+
+Real = NDArray[np.float64]
+
+POPULATION_METRICS = ("zero_torque_width_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
+SMALLER_IS_WORSE = "torsional_rigidity_Nm_per_arcmin"
+TESTS = ("kolmogorov_smirnov", "cramer_von_mises", "anderson_darling")
+PERMUTATIONS = 1999
+PERMUTED_AT_ONCE = 2_000_000
+"""Labels that are permuted together: some 50 MB."""
+QUANTILE_POINTS = 19
+FEWEST_UNITS = 3
+"""Units below which neither a spread nor a test says anything."""
+
+
+@dataclass(frozen=True)
+class Test:
+    """A permutation test that the units come from the study's distribution.
+
+    Its size is exact: where they do, the p value is at most a with a probability of at most a, for any distribution and
+    any number of units.
+    """
+
+    __test__ = False  # no test of pytest
+
+    name: str
+    statistic: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One metric of the measured units against the study.
+
+    Attributes
+    ----------
+    metric : column, with its unit.
+    crank_deg : where it was measured; None for the worst over the crank angles.
+    units, samples : (n_units,), (n_samples,) values.
+    bias : mean of the units less mean of the samples, in the metric's unit, Welch's interval.
+    spread_ratio : standard deviation of the units over that of the samples.
+    quantiles : (n_points, 3) probability, the samples' quantile, the units' quantile.
+    tests : empty below three units.
+    """
+
+    metric: str
+    crank_deg: float | None
+    units: Real
+    samples: Real
+    bias: Estimate
+    spread_ratio: Estimate
+    quantiles: Real
+    tests: tuple[Test, ...]
+
+
+def load_population(path: Path) -> pd.DataFrame:
+    """The table units.csv, one row per unit: `unit`, the metrics (any value may be empty), and `crank_deg` if given.
+
+    Raises
+    ------
+    InputError : no such file, no table, no metric in it, repeated units, or values that are no positive numbers.
+    """
+    try:
+        frame = pd.read_csv(path, encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise InputError(f"{path.name}: no table: {error}; give a CSV file with one row per unit") from None
+    problems = []
+    allowed = ("unit", "crank_deg", *POPULATION_METRICS)
+    problems += [
+        f"{path.name}: column {name!r}; unknown; {nearest_name(name, allowed)}" for name in set(frame) - set(allowed)
+    ]
+    if "unit" not in frame:
+        problems.append(f"{path.name}: column 'unit' is missing; add it")
+    metrics = [name for name in POPULATION_METRICS if name in frame]
+    if not metrics:
+        problems.append(f"{path.name}: no metric; give at least one of {', '.join(POPULATION_METRICS)}")
+    for name in [*metrics, *({"crank_deg"} & set(frame))]:
+        numbers = pd.to_numeric(frame[name], errors="coerce")
+        wrong = frame[name].notna() & (~np.isfinite(numbers) | (numbers < 0))
+        problems += [
+            f"{path.name}:{row + 2}: {name} = {frame[name][row]}; must be a number >= 0, or empty"
+            for row in np.flatnonzero(wrong)
+        ]
+        frame[name] = numbers
+    if "unit" in frame:
+        keys = [name for name in ("unit", "crank_deg") if name in frame]
+        problems += [
+            f"{path.name}:{row + 2}: unit = {frame['unit'][row]} stands twice; name each unit once"
+            for row in np.flatnonzero(frame.duplicated(keys))
+        ]
+    if problems:
+        raise InputError(problems)
+    return frame
+
+
+def metrics_at(metrics: pd.DataFrame, crank_deg: float | None) -> pd.DataFrame:
+    """The metrics of each sample (index) at a crank angle, or the worst over all; samples that failed are left out.
+
+    Parameters
+    ----------
+    metrics : the table of that name of a run; the nominal reducer is to be left out before.
+
+    Raises
+    ------
+    InputError : the study has no such crank angle.
+    """
+    names = list(POPULATION_METRICS)
+    failed = metrics.loc[metrics["status"] != "ok", "sample"].unique()
+    if crank_deg is None:
+        grouped = metrics.groupby("sample")
+        worst = grouped[names].max()
+        worst[SMALLER_IS_WORSE] = grouped[SMALLER_IS_WORSE].min()
+        return worst.drop(index=failed)
+    here = metrics[np.isclose(metrics["crank_deg"], crank_deg)]
+    if here.empty:
+        known = ", ".join(f"{crank:g}" for crank in np.unique(metrics["crank_deg"]))
+        raise InputError(f"units.csv: crank_deg = {crank_deg:g}; the study has {known}; add it to its cycle.crank_deg")
+    return here.set_index("sample")[names].drop(index=failed)
+
+
+def compared(
+    population: pd.DataFrame, metrics: pd.DataFrame, confidence: float = 0.95, seed: int = 0
+) -> list[Comparison]:
+    """Each measured metric against the study, at each crank angle that the units name.
+
+    Parameters
+    ----------
+    population : of `load_population`.
+    metrics : the table of that name of a run, without the nominal reducer.
+    confidence : level of the intervals.
+    seed : of the permutations.
+    """
+    rng = np.random.default_rng(seed)
+    cranks = population["crank_deg"].to_numpy() if "crank_deg" in population else np.full(len(population), np.nan)
+    groups: list[tuple[float | None, NDArray[np.bool_]]] = [(None, np.isnan(cranks))]
+    groups += [(float(crank), cranks == crank) for crank in np.unique(cranks[np.isfinite(cranks)])]
+    found = []
+    for crank, mine in groups:
+        if not mine.any():
+            continue
+        samples = metrics_at(metrics, crank)
+        for metric in [name for name in POPULATION_METRICS if name in population]:
+            units = population.loc[mine, metric].dropna().to_numpy(float)
+            if units.size:
+                found.append(_comparison(metric, crank, units, samples[metric].to_numpy(), confidence, rng))
+    return found
+
+
+def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> tuple[Test, ...]:
+    """Kolmogorov-Smirnov, Cramer-von Mises and Anderson-Darling distances with permutation p values.
+
+    Notes
+    -----
+    p = (1 + number of permutations at least as far) / (1 + permutations). Equal values count as one step of both
+    distribution functions.
+
+    Source
+    ------
+    Pettitt, A two-sample Anderson-Darling rank statistic, Biometrika 63 (1976) 161; Anderson, On the distribution of
+    the two-sample Cramer-von Mises criterion, Ann. Math. Stat. 33 (1962) 1148.
+    """
+    pooled = np.concatenate([units, samples])
+    order = np.argsort(pooled, kind="stable")
+    label = (order < units.size)[None, :]
+    last = np.append(np.diff(pooled[order]) > 0, True)
+    observed = _distances(label, last)[:, 0]
+    reached = np.ones(len(TESTS))
+    at_once = max(1, PERMUTED_AT_ONCE // pooled.size)
+    done = 0
+    while done < PERMUTATIONS:
+        rows = min(at_once, PERMUTATIONS - done)
+        drawn = rng.permuted(np.repeat(label, rows, axis=0), axis=1)
+        reached += np.sum(_distances(drawn, last) >= observed[:, None] * (1 - 1e-12), axis=1)
+        done += rows
+    return tuple(
+        Test(name, float(value), float(count / (1 + PERMUTATIONS)))
+        for name, value, count in zip(TESTS, observed, reached, strict=True)
+    )
+
+
+def _distances(label: NDArray[np.bool_], last: NDArray[np.bool_]) -> Real:
+    """The three statistics (3, n_rows) of rows of labels (n_rows, n) in ascending order of value.
+
+    `last` marks the last of each group of equal values, where the distribution functions are compared.
+    """
+    n = label.shape[1]
+    m = int(label[0].sum())
+    place = np.flatnonzero(last) + 1
+    weight = np.diff(np.concatenate([[0], place]))
+    below = np.cumsum(label, axis=1)[:, last]
+    apart = below / m - (place - below) / (n - m)
+    pairs = m * (n - m)
+    inner = place < n
+    spread = place[inner] * (n - place[inner])
+    return np.stack(
+        [
+            np.max(np.abs(apart), axis=1),
+            pairs / n**2 * np.sum(weight * apart**2, axis=1),
+            pairs * np.sum(weight[inner] * apart[:, inner] ** 2 / spread, axis=1),
+        ]
+    )
+
+
+def _comparison(
+    metric: str, crank: float | None, units: Real, samples: Real, confidence: float, rng: np.random.Generator
+) -> Comparison:
+    enough = units.size >= FEWEST_UNITS and samples.size >= FEWEST_UNITS
+    probability = np.arange(1, QUANTILE_POINTS + 1) / (QUANTILE_POINTS + 1)
+    quantiles = [np.quantile(values, probability, method="median_unbiased") for values in (samples, units)]
+    return Comparison(
+        metric=metric,
+        crank_deg=crank,
+        units=units,
+        samples=samples,
+        bias=_bias(units, samples, confidence),
+        spread_ratio=_spread_ratio(units, samples, confidence) if enough else _unknown(units.size),
+        quantiles=np.column_stack([probability, *quantiles]),
+        tests=permutation_tests(units, samples, rng) if enough else (),
+    )
+
+
+def _unknown(n: int) -> Estimate:
+    return Estimate(np.nan, np.nan, np.nan, n)
+
+
+def _bias(units: Real, samples: Real, confidence: float) -> Estimate:
+    """Difference of means with Welch's interval; unbounded for one unit."""
+    value = float(units.mean() - samples.mean())
+    if min(units.size, samples.size) < 2:
+        return Estimate(value, -np.inf, np.inf, units.size)
+    parts = np.array([units.var(ddof=1) / units.size, samples.var(ddof=1) / samples.size])
+    if parts.sum() == 0:
+        return Estimate(value, value, value, units.size)
+    freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([units.size - 1, samples.size - 1]))
+    half = float(stats.t.ppf((1 + confidence) / 2, freedom) * np.sqrt(parts.sum()))
+    return Estimate(value, value - half, value + half, units.size)
+
+
+def _spread_ratio(units: Real, samples: Real, confidence: float) -> Estimate:
+    """Ratio of standard deviations; the variance of a log variance is that of the common kurtosis k, (k - 1)/n.
+
+    Source
+    ------
+    Shoemaker, Fixing the F test for equal variances, Am. Stat. 57 (2003) 105.
+    """
+    spread = units.std(ddof=1), samples.std(ddof=1)
+    if min(spread) == 0:
+        return _unknown(units.size)
+    n = units.size + samples.size
+    centred = [values - values.mean() for values in (units, samples)]
+    pooled = sum(np.sum(values**2) for values in centred) / n
+    kurtosis = sum(np.sum(values**4) for values in centred) / n / pooled**2
+    freedom = [2 * k / (kurtosis - (k - 3) / (k - 1)) for k in (units.size, samples.size)]
+    f = stats.f(*freedom)
+    ratio = (spread[0] / spread[1]) ** 2
+    low, high = ratio / f.ppf((1 + confidence) / 2), ratio / f.ppf((1 - confidence) / 2)
+    return Estimate(float(np.sqrt(ratio)), float(np.sqrt(low)), float(np.sqrt(high)), units.size)

@@ -1,0 +1,297 @@
+"""The file `unit.toml` of a measured unit: what was measured, with which instrument, and how its columns are named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import Field, ValidationError
+
+from pipeline.config import Study, load_design, parse_study
+from pipeline.config.cases import Case, case_problems
+from pipeline.config.design import Design
+from pipeline.config.messages import problems_of
+from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
+from pipeline.config.section import Positive, Problem, Section, nearest_name
+from pipeline.errors import InputError
+
+T = TypeVar("T")
+Text = Annotated[str, Field(min_length=1)]
+UNIT_FILE = "unit.toml"
+UNKNOWN = "unknown"
+
+TORQUE_UNITS = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "lbf in": 0.1129848290276167}
+ANGLE_UNITS = {
+    "arcmin": 1.0,
+    "deg": 60.0,
+    "rad": 3437.7467707849396,
+    "rev": 21600.0,
+    "mrad": 3.4377467707849396,
+    "arcsec": 1 / 60,
+}
+CRANK_UNITS = {"deg": 1.0, "rad": 57.29577951308232, "rev": 360.0}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "us": 1e-6}
+TEMPERATURE_UNITS = {"C": (1.0, 0.0), "K": (1.0, -273.15), "F": (5 / 9, -160 / 9)}
+
+
+class Column(Section):
+    """A column of the files: value = factor x (what is written, in the standard unit) + offset in the standard unit."""
+
+    name: Text
+    factor: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def to_standard(self) -> tuple[float, float]:
+        """Scale and shift from what is written to the standard unit."""
+        return 1.0, 0.0
+
+
+class TorqueColumn(Column):
+    """A torque."""
+
+    unit: Literal["N m", "mN m", "kN m", "N mm", "lbf in"] = "N m"
+
+    @property
+    def to_standard(self) -> tuple[float, float]:
+        return TORQUE_UNITS[self.unit], 0.0
+
+
+class AngleColumn(Column):
+    """An angle of the output."""
+
+    unit: Literal["arcmin", "deg", "rad", "rev", "mrad", "arcsec"] = "arcmin"
+
+    @property
+    def to_standard(self) -> tuple[float, float]:
+        return ANGLE_UNITS[self.unit], 0.0
+
+
+class CrankColumn(Column):
+    """The crank angle."""
+
+    unit: Literal["deg", "rad", "rev"] = "deg"
+
+    @property
+    def to_standard(self) -> tuple[float, float]:
+        return CRANK_UNITS[self.unit], 0.0
+
+
+class TimeColumn(Column):
+    """The time."""
+
+    unit: Literal["s", "ms", "min", "us"] = "s"
+
+    @property
+    def to_standard(self) -> tuple[float, float]:
+        return TIME_UNITS[self.unit], 0.0
+
+
+class TemperatureColumn(Column):
+    """The temperature."""
+
+    unit: Literal["C", "K", "F"] = "C"
+
+    @property
+    def to_standard(self) -> tuple[float, float]:
+        return TEMPERATURE_UNITS[self.unit]
+
+
+class Columns(Section):
+    """Where each quantity stands in the files; one that is not named here stands under its own name."""
+
+    cycle: Column = Column(name="cycle")
+    crank_deg: CrankColumn = CrankColumn(name="crank_deg")
+    torque_Nm: TorqueColumn = TorqueColumn(name="torque_Nm")
+    angle_arcmin: AngleColumn = AngleColumn(name="angle_arcmin")
+    time_s: TimeColumn = TimeColumn(name="time_s")
+    temperature_C: TemperatureColumn = TemperatureColumn(name="temperature_C")
+    command_torque_Nm: TorqueColumn = TorqueColumn(name="command_torque_Nm")
+
+
+class DataFile(Section):
+    """A CSV file (gzip allowed), the constants for columns it lacks, and which of its rows count.
+
+    `where` gives the allowed values of raw columns: test_nr = [100, 101].
+    """
+
+    path: Text
+    crank_deg: float | None = None
+    cycle: int | None = None
+    where: dict[str, Annotated[tuple[int | float | str, ...], Field(min_length=1)]] = {}
+    separator: Annotated[str, Field(min_length=1, max_length=1)] = ","
+    decimal: Literal[".", ","] = "."
+
+
+class Instrument(Section):
+    """What is known of the bench; nothing need be."""
+
+    angle_resolution_arcmin: Positive | None = None
+    angle_noise_arcmin: Positive | None = None
+    torque_resolution_Nm: Positive | None = None
+    torque_noise_Nm: Positive | None = None
+    torque_saturation_Nm: Positive | None = None
+
+
+class Environment(Section):
+    """State of the unit; the dimensions hold at `temperature_C`."""
+
+    temperature_C: Annotated[float, Field(gt=-273.15)] = 20.0
+    lubricant: str = ""
+
+
+class HeldOut(Section):
+    """Which data judge the model: whole crank positions if there are two, else whole cycles; never single rows.
+
+    `train` lists the crank angles [deg] or cycles to fit; by default every second one, from the first.
+    """
+
+    by: Literal["position", "cycle"] | None = None
+    train: tuple[float, ...] = ()
+
+
+class UnitSettings(Section):
+    """A file unit.toml."""
+
+    title: Text
+    source: str = ""
+    design: Text
+    study: Text
+    locked: Literal["input", "output"]
+    offset: Literal["per_position", "common"]
+    as_measured: Text
+    instrument: Instrument = Instrument()
+    environment: Environment = Environment()
+    held_out: HeldOut = HeldOut()
+    files: tuple[DataFile, ...] = ()
+    columns: Columns = Columns()
+
+
+@dataclass(frozen=True)
+class UnitFile:
+    """A measured unit, read and checked; its data are still on disk.
+
+    Attributes
+    ----------
+    name : of the folder.
+    folder : where unit.toml stands.
+    settings : what unit.toml says.
+    study : the study that it names, with the unit's design: tolerances (the prior), mesh, laws, metrics.
+    dimensions : as-measured deviations [um]; None where unknown.
+    files : the data files in the order of reading; `path` of each is relative to `folder`.
+    """
+
+    name: str
+    folder: Path
+    settings: UnitSettings
+    study: Study
+    dimensions: Case | None
+    files: tuple[DataFile, ...]
+
+
+def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
+    """The measured unit of a folder.
+
+    Parameters
+    ----------
+    path_or_name : a folder, its unit.toml, or the name of a folder in data/measured.
+    root : the project's folder.
+
+    Raises
+    ------
+    InputError : a file is missing or holds values that are not allowed; with all problems of unit.toml, of the design,
+        of the study and of the as-measured dimensions.
+    """
+    path = _unit_path(Path(path_or_name), root)
+    file = f"{path.parent.name}/{path.name}"
+    raw = with_tuples(read_toml(path))
+    problems, parts = validated(UnitSettings, raw)
+    lines: list[str] = []
+    design = _collected(lines, lambda: load_design(_nearby(parts["design"], path.parent), root), "design" in parts)
+    study = _collected(
+        lines,
+        lambda: _study_of(parts["study"], parts["design"], design, path, root),
+        design is not None and "study" in parts,
+    )
+    measured = parts.get("as_measured", UNKNOWN)
+    dimensions = _collected(lines, lambda: _dimensions(path.parent, measured, file, design), measured != UNKNOWN)
+    files = parts.get("files") or tuple(DataFile(path=name) for name in _csv_names(path.parent))
+    problems += _file_problems(files, path.parent) if "files" in parts or "files" not in raw else []
+    problems += _held_out_problems(parts)
+    raise_if(problems, file, lines)
+    assert study is not None  # else there are problems
+    return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
+
+
+def _unit_path(given: Path, root: Path) -> Path:
+    home = root / "data" / "measured"
+    for place in (given, root / given, home / given):
+        path = place if place.name == UNIT_FILE else place / UNIT_FILE
+        if path.is_file():
+            return path.resolve()
+    names = [path.parent.name for path in home.glob(f"*/{UNIT_FILE}")]
+    advice = nearest_name(given.name, names) if names else "data/measured has none"
+    raise InputError(f"unit = {str(given)!r}; no such folder with a {UNIT_FILE}; {advice}")
+
+
+def _nearby(name: str, folder: Path) -> str | Path:
+    """The file of a path relative to `folder`, if it is there; else `name`, a stem or a path of the project."""
+    return folder / name if Path(name).suffix == ".toml" and (folder / name).is_file() else name
+
+
+def _collected(lines: list[str], read: Callable[[], T], wanted: bool) -> T | None:
+    """What `read` returns; None if it is not wanted, or raises InputError, whose problems are added to `lines`."""
+    try:
+        return read() if wanted else None
+    except InputError as error:
+        lines += error.problems
+        return None
+
+
+def _study_of(study: str, design_name: str, design: Design | None, unit: Path, root: Path) -> Study:
+    assert design is not None
+    path = found_file(study, root, "studies", [unit.parent, root])
+    settings = {**read_toml(path), "design": design_name}
+    return parse_study(settings, f"unit-{unit.parent.name}", path.name, lambda _: design)
+
+
+def _dimensions(folder: Path, name: str, file: str, design: Design | None) -> Case:
+    path = folder / name
+    if not path.is_file():
+        raise InputError(f'{file}: as_measured = "{name}"; no such file in the unit\'s folder; or say "{UNKNOWN}"')
+    raw = {"label": path.stem, **with_tuples(read_toml(path))}
+    try:
+        case = Case.model_validate(raw)
+    except ValidationError as error:
+        raise_if(problems_of(error, Case), path.name)
+        raise
+    found = case_problems({0: case}, design)
+    raise_if([Problem(p.key.removeprefix("cases[0]."), p.found, p.allowed) for p in found], path.name)
+    return case
+
+
+def _csv_names(folder: Path) -> list[str]:
+    return sorted(path.name for pattern in ("*.csv", "*.csv.gz") for path in folder.glob(pattern))
+
+
+def _file_problems(files: tuple[DataFile, ...], folder: Path) -> list[Problem]:
+    if not files:
+        return [Problem("files", None, "no data: put CSV files into the unit's folder, or list them as [[files]]")]
+    found = []
+    for number, file in enumerate(files):
+        if not (folder / file.path).is_file():
+            found.append(Problem(f"files[{number}].path", file.path, "no such file; a path is relative to unit.toml"))
+        if file.separator == file.decimal:
+            found.append(Problem(f"files[{number}].decimal", file.decimal, "must differ from the separator"))
+    return found
+
+
+def _held_out_problems(parts: Mapping[str, Any]) -> list[Problem]:
+    held_out = parts.get("held_out", HeldOut())
+    if held_out.train and held_out.by is None:
+        return [Problem("held_out.by", None, 'must be "position" or "cycle" where train is listed')]
+    if len(set(held_out.train)) < len(held_out.train):
+        return [Problem("held_out.train", held_out.train, "values must differ")]
+    return []

@@ -1,0 +1,129 @@
+"""Branches, cells and turning torques of cycles that start and turn anywhere."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
+
+from pipeline.identification.branches import cells, find_blocks, history, turning_points
+from pipeline.identification.reading import read_rows
+from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.usable import usable_rows
+
+
+def taken(folder, table, text=UNIT):
+    unit = load_measured_unit(write_unit(folder / "u", {"rows.csv": table}, text), ROOT)
+    rows = read_rows(unit)
+    usable = usable_rows(unit, rows)
+    return unit, rows, usable, find_blocks(unit, rows, usable)
+
+
+def path_table(turns, per_branch=60, noise=0.0, seed=0):
+    torque = path_of(turns, per_branch)
+    measured_torque = torque + noise * np.random.default_rng(seed).standard_normal(torque.size)
+    return pd.DataFrame({"cycle": 0, "crank_deg": 0.0, "torque_Nm": measured_torque, "angle_arcmin": loop(torque)})
+
+
+@st.composite
+def turns(draw):
+    """Turning torques that rise and fall in turn by at least a fifth of the range."""
+    size = draw(st.integers(1, 6))
+    steps = draw(st.lists(st.floats(2.5, 10.0), min_size=size, max_size=size))
+    sense = draw(st.sampled_from([1, -1]))
+    start = draw(st.floats(-3, 3))
+    return [start, *(start + np.cumsum([sense * (-1) ** i * step for i, step in enumerate(steps)])).tolist()]
+
+
+@given(turns(), st.integers(20, 60))
+def test_turning_points_are_those_of_the_path(expected, per_branch):
+    found = turning_points(path_of(expected, per_branch), 0.05 * np.ptp(expected))
+    assert found.tolist() == [i * per_branch for i in range(len(expected))]
+
+
+@given(turns(), st.integers(0, 100))
+@settings(max_examples=30)
+def test_noise_makes_no_turns(expected, seed):
+    path = path_of(expected, 50)
+    noisy = path + np.clip(0.05 * np.random.default_rng(seed).standard_normal(path.size), -0.15, 0.15)
+    assert len(turning_points(noisy, 0.4)) == len(expected)
+
+
+def test_of_equal_extremes_the_last_turns():
+    assert turning_points(np.array([0, 1, 2, 2, 2, 1, 0.0]), 0.5).tolist() == [0, 4, 6]
+
+
+def test_a_cycle_with_a_minor_loop(tmp_path):
+    table = path_table([2.0, 12.0, 4.0, 9.0, -12.0, 1.0])
+    _, rows, usable, blocks = taken(tmp_path, table)
+    assert blocks.direction.tolist() == [1, -1, 1, -1, 1]
+    assert blocks.branch.tolist() == [0, 1, 2, 3, 4]
+    assert blocks.start.tolist() == [0, 61, 121, 181, 241]
+    assert blocks.stop.tolist() == [61, 121, 181, 241, 301]
+    steps = history(rows, blocks)
+    np.testing.assert_allclose(steps.torque[0], [2, 12, 4, 9, -12, 1], atol=0.3)
+    assert steps.leg.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_history_goes_on_over_cycles(tmp_path):
+    _, rows, _, blocks = taken(tmp_path, measured((0.0,), 2))
+    steps = history(rows, blocks)
+    np.testing.assert_allclose(steps.torque[0], [0, 12, -12, 12, -12, 0], atol=0.3)
+    assert steps.leg.tolist() == [0, 1, 2, 2, 3, 4]
+
+
+def test_history_through_a_bench_that_unloads_between_cycles(tmp_path):
+    table = pd.concat([path_table([0, 12, -12, 12]), path_table([0, 12, -12, 12]).assign(cycle=1)])
+    _, rows, _, blocks = taken(tmp_path, table)
+    np.testing.assert_allclose(history(rows, blocks).torque[0], [0, 12, -12, 12, 0, 12, -12, 12], atol=0.3)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_cells_follow_the_curve_without_bias(tmp_path, noise):
+    table = path_table([0.0, 12.0, -12.0, 0.0], per_branch=2000, noise=noise)
+    table["angle_arcmin"] = 0.2 * path_of([0.0, 12.0, -12.0, 0.0], 2000)
+    _, rows, usable, blocks = taken(tmp_path, table)
+    taken_cells = cells(rows, usable, blocks)
+    assert np.all(taken_cells.count >= 3)
+    assert taken_cells.count.sum() == usable.sum()
+    assert np.all(np.diff(taken_cells.first_row) > 0)
+    assert np.bincount(taken_cells.block).tolist() == [24, 48, 24]
+    np.testing.assert_allclose(taken_cells.angle_mean, 0.2 * taken_cells.torque_mean, atol=0.02 + 0.02 * (noise > 0))
+    narrow = np.abs(taken_cells.torque_mean) < 2
+    assert np.median(taken_cells.count[narrow]) < np.median(taken_cells.count[~narrow])
+
+
+def test_coarse_data_are_merged_but_not_across_the_play(tmp_path):
+    _, rows, usable, blocks = taken(tmp_path, path_table([-12.0, 12.0, -12.0], per_branch=31))
+    taken_cells = cells(rows, usable, blocks)
+    assert np.all(taken_cells.count >= 3)
+    last = np.append(taken_cells.first_row[1:], len(rows)) - 1
+    assert np.all(rows.torque[taken_cells.first_row] * rows.torque[last] > -1e-9)
+
+
+def test_angle_spread_is_the_noise_about_the_line(tmp_path):
+    rng = np.random.default_rng(5)
+    table = path_table([0.0, 12.0, -12.0, 0.0], per_branch=3000)
+    table["angle_arcmin"] = 0.5 * table["torque_Nm"] + 0.3 * rng.standard_normal(len(table))
+    _, rows, usable, blocks = taken(tmp_path, table)
+    taken_cells = cells(rows, usable, blocks)
+    weight = taken_cells.count - 2
+    assert np.sqrt(np.sum(weight * taken_cells.angle_spread**2) / weight.sum()) == pytest.approx(0.3, rel=0.03)
+
+
+def test_the_command_steers_where_it_is_known(tmp_path):
+    table = path_table([0.0, 12.0, -12.0, 0.0], per_branch=200)
+    table["command_torque_Nm"] = table["torque_Nm"]
+    table["torque_Nm"] += 3 * np.sin(np.arange(len(table))) * (table["torque_Nm"].abs() < 3)
+    _, _, _, blocks = taken(tmp_path, table)
+    assert blocks.direction.tolist() == [1, -1, 1]
+
+
+def test_rows_that_may_not_be_fitted_are_in_no_cell(tmp_path):
+    text = UNIT + "[instrument]\ntorque_saturation_Nm = 6.0\n"
+    _, rows, usable, blocks = taken(tmp_path, measured(), text)
+    taken_cells = cells(rows, usable, blocks)
+    assert taken_cells.count.sum() == usable.sum() < len(rows)
+    assert np.abs(taken_cells.torque_mean).max() < 6
+    np.testing.assert_allclose(history(rows, blocks).torque[0][1], 12.0, atol=0.3)

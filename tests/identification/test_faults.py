@@ -1,0 +1,170 @@
+"""Each fault of the data is found, with its rows; sound data have none."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
+
+from pipeline.identification.faults import data_faults
+from pipeline.identification.reading import read_rows
+from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.usable import usable_rows
+
+
+def judged(folder, tables, text=UNIT):
+    unit = load_measured_unit(write_unit(folder / "u", tables, text), ROOT)
+    rows = read_rows(unit)
+    found = data_faults(unit, rows)
+    return {fault.kind: fault for fault in reversed(found)}, usable_rows(unit, rows)  # the first of a kind stays
+
+
+def test_sound_data_have_no_fault(tmp_path):
+    faults, usable = judged(tmp_path, {"rows.csv": measured().assign(time_s=lambda t: np.arange(len(t)) // 7 * 0.016)})
+    assert faults == {}
+    assert usable.all()
+
+
+def edited(change):
+    table = measured()
+    change(table)
+    return table
+
+
+def set_at(column, rows, value):
+    def change(table):
+        table[column] = table[column].astype(float)
+        table.loc[rows, column] = value
+
+    return change
+
+
+def reverse_time(table):
+    table["time_s"] = np.arange(len(table)) * 0.01
+    table.loc[50, "time_s"] = 0.1
+
+
+def interleave(table):
+    table.loc[100:120, "cycle"] = 1
+
+
+CASES = {
+    "missing column": (lambda t: t.pop("angle_arcmin"), "fatal", ()),
+    "not a number": (set_at("torque_Nm", [7], np.inf), "note", ("rows.csv:9",)),
+    "decreasing time": (reverse_time, "fatal", ("rows.csv:52",)),
+    "disordered rows": (interleave, "fatal", ("rows.csv:123", "rows.csv:243")),
+    "constant column": (set_at("torque_Nm", slice(None), 3.0), "fatal", tuple(f"rows.csv:{i}" for i in range(2, 7))),
+    "encoder jump": (
+        lambda t: t.__setitem__("angle_arcmin", t["angle_arcmin"] + 40.0 * (t.index == 99)),
+        "note",
+        ("rows.csv:101",),
+    ),
+    "sign": (lambda t: t.__setitem__("angle_arcmin", -t["angle_arcmin"]), "fatal", ()),
+    "mixed offsets": (
+        lambda t: t.__setitem__(
+            "angle_arcmin", t["angle_arcmin"] + 50.0 * ((t["cycle"] == 2) & (t["crank_deg"] == 90))
+        ),
+        "fatal",
+        tuple(f"rows.csv:{i}" for i in range(1207, 1212)),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_a_fault_is_found_with_its_rows(tmp_path, kind):
+    change, severity, rows = CASES[kind]
+    faults, _ = judged(tmp_path, {"rows.csv": edited(change)})
+    assert faults[kind].severity == severity
+    assert faults[kind].rows == rows
+
+
+def test_rows_that_are_left_out(tmp_path):
+    _, usable = judged(tmp_path, {"rows.csv": edited(set_at("angle_arcmin", [7, 300], np.nan))})
+    assert np.flatnonzero(~usable).tolist() == [7, 300]
+
+
+def test_many_values_that_are_no_numbers_are_fatal(tmp_path):
+    faults, _ = judged(tmp_path, {"rows.csv": edited(set_at("angle_arcmin", range(0, 2000, 20), np.nan))})
+    assert faults["not a number"].severity == "fatal"
+    assert faults["not a number"].count == 100
+
+
+def test_a_cycle_that_is_no_whole_number(tmp_path):
+    faults, _ = judged(tmp_path, {"rows.csv": edited(set_at("cycle", [5], 0.5))})
+    assert "whole number" in faults["not a number"].message
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "unit"),
+    [("torque_Nm", 1000.0, '"N mm"'), ("angle_arcmin", 1 / 21600, '"rev"'), ("angle_arcmin", 1 / 3437.7, '"rad"')],
+)
+def test_an_implausible_unit_names_the_unit_that_would_fit(tmp_path, column, factor, unit):
+    faults, _ = judged(tmp_path, {"rows.csv": measured().assign(**{column: lambda t: t[column] * factor})})
+    assert faults["unit"].severity == "fatal"
+    assert unit in faults["unit"].message
+
+
+def test_duplicate_files(tmp_path):
+    one = measured((0.0,)).drop(columns="crank_deg")
+    text = UNIT + '[[files]]\npath="a.csv"\ncrank_deg=0.0\n[[files]]\npath="b.csv"\ncrank_deg=90.0\n'
+    faults, _ = judged(tmp_path, {"a.csv": one, "b.csv": one}, text)
+    assert faults["duplicate file"].message.startswith("b.csv repeats a.csv")
+    assert faults["duplicate file"].count == len(one)
+
+
+def clipped(with_command, level=8.0):
+    """Cycles whose torque goes no further than `level`, with noise before the limit."""
+    rng = np.random.default_rng(3)
+    torque = np.concatenate([path_of([0, 12, -12, 0], 100)] * 3)
+    table = pd.DataFrame({"cycle": np.repeat([0, 1, 2], 301), "crank_deg": 0.0, "angle_arcmin": loop(torque)})
+    table["torque_Nm"] = np.clip(torque + 0.05 * rng.standard_normal(torque.size), -level, level)
+    if with_command:
+        table["command_torque_Nm"] = torque
+    return table, np.abs(torque) >= level
+
+
+@pytest.mark.parametrize("with_command", [False, True])
+def test_saturated_rows_are_left_out(tmp_path, with_command):
+    table, truth = clipped(with_command)
+    faults, usable = judged(tmp_path, {"rows.csv": table})
+    assert faults["saturation"].severity == "note"
+    assert np.mean(~usable == truth) > 0.985
+    assert not usable[truth].any() or usable[truth].mean() < 0.02
+
+
+def test_a_declared_saturation_cuts_there(tmp_path):
+    text = UNIT + "[instrument]\ntorque_saturation_Nm = 10.0\n"
+    table = measured()
+    faults, usable = judged(tmp_path, {"rows.csv": table}, text)
+    np.testing.assert_array_equal(usable, table["torque_Nm"].abs() < 10)
+    assert faults["saturation"].count == (~usable).sum()
+
+
+def test_a_hold_at_the_peak_is_no_saturation(tmp_path):
+    torque = np.concatenate([path_of([0, 12], 80), np.full(40, 12.0), path_of([12, -12, 0], 80)[1:]])
+    table = pd.DataFrame({"cycle": 0, "crank_deg": 0.0, "torque_Nm": torque, "angle_arcmin": loop(torque)})
+    for column in ("extra", "command_torque_Nm"):
+        faults, _ = judged(tmp_path / column, {"rows.csv": table.assign(**{column: torque})})
+        assert "saturation" not in faults
+
+
+def test_missing_cycles_one_sense_and_too_few_points(tmp_path):
+    table = measured((0.0,), 4)
+    faults, _ = judged(tmp_path / "gap", {"rows.csv": table[table["cycle"] != 2]})
+    assert "cycle 2" in faults["missing cycle"].message
+    faults, _ = judged(tmp_path / "half", {"rows.csv": table[(table["cycle"] != 3) | (table["torque_Nm"] > 0)]})
+    assert "cycle 3" in faults["one sense"].message
+    faults, _ = judged(tmp_path / "few", {"rows.csv": table[table["cycle"] == 0]})
+    assert faults["too few points"].severity == "note"
+    assert "no effect can be accepted" in faults["too few points"].message
+    unit = load_measured_unit(write_unit(tmp_path / "v", {"rows.csv": measured((0.0,), 1, per_branch=3)}), ROOT)
+    few = [fault for fault in data_faults(unit, read_rows(unit)) if fault.kind == "too few points"]
+    assert [fault.severity for fault in few] == ["note", "note", "note", "fatal"]
+    assert few[0].rows == tuple(f"rows.csv:{line}" for line in (2, 3, 4, 5))
+
+
+def test_positions_with_their_own_offset_under_a_common_one(tmp_path):
+    table = measured().assign(angle_arcmin=lambda t: t["angle_arcmin"] + t["crank_deg"])
+    faults, _ = judged(tmp_path / "a", {"rows.csv": table})
+    assert faults == {}
+    faults, _ = judged(tmp_path / "b", {"rows.csv": table}, UNIT.replace("per_position", "common"))
+    assert "per_position" in faults["mixed offsets"].message

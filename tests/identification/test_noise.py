@@ -1,0 +1,93 @@
+"""The noise floor against noise that was put in."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from measured_bench import ROOT, measured, write_unit
+
+from pipeline.identification.branches import cells, find_blocks
+from pipeline.identification.noise import measured_noise
+from pipeline.identification.reading import read_rows
+from pipeline.identification.scatter import high_frequency_scatter
+from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.usable import usable_rows
+
+REAL = ROOT.parent / "shared/data/anti_backlash_actuator"
+
+
+def noise_of(folder, table):
+    unit = load_measured_unit(write_unit(folder / "u", {"rows.csv": table}), ROOT)
+    rows = read_rows(unit)
+    usable = usable_rows(unit, rows)
+    blocks = find_blocks(unit, rows, usable)
+    averaged = cells(rows, usable, blocks)
+    return measured_noise(unit, rows, blocks, averaged), averaged
+
+
+@given(st.floats(0.01, 10), st.floats(-5, 5), st.integers(0, 50))
+def test_scatter_of_a_ramp_with_noise(sigma, slope, seed):
+    values = slope * np.arange(4000) + sigma * np.random.default_rng(seed).standard_normal(4000)
+    assert high_frequency_scatter(values, [slice(0, 2000), slice(2000, 4000)]) == pytest.approx(sigma, rel=0.1)
+
+
+def test_floor_of_independent_noise_is_that_of_the_cells(tmp_path):
+    noise, averaged = noise_of(tmp_path, measured(cycles=8, per_branch=400, noise=0.2))
+    expected = 0.2 * np.sqrt(np.mean(1 / averaged.count))
+    # interpolation between two cells averages over both
+    assert 0.8 * expected < noise.floor.value < 1.15 * expected
+    assert noise.floor.ci_low < noise.floor.value < noise.floor.ci_high
+    assert noise.within_branch.value == pytest.approx(expected, rel=0.25)
+    assert noise.row_scatter_arcmin == pytest.approx(0.2, rel=0.1)
+    assert noise.between_positions.value < 0.6 * expected * np.sqrt(2)
+
+
+def test_drift_between_cycles_is_in_the_floor_alone(tmp_path):
+    table = measured(cycles=4, per_branch=400, noise=0.02)
+    drifting = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.2 * table["cycle"]))
+    still, _ = noise_of(tmp_path / "a", table)
+    moved, _ = noise_of(tmp_path / "b", drifting)
+    assert moved.floor.value > 5 * still.floor.value
+    assert moved.within_branch.value < 2 * still.within_branch.value
+
+
+def test_the_offset_of_a_cycle_is_no_noise(tmp_path):
+    table = measured(cycles=4, per_branch=400)
+    shifted = table.assign(angle_arcmin=table["angle_arcmin"] + 0.4 * table["cycle"])
+    still, _ = noise_of(tmp_path / "a", table)
+    moved, _ = noise_of(tmp_path / "b", shifted)
+    assert moved.floor.value == pytest.approx(still.floor.value, rel=1e-6)
+
+
+def test_one_position_and_one_cycle_have_no_floor_but_a_scatter(tmp_path):
+    noise, _ = noise_of(tmp_path, measured((0.0,), 1))
+    assert np.isnan(noise.floor.value)
+    assert noise.floor.n == 0
+    assert np.isnan(noise.between_positions.value)
+    assert noise.within_branch.value > 0
+
+
+def test_positions_that_differ(tmp_path):
+    table = measured(cycles=3, per_branch=400)
+    wider = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.3 * (table["crank_deg"] == 90)))
+    noise, _ = noise_of(tmp_path, wider)
+    assert noise.between_positions.value > 10 * noise.floor.value
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the measured drives are not at hand")
+@pytest.mark.parametrize(("name", "low", "high"), [("base_pccf_runin", 2.0, 9.0), ("conic_onyx_preload5", 2.0, 12.0)])
+def test_printed_drives(tmp_path, name, low, high):
+    text = (ROOT / f"data/measured/{name}/unit.toml").read_text()
+    text = text.replace("../../../../shared/data/anti_backlash_actuator", str(REAL)).replace(
+        "printed_drive", "pham2017", 1
+    )
+    folder = write_unit(tmp_path / name, {}, text.replace('study = "printed_drive"', 'study = "quick"'))
+    unit = load_measured_unit(folder, ROOT)
+    rows = read_rows(unit)
+    usable = usable_rows(unit, rows)
+    blocks = find_blocks(unit, rows, usable)
+    noise = measured_noise(unit, rows, blocks, cells(rows, usable, blocks))
+    assert blocks.direction.tolist() == [1, -1, 1] * 9
+    assert low < noise.floor.value < high
+    assert noise.torque_noise_Nm == pytest.approx(0.2, abs=0.03)
+    assert 1 - usable.mean() == pytest.approx(0.375 if name == "base_pccf_runin" else 0.0, abs=0.02)

@@ -1,0 +1,240 @@
+"""Populations of units against a study: tests with their size, bias and spread, and the tolerance behind a shift."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from measured_bench import ROOT
+from scipy import stats
+
+from pipeline.config import load_study
+from pipeline.errors import InputError
+from pipeline.identification.closing import StudyPopulation, closing, mean_deviations, read_population_run
+from pipeline.identification.population import (
+    POPULATION_METRICS,
+    compared,
+    load_population,
+    metrics_at,
+    permutation_tests,
+)
+from pipeline.sampling import draw
+from stages.sample import columns_of_errors
+
+WIDTH, LOST, RIGIDITY = POPULATION_METRICS
+
+
+def deviations_of(study, count, seed=None):
+    """Mean deviations of samples 1 to `count` of a study."""
+    if seed is not None:
+        study = study.model_copy(update={"samples": study.samples.model_copy(update={"seed": seed})})
+    tables = columns_of_errors(draw(study, 1, count + 1), 1, interfaces=2)
+    return mean_deviations({name: pd.DataFrame(columns) for name, columns in tables.items()})
+
+
+def metrics_of(deviations, seed=0):
+    """Metrics of a linear reducer whose slopes are known, at two crank angles; the second one is the worse."""
+    d = deviations
+    rng = np.random.default_rng(seed)
+    play = 0.2 + 0.12 * (d["disk_profile"] / 2 - d["pin_radial"]) - 0.1 * d["pin_radius"] + 0.02 * d["eccentricity"]
+    values = pd.DataFrame(
+        {
+            WIDTH: play,
+            LOST: play + 0.3 - 0.02 * d["roller_diameter"],
+            RIGIDITY: 5.5 - 0.02 * d["disk_profile"] + 0.1 * d["pin_radial"] + 0.01 * rng.standard_normal(len(d)),
+        }
+    )
+    parts = [values.assign(sample=d.index, crank_deg=crank, status="ok") for crank in (0.0, 90.0)]
+    parts[0][[WIDTH, LOST]] -= 0.05
+    parts[0][RIGIDITY] += 0.05
+    return pd.concat(parts, ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return load_study("paper", ROOT)  # 10,000 samples to draw from, none solved
+
+
+@pytest.fixture(scope="module")
+def population(study):
+    deviations = deviations_of(study, 2000)
+    return StudyPopulation(study, metrics_of(deviations), deviations)
+
+
+def units_of(study, count=40, seed=99):
+    worst = metrics_at(metrics_of(deviations_of(study, count, seed), seed), None)
+    return worst.rename_axis("unit").reset_index()
+
+
+def with_tolerance(study, name, **values):
+    tolerance = getattr(study.tolerances, name).model_copy(update=values)
+    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update={name: tolerance})})
+
+
+def test_statistics_are_those_of_scipy():
+    rng = np.random.default_rng(1)
+    units, samples = rng.normal(0.4, 1.2, 25), rng.normal(0, 1, 300)
+    ours = {test.name: test for test in permutation_tests(units, samples, rng)}
+    ks = stats.ks_2samp(units, samples, method="exact")
+    assert ours["kolmogorov_smirnov"].statistic == pytest.approx(ks.statistic)
+    assert ours["kolmogorov_smirnov"].p_value == pytest.approx(ks.pvalue, abs=0.03)
+    cvm = stats.cramervonmises_2samp(units, samples)
+    assert ours["cramer_von_mises"].statistic == pytest.approx(cvm.statistic)
+    assert ours["cramer_von_mises"].p_value == pytest.approx(cvm.pvalue, abs=0.03)
+    # scipy's statistic is standardised: (A2 - 1) / sigma
+    shifted = [permutation_tests(units + shift, samples, rng)[2].statistic for shift in (0.0, 0.1, 0.2)]
+    few = stats.PermutationMethod(n_resamples=2)
+    theirs = [
+        stats.anderson_ksamp([units + s, samples], variant="continuous", method=few).statistic for s in (0.0, 0.1, 0.2)
+    ]
+    assert np.corrcoef(shifted, theirs)[0, 1] == pytest.approx(1, abs=1e-9)
+
+
+def test_tests_keep_their_size():
+    rng = np.random.default_rng(2)
+    p_values = [
+        [test.p_value for test in permutation_tests(rng.gamma(2, size=8), rng.gamma(2, size=60), rng)]
+        for _ in range(200)
+    ]
+    rejected = np.mean(np.array(p_values) < 0.05, axis=0)
+    assert np.all(rejected < 0.10)  # 5 % give 20 or more of 200 with a probability of 0.3 %
+    assert np.all(rejected > 0.005)
+
+
+def test_ties_are_one_step():
+    tests = permutation_tests(
+        np.array([1.0, 1.0, 2.0]), np.array([1.0, 1.0, 2.0, 2.0, 1.0, 1.0]), np.random.default_rng(0)
+    )
+    assert tests[0].statistic == pytest.approx(0.0)
+    assert all(test.p_value == 1.0 for test in tests)
+
+
+def test_intervals_of_bias_and_spread_cover(monkeypatch):
+    monkeypatch.setattr("pipeline.identification.population.PERMUTATIONS", 9)
+    rng = np.random.default_rng(3)
+    hits = np.zeros(2)
+    samples = pd.DataFrame({"sample": np.arange(1500), "crank_deg": 0.0, "status": "ok"})
+    for name in POPULATION_METRICS:
+        samples[name] = rng.uniform(0, 1, len(samples))
+    for _ in range(200):
+        units = pd.DataFrame({"unit": np.arange(20), WIDTH: rng.uniform(0.5, 2.0, 20)})
+        (found,) = compared(units, samples)
+        hits += [
+            found.bias.ci_low < 1.25 - samples[WIDTH].mean() < found.bias.ci_high,
+            found.spread_ratio.ci_low < 1.5 * np.sqrt(1 / 12) / samples[WIDTH].std() < found.spread_ratio.ci_high,
+        ]
+    assert np.all(hits >= 178)  # 95 % give fewer of 200 with a probability of 0.04 %
+
+
+def test_units_of_the_study_itself_do_not_differ(study, population):
+    found = compared(units_of(study), population.metrics)
+    assert [comparison.metric for comparison in found] == list(POPULATION_METRICS)
+    assert all(min(test.p_value for test in comparison.tests) > 0.01 for comparison in found)
+    assert all(comparison.spread_ratio.ci_low < 1 < comparison.spread_ratio.ci_high for comparison in found)
+    assert not closing(found, population).takes_an_effect
+
+
+@pytest.mark.parametrize("name", ["disk_profile", "pin_radius"])
+def test_a_shifted_tolerance_is_found(study, population, name):
+    shift = {"disk_profile": 1.5, "pin_radius": -0.4}[name]
+    tolerance = getattr(study.tolerances, name)
+    shifted = with_tolerance(study, name, allowance_um=tolerance.allowance_um + shift)
+    found = closing(compared(units_of(shifted), population.metrics), population)
+    assert found.different
+    best = {candidate.tolerance: candidate for candidate in found.candidates}
+    assert best[name].closes
+    assert best[name].shift_low_um < shift < best[name].shift_high_um
+    if name == "disk_profile":
+        assert found.candidates[0].tolerance == name
+    assert not found.takes_an_effect
+
+
+def test_a_shift_beyond_the_limits_takes_an_effect(study, population):
+    shifted = with_tolerance(study, "disk_profile", allowance_um=25.0)
+    found = closing(compared(units_of(shifted), population.metrics), population)
+    best = {candidate.tolerance: candidate for candidate in found.candidates}
+    assert best["disk_profile"].shift_um == pytest.approx(15.0, abs=1.0)
+    assert best["disk_profile"].room_um == pytest.approx(2.0, abs=0.1)
+    assert not best["disk_profile"].within_limits
+    assert found.takes_an_effect
+
+
+def test_a_tolerance_that_drives_nothing_closes_nothing(study):
+    """Fifty samples leave its slopes to chance, and a long enough shift would fit any bias."""
+    for seed in range(5):
+        deviations = deviations_of(study, 50, seed)
+        few = StudyPopulation(study, metrics_of(deviations, seed), deviations)
+        shifted = with_tolerance(study, "disk_profile", allowance_um=11.5)
+        found = closing(compared(units_of(shifted), few.metrics), few)
+        idle = [c for c in found.candidates if c.tolerance in ("ovality_2", "ovality_3", "pin_tangential")]
+        assert not any(candidate.closes for candidate in idle)
+
+
+def test_a_wider_tolerance_widens_the_spread(study, population):
+    wider = with_tolerance(study, "disk_profile", lower_um=-6.0, upper_um=10.0)
+    found = {comparison.metric: comparison for comparison in compared(units_of(wider), population.metrics)}
+    assert found[WIDTH].spread_ratio.ci_low > 1.5
+    assert found[WIDTH].tests[2].p_value < 0.05
+    probability, ours, theirs = found[WIDTH].quantiles.T
+    assert np.ptp(theirs) > 1.5 * np.ptp(ours)
+    assert np.all(np.diff(probability) > 0)
+
+
+def test_units_measured_at_a_crank_angle_are_compared_there(study, population):
+    units = units_of(study).drop(columns=[LOST, RIGIDITY]).assign(crank_deg=90.0)
+    (found,) = compared(units, population.metrics)
+    assert found.crank_deg == 90.0
+    assert abs(found.bias.value) < 0.03
+    with pytest.raises(InputError, match="the study has 0, 90"):
+        compared(units.assign(crank_deg=45.0), population.metrics)
+
+
+def test_a_failed_sample_counts_nowhere(population):
+    metrics = population.metrics.copy()
+    metrics.loc[3, "status"] = "not converged"
+    assert metrics["sample"][3] not in metrics_at(metrics, None).index
+    assert metrics["sample"][3] not in metrics_at(metrics, 90.0).index
+
+
+def test_two_units_have_a_bias_and_no_test(population):
+    units = pd.DataFrame({"unit": ["a", "b"], WIDTH: [0.9, 1.0], LOST: [1.2, np.nan]})
+    width, lost = compared(units, population.metrics)
+    assert np.isfinite(width.bias.ci_high)
+    assert width.tests == ()
+    assert np.isnan(width.spread_ratio.value)
+    assert lost.bias.ci_high == np.inf
+    assert dataclasses.is_dataclass(closing([width, lost], population))
+
+
+def test_units_csv_with_empty_values(tmp_path):
+    path = tmp_path / "units.csv"
+    path.write_text(f"unit,{WIDTH},{LOST}\na,1.0,\nb,,2.0\n")
+    assert load_population(path)[WIDTH].notna().tolist() == [True, False]
+
+
+def test_problems_of_units_csv_come_at_once(tmp_path):
+    path = tmp_path / "units.csv"
+    path.write_text("unit,zero_torque_with_arcmin,lost_motion_arcmin\na,1,2\na,1,-2\nb,1,x\n")
+    with pytest.raises(InputError) as caught:
+        load_population(path)
+    lines = "\n".join(caught.value.problems)
+    assert "did you mean 'zero_torque_width_arcmin'" in lines
+    assert "units.csv:3: lost_motion_arcmin = -2" in lines
+    assert "units.csv:4: lost_motion_arcmin = x" in lines
+    assert "units.csv:3: unit = a stands twice" in lines
+
+
+def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, population):
+    run = tmp_path / "runs/paper"
+    tables = columns_of_errors(draw(study, 0, 21), 0, interfaces=2)
+    for stage in ("sample", "aggregate"):
+        (run / stage).mkdir(parents=True)
+    for name, columns in tables.items():
+        pd.DataFrame(columns).to_parquet(run / f"sample/{name}.parquet")
+    with pytest.raises(InputError, match="run the study first"):
+        read_population_run(run, study)
+    metrics = metrics_of(mean_deviations({name: pd.DataFrame(columns) for name, columns in tables.items()}))
+    metrics.to_parquet(run / "aggregate/metrics.parquet")
+    found = read_population_run(run, study)
+    assert found.metrics["sample"].min() == 1
+    pd.testing.assert_frame_equal(found.deviations, population.deviations.loc[1:20], check_index_type=False)
