@@ -34,17 +34,7 @@ def mesh_figure(
     displacement : (n_nodes,) [um/N], by 1 N on the pin of the longest arm
     hole_points : (n_holes, n_points) [mm], those of ``patch_points`` on the walls of holes
     """
-    if len(hole_points):
-        figure = new_figure(7.6)
-        panels: dict[str, Axes] = figure.subplot_mosaic(
-            [["whole", "whole"], ["close", "hole"]], height_ratios=[1.25, 1]
-        )
-        whole, close, *others = panels.values()
-        _draw_hole(others[0], nodes, triangles, hole_points)
-    else:
-        figure = new_figure(4.1)
-        whole, close = figure.subplots(1, 2, width_ratios=[1.14, 1])
-        others = []
+    figure, (whole, close, *others) = _panels(len(hole_points) > 0)
     plane = Triangulation(nodes.real, nodes.imag, triangles[:, :3])
     size = np.abs(displacement)
     shaded = whole.tripcolor(plane, size, shading="gouraud", cmap="viridis", rasterized=True)
@@ -62,10 +52,22 @@ def mesh_figure(
     close.set_title("Flank at the loaded pin")
     for patch in hole_points:
         whole.plot(patch.real, patch.imag, color=ALARM, linewidth=2.0)
+    for axes in others:
+        _draw_hole(axes, nodes, triangles, hole_points)
     for axes in (whole, close, *others):
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.grid(False)
     return figure
+
+
+def _panels(holes: bool) -> tuple[Figure, list[Axes]]:
+    """The figure and its panels: whole disk, flank, and with holes a hole's wall."""
+    if not holes:
+        figure = new_figure(4.1)
+        return figure, list(figure.subplots(1, 2, width_ratios=[1.14, 1]))
+    figure = new_figure(5.2)
+    panels: dict[str, Axes] = figure.subplot_mosaic([["whole", "close"], ["whole", "hole"]], width_ratios=[1.9, 1])
+    return figure, [panels[name] for name in ("whole", "close", "hole")]
 
 
 def _draw_hole(

@@ -59,7 +59,7 @@ def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
     fine = np.linspace(0, profile.lobe_pitch, 50 * FLANK_POINTS_PER_LOBE)
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(profile.flank(fine))))])
     lobe = np.interp(np.linspace(0, length[-1], FLANK_POINTS_PER_LOBE, endpoint=False), length, fine)
-    psi = (lobe + profile.lobe_pitch * np.arange(profile.lobes + 1)[:, None]).ravel()
+    psi = np.append((lobe + profile.lobe_pitch * np.arange(profile.lobes)[:, None]).ravel(), 2 * np.pi)
     return profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank)) + profile.eccentricity * np.exp(1j * crank)
 
 
