@@ -13,8 +13,8 @@ from pipeline.figures.pins import draw_loads
 from pipeline.figures.reducer import circles, draw_ring
 from pipeline.figures.style import ALARM, COLOURS, INK, MUTED, legend_below, new_figure, styled
 
-MARGIN = 1.18
-"""Edge of the drawing of the holes over their reach."""
+MARGIN = 1.05
+"""Edge of the drawing of the holes over the reach of the disk."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def _draw_holes(axes: Axes, rows: pd.DataFrame, flank: NDArray[np.complex128], h
     for at, station, contact in zip(pin, rows["station"], rows["contact"], strict=True):
         text = f"{station}\n({contact})"
         axes.text(at.real, at.imag, text, ha="center", va="center", fontsize=7, color=COLOURS[2], in_layout=False)
-    edge = MARGIN * (np.max(np.abs(hole)) + holes.hole_radius)
+    edge = MARGIN * np.max(np.abs(flank))
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Output pins 0 to {len(rows) - 1} in the disk's holes")
 
 

@@ -65,8 +65,8 @@ def _panels(holes: bool) -> tuple[Figure, list[Axes]]:
     if not holes:
         figure = new_figure(4.1)
         return figure, list(figure.subplots(1, 2, width_ratios=[1.14, 1]))
-    figure = new_figure(5.2)
-    panels: dict[str, Axes] = figure.subplot_mosaic([["whole", "close"], ["whole", "hole"]], width_ratios=[1.9, 1])
+    figure = new_figure(5.6)
+    panels: dict[str, Axes] = figure.subplot_mosaic([["whole", "close"], ["whole", "hole"]], width_ratios=[1.45, 1])
     return figure, [panels[name] for name in ("whole", "close", "hole")]
 
 
@@ -81,7 +81,7 @@ def _draw_hole(
     axes.triplot(Triangulation(nodes.real, nodes.imag, triangles[seen, :3]), color="0.7", linewidth=0.5)
     axes.plot(points.real, points.imag, color=ALARM, linewidth=4.0, solid_capstyle="butt")
     axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
-    axes.set_title("Wall of the hole of output pin 0")
+    axes.set_title("Hole of output pin 0")
 
 
 def _loaded_patch(nodes: NDArray[np.complex128], centres: NDArray[np.complex128], size: NDArray[np.float64]) -> int:

@@ -47,7 +47,7 @@ def test_a_commercial_disk_is_well_shaped():
             np.testing.assert_allclose(edge_lengths(mesh, facets), 0.2, rtol=0.01)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     pins=st.integers(9, 40),
     shortening=st.floats(0.3, 0.8),
@@ -77,7 +77,7 @@ def test_every_design_gives_a_conforming_mesh(pins, shortening, edges, growth, h
     n = around["hole_0"]
     cut = holes * n / 2 * hole**2 * np.sin(2 * np.pi / n)
     assert mesh_area(mesh) == pytest.approx(mesh_area(disk) - cut, rel=1e-12)
-    assert triangle_quality(mesh).min() > 0.3
+    assert triangle_quality(mesh).min() > 0.4
 
 
 def test_holes_that_leave_no_wall_are_refused():
@@ -104,8 +104,8 @@ def test_constant_stress_is_exact_about_the_holes():
 def opening_of_a_hole(width_ratio, modulus, thickness):
     """Mean approach of two opposite unit forces on a round hole in an infinite plate [mm/N].
 
-    Of forces g cos(m theta) along x on the wall, m odd, Kolosov's functions give u_x = g a cos(m theta) 2/(E' m); so it is
-    8/(pi E' t) sum <cos(m theta)>^2/m over the odd m, <> being the mean over a patch.
+    Of forces g cos(m theta) along x on the wall, m odd, Kolosov's functions give u_x = g a cos(m theta) 2/(E' m); so it
+    is 8/(pi E' t) sum <cos(m theta)>^2/m over the odd m, <> being the mean over a patch.
     """
     angle = np.pi * np.arange(1, 401) / 401  # Gauss-Chebyshev points of the elliptical pressure over y
     theta, weight = np.arcsin(width_ratio * np.cos(angle)), 2 / 401 * np.sin(angle) ** 2
