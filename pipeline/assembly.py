@@ -6,6 +6,8 @@ import numpy as np
 
 from pipeline.config.design import Design
 from pipeline.config.design import Material as MaterialSection
+from pipeline.config.design import PinInHole as PinInHoleSection
+from pipeline.config.design import RollerPlate as RollerPlateSection
 from pipeline.config.study import Study
 from pipeline.model.clearance import Errors
 from pipeline.model.contact import (
@@ -22,7 +24,14 @@ from pipeline.model.contact import (
 )
 from pipeline.model.cycle import LoadCycle
 from pipeline.model.profile import CycloidProfile, Real
-from pipeline.model.reducer import Bearing, Reducer, RollerPlate, roller_plate_reducer
+from pipeline.model.reducer import (
+    Bearing,
+    PinInHole,
+    Reducer,
+    RollerPlate,
+    pin_in_hole_reducer,
+    roller_plate_reducer,
+)
 
 if TYPE_CHECKING:  # its statistics are slow to import, and workers import this module
     from pipeline.sampling import Errors as SampledErrors
@@ -39,14 +48,27 @@ def profile(design: Design) -> CycloidProfile:
 
 def reducer(design: Design, crank_deg: float) -> Reducer:
     """Bodies and contacts of the design at one crank angle [degrees]."""
-    output = design.output
+    crank, output = np.radians(crank_deg), design.output
+    if isinstance(output, PinInHoleSection):
+        return pin_in_hole_reducer(profile(design), pins_in_holes(design, output), crank)
     mechanism = RollerPlate(
         stations=tuple(np.linspace(output.outer_station_mm, output.inner_station_mm, output.stations)),
         face_offset=output.face_offset_mm,
         slide_angle=np.radians(output.slide_angle_deg),
         floats=output.plate == "floats",
     )
-    return roller_plate_reducer(profile(design), mechanism, np.radians(crank_deg))
+    return roller_plate_reducer(profile(design), mechanism, crank)
+
+
+def pins_in_holes(design: Design, output: PinInHoleSection) -> PinInHole:
+    """The output pins of the design and the holes of its disk."""
+    return PinInHole(
+        pins=output.pins,
+        circle_radius=output.pin_circle_radius_mm,
+        pin_radius=output.pin_radius_mm,
+        hole_radius=output.hole_radius_mm(design.cycloid),
+        phase=np.radians(output.phase_deg),
+    )
 
 
 def bearing(design: Design) -> Bearing:
@@ -95,7 +117,9 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
     ValueError
         If the law leaves nothing to a contact (Palmgren on a patch that holds more than its whole approach).
     """
-    return concatenated([_pin_laws(study, at), _roller_laws(study, at)])
+    output = study.design.output
+    of_output = _hole_laws(study, output) if isinstance(output, PinInHoleSection) else _roller_laws(study, output)
+    return concatenated([_pin_laws(study, at), of_output])
 
 
 def _pin_laws(study: Study, at: Reducer) -> ContactLaws:
@@ -109,10 +133,26 @@ def _pin_laws(study: Study, at: Reducer) -> ContactLaws:
     return hertz_laws(contact, [cylinder_share(contact, pin, radius), meshed_share(contact, disk, width)], radius)
 
 
-def _roller_laws(study: Study, at: Reducer) -> ContactLaws:
+def _hole_laws(study: Study, output: PinInHoleSection) -> ContactLaws:
+    """An output pin in a hole of the meshed disk: a line contact of a cylinder with a slightly larger concave one.
+
+    Hertz' half plane holds while the contact is narrow against the pin; the law ends at half of its radius.
+    """
+    design, width = study.design, study.reduce.roller_patch_half_width_mm
+    pin = _material(design.materials[output.pin_material], design)
+    disk = _material(design.materials[design.disk.material], design)
+    radius, thickness = output.pin_radius_mm, design.disk.thickness_mm
+    relative = 1 / (1 / radius - 1 / output.hole_radius_mm(design.cycloid))
+    contact = LineContact(np.full(output.pins, relative), thickness, pin, disk)
+    if study.springs.law == "palmgren":
+        return palmgren_laws(contact, 1, mesh_compliance(disk, thickness, radius, width))
+    return hertz_laws(contact, [cylinder_share(contact, pin, radius), meshed_share(contact, disk, width)], radius)
+
+
+def _roller_laws(study: Study, output: RollerPlateSection) -> ContactLaws:
     """A roller is pressed between the flats of two bodies: the disk's tongue and the plate, or the plate and the
     output, which is taken to be of the plate's material."""
-    design, output = study.design, study.design.output
+    design = study.design
     roller = _material(design.materials[output.roller_material], design)
     plate = _material(design.materials[output.plate_material], design)
     disk = _material(design.materials[design.disk.material], design)
@@ -132,5 +172,5 @@ def _roller_laws(study: Study, at: Reducer) -> ContactLaws:
 
 
 def disk_contacts(at: Reducer) -> np.ndarray:
-    """Numbers of the contacts that load the disk: the pins, then the rollers of its own slide."""
+    """Numbers of the contacts that load the disk: the pins, then the rollers of its own slide or its output pins."""
     return np.flatnonzero((at.contacts.body_a == "disk") | (at.contacts.body_b == "disk"))

@@ -2,22 +2,32 @@
 
 import numpy as np
 
-from pipeline.assembly import profile
+from pipeline.assembly import pins_in_holes, profile
+from pipeline.config.design import PinInHole
 from pipeline.config.study import Study
 from pipeline.model.bodies import ElasticBody, elastic_body
 from pipeline.model.meshing import flank_nodes, lobed_disk_mesh
 from pipeline.model.patches import Patches, boundary_patches, joined, line_patches
+from pipeline.model.perforation import hole_boundary, perforated_mesh
 from pipeline.model.profile import disk_rotation
 from pipeline.model.reducer import OUTPUT, PIN, Reducer
 
+EDGES_PER_HALF_WIDTH = 2
+"""Edges of a hole's wall under half of a patch."""
+
 
 def elastic_disk(study: Study) -> ElasticBody:
-    """The lobed disk, meshed, assembled and factorised, held by the mean motion of its bore."""
+    """The lobed disk with its holes, if any: meshed, assembled, factorised, held by the mean motion of its bore."""
     design, reduce = study.design, study.reduce
     flank = flank_nodes(profile(design), reduce.flank_edges_per_lobe)
     mesh = lobed_disk_mesh(
         flank, design.cycloid.lobes, design.disk.bore_radius_mm, reduce.growth, reduce.largest_edge_mm
     )
+    output = design.output
+    if isinstance(output, PinInHole):
+        holes = pins_in_holes(design, output)
+        edge = reduce.roller_patch_half_width_mm / EDGES_PER_HALF_WIDTH
+        mesh = perforated_mesh(mesh, holes.centres(), holes.hole_radius, edge, reduce.growth)
     material = design.materials[design.disk.material]
     return elastic_body(
         mesh,
@@ -34,8 +44,9 @@ def disk_patches(study: Study, disk: ElasticBody, at: Reducer) -> Patches:
 
     Notes
     -----
-    The pins press on the true flank. The disk's tongue stands out of the plane of the slice; its rollers' forces enter
-    the slice along the tongue's faces, spread over the patch of a roller.
+    The pins press on the true flank, output pins on the walls of their holes, wherever the crank has turned the
+    contact. A tongue stands out of the plane of the slice; its rollers' forces enter the slice along the tongue's
+    faces, spread over the patch of a roller.
     """
     contacts, reduce = at.contacts, study.reduce
     lobed = profile(study.design)
@@ -43,14 +54,12 @@ def disk_patches(study: Study, disk: ElasticBody, at: Reducer) -> Patches:
     centre = lobed.eccentricity * np.exp(1j * at.crank)
     point, normal = (contacts.point - centre) * turn, contacts.normal * turn
     pins = contacts.kind == PIN
-    rollers = (contacts.kind == OUTPUT) & (contacts.body_a == "disk")
-    return joined(
-        boundary_patches(disk.mesh, "flank", point[pins], normal[pins], reduce.patch_half_width_mm),
-        line_patches(
-            disk.mesh,
-            point[rollers],
-            1j * normal[rollers],
-            -normal[rollers],
-            reduce.roller_patch_half_width_mm,
-        ),
-    )
+    on_flank = boundary_patches(disk.mesh, "flank", point[pins], normal[pins], reduce.patch_half_width_mm)
+    output = np.flatnonzero((contacts.kind == OUTPUT) & (contacts.body_a == "disk"))
+    width = reduce.roller_patch_half_width_mm
+    if isinstance(study.design.output, PinInHole):
+        on_walls = [
+            boundary_patches(disk.mesh, hole_boundary(contacts.station[k]), point[k], -normal[k], width) for k in output
+        ]
+        return joined(on_flank, *on_walls)
+    return joined(on_flank, line_patches(disk.mesh, point[output], 1j * normal[output], -normal[output], width))

@@ -27,10 +27,10 @@ CONTACTS = Table(
         Column("body_a", "label", "", "body that the contact pushes against the normal"),
         Column("body_b", "label", "", "body that the contact pushes along the normal"),
         Column("disk", "int32", "1", "disk that the contact belongs to, -1 if none"),
-        Column("interface", "int32", "1", "0: disk and plate, 1: plate and output, -1: pins"),
-        Column("face", "int32", "1", "face of the tongue, -1: pins"),
-        Column("end", "int32", "1", "end of the slide, -1: pins"),
-        Column("station", "int32", "1", "roller from outside to inside, -1: pins"),
+        Column("interface", "int32", "1", "0: disk and plate (or output), 1: plate and output, -1: pins"),
+        Column("face", "int32", "1", "face of the tongue, 0 in a hole, -1: pins"),
+        Column("end", "int32", "1", "end of the slide, 0 in a hole, -1: pins"),
+        Column("station", "int32", "1", "roller from outside to inside, or output pin; -1: pins"),
         Column("label", "label", "", "name of the contact"),
         Column("x_mm", "float64", "mm", "contact point, housing frame"),
         Column("y_mm", "float64", "mm", "contact point, housing frame"),
@@ -38,7 +38,7 @@ CONTACTS = Table(
         Column("normal_x", "float64", "1", "unit normal from body a into body b"),
         Column("normal_y", "float64", "1", "unit normal from body a into body b"),
         Column(
-            "curvature_per_mm", "float64", "1/mm", "of body b at a pin (convex positive), 0 on the flats of the output"
+            "curvature_per_mm", "float64", "1/mm", "of the disk at a pin or in a hole (convex positive), 0 on flats"
         ),
     ),
 )
@@ -74,8 +74,6 @@ class _Shared:
 def contact_columns(at: Reducer, crank_deg: float) -> dict[str, np.ndarray]:
     """Columns of the dimension table at one crank angle."""
     contacts = at.contacts
-    curvature = np.zeros(len(contacts))
-    curvature[: at.n_pins] = at.pins.flank_curvature
     on_disk = (contacts.body_a == "disk") | (contacts.body_b == "disk")
     return {
         "contact": np.arange(len(contacts)),
@@ -94,7 +92,7 @@ def contact_columns(at: Reducer, crank_deg: float) -> dict[str, np.ndarray]:
         "arm_mm": contacts.arm,
         "normal_x": contacts.normal.real.copy(),
         "normal_y": contacts.normal.imag.copy(),
-        "curvature_per_mm": curvature,
+        "curvature_per_mm": contacts.curvature,
     }
 
 

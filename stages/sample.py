@@ -47,8 +47,10 @@ ROLLERS = Table(
     "sample, interface, roller",
     (
         SAMPLE_COLUMN,
-        Column("interface", "int32", "1", "0: disk and plate, 1: plate and output"),
-        Column("roller", "int32", "1", "roller of the interface: by face, end, and from outside to inside"),
+        Column("interface", "int32", "1", "0: disk and plate, 1: plate and output; pins in holes: 0"),
+        Column(
+            "roller", "int32", "1", "roller of the interface: by face, end, and from outside to inside; or output pin"
+        ),
         Column("diameter_um", "float64", "um", "diameter error, larger positive"),
     ),
 )
@@ -87,7 +89,7 @@ def errors_of_columns(tables: Tables) -> Errors:
 
 
 def _solve(study, chunk: Chunk) -> Tables:
-    return columns_of_errors(draw(study, chunk.start, chunk.stop), chunk.start, interfaces=2)
+    return columns_of_errors(draw(study, chunk.start, chunk.stop), chunk.start, study.design.output.interfaces)
 
 
 def _items(job: Job) -> int:
@@ -101,7 +103,7 @@ def _prepare(job: Job):
 SAMPLE = Stage(
     name="sample",
     reads=(),
-    sections=("samples", "tolerances", "cases", "design.cycloid", "design.output.rollers"),
+    sections=("samples", "tolerances", "cases", "design.cycloid", "design.output.contacts", "design.output.interfaces"),
     tables=(REDUCER, PINS, LOBES, ROLLERS),
     module="stages.sample",
     unit="samples",

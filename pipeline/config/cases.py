@@ -34,7 +34,7 @@ class Case(Section):
 def elements(design: Design) -> dict[str, int]:
     """Number of elements of each tolerance that has one deviation per element."""
     counts = dict.fromkeys(PIN_TOLERANCES, design.cycloid.pins)
-    return {**counts, "lobe_profile": design.cycloid.lobes, "roller_diameter": design.output.rollers}
+    return {**counts, "lobe_profile": design.cycloid.lobes, "roller_diameter": design.output.contacts}
 
 
 def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[Problem]:

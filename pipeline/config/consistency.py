@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from pipeline.config.design import Design
+from pipeline.config.design import Design, PinInHole
 from pipeline.config.section import MISSING, Problem, nearest_name
-from pipeline.config.study import Cycle, Metrics, Reduce, Samples
+from pipeline.config.study import Clearance, Cycle, Metrics, Reduce, Samples
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
@@ -37,6 +37,8 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
         found += _metrics(metrics, cycle)
     if reduce and design:
         found += _patches(reduce, design)
+    if design:
+        found += _readings(parts.get("clearance"), design)
     return found
 
 
@@ -114,8 +116,17 @@ def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Problem]:
 def _patches(reduce: Reduce, design: Design) -> Iterator[Problem]:
     radii = {
         "patch_half_width_mm": design.cycloid.pin_radius_mm,
-        "roller_patch_half_width_mm": design.output.roller_radius_mm,
+        "roller_patch_half_width_mm": design.output.contact_radius_mm,
     }
     for name, radius in radii.items():
         if getattr(reduce, name) >= radius:
             yield Problem(f"reduce.{name}", getattr(reduce, name), f"must be < {radius:g} mm, the rolling radius")
+
+
+def _readings(clearance: Clearance | None, design: Design) -> Iterator[Problem]:
+    if clearance and isinstance(design.output, PinInHole) and clearance.roller_reading != "half_diameter":
+        yield Problem(
+            "clearance.roller_reading",
+            clearance.roller_reading,
+            'must be "half_diameter": half of the diameter error of an output pin opens its one contact with its hole',
+        )

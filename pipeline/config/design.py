@@ -86,6 +86,77 @@ class RollerPlate(Section):
         """Rollers in a row: 2 interfaces x 2 faces x 2 ends share all rollers."""
         return self.rollers // 8
 
+    @property
+    def interfaces(self) -> int:
+        """Disk to plate, and plate to output."""
+        return 2
+
+    @property
+    def contacts(self) -> int:
+        """Output contacts, one for each roller."""
+        return self.rollers
+
+    @property
+    def contact_name(self) -> str:
+        """What one output contact is called."""
+        return "output roller"
+
+    @property
+    def contact_radius_mm(self) -> float:
+        """Radius of the smaller body of a contact, the roller."""
+        return self.roller_radius_mm
+
+    @property
+    def material_keys(self) -> tuple[str, ...]:
+        """Keys that name materials."""
+        return "roller_material", "plate_material"
+
+
+class PinInHole(Section):
+    """Output pins, held in the output flange, in round holes of the disk.
+
+    Pins (about the housing axis) and holes (about the disk's centre) stand on circles of one radius; a hole's radius is
+    that of the pin, plus the eccentricity, plus `hole_clearance_um`. Pins are counted clockwise from `phase_deg`, the
+    direction of pin 0 at crank angle 0. A pin is as long as the disk is thick; what it bends in the flange is left out.
+    """
+
+    mechanism: Literal["pin_in_hole"]
+    pins: Annotated[int, Field(ge=3)]
+    pin_radius_mm: Positive
+    pin_circle_radius_mm: Positive
+    pin_material: str
+    hole_clearance_um: Annotated[float, Field(ge=0, le=1000)]
+    phase_deg: Annotated[float, Field(ge=-360, le=360)]
+
+    @property
+    def interfaces(self) -> int:
+        """Disk to output."""
+        return 1
+
+    @property
+    def contacts(self) -> int:
+        """Output contacts, one for each output pin."""
+        return self.pins
+
+    @property
+    def contact_name(self) -> str:
+        """What one output contact is called."""
+        return "output pin"
+
+    @property
+    def contact_radius_mm(self) -> float:
+        """Radius of the smaller body of a contact, the output pin."""
+        return self.pin_radius_mm
+
+    @property
+    def material_keys(self) -> tuple[str, ...]:
+        """Keys that name materials."""
+        return ("pin_material",)
+
+    def hole_radius_mm(self, cycloid: Cycloid) -> float:
+        """Radius of the disk's holes [mm]."""
+        return self.pin_radius_mm + cycloid.eccentricity_mm + 1e-3 * self.hole_clearance_um
+
 
 class Provenance(Section):
     """Where a number comes from, and why it can be trusted or not."""
@@ -105,5 +176,5 @@ class Design(Section):
     disk: Disk
     pins: Pins
     bearing: Bearing
-    output: RollerPlate
+    output: Annotated[RollerPlate | PinInHole, Field(discriminator="mechanism")]
     provenance: dict[str, Provenance] = {}

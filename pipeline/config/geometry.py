@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from math import hypot, pi, sin
 from typing import Any
 
-from pipeline.config.design import Cycloid, Disk, Housing, RollerPlate
+from pipeline.config.design import Cycloid, Disk, Housing, PinInHole, RollerPlate
 from pipeline.config.section import Problem, nearest_name
 from pipeline.model.profile import CycloidProfile
 
@@ -27,12 +27,10 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
         found += _housing(cycloid, housing)
     if cycloid and disk:
         found += _bore(cycloid, disk)
-    if output:
-        found += _rollers(output)
-    if output and disk:
-        found += _boss(output, disk)
-    if output and cycloid:
-        found += _rollers_on_disk(output, cycloid)
+    if isinstance(output, RollerPlate):
+        found += _plate(output, cycloid, disk)
+    if isinstance(output, PinInHole) and cycloid:
+        found += _holes(output, cycloid, disk)
     return found + list(_materials(parts))
 
 
@@ -98,6 +96,14 @@ def _bore(cycloid: Cycloid, disk: Disk) -> Iterator[Problem]:
         )
 
 
+def _plate(output: RollerPlate, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+    yield from _rollers(output)
+    if disk:
+        yield from _boss(output, disk)
+    if cycloid:
+        yield from _rollers_on_disk(output, cycloid)
+
+
 def _rollers(output: RollerPlate) -> Iterator[Problem]:
     diameter = 2 * output.roller_radius_mm
     length = output.outer_station_mm - output.inner_station_mm
@@ -139,11 +145,42 @@ def _rollers_on_disk(output: RollerPlate, cycloid: Cycloid) -> Iterator[Problem]
         )
 
 
+def _holes(output: PinInHole, cycloid: Cycloid, disk: Disk | None) -> Iterator[Problem]:
+    hole, circle = output.hole_radius_mm(cycloid), output.pin_circle_radius_mm
+    what = f"a hole's radius is {hole:.4g} mm: pin, eccentricity and clearance"
+    pitch = 2 * circle * sin(pi / output.pins)
+    if pitch <= 2 * hole:
+        yield Problem(
+            "output.pin_radius_mm",
+            output.pin_radius_mm,
+            f"{what}; must be < {pitch / 2:.4g} mm, half the distance between the {output.pins} holes, which overlap "
+            "each other; take thinner or fewer output pins, or a larger circle",
+        )
+    root = root_radius(cycloid)
+    if circle + hole >= root:
+        yield Problem(
+            "output.pin_circle_radius_mm",
+            circle,
+            f"{what}; the holes reach {circle + hole:.4g} mm from the disk's centre, must be < {root:.4g} mm, the "
+            "radius at the lobes' roots; move them inwards or take thinner output pins",
+        )
+    if disk and circle - hole <= disk.bore_radius_mm:
+        yield Problem(
+            "output.pin_circle_radius_mm",
+            circle,
+            f"{what}; the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "
+            f"{disk.bore_radius_mm:g} mm, the bore's radius; move them outwards, or take thinner output pins or a "
+            "smaller bore",
+        )
+
+
 def _materials(parts: Mapping[str, Any]) -> Iterator[Problem]:
     materials = parts.get("materials")
     if materials is None:
         return
-    users = [("disk", "material"), ("pins", "material"), ("output", "roller_material"), ("output", "plate_material")]
+    users = [("disk", "material"), ("pins", "material")]
+    if "output" in parts:
+        users += [("output", key) for key in parts["output"].material_keys]
     for section, key in users:
         if section in parts and getattr(parts[section], key) not in materials:
             name = getattr(parts[section], key)

@@ -54,7 +54,11 @@ class Springs(Section):
 
 
 class Reduce(Section):
-    """Mesh of the elastic bodies and the patches that carry the contact loads."""
+    """Mesh of the elastic bodies and the patches that carry the contact loads.
+
+    `roller_patch_half_width_mm` is that of the output's contacts: on the tongue's faces, or on the walls of the disk's
+    holes, which are then meshed with edges of half of it.
+    """
 
     flank_edges_per_lobe: Annotated[int, Field(ge=8, le=2000)]
     patch_half_width_mm: Positive

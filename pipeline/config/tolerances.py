@@ -1,8 +1,9 @@
 """Tolerances of a study: limit deviations about a fit allowance, as on a drawing, and how they are distributed.
 
 Signs: `disk_profile` and `lobe_profile` count material taken off the flank (positive gives clearance); `pin_radius` and
-`roller_diameter` are deviations of size (negative gives clearance); `pin_radial` is positive outwards, `pin_tangential`
-counterclockwise; `eccentricity` is positive when larger; `bearing_clearance` is radial and adds to the design's.
+`roller_diameter` (of output rollers, or of output pins in the disk's holes) are deviations of size (negative gives
+clearance); `pin_radial` is positive outwards, `pin_tangential` counterclockwise; `eccentricity` is positive when
+larger; `bearing_clearance` is radial and adds to the design's.
 """
 
 from __future__ import annotations
@@ -151,7 +152,7 @@ def _size_problems(name: str, tolerance: Fixed | Spread, design: Design) -> Iter
     sizes_um = {
         "pin_radius": 1e3 * design.cycloid.pin_radius_mm,
         "eccentricity": 1e3 * design.cycloid.eccentricity_mm,
-        "roller_diameter": 2e3 * design.output.roller_radius_mm,
+        "roller_diameter": 2e3 * design.output.contact_radius_mm,
     }
     if name in sizes_um and tolerance.allowance_um + tolerance.limits_um[0] <= -sizes_um[name]:
         which = "value_um" if isinstance(tolerance, Fixed) else "lower_um"

@@ -56,7 +56,7 @@ PARAMETERS = {
     "ovality_2": "two-lobed ovality of pin circle",
     "ovality_3": "three-lobed ovality of pin circle",
     "eccentricity": "eccentricity",
-    "roller_diameter": "output roller diameter",
+    "roller_diameter": "output roller or pin diameter",
     "bearing_clearance": "bearing clearance",
     "remainder": "rest: not linear in the errors",
 }

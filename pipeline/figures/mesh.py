@@ -11,6 +11,9 @@ from pipeline.figures.style import ACCENT, ALARM, INK, new_figure, styled
 
 PATCH_PITCHES_SHOWN = 1.05
 """Half width of the close-up in distances between neighbouring patches."""
+HOLE_PATCHES_SHOWN = 2.5
+"""Half width of the close-up of a hole in widths of its patch."""
+NO_HOLES = np.zeros((0, 0), complex)
 
 
 @styled
@@ -19,8 +22,9 @@ def mesh_figure(
     triangles: NDArray[np.intp],
     patch_points: NDArray[np.complex128],
     displacement: NDArray[np.complex128],
+    hole_points: NDArray[np.complex128] = NO_HOLES,
 ) -> Figure:
-    """Whole disk with the size of its deflection, and a close-up of the flank about the loaded pin's patch.
+    """Whole disk with the size of its deflection, and close-ups of the flank at the loaded pin, and of a hole.
 
     Parameters
     ----------
@@ -28,9 +32,9 @@ def mesh_figure(
     triangles : (n_triangles, 6), corners first
     patch_points : (n_patches, n_points) [mm], where the pressure is applied
     displacement : (n_nodes,) [um/N], by 1 N on the pin of the longest arm
+    hole_points : (n_holes, n_points) [mm], those of ``patch_points`` on the walls of holes
     """
-    figure = new_figure(4.1)
-    whole, close = figure.subplots(1, 2, width_ratios=[1.14, 1])
+    figure, (whole, close, *others) = _panels(len(hole_points) > 0)
     plane = Triangulation(nodes.real, nodes.imag, triangles[:, :3])
     size = np.abs(displacement)
     shaded = whole.tripcolor(plane, size, shading="gouraud", cmap="viridis", rasterized=True)
@@ -46,10 +50,38 @@ def mesh_figure(
     _draw_flank(close, plane, patch_points, loaded, reach)
     whole.set_title(f"{len(triangles):,} quadratic triangles, {len(nodes):,} nodes")
     close.set_title("Flank at the loaded pin")
-    for axes in (whole, close):
+    for patch in hole_points:
+        whole.plot(patch.real, patch.imag, color=ALARM, linewidth=2.0)
+    for axes in others:
+        _draw_hole(axes, nodes, triangles, hole_points)
+    for axes in (whole, close, *others):
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.grid(False)
     return figure
+
+
+def _panels(holes: bool) -> tuple[Figure, list[Axes]]:
+    """The figure and its panels: whole disk, flank, and with holes a hole's wall."""
+    if not holes:
+        figure = new_figure(4.1)
+        return figure, list(figure.subplots(1, 2, width_ratios=[1.14, 1]))
+    figure = new_figure(5.6)
+    panels: dict[str, Axes] = figure.subplot_mosaic([["whole", "close"], ["whole", "hole"]], width_ratios=[1.45, 1])
+    return figure, [panels[name] for name in ("whole", "close", "hole")]
+
+
+def _draw_hole(
+    axes: Axes, nodes: NDArray[np.complex128], triangles: NDArray[np.intp], hole_points: NDArray[np.complex128]
+) -> None:
+    """The triangles about the first hole's patch."""
+    points = hole_points[0]
+    centre, reach = points.mean(), HOLE_PATCHES_SHOWN * float(np.ptp(np.abs(points - points[0])))
+    corners = nodes[triangles[:, :3]] - centre
+    seen = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
+    axes.triplot(Triangulation(nodes.real, nodes.imag, triangles[seen, :3]), color="0.7", linewidth=0.5)
+    axes.plot(points.real, points.imag, color=ALARM, linewidth=4.0, solid_capstyle="butt")
+    axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
+    axes.set_title("Hole of output pin 0")
 
 
 def _loaded_patch(nodes: NDArray[np.complex128], centres: NDArray[np.complex128], size: NDArray[np.float64]) -> int:

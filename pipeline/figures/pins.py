@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.figures.style import ALARM, legend_below, line_styles, new_figure, pin_axis, rising_styles, styled
@@ -54,18 +55,23 @@ def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -
     """
     figure = new_figure(4.6)
     force, depth = figure.subplots(2, 1, sharex=True)
-    for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
-        loaded = rows["force_N"] > 0
-        force.plot(rows["contact"], rows["force_N"].where(loaded), **style)
-        depth.plot(rows["contact"], rows["penetration_um"].where(loaded), **style)
-    force.set(ylabel="contact force (N)", ylim=(0, None))
-    depth.set(ylabel="deformation (µm)", ylim=(0, None))
+    draw_loads(force, depth, traces, "contact", rising)
     pin_axis(depth)
     numbers = np.concatenate([rows["contact"][rows["force_N"] > 0] for rows in traces.values()])
     if numbers.size:
         force.set_xlim(numbers.min() - MARGIN, numbers.max() + MARGIN)
     legend_below(figure, force)
     return figure
+
+
+def draw_loads(force: Axes, depth: Axes, traces: Mapping[str, pd.DataFrame], number: str, rising: bool) -> None:
+    """Lines of contact force and deformation of the loaded contacts against the column ``number``."""
+    for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
+        loaded = rows["force_N"] > 0
+        force.plot(rows[number], rows["force_N"].where(loaded), **style)
+        depth.plot(rows[number], rows["penetration_um"].where(loaded), **style)
+    force.set(ylabel="contact force (N)", ylim=(0, None))
+    depth.set(ylabel="deformation (µm)", ylim=(0, None))
 
 
 @styled

@@ -33,7 +33,7 @@ def reducer_figure(
     figure = new_figure(6.0)
     mosaic = [["ring", str(interface)] for interface in INTERFACES]
     panels: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[2.05, 1])
-    _draw_ring(panels["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
+    draw_ring(panels["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
     for interface in INTERFACES:
         _draw_slide(panels[str(interface)], contacts[contacts["interface"] == interface], roller_radius)
     for axes in panels.values():
@@ -42,7 +42,8 @@ def reducer_figure(
     return figure
 
 
-def _circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style) -> None:
+def circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style) -> None:
+    """Circles of one radius [mm] about the centres (n,) [mm]."""
     size = np.full(len(centre), 2 * radius)
     axes.add_collection(
         EllipseCollection(
@@ -57,11 +58,12 @@ def _circles(axes: Axes, centre: NDArray[np.complex128], radius: float, **style)
     )
 
 
-def _draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], crank_deg: float, radius: float) -> None:
+def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], crank_deg: float, radius: float) -> None:
+    """The disk among its numbered pins, whose rows of ``clearance/contacts`` are ``pins``."""
     normal = pins["normal_x"].to_numpy() + 1j * pins["normal_y"].to_numpy()
     centre = pins["x_mm"].to_numpy() + 1j * pins["y_mm"].to_numpy() - radius * normal
     axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED, linewidth=0.7)
-    _circles(axes, centre, radius, facecolor="white", edgecolor=ACCENT, linewidth=0.8)
+    circles(axes, centre, radius, facecolor="white", edgecolor=ACCENT, linewidth=0.8)
     for number, at in zip(pins["contact"], NUMBER_RADIUS * centre, strict=True):
         if len(pins) <= MOST_NUMBERS or number % 5 == 0:
             axes.text(
@@ -91,7 +93,7 @@ def _draw_slide(axes: Axes, rollers: pd.DataFrame, radius: float) -> None:
     interface = int(rollers["interface"].iloc[0])
     colour = (COLOURS[2], ALARM)[interface % 2]
     axes.plot(0, 0, "+", color=INK, markersize=6)
-    _circles(axes, place, radius, facecolor="white", edgecolor=colour, linewidth=0.9)
+    circles(axes, place, radius, facecolor="white", edgecolor=colour, linewidth=0.9)
     for at, station in zip(place, rollers["station"], strict=True):
         axes.text(
             at.real, at.imag, str(station), ha="center", va="center_baseline", fontsize=6, color=colour, in_layout=False

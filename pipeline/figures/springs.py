@@ -15,13 +15,14 @@ BEARING = -1
 
 
 @styled
-def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame) -> Figure:
-    """Force and tangent stiffness of the pins by the curvature of the flank, of the bearing and of the rollers.
+def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str = "output roller") -> Figure:
+    """Force and tangent stiffness of the pins by the curvature of the flank, of the bearing and of the output.
 
     Parameters
     ----------
     laws : rows of ``springs/laws`` at one crank angle.
     contacts : rows of ``clearance/contacts`` at the same crank angle.
+    output : what one of the output's contacts is called.
 
     Notes
     -----
@@ -35,7 +36,7 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame) -> Figure:
     for column, (title, chosen) in enumerate(
         (
             ("(a) Pins, by the flank's radius", _pin_curves(contacts)),
-            ("(b) Input bearing and output rollers", _other_curves(contacts, curves)),
+            (f"(b) Input bearing and {output}s", _other_curves(contacts, curves, output)),
         )
     ):
         shown = {label: curves[contact] for label, contact in chosen.items()}
@@ -75,12 +76,12 @@ def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
     return chosen
 
 
-def _other_curves(contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame]) -> Mapping[str, int]:
-    """The bearing, and one roller of each interface; one for both where they obey the same law."""
+def _other_curves(contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], name: str) -> Mapping[str, int]:
+    """The bearing, and one contact of each interface; one for both where they obey the same law."""
     output = contacts[contacts["kind"] == "output"]
     rollers = output.loc[output.groupby("interface")["contact"].idxmin()]
     first, *others = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
     if all(np.array_equal(first, other) for other in others):
-        return {"input bearing": BEARING, "output roller": int(rollers["contact"].iloc[0])}
+        return {"input bearing": BEARING, name: int(rollers["contact"].iloc[0])}
     names = {f"roller, {row['body_a']} to {row['body_b']}": int(row["contact"]) for _, row in rollers.iterrows()}
     return {"input bearing": BEARING, **names}

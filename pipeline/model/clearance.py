@@ -43,7 +43,7 @@ class Errors:
     pin_radial, pin_tangential, pin_radius : (n, n_pins); outward, counterclockwise, larger positive.
     lobe : (n, n_lobes) material off each lobe's flank, the uniform part included.
     eccentricity : (n,) larger positive.
-    roller_diameter : (n, n_rollers) larger positive, in the order of the output contacts.
+    roller_diameter : (n, n_rollers) larger positive, in the order of the output contacts: rollers, or output pins.
     """
 
     pin_radial: Real
@@ -300,6 +300,16 @@ def roller_gaps(errors: Errors, roller_reading: str) -> Real:
     return -ROLLER_READINGS[roller_reading] * errors.roller_diameter
 
 
+def hole_gaps(reducer: Reducer, errors: Errors) -> Real:
+    """Gaps of the output pins in the disk's holes, (n, n_output_pins) [mm].
+
+    Exact: a pin's axis stays where the flange holds it, so half of its diameter's error opens its one contact, and a
+    larger eccentricity moves the walls of all holes towards their pins.
+    """
+    nominal = reducer.contacts.gap[reducer.contacts.kind == OUTPUT]
+    return nominal - 0.5 * errors.roller_diameter - errors.eccentricity[:, None]
+
+
 def gaps(
     profile: CycloidProfile,
     reducer: Reducer,
@@ -309,9 +319,19 @@ def gaps(
     disk_reading: str,
     roller_reading: str,
 ) -> Real:
-    """Raw gap of every contact, (n, n_contacts) [mm]; ``method`` is ``"exact"`` or ``"first_order"``."""
+    """Raw gap of every contact, (n, n_contacts) [mm].
+
+    Parameters
+    ----------
+    method : ``"exact"`` or ``"first_order"``.
+    disk_reading, roller_reading : keys of ``DISK_READINGS`` and ``ROLLER_READINGS``; the latter says nothing of pins
+        in holes, whose geometry leaves no choice.
+    """
     of_pins = {"exact": exact_gaps, "first_order": first_order_gaps}[method]
-    n_rollers = int(np.count_nonzero(reducer.contacts.kind == OUTPUT))
+    of_output = reducer.contacts.kind == OUTPUT
+    n_rollers = int(np.count_nonzero(of_output))
     if errors.roller_diameter.shape[1] != n_rollers:
         raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {n_rollers} rollers")
-    return np.hstack([of_pins(profile, reducer, errors, disk_reading), roller_gaps(errors, roller_reading)])
+    in_holes = bool(np.all(reducer.contacts.body_a[of_output] == "disk"))
+    output = hole_gaps(reducer, errors) if in_holes else roller_gaps(errors, roller_reading)
+    return np.hstack([of_pins(profile, reducer, errors, disk_reading), output])

@@ -7,7 +7,7 @@ nodes fill the rest down to the bore. Points are complex numbers x + iy [mm] in 
 gmsh and netgen need system libraries that a bare machine lacks, and Triangle forbids commercial use.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -188,8 +188,16 @@ def _levels(edge_at: Callable[[Real], Real], depth: float) -> Real:
     return np.interp(np.linspace(0, rows[-1], max(1, round(rows[-1])) + 1), rows, fine)
 
 
-def _triangulated(points: Complex, n_flank: int, n_bore: int) -> MeshTri:
-    """Delaunay mesh of ``points``, the flank's corners first and the bore's last, without what lies outside."""
+def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> Index:
+    """Delaunay triangles of ``points`` inside the flank and outside the cuts, counterclockwise, (n_triangles, 3).
+
+    Parameters
+    ----------
+    points
+        (n_points,) complex [mm], the flank's ``n_flank`` corners first.
+    cuts
+        Points on the edge of each convex cut-out (bore, hole), in which no point lies.
+    """
     triangles = Delaunay(coordinates(points)).simplices
     a, b, c = points[triangles.T]
     clockwise = cross(b - a, c - a) < 0
@@ -197,9 +205,19 @@ def _triangulated(points: Complex, n_flank: int, n_bore: int) -> MeshTri:
     first = np.argmin(triangles, axis=1)
     ordered = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
     # Three corners of a simple polygon follow counterclockwise in their own order inside it, in reverse outside.
-    beyond_flank = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
-    in_bore = (triangles >= len(points) - n_bore).all(axis=1)
-    inside = triangles[~(beyond_flank | in_bore)]
+    outside = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
+    cut = np.full(len(points), -1)
+    for number, corners in enumerate(cuts):
+        cut[corners] = number
+    of_corner = cut[triangles]
+    outside |= (of_corner[:, 0] >= 0) & (of_corner == of_corner[:, :1]).all(axis=1)
+    return triangles[~outside]
+
+
+def _triangulated(points: Complex, n_flank: int, n_bore: int) -> MeshTri:
+    """Delaunay mesh of ``points``, the flank's corners first and the bore's last, without what lies outside."""
+    bore = np.arange(len(points) - n_bore, len(points))
+    inside = triangles_between(points, n_flank, [bore])
     return _with_boundaries(MeshTri(coordinates(points).T.copy(), inside.T.copy()), n_flank, n_bore)
 
 

@@ -50,6 +50,30 @@ class RollerPlate:
 
 
 @dataclass(frozen=True)
+class PinInHole:
+    """Output by pins of the output flange that reach into holes of the disk.
+
+    Attributes
+    ----------
+    pins : number of output pins, and of holes.
+    circle_radius : radius of the circle of the pins about the housing axis, and of the holes about the disk's
+        centre [mm].
+    pin_radius, hole_radius : [mm]; the hole is larger by the eccentricity and the clearance.
+    phase : direction of pin 0 at crank angle 0 [rad]; pins are counted clockwise from it.
+    """
+
+    pins: int
+    circle_radius: float
+    pin_radius: float
+    hole_radius: float
+    phase: float
+
+    def centres(self) -> Complex:
+        """Centres of the holes in the disk's frame, and of the pins in the output's (n_pins,) complex [mm]."""
+        return self.circle_radius * np.exp(1j * (self.phase - 2 * np.pi * np.arange(self.pins) / self.pins))
+
+
+@dataclass(frozen=True)
 class Contacts:
     """Every contact of a reducer, pins first; arrays (n_contacts,).
 
@@ -57,7 +81,10 @@ class Contacts:
     ----------
     kind : ``"pin"`` or ``"output"``.
     body_a, body_b : the bodies; the normal points from a into b.
-    interface, face, end, station : place of an output contact; -1 for pins.
+    interface, face, end, station : place of an output contact; -1 for pins. An output pin in its hole has interface,
+        face and end 0, and its own number as station.
+    gap : of nominal bodies at the nominal pose [mm].
+    curvature : of the disk at a pin or in a hole, convex positive, 0 of flats [1/mm].
     point, normal : [mm], [-], complex, housing frame.
     arm : moment of the unit normal force on body b about that body's centre [mm].
     """
@@ -70,6 +97,8 @@ class Contacts:
     end: np.ndarray
     station: np.ndarray
     label: np.ndarray
+    gap: Real
+    curvature: Real
     point: Complex
     normal: Complex
     arm: Real
@@ -119,6 +148,8 @@ def _pin_list(pins: PinContacts) -> Contacts:
         end=nowhere,
         station=nowhere,
         label=np.array([f"pin {i}" for i in range(n)]),
+        gap=np.zeros(n),
+        curvature=pins.flank_curvature,
         point=pins.point,
         normal=pins.normal,
         arm=pins.arm,
@@ -143,9 +174,37 @@ def _slide(
         end=end,
         station=station,
         label=np.array([f"{name} face {'+-'[f]} end {'+-'[e]} roller {s}" for f, e, s in places]),
+        gap=np.zeros(n),
+        curvature=np.zeros(n),
         point=centre + reach * direction + offset * across,
         normal=across,
         arm=(side * reach).astype(float),
+    )
+
+
+def _pins_in_holes(mechanism: PinInHole, eccentric: complex, turn: complex) -> Contacts:
+    """Output pins in the disk's holes; ``eccentric`` is C - O, ``turn`` the rotation of disk and output.
+
+    Every hole stands off its pin by C - O, so every pin touches its hole's wall on the side away from C, and the wall
+    pushes it along C - O.
+    """
+    n, along = mechanism.pins, eccentric / abs(eccentric)
+    centre = mechanism.centres() * turn
+    place = np.zeros(n, int)
+    return Contacts(
+        kind=np.full(n, OUTPUT),
+        body_a=np.full(n, "disk"),
+        body_b=np.full(n, "output"),
+        interface=place,
+        face=place,
+        end=place,
+        station=np.arange(n),
+        label=np.array([f"output pin {k}" for k in range(n)]),
+        gap=np.full(n, mechanism.hole_radius - mechanism.pin_radius - abs(eccentric)),
+        curvature=np.full(n, -1 / mechanism.hole_radius),
+        point=eccentric + centre - mechanism.hole_radius * along,
+        normal=np.full(n, along),
+        arm=np.imag(np.conj(centre) * along),
     )
 
 
@@ -186,4 +245,22 @@ def roller_plate_reducer(profile: CycloidProfile, mechanism: RollerPlate, crank:
     motions: tuple[str, ...] = ("disk_x", "disk_y", "disk_phi", "plate_phi", "output_phi")
     if mechanism.floats:
         motions += ("plate_x", "plate_y")
+    return Reducer(crank, pins, contacts, motions, _closing(contacts, motions))
+
+
+def pin_in_hole_reducer(profile: CycloidProfile, mechanism: PinInHole, crank: float) -> Reducer:
+    """A reducer whose output pins reach into holes of the disk, at the crank angle ``crank`` [rad].
+
+    Notes
+    -----
+    All output contacts have one normal, the direction of the eccentric, so disk and output differ by e along it and
+    the arm R_o sin(crank - angle of the pin) is the same about both centres. The pins ahead of the eccentric carry one
+    sense of torque, those behind it the other. A shift d of the disk across the normal turns it and closes the gap by
+    d^2/(2 e), which is left out.
+    """
+    pins = pin_contacts(profile, crank)
+    turn = np.exp(1j * disk_rotation(profile, crank))
+    eccentric = profile.eccentricity * np.exp(1j * crank)
+    contacts = _joined([_pin_list(pins), _pins_in_holes(mechanism, eccentric, turn)])
+    motions = ("disk_x", "disk_y", "disk_phi", "output_phi")
     return Reducer(crank, pins, contacts, motions, _closing(contacts, motions))

@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.config.design import Design
+from pipeline.config.design import Design, PinInHole
 from pipeline.figures.clearances import pin_clearances_figure
 from pipeline.figures.distributions import crank_figure, distributions_figure
+from pipeline.figures.holes import Holes, holes_figure, output_pin_loads_figure
 from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
 from pipeline.figures.labels import METRICS
 from pipeline.figures.pins import dead_zones_figure, pin_loads_figure, roller_loads_figure
@@ -58,19 +59,25 @@ def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
     fine = np.linspace(0, profile.lobe_pitch, 50 * FLANK_POINTS_PER_LOBE)
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(profile.flank(fine))))])
     lobe = np.interp(np.linspace(0, length[-1], FLANK_POINTS_PER_LOBE, endpoint=False), length, fine)
-    psi = (lobe + profile.lobe_pitch * np.arange(profile.lobes + 1)[:, None]).ravel()
+    psi = np.append((lobe + profile.lobe_pitch * np.arange(profile.lobes)[:, None]).ravel(), 2 * np.pi)
     return profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank)) + profile.eccentricity * np.exp(1j * crank)
 
 
 def _reducer(frames: Frames) -> Drawing:
     design, crank = frames.study.design, frames.crank_deg
-    figure = reducer_figure(
-        frames.at_crank(frames.contacts),
-        flank_outline(design, crank),
-        crank,
-        design.cycloid.pin_radius_mm,
-        design.output.roller_radius_mm,
-    )
+    output, cycloid = design.output, design.cycloid
+    contacts, flank = frames.at_crank(frames.contacts), flank_outline(design, crank)
+    if isinstance(output, PinInHole):
+        holes = Holes(output.pin_radius_mm, output.hole_radius_mm(cycloid), cycloid.eccentricity_mm)
+        return Drawing(
+            "reducer",
+            "Numbers of pins and output pins",
+            "Pins are counted clockwise from the direction of the eccentric at crank angle 0, output pins clockwise "
+            "from the first; in brackets stand the numbers of their contacts in the tables. Dots: where a hole's wall "
+            "faces its output pin.",
+            holes_figure(contacts, flank, crank, cycloid.pin_radius_mm, holes),
+        )
+    figure = reducer_figure(contacts, flank, crank, cycloid.pin_radius_mm, output.roller_radius_mm)
     return Drawing(
         "reducer",
         "Numbers of pins and rollers",
@@ -86,7 +93,9 @@ def _springs(frames: Frames) -> Drawing:
         "Spring laws",
         "Local deformation and tangent stiffness of single contacts, beyond their clearance. What the disk yields as a "
         "whole comes on top. Dashed: beyond the law's range its tangent goes on.",
-        spring_laws_figure(frames.at_crank(frames.laws), frames.at_crank(frames.contacts)),
+        spring_laws_figure(
+            frames.at_crank(frames.laws), frames.at_crank(frames.contacts), frames.study.design.output.contact_name
+        ),
     )
 
 
@@ -141,6 +150,15 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         f"At crank angle {crank}°. The deformation is that of the contact and of the disk under it.",
         pin_loads_figure({name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
     )
+    if isinstance(study.design.output, PinInHole):
+        yield Drawing(
+            "output_pin_loads",
+            f"Forces on the output pins {what}",
+            f"At crank angle {crank}°. The output pins on one side of the eccentric carry one sense of torque; the "
+            "longer its arm, the sooner a pin closes.",
+            output_pin_loads_figure(traces, contacts, rising),
+        )
+        return
     yield Drawing(
         "roller_loads",
         f"Forces on the output rollers {what}",

@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.config.cases import Case
 from pipeline.config.consistency import number_keys
-from pipeline.config.design import Design
+from pipeline.config.design import Design, PinInHole
 from pipeline.config.study import Study
 from pipeline.config.tolerances import PIN_TOLERANCES, Fixed, Normal, Tolerances, Triangular
 from pipeline.figures.labels import PARAMETERS
@@ -29,7 +29,7 @@ SIGNS = {
     "disk_profile": "material off the whole flank; positive gives clearance",
     "lobe_profile": "material off each lobe besides; positive gives clearance",
     "eccentricity": "larger positive",
-    "roller_diameter": "each output roller; smaller gives clearance",
+    "roller_diameter": "each output roller or pin; smaller gives clearance",
     "bearing_clearance": "radial, besides the design's",
     "ovality_2": "amplitude; direction random",
     "ovality_3": "amplitude; direction random",
@@ -50,6 +50,7 @@ ROLLER_READINGS = {
     "half_diameter": "half of a roller's diameter error at each of its two faces",
     "diameter": "a roller's whole diameter error at each contact",
 }
+HOLE_READING = "half of an output pin's diameter error at its one contact"
 LAWS = {
     "hertz": "line contact after Hertz (Johnson, Contact Mechanics, 1985)",
     "palmgren": "line contact after Palmgren (Ball and Roller Bearing Engineering, 1959)",
@@ -138,7 +139,7 @@ def case_cells(case: Case, columns: Sequence[str]) -> list[str]:
 
 def reducer_facts(design: Design) -> list[tuple[str, str]]:
     """The reducer in numbers."""
-    cycloid, output, bearing = design.cycloid, design.output, design.bearing
+    cycloid, bearing = design.cycloid, design.bearing
     law = "linear" if bearing.exponent == 1 else f"with the power {plain(bearing.exponent)} of the deflection"
     return [
         ("Reduction ratio", f"{cycloid.lobes}, which is the number of lobes"),
@@ -151,12 +152,22 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
         ("Rated torque", f"{plain(cycloid.rated_torque_Nm)} N m"),
         ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
         ("Input bearing", f"radial spring, {law}"),
-        (
-            "Output",
-            f"sliding plate between two crossed slides, {output.rollers} rollers of radius "
-            f"{plain(output.roller_radius_mm)} mm; the plate {PLATE[output.plate]}",
-        ),
+        ("Output", _output_fact(design)),
     ]
+
+
+def _output_fact(design: Design) -> str:
+    output = design.output
+    if isinstance(output, PinInHole):
+        return (
+            f"{output.pins} output pins of radius {plain(output.pin_radius_mm)} mm on a circle of radius "
+            f"{plain(output.pin_circle_radius_mm)} mm, in holes of the disk of radius "
+            f"{plain(output.hole_radius_mm(design.cycloid))} mm"
+        )
+    return (
+        f"sliding plate between two crossed slides, {output.rollers} rollers of radius "
+        f"{plain(output.roller_radius_mm)} mm; the plate {PLATE[output.plate]}"
+    )
 
 
 def study_facts(frames: Frames) -> list[tuple[str, str]]:
@@ -170,6 +181,8 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
     seed = "" if frames.listed else f", seed {samples.seed}"
     top = cycle.torque_fraction * study.design.cycloid.rated_torque_Nm
     triangles, nodes = frames.mesh
+    holes = isinstance(study.design.output, PinInHole)
+    on_walls = f", {plain(reduce.roller_patch_half_width_mm)} mm in the holes" if holes else ""
     return [
         ("Samples", f"{counted(samples.count, 'case' if frames.listed else 'sample')}{nominal}"),
         ("Design of experiment", f"{experiment}{seed}"),
@@ -183,13 +196,13 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
             "Clearances",
             f"{METHODS[study.clearance.method]}; the disk's tolerance is "
             f"{DISK_READINGS[study.clearance.disk_reading]}; "
-            f"{ROLLER_READINGS[study.clearance.roller_reading]}",
+            f"{HOLE_READING if holes else ROLLER_READINGS[study.clearance.roller_reading]}",
         ),
         ("Contacts", LAWS[study.springs.law]),
         (
             "Disk",
             f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
-            f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm",
+            f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm{on_walls}",
         ),
     ]
 
@@ -197,7 +210,7 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
 def varying_errors(study: Study) -> int:
     """Errors of a sample that vary: one per element of a tolerance with a width."""
     counts = dict.fromkeys(PIN_TOLERANCES, study.design.cycloid.pins)
-    counts |= {"lobe_profile": study.design.cycloid.lobes, "roller_diameter": study.design.output.rollers}
+    counts |= {"lobe_profile": study.design.cycloid.lobes, "roller_diameter": study.design.output.contacts}
     wide = [name for name, tolerance in study.tolerances if tolerance.limits_um[0] < tolerance.limits_um[1]]
     return sum(counts.get(name, 1) for name in wide)
 

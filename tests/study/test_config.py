@@ -8,6 +8,8 @@ import pytest
 
 from pipeline.config import load_design, load_study, parse_design, parse_study
 from pipeline.config.consistency import number_keys
+from pipeline.config.design import Design
+from pipeline.config.geometry import geometry_problems
 from pipeline.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -108,7 +110,9 @@ def test_nominal_sample_counts_as_a_row(study_data):
         ("output.inner_station_mm", 1.0, "output.inner_station_mm = 1.0; must be >= 1.5 mm"),
         ("output.face_offset_mm", 2.0, "output.face_offset_mm = 2.0; must be > 3 mm, the bore's radius"),
         ("output.roller_radius_um", 1500.0, "output.roller_radius_um = 1500.0; unknown key; did you mean"),
-        ("output.mechanism", "pin_in_hole", "output.mechanism = \"pin_in_hole\"; must be 'roller_plate'"),
+        ("output.mechanism", "gears", "output.mechanism = \"gears\"; must be one of 'roller_plate', 'pin_in_hole'"),
+        ("output.mechanism", None, "output.mechanism is missing; add it"),
+        ("output.mechanism", "pin_in_hole", "output.pin_radius_mm is missing; add it"),
         ("output", None, "output is missing; add it"),
         ("cycloid.pins", "80", 'cycloid.pins = "80"; must be an integer'),
         ("cycloid.pin_radius_mm", float("nan"), "cycloid.pin_radius_mm = NaN; must be a finite number"),
@@ -118,6 +122,55 @@ def test_nominal_sample_counts_as_a_row(study_data):
 def test_a_wrong_design_names_file_key_value_and_remedy(design_data, key, value, line):
     problems = design_problems(changed(design_data, key, value))
     assert any(problem.startswith(f"d.toml: {line}") for problem in problems), problems
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "line"),
+    [
+        (
+            "output.pin_radius_mm",
+            9.0,
+            "output.pin_radius_mm = 9.0; a hole's radius is 10.55 mm: pin, eccentricity and cl",
+        ),
+        (
+            "output.pins",
+            11,
+            "output.pin_radius_mm = 4.5; a hole's radius is 6.05 mm: pin, eccentricity and clearance; mu",
+        ),
+        ("output.pin_circle_radius_mm", 23.0, "output.pin_circle_radius_mm = 23.0; a hole's radius is 6.05 mm"),
+        ("disk.bore_radius_mm", 14.0, "output.pin_circle_radius_mm = 20.0; a hole's radius is 6.05 mm"),
+        ("output.hole_clearance_um", -1.0, "output.hole_clearance_um = -1.0; must be >= 0"),
+        ("output.pin_material", "stel", 'output.pin_material = "stel"; no such section [materials.stel]; did you mean'),
+        ("output.rollers", 40, "output.rollers = 40; unknown key; "),
+    ],
+)
+def test_a_wrong_hole_names_file_key_value_and_remedy(key, value, line):
+    data = tomllib.loads((ROOT / "data/designs/printed_drive.toml").read_text())
+    assert not geometry_problems_of(data)
+    problems = design_problems(changed(data, key, value))
+    assert any(problem.startswith(f"d.toml: {line}") for problem in problems), problems
+    assert all("; take" in p or "; move" in p or "unknown" in p or "must" in p or "no such" in p for p in problems)
+
+
+def geometry_problems_of(data):
+    return geometry_problems({name: getattr(parse_design(data, "d.toml"), name) for name in Design.model_fields})
+
+
+def test_pins_in_holes_leave_no_choice_of_the_reading_of_their_diameter(study_data):
+    data = changed(changed(study_data, "design", "pin_in_hole_39"), "clearance.roller_reading", "diameter")
+    (problem,) = study_problems(data)
+    assert problem.startswith('s.toml: clearance.roller_reading = "diameter"; must be "half_diameter"')
+
+
+def test_a_case_lists_one_diameter_for_each_output_pin():
+    data = {
+        "design": "printed_drive",
+        "samples": {"experiment": "cases"},
+        "cases": [{"label": "a", "roller_diameter": [0.0] * 7}],
+        "reduce": tomllib.loads((ROOT / "data/studies/printed_drive.toml").read_text())["reduce"],
+        "cycle": {"crank_deg": [0.0], "levels_per_branch": 4},
+    }
+    assert study_problems(data) == ['s.toml: cases[0].roller_diameter = "list of 7"; must have 8, or be a number']
 
 
 def test_pins_that_overlap_on_the_circle(design_data):

@@ -83,7 +83,7 @@ def _envelope(specimen: Specimen) -> tuple[Real, Real]:
             -1j * disk_rotation(profile, at.crank)
         )
         searched.append(flank_distance(profile, centre, at.pins.flank_parameter) - profile.pin_radius)
-        modelled.append(exact_gaps(profile, at, _no_errors(profile, design.output.rollers), "radial")[0])
+        modelled.append(exact_gaps(profile, at, _no_errors(profile, design.output.contacts), "radial")[0])
     return np.array(searched), np.array(modelled)
 
 

@@ -36,7 +36,7 @@ def random_gaps(design: Design, at: Reducer, allowance: float) -> Real:
         pin_radius=PIN_SCATTER * random.standard_normal(shape),
         lobe=np.full((SAMPLES, profile.lobes), allowance),
         eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
-        roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.rollers)),
+        roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.contacts)),
     )
     return np.hstack([exact_gaps(profile, at, errors, "radial"), roller_gaps(errors, "half_diameter")])
 

@@ -1,0 +1,171 @@
+"""The disk with holes: conforming, well shaped, and its compliance under pressure in a hole against exact answers."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.model.bodies import elastic_body
+from pipeline.model.meshing import flank_nodes, lobed_disk_mesh, triangle_quality
+from pipeline.model.patches import boundary_patches, joined
+from pipeline.model.perforation import hole_boundary, perforated_mesh
+from pipeline.model.profile import CycloidProfile
+
+E, NU = 206e3, 0.3
+METAL = CycloidProfile(pins=40, pin_circle_radius=70.0, pin_radius=3.0, eccentricity=1.2)
+SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)
+
+
+def circle(n, radius, phase=0.0):
+    return radius * np.exp(1j * (phase - 2 * np.pi * np.arange(n) / n))
+
+
+def mesh_area(mesh):
+    a, b, c = (mesh.p[0] + 1j * mesh.p[1])[mesh.t]
+    return np.abs(np.imag(np.conj(b - a) * (c - a))).sum() / 2
+
+
+def edge_lengths(mesh, facets):
+    ends = mesh.p[:, mesh.facets[:, facets]]
+    return np.hypot(*(ends[:, 1] - ends[:, 0]))
+
+
+def small_mesh(edges=48, edge=0.06, growth=0.35, largest=0.8, holes=5, radius=1.2):
+    disk = lobed_disk_mesh(flank_nodes(SMALL, edges), SMALL.lobes, 2.5, growth, largest)
+    return perforated_mesh(disk, circle(holes, 5.2, 0.3), radius, edge, growth)
+
+
+def test_a_commercial_disk_is_well_shaped():
+    disk = lobed_disk_mesh(flank_nodes(METAL, 48), METAL.lobes, 24.0, 0.35, 2.0)
+    for holes, phase in ((10, 0.0), (11, 1.0)):
+        mesh = perforated_mesh(disk, circle(holes, 45.0, phase), 7.205, 0.2, 0.35)
+        assert triangle_quality(mesh).min() > 0.5
+        for hole, centre in enumerate(circle(holes, 45.0, phase)):
+            facets = mesh.boundaries[hole_boundary(hole)]
+            corners = np.unique(mesh.facets[:, facets])
+            np.testing.assert_allclose(np.abs(mesh.p[0, corners] + 1j * mesh.p[1, corners] - centre), 7.205)
+            np.testing.assert_allclose(edge_lengths(mesh, facets), 0.2, rtol=0.01)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(
+    pins=st.integers(9, 40),
+    shortening=st.floats(0.3, 0.8),
+    edges=st.integers(24, 48),
+    growth=st.floats(0.2, 0.45),
+    holes=st.integers(3, 16),
+    phase=st.floats(0, 6),
+    place=st.floats(0.3, 0.7),
+    fill=st.floats(0.3, 0.9),
+    fineness=st.floats(0.02, 0.15),
+)
+def test_every_design_gives_a_conforming_mesh(pins, shortening, edges, growth, holes, phase, place, fill, fineness):
+    radius, bore = 50.0, 10.0
+    eccentricity = shortening * radius / pins
+    convex = CycloidProfile(pins, radius, 0.0, eccentricity).smallest_convex_locus_radius()
+    profile = CycloidProfile(pins, radius, min(0.6 * convex, 0.6 * np.pi * radius / pins), eccentricity)
+    root = radius - eccentricity - profile.pin_radius
+    ring = bore + place * (root - bore)
+    hole = fill * min(ring - bore, root - ring, ring * np.sin(np.pi / holes))
+    flank = flank_nodes(profile, edges)
+    disk = lobed_disk_mesh(flank, profile.lobes, bore, growth, largest_edge=3.0)
+    mesh = perforated_mesh(disk, circle(holes, ring, phase), hole, fineness * hole, growth)
+    around = {name: len(facets) for name, facets in mesh.boundaries.items()}
+    assert list(around) == ["flank", *map(hole_boundary, range(holes)), "bore"]
+    assert around["flank"] == len(flank)
+    np.testing.assert_allclose(mesh.p[0, : len(flank)] + 1j * mesh.p[1, : len(flank)], flank)
+    n = around["hole_0"]
+    cut = holes * n / 2 * hole**2 * np.sin(2 * np.pi / n)
+    assert mesh_area(mesh) == pytest.approx(mesh_area(disk) - cut, rel=1e-12)
+    assert triangle_quality(mesh).min() > 0.4
+
+
+def test_holes_that_leave_no_wall_are_refused():
+    disk = lobed_disk_mesh(flank_nodes(SMALL, 24), SMALL.lobes, 2.5, 0.35, 0.8)
+    with pytest.raises(ValueError, match="walls about the holes are too"):
+        perforated_mesh(disk, circle(5, 5.2), 3.1, 0.2, 0.35)
+
+
+def test_constant_stress_is_exact_about_the_holes():
+    """A uniform compression by tractions on all boundaries, holes included, strains the disk uniformly."""
+    from skfem import ElementTriP2, ElementVector, FacetBasis, LinearForm
+
+    mesh = small_mesh(edges=24, edge=0.2)
+    body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
+    boundary = FacetBasis(mesh, ElementVector(ElementTriP2()))
+    traction = 2.0 * LinearForm(lambda v, w: -100.0 * (w.n[0] * v[0] + w.n[1] * v[1])).assemble(boundary)
+    moved = body.displacement(traction[:, None])[:, 0]
+    field = moved[body.freedoms[:, 0]] + 1j * moved[body.freedoms[:, 1]]
+    exact = -100.0 * (1 - NU) / E * body.nodes
+    exact -= exact.mean() - field.mean()  # the bore's mesh has no exact symmetry
+    np.testing.assert_allclose(field, exact, atol=1e-4 * np.abs(exact).max())
+
+
+def opening_of_a_hole(width_ratio, modulus, thickness):
+    """Mean approach of two opposite unit forces on a round hole in an infinite plate [mm/N].
+
+    Of forces g cos(m theta) along x on the wall, m odd, Kolosov's functions give u_x = g a cos(m theta) 2/(E' m); so it
+    is 8/(pi E' t) sum <cos(m theta)>^2/m over the odd m, <> being the mean over a patch.
+    """
+    angle = np.pi * np.arange(1, 401) / 401  # Gauss-Chebyshev points of the elliptical pressure over y
+    theta, weight = np.arcsin(width_ratio * np.cos(angle)), 2 / 401 * np.sin(angle) ** 2
+    order = np.arange(1, int(200 / width_ratio), 2)
+    return 8 / (np.pi * modulus * thickness) * np.sum((np.cos(np.outer(order, theta)) @ weight) ** 2 / order)
+
+
+@pytest.mark.parametrize("stress", ["plane_stress", "plane_strain"])
+@pytest.mark.parametrize("width_ratio", [0.05, 0.1, 0.2])
+def test_opposite_forces_open_a_hole_as_in_an_infinite_plate(stress, width_ratio):
+    outer, thickness = 40.0, 2.0
+    rim = outer * np.exp(2j * np.pi * np.arange(240) / 240)
+    disk = lobed_disk_mesh(rim, 8, 0.0, 0.3, 2.0)
+    mesh = perforated_mesh(disk, np.zeros(1, complex), 1.0, width_ratio / 2, 0.25)
+    assert triangle_quality(mesh).min() > 0.4
+    body = elastic_body(mesh, E, NU, thickness, stress, "flank")
+    exact = opening_of_a_hole(width_ratio, E if stress == "plane_stress" else E / (1 - NU**2), thickness)
+    for turn in (0.0, 0.71, 2.0):
+        outward = np.exp(1j * turn) * np.array([1, -1])
+        patches = boundary_patches(mesh, "hole_0", outward, outward, width_ratio)
+        error = body.compliance(patches).matrix.sum() / exact - 1
+        print(f"w/r {width_ratio}, {stress}, turned {turn}: {error:.1e}")
+        assert abs(error) < 3e-3
+
+
+def wall_patches(mesh, crank, width, holes=5, radius=1.2):
+    """On every hole, on the side away from the eccentric, pushed the same way: as output pins do."""
+    along = np.exp(1j * crank)
+    return joined(
+        *(
+            boundary_patches(mesh, hole_boundary(k), c - radius * along, -along, width)
+            for k, c in enumerate(circle(holes, 5.2, 0.3))
+        )
+    )
+
+
+@pytest.mark.parametrize("crank", [0.0, 0.4, 1.9, 3.3, 5.7])
+def test_patches_at_any_angle_carry_a_unit_force_with_its_arm(crank):
+    mesh = small_mesh(edges=24, edge=0.1)
+    body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
+    resultant = body.rigid_motions.T @ body.loads(wall_patches(mesh, crank, 0.2)).toarray()
+    along = np.exp(1j * crank)
+    arms = np.imag(np.conj(circle(5, 5.2, 0.3)) * -along)
+    np.testing.assert_allclose(resultant[0] + 1j * resultant[1], np.full(5, -along), atol=1e-12)
+    np.testing.assert_allclose(resultant[2], arms, atol=2e-3)  # the wall is a polygon
+
+
+def test_compliance_of_holes_does_not_depend_on_mesh_and_patch():
+    unit, width = 2 / (np.pi * E * 2.0), 0.2
+    base = None
+    for edge, ratio, growth, edges in ((0.1, 1.0, 0.35, 32), (0.05, 1.0, 0.25, 64), (0.05, 0.5, 0.25, 64)):
+        mesh = small_mesh(edges=edges, edge=edge, growth=growth, largest=0.6)
+        body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
+        found = body.compliance(wall_patches(mesh, 0.77, ratio * width))
+        assert found.asymmetry < 1e-10
+        assert np.all(np.linalg.eigvalsh(found.matrix) > 0)
+        matrix = found.matrix + unit * np.log(ratio) * np.eye(5)
+        if base is None:
+            base = matrix
+        shift = matrix - base
+        print(f"edge {edge} width {ratio * width}: {np.abs(np.diagonal(shift)).max() / unit:.4f} of 2/(pi E' t)")
+        assert np.abs(np.diagonal(shift)).max() < 0.02 * unit
+        assert np.abs(shift).max() < 0.02 * unit

@@ -1,0 +1,154 @@
+"""Output pins in holes of the disk: geometry, gaps, rigid play and balance against circles and closed forms."""
+
+import numpy as np
+import pytest
+from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
+
+from pipeline.model.backlash import general_play, rigid_play, separated_play
+from pipeline.model.clearance import exact_gaps, gaps
+from pipeline.model.contact import LineContact, concatenated, cylinder_share, hertz_laws, meshed_share
+from pipeline.model.cycle import LoadCycle, solve_cycle
+from pipeline.model.profile import CycloidProfile
+from pipeline.model.reducer import OUTPUT, Bearing, PinInHole, pin_in_hole_reducer
+
+EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
+CLEARANCE = 4e-3
+CASES = pytest.mark.parametrize(
+    ("profile", "pins", "crank"),
+    [(SMALL, 6, 0.0), (SMALL, 7, 1.1), (EVEN_LOBES, 3, 4.0), (EVEN_LOBES, 8, np.pi), (PAPER, 10, 2.3)],
+)
+
+
+def reducer_at(profile, pins, crank, clearance=CLEARANCE, phase=0.4):
+    radius, circle = (0.6, 5.0) if profile is not PAPER else (3.0, 20.0)
+    mechanism = PinInHole(pins, circle, radius, radius + profile.eccentricity + clearance, phase)
+    return mechanism, pin_in_hole_reducer(profile, mechanism, crank)
+
+
+def hole_and_pin(profile, mechanism, crank, pose=(0.0, 0.0, 0.0, 0.0)):
+    """Centres of holes and pins after rigid motions of disk (x, y, phi) and output (phi), from the circles alone."""
+    x, y, disk, output = pose
+    turn = -crank / profile.lobes
+    holes = mechanism.centres() * np.exp(1j * (turn + disk)) + profile.eccentricity * np.exp(1j * crank) + x + 1j * y
+    return holes, mechanism.centres() * np.exp(1j * (turn + output))
+
+
+def circle_gap(profile, mechanism, crank, pose=(0.0, 0.0, 0.0, 0.0)):
+    holes, pins = hole_and_pin(profile, mechanism, crank, pose)
+    return mechanism.hole_radius - mechanism.pin_radius - np.abs(holes - pins)
+
+
+@CASES
+def test_the_contact_lies_on_the_wall_where_hole_and_pin_are_nearest(profile, pins, crank):
+    mechanism, at = reducer_at(profile, pins, crank)
+    out = at.contacts.kind == OUTPUT
+    holes, centres = hole_and_pin(profile, mechanism, crank)
+    point, normal = at.contacts.point[out], at.contacts.normal[out]
+    np.testing.assert_allclose(np.abs(point - holes), mechanism.hole_radius)
+    np.testing.assert_allclose(np.abs(point - centres), mechanism.pin_radius + CLEARANCE)
+    np.testing.assert_allclose(point + (mechanism.pin_radius + CLEARANCE) * normal, centres)  # into the pin
+    np.testing.assert_allclose(at.contacts.gap[out], circle_gap(profile, mechanism, crank))
+    np.testing.assert_allclose(at.contacts.curvature[out], -1 / mechanism.hole_radius)
+    disk_centre = profile.eccentricity * np.exp(1j * crank)
+    for centre in (0, disk_centre):
+        np.testing.assert_allclose(np.imag(np.conj(point - centre) * normal), at.contacts.arm[out], atol=1e-12)
+    assert list(at.contacts.label[out]) == [f"output pin {k}" for k in range(pins)]
+    assert (at.contacts.arm[out] > 1e-9).any()
+    assert (at.contacts.arm[out] < -1e-9).any()
+
+
+@CASES
+def test_motions_close_the_gaps_of_the_circles(profile, pins, crank):
+    mechanism, at = reducer_at(profile, pins, crank)
+    out = at.contacts.kind == OUTPUT
+    assert at.motions == ("disk_x", "disk_y", "disk_phi", "output_phi")
+    for column in range(4):
+        pose = np.zeros(4)
+        pose[column] = 1e-6
+        closed = circle_gap(profile, mechanism, crank, -pose) - circle_gap(profile, mechanism, crank, pose)
+        np.testing.assert_allclose(closed / 2e-6, at.closing[out, column], atol=1e-6)
+
+
+def test_a_shift_across_the_normal_leaves_out_what_the_notes_say():
+    mechanism, at = reducer_at(SMALL, 6, 0.7)
+    shift = 0.02j * np.exp(0.7j)
+    gap = circle_gap(SMALL, mechanism, 0.7, (shift.real, shift.imag, 0, 0))
+    np.testing.assert_allclose(CLEARANCE - gap, 0.02**2 / (2 * SMALL.eccentricity), rtol=2e-3)
+
+
+@CASES
+@pytest.mark.parametrize("reading", ["half_diameter", "diameter"])
+def test_errors_of_pins_and_eccentricity_are_those_of_the_circles(profile, pins, crank, reading):
+    mechanism, at = reducer_at(profile, pins, crank)
+    rng = np.random.default_rng(5)
+    diameter, eccentricity = 1e-2 * rng.uniform(-1, 1, (3, pins)), 1e-2 * rng.uniform(-1, 1, 3)
+    errors = errors_of(profile, at, 3, roller_diameter=diameter, eccentricity=eccentricity)
+    found = gaps(profile, at, errors, method="exact", disk_reading="radial", roller_reading=reading)
+    for k in range(3):
+        shift = eccentricity[k] * np.exp(1j * crank)
+        expected = circle_gap(profile, mechanism, crank, (shift.real, shift.imag, 0, 0)) - diameter[k] / 2
+        np.testing.assert_allclose(found[k, profile.pins :], expected, atol=1e-14)
+    np.testing.assert_array_equal(found[:, : profile.pins], exact_gaps(profile, at, errors, "radial"))
+
+
+@CASES
+def test_separated_play_is_the_general_programs_and_the_closed_form(profile, pins, crank):
+    _, at = reducer_at(profile, pins, crank)
+    gap = np.random.default_rng(1).uniform(1e-3, 12e-3, (20, len(at.contacts)))
+    separated, general = separated_play(at, gap), general_play(at, gap, np.zeros(len(gap)))
+    np.testing.assert_allclose(separated.backlash, general.backlash, rtol=1e-9)
+    expected = np.zeros(len(gap))
+    for part in (at.contacts.kind == OUTPUT, at.contacts.kind != OUTPUT):
+        for sign in (1, -1):
+            mine = part & (sign * at.contacts.arm > 1e-9)
+            expected += np.min(gap[:, mine] / np.abs(at.contacts.arm[mine]), axis=1)
+    np.testing.assert_allclose(separated.backlash, expected, rtol=1e-12)
+    tight = gap - 6e-3
+    separated, general = separated_play(at, tight), general_play(at, tight, np.zeros(len(gap)))
+    assert np.count_nonzero(general.preloaded) > 5
+    np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-9, atol=1e-14)
+
+
+@CASES
+def test_a_bearing_clearance_widens_the_play_and_no_contact_is_penetrated_at_its_ends(profile, pins, crank):
+    _, at = reducer_at(profile, pins, crank)
+    gap = np.random.default_rng(2).uniform(1e-3, 12e-3, (6, len(at.contacts)))
+    tight, previous = separated_play(at, gap).backlash, 0.0
+    for clearance in (1e-9, 1e-3, 5e-3):
+        play = rigid_play(at, gap, np.full(6, clearance))
+        assert np.all(play.backlash >= np.maximum(tight, previous) * (1 - 1e-9))
+        for pose in (play.pose_plus, play.pose_minus):
+            np.testing.assert_allclose((pose @ at.closing.T - gap).max(axis=1), 0, atol=1e-12)
+            assert np.all(np.abs(pose[:, 0] + 1j * pose[:, 1]) <= clearance * (1 + 1e-9) + 1e-12)
+        if clearance == 1e-9:
+            np.testing.assert_allclose(play.backlash, tight, rtol=1e-5)
+        previous = play.backlash
+    assert np.all(previous > tight * 1.01)
+
+
+@pytest.mark.parametrize(("pins", "crank"), [(6, 0.3), (7, 4.4)])
+def test_output_pins_balance_the_torque_and_their_resultant_loads_the_bearing_along_the_eccentric(pins, crank):
+    mechanism, at = reducer_at(SMALL, pins, crank)
+    n_pins, width = SMALL.pins, 0.15
+    on_flank = LineContact(1 / (1 + at.pins.flank_curvature), 2.0, STEEL, STEEL)
+    in_holes = LineContact(np.full(pins, 1 / (1 / 0.6 - 1 / mechanism.hole_radius)), 2.0, STEEL, STEEL)
+    laws = concatenated(
+        [
+            hertz_laws(c, [cylinder_share(c, STEEL, r), meshed_share(c, STEEL, width)], r)
+            for c, r in ((on_flank, 1.0), (in_holes, 0.6))
+        ]
+    )
+    rng = np.random.default_rng(3)
+    compliance = random_compliance(len(at.contacts), rng)
+    gap = rng.uniform(0, 3e-3, (4, len(at.contacts)))
+    bearing, cycle = Bearing(1e5, 1.0), LoadCycle.evenly(2e3, 4, 1.0, (0.03, 0.5, 1.0))
+    states = solve_cycle(at, bearing, laws, compliance, gap, np.zeros(4), cycle)
+    assert states.converged.all()
+    arm, normal = at.contacts.arm[n_pins:], at.contacts.normal[n_pins:]
+    np.testing.assert_allclose(
+        states.force[..., n_pins:] @ arm, np.broadcast_to(-cycle.state_torque, (4, len(cycle.state_torque))), atol=1e-5
+    )
+    on_disk = states.force[..., :n_pins] @ at.pins.normal - states.force[..., n_pins:] @ normal
+    spring = 1e5 * (states.motion[..., 0] + 1j * states.motion[..., 1])
+    np.testing.assert_allclose(on_disk, spring, atol=1e-5 * np.abs(spring).max())
+    assert np.ptp(ARCMIN * states.motion[..., at.output_motion]) > 1
