@@ -24,7 +24,7 @@ LEVELS = 22
 PATH_LEVELS = 11
 """The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
 BEYOND = 1.05
-"""Reach of the backbone over the largest torque measured: friction may keep more in the reducer than the bench shows."""
+"""Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
 NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
 
@@ -111,11 +111,11 @@ class Forward:
     def backbone(self, drive: Drive) -> Backbone:
         """The frictionless curve of a drive, without its torsion."""
         key = (
-            id(drive.reducer),
+            drive.reducer.closing.tobytes(),
             drive.gap.tobytes(),
             drive.bearing_clearance.tobytes(),
             drive.laws.linear.tobytes(),
-            drive.laws.force_limit.tobytes(),
+            drive.laws.power.tobytes(),
             float(drive.compliance[0, 0]),
             drive.bearing,
         )

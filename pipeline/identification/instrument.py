@@ -17,8 +17,8 @@ from pipeline.model.output_path import Ripple
 class InstrumentEffect:
     """An effect of the bench; attributes as those of ``pipeline.model.effects.Effect``.
 
-    ``bounds`` is a function of the rated torque [N m] and of the measured range of the angle [arcmin]. ``common_offset``
-    says that the effect is seen only where all positions share one zero of the angle.
+    ``bounds`` is a function of the rated torque [N m] and of the measured range of the angle [arcmin].
+    ``common_offset`` says that the effect is seen only where all positions share one zero of the angle.
     """
 
     name: str

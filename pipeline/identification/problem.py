@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.forward import Course, Forward, Instrument
+from pipeline.identification.forward import Forward, Instrument
 from pipeline.identification.instrument import InstrumentEffect, instrument_effects
 from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Drive
@@ -33,7 +33,7 @@ class Data:
     torque, angle : (n_cells,) [N m], [arcmin].
     count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
     noise : floor of the angle of a cell [arcmin].
-    torque_noise : of the torque of a cell [N m].
+    sigma : (n_cells,) [arcmin]: the floor, and the noise of the torque times the slope of the measured curve.
     common_offset : whether all positions share one zero of the angle.
     """
 
@@ -45,7 +45,7 @@ class Data:
     count: Whole
     spread: Real
     noise: float
-    torque_noise: float
+    sigma: Real
     common_offset: bool
 
     def __len__(self) -> int:
@@ -64,7 +64,8 @@ class Problem:
     Attributes
     ----------
     data : the cells.
-    forward : predictions on their courses.
+    forward : predictions on their courses, all legs in a drive's first state.
+    forward_by_state : predictions with every cycle in its own state.
     drives : of the declared unit at scale factors of the calibrated numbers (n_calibrated,), one per position.
     calibrated : names of those numbers.
     modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
@@ -75,6 +76,7 @@ class Problem:
 
     data: Data
     forward: Forward
+    forward_by_state: Forward
     drives: Callable[[tuple[float, ...]], tuple[Drive, ...]]
     calibrated: tuple[str, ...]
     modes: tuple[Real, ...]
@@ -197,8 +199,3 @@ def prior_modes(gaps: Sequence[Real], influences: Sequence[Real], resolution: fl
     weights = units[:, kept].T * np.sqrt(1 / (n - 1)) if np.any(kept) else np.zeros((0, n))
     # a unit's coefficient of mode m is its row of units times sqrt(n - 1), of variance 1
     return tuple(weights @ one for one in centred)
-
-
-def courses_without_states(courses: Sequence[Course]) -> list[Course]:
-    """Courses whose legs all pass through a drive's first state."""
-    return [course.without_states() for course in courses]

@@ -1,0 +1,261 @@
+"""Least squares of a model's effects, calibrated numbers and unmeasured tolerances against the cells of a unit.
+
+Unmeasured tolerances and calibrated numbers are held by their priors (a penalty), so that an effect must explain what
+they cannot. The influence of tolerances on the curve comes from the forces of the equilibria (``Backbone.influence``), so
+that an iteration costs one prediction for each calibrated number and parameter, however many tolerances there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.problem import Model, Problem, first_states
+from pipeline.model.drive import Drive
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+SCALE_PRIOR = np.log(3.0)
+"""Standard deviation of the logarithm of a calibrated number's scale: holds what the data do not determine."""
+SCALE_REACH = 4.0
+"""Standard deviations that a calibrated number may move."""
+STEP = 2e-3
+"""Step of the finite differences, as a share of a parameter's bounds."""
+ITERATIONS = 15
+SETTLED = 1e-4
+"""Relative fall of the sum of squares at which a fit has settled."""
+WIDE = 30.0
+"""Ratio of positive bounds beyond which a parameter is fitted by its logarithm."""
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Unknowns of a fit: logarithms of scales, parameters as shares of their bounds in [0, 1], modes."""
+
+    scales: Real
+    shares: Real
+    modes: Real
+
+    @property
+    def flat(self) -> Real:
+        return np.concatenate([self.scales, self.shares, self.modes])
+
+    def like(self, flat: Real) -> Vector:
+        """The flat vector (n_unknowns,), held to its bounds."""
+        scales, shares, modes = np.split(flat, np.cumsum([len(self.scales), len(self.shares)]))
+        reach = SCALE_REACH * SCALE_PRIOR
+        return Vector(np.clip(scales, -reach, reach), np.clip(shares, 0.0, 1.0), modes)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    model : its effects.
+    unknowns : at the least sum of squares.
+    values : (n_parameters,) of the effects, in their units.
+    predicted : (n_cells,) [arcmin] of all cells, offsets included; NaN at positions that were not asked for.
+    cost : sum of squares over the cells fitted, in units of their sigma, priors included.
+    jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
+    sound : whether every equilibrium was found.
+    """
+
+    model: Model
+    unknowns: Vector
+    values: Real
+    predicted: Real
+    cost: float
+    jacobian: Real
+    sound: bool
+
+
+def mapped(bounds: Sequence[tuple[float, float]], shares: Real) -> Real:
+    """Parameters at shares of their bounds, even in the logarithm where these are positive and far apart."""
+    return np.array(
+        [
+            low * (high / low) ** share if low > 0 and high / low > WIDE else low + share * (high - low)
+            for (low, high), share in zip(bounds, shares, strict=True)
+        ]
+    )
+
+
+def unmapped(bounds: Sequence[tuple[float, float]], values: Sequence[float]) -> Real:
+    """Shares of the bounds at which parameters stand; inverse of ``mapped``."""
+    return np.array(
+        [
+            np.log(value / low) / np.log(high / low) if low > 0 and high / low > WIDE else (value - low) / (high - low)
+            for (low, high), value in zip(bounds, values, strict=True)
+        ]
+    )
+
+
+class Fitter:
+    """Fits of one problem; ``fit`` may be called for any model and any cells."""
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        self.positions = range(len(problem.modes))
+
+    def start(self, model: Model, shares: Real | None = None) -> Vector:
+        """No scale, no tolerance, parameters at ``shares``."""
+        at = np.full(model.n_parameters, 0.5) if shares is None else np.asarray(shares, float)
+        return Vector(np.zeros(len(self.problem.calibrated)), at, np.zeros(self.problem.n_modes))
+
+    def bounds(self, model: Model) -> list[tuple[float, float]]:
+        """Bounds of all parameters of a model."""
+        return [pair for effect in model.effects for pair in self.problem.bounds(effect)]
+
+    def predict(
+        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
+    ) -> tuple[Real, Real, bool]:
+        """Angles (n_cells,) without offsets, influence of the modes (n_cells, n_modes), whether all was sound."""
+        problem, data = self.problem, self.problem.data
+        forward = problem.forward_by_state if model.by_state else problem.forward
+        declared = problem.drives(tuple(np.exp(unknowns.scales)))
+        if not model.by_state:
+            declared = first_states(declared)
+        shifted = [
+            replace(drive, shift=drive.shift + unknowns.modes @ own) if len(own) else drive
+            for drive, own in zip(declared, problem.modes, strict=True)
+        ]
+        values = mapped(self.bounds(model), unknowns.shares)
+        drives, instrument = model.put(shifted, problem.conditions, values)
+        angle = np.full(len(data), np.nan)
+        influence = np.zeros((len(data), problem.n_modes))
+        sound = True
+        for position in self.positions if positions is None else positions:
+            mine = data.position == position
+            reading = forward.read(drives[position], position, instrument)
+            angle[mine] = reading.angle
+            sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
+            if modes and problem.n_modes:
+                influence[mine] = forward.influence(
+                    drives[position], position, reading.carried, problem.modes[position]
+                )
+        return angle, influence, sound
+
+    def _centred(self, values: Real, weight: Real) -> Real:
+        """Values (n, ...) less their weighted mean over the cells that share an offset."""
+        group = self.problem.data.group
+        out = values - 0.0
+        for one in np.unique(group):
+            mine = (group == one) & (weight > 0)
+            if np.any(mine):
+                mean = np.tensordot(weight[mine], values[mine], axes=1) / weight[mine].sum()
+                out[group == one] -= mean
+        return out
+
+    def offsets(self, angle: Real, fitted: Truth) -> Real:
+        """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
+        data, out = self.problem.data, np.zeros(len(self.problem.data))
+        weight = 1 / data.sigma**2
+        for one in np.unique(data.group):
+            mine = data.group == one
+            use = mine & fitted if np.any(mine & fitted) else mine
+            use = use & np.isfinite(angle)
+            if np.any(use):
+                out[mine] = np.sum(weight[use] * (data.angle - angle)[use]) / np.sum(weight[use])
+        return out
+
+    def fit(self, model: Model, fitted: Truth, start: Vector, iterations: int = ITERATIONS) -> Fit:
+        """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``."""
+        data = self.problem.data
+        weight = np.where(fitted, 1 / data.sigma**2, 0.0)
+        root = np.sqrt(weight[fitted])
+        positions = np.unique(data.position[fitted]).tolist()
+        penalty = self._penalty(start)
+
+        def cost_of(angle: Real, unknowns: Vector) -> tuple[float, Real]:
+            misfit = self._centred(data.angle - angle, weight)[fitted] * root
+            return float(misfit @ misfit + np.sum((penalty * unknowns.flat) ** 2)), misfit
+
+        now = start
+        angle, influence, sound = self.predict(model, now, positions, modes=True)
+        cost, misfit = cost_of(angle, now)
+        if not np.isfinite(cost):
+            return self._failed(model, now)
+        damping = 1e-3
+        jacobian = self._jacobian(model, now, angle, influence, positions, weight)
+        for _ in range(iterations):
+            rows = jacobian[fitted] * root[:, None]
+            hessian = rows.T @ rows + np.diag(penalty**2)
+            gradient = rows.T @ misfit - penalty**2 * now.flat
+            free = self._free(now, gradient)
+            accepted, fall = False, 0.0
+            for _ in range(6):
+                step = np.zeros_like(gradient)
+                own = hessian[np.ix_(free, free)]
+                scaled = own + damping * np.diag(np.maximum(np.diag(own), 1e-12))
+                step[free] = np.linalg.lstsq(scaled, gradient[free], rcond=None)[0]
+                trial = now.like(now.flat + step)
+                angle, influence, ok = self.predict(model, trial, positions, modes=True)
+                tried, tried_misfit = cost_of(angle, trial)
+                if np.isfinite(tried) and tried < cost:
+                    fall, accepted = cost - tried, True
+                    now, cost, misfit, sound = trial, tried, tried_misfit, ok
+                    damping = max(damping / 5, 1e-6)
+                    break
+                damping *= 8
+            if not accepted:
+                break
+            jacobian = self._jacobian(model, now, angle, influence, positions, weight)
+            if fall < SETTLED * max(cost, 1.0):
+                break
+        whole, _, sound = self.predict(model, now)
+        return Fit(
+            model,
+            now,
+            mapped(self.bounds(model), now.shares),
+            whole + self.offsets(whole, fitted),
+            cost,
+            jacobian,
+            sound,
+        )
+
+    def _penalty(self, like: Vector) -> Real:
+        """Inverse prior standard deviation of every unknown."""
+        return np.concatenate(
+            [np.full(len(like.scales), 1 / SCALE_PRIOR), np.zeros(len(like.shares)), np.ones(len(like.modes))]
+        )
+
+    @staticmethod
+    def _free(now: Vector, gradient: Real) -> Truth:
+        """Unknowns that do not stand at a bound that the gradient pushes against."""
+        free = np.ones(len(gradient), bool)
+        first, last = len(now.scales), len(now.scales) + len(now.shares)
+        push = gradient[first:last]
+        free[first:last] = ~((now.shares <= 0) & (push < 0)) & ~((now.shares >= 1) & (push > 0))
+        return free
+
+    def _jacobian(
+        self, model: Model, now: Vector, angle: Real, influence: Real, positions: Sequence[int], weight: Real
+    ) -> Real:
+        """d angle / d unknowns (n_cells, n_unknowns), offsets removed."""
+        columns = []
+        first = len(now.scales)
+        for k in range(first + len(now.shares)):
+            flat = now.flat
+            step = -STEP if k >= first and flat[k] > 0.5 else STEP
+            flat[k] += step
+            moved, _, _ = self.predict(model, now.like(flat), positions)
+            columns.append((moved - angle) / step)
+        raw = np.column_stack([*columns, influence]) if columns else influence
+        return self._centred(np.nan_to_num(raw), weight)
+
+    def _failed(self, model: Model, now: Vector) -> Fit:
+        n = len(self.problem.data)
+        nothing = np.full(n, np.nan)
+        return Fit(
+            model, now, mapped(self.bounds(model), now.shares), nothing, np.inf, np.zeros((n, len(now.flat))), False
+        )
+
+
+def declared_drives(problem: Problem) -> tuple[Drive, ...]:
+    """The declared unit, in its first state."""
+    return first_states(problem.nominal)

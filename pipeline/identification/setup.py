@@ -1,0 +1,248 @@
+"""From a unit's files to the problem that is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.config.design import Design
+from pipeline.config.study import Study
+from pipeline.identification.branches import Blocks, Cells, History
+from pipeline.identification.forward import Course, Forward
+from pipeline.identification.noise import Noise
+from pipeline.identification.problem import Data, Problem, first_states, prior_modes
+from pipeline.identification.reading import Rows
+from pipeline.identification.unit import UnitFile
+from pipeline.model.clearance import Errors
+from pipeline.model.drive import Drive, GapReading
+from pipeline.model.effects import Conditions
+from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.sampling import draw
+
+Real = NDArray[np.float64]
+
+MESHED = ("cycloid.", "disk.bore_radius_mm", "housing.")
+"""Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
+POPULATION = 192
+"""Units drawn from the study's distributions where the dimensions are not measured."""
+RESOLUTION = 0.2
+"""Share of the noise floor below which a mode of the tolerances is left out."""
+CELL_WIDTH = 0.05
+"""Error of a cell's torque as a share of the distance to its neighbours: its curve is bent within it."""
+
+
+def refitted(design: Design) -> tuple[str, ...]:
+    """Keys of the calibrated numbers that can be refitted without a new mesh."""
+    return tuple(
+        sorted(
+            key
+            for key, provenance in design.provenance.items()
+            if provenance.status == "calibrated" and not key.startswith(MESHED)
+        )
+    )
+
+
+def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) -> Design:
+    """The design with the numbers at ``keys`` times their scales."""
+    raw = design.model_dump()
+    for key, scale in zip(keys, scales, strict=True):
+        *path, last = key.split(".")
+        section = raw
+        for name in path:
+            section = section[name]
+        section[last] *= scale
+    return Design.model_validate(raw)
+
+
+def one_unit(study: Study, dimensions: object) -> Study:
+    """The study with the as-measured dimensions (or none at all) as its one sample."""
+    cases = (dimensions,) if dimensions is not None else ()
+    samples = study.samples.model_copy(
+        update={"experiment": "cases" if cases else "monte_carlo", "count": 1, "nominal_first": not cases}
+    )
+    return study.model_copy(update={"samples": samples, "cases": cases})
+
+
+def drive_of(study: Study, crank_deg: float, compliance: Real, errors: Errors, loose: Real) -> Drive:
+    """Drive of a study's design at one crank angle; ``loose`` (n,) is the clearance of its bearing [mm]."""
+    at = assembly.reducer(study.design, crank_deg)
+    return Drive(
+        profile=assembly.profile(study.design),
+        reducer=at,
+        bearing=assembly.bearing(study.design),
+        laws=assembly.contact_laws(study, at),
+        compliance=compliance,
+        rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
+        errors=errors,
+        reading=GapReading(**dict(study.clearance)),
+        shift=np.zeros((len(loose), len(at.contacts))),
+        bearing_clearance=loose,
+    )
+
+
+def _repeated(errors: Errors, n: int) -> Errors:
+    return Errors(**{name: np.repeat(values[:1], n, axis=0) for name, values in vars(errors).items()})
+
+
+def _softness(design: Design) -> float:
+    """The compliance of the disk is in proportion to this."""
+    return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
+
+
+def build_problem(
+    unit: UnitFile,
+    rows: Rows,
+    blocks: Blocks,
+    cells: Cells,
+    turns: History,
+    noise: Noise,
+    compliances: Sequence[Real],
+) -> Problem:
+    """The problem of a measured unit; ``compliances`` per position (n_contacts, n_contacts) [mm/N]."""
+    study = unit.study
+    states, conditions = _states(unit, rows, blocks, cells, turns)
+    courses = [_course(unit, rows, blocks, cells, turns, states, p) for p in range(len(rows.cranks))]
+    keys = refitted(study.design)
+    own = one_unit(study, unit.dimensions)
+    sampled = draw(own, 0, 1)
+    errors = assembly.errors(sampled)
+
+    @lru_cache(maxsize=256)
+    def drives(scales: tuple[float, ...]) -> tuple[Drive, ...]:
+        scaled = study.model_copy(update={"design": scaled_design(study.design, keys, scales)}) if keys else study
+        factor = _softness(scaled.design) / _softness(study.design)
+        return tuple(
+            drive_of(
+                scaled,
+                float(crank),
+                factor * compliance,
+                _repeated(errors, len(at.cycle)),
+                assembly.bearing_clearance(scaled.design, np.repeat(sampled.bearing_clearance, len(at.cycle))),
+            )
+            for crank, compliance, at in zip(rows.cranks, compliances, conditions, strict=True)
+        )
+
+    rated = study.design.cycloid.rated_torque_Nm
+    nmm = assembly.NMM_PER_NM * rated
+    plain = Forward([course.without_states() for course in courses], nmm)
+    data = _data(unit, blocks, cells, noise)
+    nominal = drives((1.0,) * len(keys))
+    return Problem(
+        data=data,
+        forward=plain,
+        forward_by_state=Forward(courses, nmm),
+        drives=drives,
+        calibrated=keys,
+        modes=_modes(unit, first_states(nominal), plain, data.noise),
+        conditions=tuple(conditions),
+        varied=_varied(rows, cells),
+        rated_torque=rated,
+    )
+
+
+def _states(
+    unit: UnitFile, rows: Rows, blocks: Blocks, cells: Cells, turns: History
+) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
+    """State of every leg of each position, and the conditions of each state: one per cycle."""
+    states, conditions = [], []
+    for position in range(len(rows.cranks)):
+        mine = blocks.position == position
+        cycles = np.unique(blocks.cycle[mine])
+        leg_state = np.full(len(turns.torque[position]) - 1, -1)
+        leg_state[turns.leg[mine]] = np.searchsorted(cycles, blocks.cycle[mine])
+        for leg in range(len(leg_state)):  # between two cycles: as the one before
+            if leg_state[leg] < 0:
+                leg_state[leg] = leg_state[leg - 1] if leg else 0
+        states.append(leg_state)
+        rise = np.zeros(len(cycles))
+        if rows.temperature is not None:
+            at = [cells.temperature_mean[(cells.position == position) & (cells.cycle == cycle)] for cycle in cycles]
+            rise = np.array([np.nanmean(one) if np.any(np.isfinite(one)) else np.nan for one in at])
+            rise = np.nan_to_num(rise - unit.settings.environment.temperature_C)
+        conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
+    return states, conditions
+
+
+def _course(
+    unit: UnitFile,
+    rows: Rows,
+    blocks: Blocks,
+    cells: Cells,
+    turns: History,
+    states: Sequence[NDArray[np.int64]],
+    position: int,
+) -> Course:
+    mine = cells.position == position
+    crank, lobes = np.radians(rows.cranks[position]), unit.study.design.cycloid.lobes
+    time = np.nan_to_num(cells.time_mean[mine])
+    at_input = unit.settings.locked == "output"
+    return Course(
+        torque=turns.torque[position],
+        leg=turns.leg[cells.block[mine]],
+        state=states[position],
+        at=cells.torque_mean[mine],
+        time=time - time[0],
+        encoder_turns=float(lobes) if at_input else 1.0,
+        encoder_place=float(crank if at_input else -crank / lobes),
+    )
+
+
+def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
+    resolution = (unit.settings.instrument.angle_resolution_arcmin or 0.0) / np.sqrt(12)
+    known = [value for value in (noise.floor.value, noise.within_branch.value) if np.isfinite(value) and value > 0]
+    floor = max(known[0] if known else 0.0, resolution, 1e-4)
+    slope, width = np.zeros(len(cells)), np.zeros(len(cells))
+    for block in np.unique(cells.block):
+        mine = np.flatnonzero(cells.block == block)
+        if len(mine) < 3:
+            continue
+        torque, angle = cells.torque_mean[mine], cells.angle_mean[mine]
+        step = np.maximum(np.abs(np.diff(torque)), 1e-9)
+        between = np.abs(np.diff(angle)) / step
+        slope[mine] = np.maximum(np.append(between, 0.0), np.append(0.0, between))
+        width[mine] = np.maximum(np.append(step, 0.0), np.append(0.0, step))
+    torque_noise = np.nan_to_num(noise.torque_noise_Nm) / np.sqrt(cells.count)
+    sigma = np.sqrt(floor**2 + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2))
+    return Data(
+        position=cells.position,
+        cycle=cells.cycle,
+        block=cells.block,
+        torque=cells.torque_mean,
+        angle=cells.angle_mean,
+        count=cells.count,
+        spread=cells.angle_spread,
+        noise=floor,
+        sigma=sigma,
+        common_offset=unit.settings.offset == "common",
+    )
+
+
+def _varied(rows: Rows, cells: Cells) -> frozenset[str]:
+    varied = set()
+    if len(rows.cranks) >= 3:
+        varied.add(CRANKS)
+    if any(len(np.unique(cells.cycle[cells.position == p])) > 1 for p in range(len(rows.cranks))):
+        varied.add(CYCLES)
+    if rows.time is not None and np.any(np.isfinite(cells.time_mean)) and np.nanstd(cells.time_mean) > 0:
+        varied.add(TIME)
+    if rows.temperature is not None and np.nanstd(cells.temperature_mean) > 0.2:
+        varied.add(TEMPERATURE)
+    return frozenset(varied)
+
+
+def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: float) -> tuple[Real, ...]:
+    """Modes of the tolerances that were not measured; none where all were."""
+    if unit.dimensions is not None:
+        return tuple(np.zeros((0, len(drive.laws))) for drive in drives)
+    samples = unit.study.samples.model_copy(
+        update={"experiment": "monte_carlo", "count": POPULATION, "nominal_first": False}
+    )
+    errors = assembly.errors(draw(unit.study.model_copy(update={"samples": samples, "cases": ()}), 0, POPULATION))
+    gaps = [replace(drive, errors=errors).gap for drive in drives]
+    influences = [forward.backbone(drive).influence[0] for drive in drives]
+    return prior_modes(gaps, influences, RESOLUTION * noise)
