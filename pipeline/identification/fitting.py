@@ -1,8 +1,8 @@
 """Least squares of a model's effects, calibrated numbers and unmeasured tolerances against the cells of a unit.
 
 Unmeasured tolerances and calibrated numbers are held by their priors (a penalty), so that an effect must explain what
-they cannot. The influence of tolerances on the curve comes from the forces of the equilibria (``Backbone.influence``), so
-that an iteration costs one prediction for each calibrated number and parameter, however many tolerances there are.
+they cannot. The influence of tolerances on the curve comes from the forces of the equilibria
+(``Backbone.influence``): an iteration costs one prediction for each calibrated number and parameter.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class Fitter:
             replace(drive, shift=drive.shift + unknowns.modes @ own) if len(own) else drive
             for drive, own in zip(declared, problem.modes, strict=True)
         ]
-        values = mapped(self.bounds(model), unknowns.shares)
+        values = mapped(self.bounds(model), unknowns.shares).tolist()
         drives, instrument = model.put(shifted, problem.conditions, values)
         angle = np.full(len(data), np.nan)
         influence = np.zeros((len(data), problem.n_modes))

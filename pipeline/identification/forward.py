@@ -25,6 +25,8 @@ PATH_LEVELS = 11
 """The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
 BEYOND = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
+REPEATED = 0.01
+"""Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
 
@@ -133,8 +135,11 @@ class Forward:
         torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
         angle, carried, slope = np.empty_like(at), np.empty_like(at), np.empty_like(at)
         sound = bool(np.all(curve.states.converged))
-        levels = nodes[:: LEVELS // PATH_LEVELS] if drive.sliders.at_contacts else nodes
-        steps, first = _steps(torque, levels)
+        steps, first = _steps(torque, nodes)
+        same = np.arange(len(torque) - 1)
+        if drive.sliders.at_contacts:
+            same = _repeats(torque)
+            steps, first = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
         for state in np.unique(course.state):
             at_state = curve.angle[state] + drive.torsion * nodes
             if drive.sliders.at_contacts:
@@ -157,7 +162,7 @@ class Forward:
                 cells = course.leg == leg
                 if not np.any(cells):
                     continue
-                part = slice(first[leg], first[leg + 1] + 1)
+                part = slice(first[same[leg]], first[same[leg] + 1] + 1)
                 order = slice(None) if torque[leg + 1] > torque[leg] else slice(None, None, -1)
                 x, y = steps[part][order], turned[part][order]
                 angle[cells], slope[cells] = _on_line(at[cells], x, y)
@@ -189,6 +194,20 @@ def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
         count += len(part)
         first.append(count - 1)
     return np.concatenate(parts), np.array(first)
+
+
+def _repeats(torque: Real) -> Whole:
+    """For each leg the earlier one that it repeats, turns before it included, or itself (n_legs,)."""
+    close = REPEATED * np.ptp(torque)
+    same = np.arange(len(torque) - 1)
+    for leg in range(3, len(same)):
+        known = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
+        ends = np.sign(torque[leg + 1] - torque[leg]) * (torque[leg + 1] - torque[leg - 1])
+        if known and ends <= close:
+            same[leg] = same[leg - 2]
+        else:
+            same[: leg + 1] = np.arange(leg + 1)  # its history must be followed
+    return same
 
 
 def _on_line(at: Real, x: Real, y: Real) -> tuple[Real, Real]:

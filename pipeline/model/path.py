@@ -10,12 +10,14 @@ import numpy as np
 
 from pipeline.model.compiled import algebraic_part, entry
 from pipeline.model.contact import ContactLaws
-from pipeline.model.equilibrium import BALANCE_TOLERANCE, FORCE_TOLERANCE, OPEN, REGULAR, _closing_force, _law
+from pipeline.model.equilibrium import OPEN, REGULAR, _closing_force, _law
 from pipeline.model.friction import Sliders
 from pipeline.model.profile import Real
 from pipeline.model.reducer import Bearing, Reducer
 
-NEWTON_STEPS = 60
+SETTLED = 1e-9
+"""A step is solved when neither a deflection nor a balance is off by more than this share of its largest term."""
+NEWTON_STEPS = 30
 UNDAMPED = 12
 """Newton steps after which only half of each is taken: sticking and slipping may alternate."""
 HALVINGS = 8
@@ -85,7 +87,7 @@ def _anchor(sliders, anchor, q, force):
 
 
 @algebraic_part
-def _misfits(model, gap, force, q, active, miss, slope):
+def _misfits(model, gap, force, q, active, elastic, miss, slope):
     """Close penetrated contacts, list the active ones, and give their misfits of deflection and tangents.
 
     Returns the number of active contacts and the relative misfit.
@@ -93,12 +95,13 @@ def _misfits(model, gap, force, q, active, miss, slope):
     closing, compliance, a, c, k, m, limit = model
     n, n_active = gap.shape[0], 0
     largest, off = 1e-300, 0.0
+    elastic[:] = 0.0
+    for j in range(n):
+        if force[j] > 0.0 and compliance[j, j] > 0.0:
+            for i in range(n):
+                elastic[i] += compliance[j, i] * force[j]
     for i in range(n):
-        elastic = 0.0
-        if compliance[i, i] > 0.0:
-            for j in range(n):
-                elastic += compliance[i, j] * force[j]
-        depth = -gap[i] - elastic
+        depth = -gap[i] - elastic[i]
         for d in range(q.shape[0]):
             depth += closing[i, d] * q[d]
         if force[i] == 0.0:
@@ -109,7 +112,7 @@ def _misfits(model, gap, force, q, active, miss, slope):
         else:
             local, slope[i] = _law(force[i], a[i], c[i], k[i], m[i], limit[i])
             miss[i] = local - depth
-            largest = max(largest, local + elastic)
+            largest = max(largest, local + elastic[i])
             off = max(off, abs(miss[i]))
         active[n_active] = i
         n_active += 1
@@ -125,20 +128,55 @@ def _misfits(model, gap, force, q, active, miss, slope):
 
 
 @algebraic_part
+def _add_contacts(model, force, active, columns, miss, slope, balance, scale, matrix, right):
+    """Rows of the active contacts: the coupled ones stay unknowns, the others are eliminated into the motions.
+
+    Returns the largest stiffness of a contact.
+    """
+    closing, compliance = model[0], model[1]
+    n_motions, first = balance.shape[0], matrix.shape[0] - balance.shape[0]
+    stiffest = 0.0
+    for i in active:
+        stiffest = max(stiffest, 1.0 / slope[i])
+        p = columns[i]
+        for d in range(n_motions):
+            term = closing[i, d] * force[i]
+            balance[d] += term
+            scale[d] += abs(term)
+            if p >= 0:
+                matrix[p, first + d] = -closing[i, d]
+                matrix[first + d, p] += closing[i, d]
+            else:
+                right[first + d] += closing[i, d] * miss[i] / slope[i]
+                for e in range(n_motions):
+                    matrix[first + d, first + e] += closing[i, d] * closing[i, e] / slope[i]
+        if p >= 0:
+            for other in active:
+                if columns[other] >= 0:
+                    matrix[p, columns[other]] = compliance[i, other]
+            matrix[p, p] += slope[i]
+            right[p] = -miss[i]
+    return stiffest
+
+
+@algebraic_part
 def _equilibrium(torque, output, gap, model, bearing, clearance, sliders, anchor, q, force, work):
     """Newton on contacts, sliders and motions from (q, force), changed in place; returns the relative residual."""
-    closing, compliance = model[0], model[1]
-    active, columns, miss, slope, balance, scale, spring = work
-    n, n_motions = closing.shape
+    closing = model[0]
+    coupled, room, columns, elastic, miss, slope, balance, scale, spring = work
+    n_motions = closing.shape[1]
     residual = np.inf
     for iteration in range(NEWTON_STEPS):
-        n_active, off = _misfits(model, gap, force, q, active, miss, slope)
-        size = n_active + n_motions
-        matrix, right = np.zeros((size, size)), np.empty(size)
+        n_active, off = _misfits(model, gap, force, q, room, elastic, miss, slope)
+        active = room[:n_active]
         columns[:] = -1
-        for p in range(n_active):
-            columns[active[p]] = p
-        tangent, below = matrix[n_active:, n_active:], matrix[n_active:, :n_active]
+        first = 0
+        for i in active:
+            if coupled[i]:
+                columns[i] = first
+                first += 1
+        matrix, right = np.zeros((first + n_motions, first + n_motions)), np.zeros(first + n_motions)
+        tangent, below = matrix[first:, first:], matrix[first:, :first]
         balance[:] = 0.0
         balance[output] = -torque
         scale[:] = np.abs(balance)
@@ -147,35 +185,28 @@ def _equilibrium(torque, output, gap, model, bearing, clearance, sliders, anchor
         balance[1] += spring[1]
         tangent[0, 0], tangent[0, 1], tangent[1, 0], tangent[1, 1] = spring[2], spring[3], spring[3], spring[4]
         _slide(sliders, anchor, q, force, balance, scale, below, columns, tangent)
-        stiffest = bearing[0]
-        for p in range(n_active):
-            i = active[p]
-            for other in range(n_active):
-                matrix[p, other] = compliance[i, active[other]]
-            matrix[p, p] += slope[i]
-            right[p] = -miss[i]
-            stiffest = max(stiffest, 1.0 / slope[i])
-            for d in range(n_motions):
-                matrix[p, n_active + d] = -closing[i, d]
-                below[d, p] += closing[i, d]
-                term = closing[i, d] * force[i]
-                balance[d] += term
-                scale[d] += abs(term)
+        stiffest = _add_contacts(model, force, active, columns, miss, slope, balance, scale, matrix, right)
         unbalanced = 0.0
         for d in range(n_motions):
-            right[n_active + d] = -balance[d]
+            right[first + d] -= balance[d]
             unbalanced = max(unbalanced, abs(balance[d]) / max(scale[d], 1e-300))
-            tangent[d, d] += REGULAR * stiffest
+            tangent[d, d] += REGULAR * max(stiffest, bearing[0])
         residual = max(off, unbalanced)
-        if off <= FORCE_TOLERANCE and unbalanced <= 100.0 * BALANCE_TOLERANCE:
+        if residual <= SETTLED:
             return residual
         step = np.linalg.solve(matrix, right)
         length = 1.0 if iteration < UNDAMPED else 0.5
         for d in range(n_motions):
-            q[d] += length * step[n_active + d]
-        for p in range(n_active):
-            i = active[p]
-            force[i] = max(force[i] + length * step[p], 0.0)
+            q[d] += length * step[first + d]
+        for i in active:
+            if columns[i] >= 0:
+                change = step[columns[i]]
+            else:
+                change = -miss[i]
+                for d in range(n_motions):
+                    change += closing[i, d] * step[first + d]
+                change /= slope[i]
+            force[i] = max(force[i] + length * change, 0.0)
     return residual
 
 
@@ -184,9 +215,17 @@ def _follow(torques, output, gap, model, bearing, clearance, sliders, nodes, see
     """States of one sample along its history; returns the largest residual. ``nodes`` are the seeds' torques."""
     n, n_motions = model[0].shape
     n_sliders = sliders[1].shape[0]
+    coupled = np.zeros(n, np.bool_)
+    for i in range(n):
+        coupled[i] = model[1][i, i] > 0.0
+    for i in sliders[4]:
+        if i >= 0:
+            coupled[i] = True
     work = (
+        coupled,
         np.empty(n, np.int64),
         np.empty(n, np.int64),
+        np.empty(n),
         np.empty(n),
         np.empty(n),
         np.empty(n_motions),
@@ -201,16 +240,19 @@ def _follow(torques, output, gap, model, bearing, clearance, sliders, nodes, see
         while True:
             goal = reached + share * (torques[t] - reached)
             trial_q[:], trial_force[:] = q, force
+            if goal * reached <= 0.0:  # across the play
+                seed = np.argmin(np.abs(nodes - goal))
+                trial_q[:], trial_force[:] = seed_q[seed], seed_force[seed]
             residual = _equilibrium(
                 goal, output, gap, model, bearing, clearance, sliders, anchor, trial_q, trial_force, work
             )
-            if not residual <= 1e-9:
+            if not residual <= SETTLED:
                 seed = np.argmin(np.abs(nodes - goal))
                 trial_q[:], trial_force[:] = seed_q[seed], seed_force[seed]
                 residual = _equilibrium(
                     goal, output, gap, model, bearing, clearance, sliders, anchor, trial_q, trial_force, work
                 )
-            if not residual <= 1e-9 and depth < HALVINGS:
+            if not residual <= SETTLED and depth < HALVINGS:
                 share, depth = 0.5 * share, depth + 1
                 continue
             q[:], force[:] = trial_q, trial_force
