@@ -85,7 +85,7 @@ def test_loop_is_as_wide_at_zero_torque_as_the_rigid_play(finished):
 
 
 def test_report_speaks_of_output_pins(finished):
-    page = (finished["report"].folder / "report.html").read_text(encoding="utf-8")
+    page = (finished["report"].folder / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     figures = {path.stem for path in (finished["report"].folder / "figures").glob("*.svg")}
     assert "output_pin_loads" in figures
     assert "roller_loads" not in figures
@@ -134,3 +134,7 @@ def test_patches_carry_unit_forces_with_the_arms_of_their_contacts(crank):
     turn = np.exp(1j * np.radians(crank) / study.design.cycloid.lobes)
     np.testing.assert_allclose(resultant[0] + 1j * resultant[1], side * at.contacts.normal * turn, atol=1e-12)
     np.testing.assert_allclose(resultant[2], side * at.contacts.arm, atol=0.02)
+    tangent = 1j * at.contacts.normal * turn
+    spread = np.real(np.conj(tangent)[:, None] * (patches.points - patches.points @ patches.weights[:, None]))
+    widths = np.where(at.contacts.kind == "output", 0.6, 0.9)
+    np.testing.assert_allclose(spread.max(axis=1), widths, rtol=2e-3)
