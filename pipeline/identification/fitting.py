@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.forward import Instrument
 from pipeline.identification.problem import Model, Problem, first_states
 from pipeline.model.drive import Drive
 
@@ -111,12 +112,9 @@ class Fitter:
         """Bounds of all parameters of a model."""
         return [pair for effect in model.effects for pair in self.problem.bounds(effect)]
 
-    def predict(
-        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
-    ) -> tuple[Real, Real, bool]:
-        """Angles (n_cells,) without offsets, influence of the modes (n_cells, n_modes), whether all was sound."""
-        problem, data = self.problem, self.problem.data
-        forward = problem.forward_by_state if model.by_state else problem.forward
+    def _drives(self, model: Model, unknowns: Vector) -> tuple[list[Drive], Instrument]:
+        """Drives and instrument at the unknowns."""
+        problem = self.problem
         declared = problem.drives(tuple(np.exp(unknowns.scales)))
         if not model.by_state:
             declared = first_states(declared)
@@ -124,8 +122,15 @@ class Fitter:
             replace(drive, shift=drive.shift + unknowns.modes @ own) if len(own) else drive
             for drive, own in zip(declared, problem.modes, strict=True)
         ]
-        values = mapped(self.bounds(model), unknowns.shares).tolist()
-        drives, instrument = model.put(shifted, problem.conditions, values)
+        return model.put(shifted, problem.conditions, mapped(self.bounds(model), unknowns.shares).tolist())
+
+    def predict(
+        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
+    ) -> tuple[Real, Real, bool]:
+        """Angles (n_cells,) without offsets, influence of the modes (n_cells, n_modes), whether all was sound."""
+        problem, data = self.problem, self.problem.data
+        forward = problem.forward_by_state if model.by_state else problem.forward
+        drives, instrument = self._drives(model, unknowns)
         angle = np.full(len(data), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
@@ -140,7 +145,7 @@ class Fitter:
                 )
         return angle, influence, sound
 
-    def _centred(self, values: Real, weight: Real) -> Real:
+    def centred(self, values: Real, weight: Real) -> Real:
         """Values (n, ...) less their weighted mean over the cells that share an offset."""
         group = self.problem.data.group
         out = values - 0.0
@@ -169,10 +174,10 @@ class Fitter:
         weight = np.where(fitted, 1 / data.sigma**2, 0.0)
         root = np.sqrt(weight[fitted])
         positions = np.unique(data.position[fitted]).tolist()
-        penalty = self._penalty(start)
+        penalty = self.penalty(start)
 
         def cost_of(angle: Real, unknowns: Vector) -> tuple[float, Real]:
-            misfit = self._centred(data.angle - angle, weight)[fitted] * root
+            misfit = self.centred(data.angle - angle, weight)[fitted] * root
             return float(misfit @ misfit + np.sum((penalty * unknowns.flat) ** 2)), misfit
 
         now = start
@@ -218,7 +223,16 @@ class Fitter:
             sound,
         )
 
-    def _penalty(self, like: Vector) -> Real:
+    def slopes(self, fit: Fit) -> Real:
+        """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""
+        problem, slope = self.problem, np.zeros(len(self.problem.data))
+        drives, instrument = self._drives(fit.model, fit.unknowns)
+        forward = problem.forward_by_state if fit.model.by_state else problem.forward
+        for position in self.positions:
+            slope[problem.data.position == position] = forward.read(drives[position], position, instrument).slope
+        return slope
+
+    def penalty(self, like: Vector) -> Real:
         """Inverse prior standard deviation of every unknown."""
         return np.concatenate(
             [np.full(len(like.scales), 1 / SCALE_PRIOR), np.zeros(len(like.shares)), np.ones(len(like.modes))]
@@ -246,7 +260,7 @@ class Fitter:
             moved, _, _ = self.predict(model, now.like(flat), positions)
             columns.append((moved - angle) / step)
         raw = np.column_stack([*columns, influence]) if columns else influence
-        return self._centred(np.nan_to_num(raw), weight)
+        return self.centred(np.nan_to_num(raw), weight)
 
     def _failed(self, model: Model, now: Vector) -> Fit:
         n = len(self.problem.data)
@@ -254,8 +268,3 @@ class Fitter:
         return Fit(
             model, now, mapped(self.bounds(model), now.shares), nothing, np.inf, np.zeros((n, len(now.flat))), False
         )
-
-
-def declared_drives(problem: Problem) -> tuple[Drive, ...]:
-    """The declared unit, in its first state."""
-    return first_states(problem.nominal)

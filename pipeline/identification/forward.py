@@ -64,7 +64,7 @@ class Course:
     torque : (n_turns,) [N m] from the first to the last, turning at each.
     leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
     state : (n_turns - 1,) state of the drive on each leg.
-    at : (n_cells,) torque [N m] of the cells.
+    at : (n_cells, n_points) torques [N m] within each cell, over which its angle is averaged.
     time : (n_cells,) [s] from the first cell, or zeros.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
@@ -133,7 +133,7 @@ class Forward:
         curve = self.backbone(drive)
         nodes = curve.torque
         torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
-        angle, carried, slope = np.empty_like(at), np.empty_like(at), np.empty_like(at)
+        angle, carried, slope = np.empty(len(at)), np.empty(len(at)), np.empty(len(at))
         sound = bool(np.all(curve.states.converged))
         steps, first = _steps(torque, nodes)
         same = np.arange(len(torque) - 1)
@@ -165,8 +165,9 @@ class Forward:
                 part = slice(first[same[leg]], first[same[leg] + 1] + 1)
                 order = slice(None) if torque[leg + 1] > torque[leg] else slice(None, None, -1)
                 x, y = steps[part][order], turned[part][order]
-                angle[cells], slope[cells] = _on_line(at[cells], x, y)
-                carried[cells] = np.interp(at[cells], x, inside[part][order])
+                angles, slopes = _on_line(at[cells], x, y)
+                angle[cells], slope[cells] = angles.mean(axis=1), slopes.mean(axis=1)
+                carried[cells] = np.interp(at[cells], x, inside[part][order]).mean(axis=1)
         if drive.creep is not None:
             angle = angle + _crept(carried, course.time, drive.creep.compliance, drive.creep.time_constant)
         turns = course.encoder_turns * angle + course.encoder_place

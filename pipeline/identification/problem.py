@@ -138,6 +138,10 @@ class Model:
     def n_parameters(self) -> int:
         return sum(len(effect.parameters) for effect in self.effects)
 
+    @property
+    def n_effects(self) -> int:
+        return len(self.effects)
+
     def split(self, values: Sequence[float]) -> list[tuple[Candidate, Sequence[float]]]:
         """Every effect with its own values."""
         parts, start = [], 0

@@ -32,8 +32,12 @@ POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
 RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
-CELL_WIDTH = 0.05
-"""Error of a cell's torque as a share of the distance to its neighbours: its curve is bent within it."""
+JUMP = 2.0
+"""Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""
+POINTS = 5
+"""Torques within a cell at which its angle is predicted and averaged: the curve is bent within it."""
+CELL_WIDTH = 0.02
+"""Error of a cell's torque as a share of the distance to its neighbours."""
 
 
 def refitted(design: Design) -> tuple[str, ...]:
@@ -97,6 +101,7 @@ def _softness(design: Design) -> float:
 def build_problem(
     unit: UnitFile,
     rows: Rows,
+    usable: NDArray[np.bool_],
     blocks: Blocks,
     cells: Cells,
     turns: History,
@@ -106,7 +111,7 @@ def build_problem(
     """The problem of a measured unit; ``compliances`` per position (n_contacts, n_contacts) [mm/N]."""
     study = unit.study
     states, conditions = _states(unit, rows, blocks, cells, turns)
-    courses = [_course(unit, rows, blocks, cells, turns, states, p) for p in range(len(rows.cranks))]
+    courses = [_course(unit, rows, usable, cells, turns, states, p) for p in range(len(rows.cranks))]
     keys = refitted(study.design)
     own = one_unit(study, unit.dimensions)
     sampled = draw(own, 0, 1)
@@ -171,7 +176,7 @@ def _states(
 def _course(
     unit: UnitFile,
     rows: Rows,
-    blocks: Blocks,
+    usable: NDArray[np.bool_],
     cells: Cells,
     turns: History,
     states: Sequence[NDArray[np.int64]],
@@ -185,10 +190,23 @@ def _course(
         torque=turns.torque[position],
         leg=turns.leg[cells.block[mine]],
         state=states[position],
-        at=cells.torque_mean[mine],
+        at=_within(rows, usable, cells, np.flatnonzero(mine)),
         time=time - time[0],
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),
+    )
+
+
+def _within(rows: Rows, usable: NDArray[np.bool_], cells: Cells, numbers: NDArray[np.intp]) -> Real:
+    """Torques within cells (n, POINTS) [N m]: quantiles of their rows."""
+    kept = np.flatnonzero(usable)
+    first = np.searchsorted(kept, cells.first_row[numbers])
+    shares = (np.arange(POINTS) + 0.5) / POINTS
+    return np.array(
+        [
+            np.quantile(rows.torque[kept[start : start + count]], shares)
+            for start, count in zip(first, cells.count[numbers], strict=True)
+        ]
     )
 
 
@@ -207,7 +225,9 @@ def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
         slope[mine] = np.maximum(np.append(between, 0.0), np.append(0.0, between))
         width[mine] = np.maximum(np.append(step, 0.0), np.append(0.0, step))
     torque_noise = np.nan_to_num(noise.torque_noise_Nm) / np.sqrt(cells.count)
-    sigma = np.sqrt(floor**2 + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2))
+    usual = np.median(cells.angle_spread[np.isfinite(cells.angle_spread)])
+    jumps = np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual) ** 2, 0.0)
+    sigma = np.sqrt(floor**2 + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps)
     return Data(
         position=cells.position,
         cycle=cells.cycle,

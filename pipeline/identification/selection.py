@@ -1,0 +1,283 @@
+"""Which effect the data ask for: screening, held-out losses of leave-one-group-out, one test over all effects tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting import Fit, Fitter, Vector
+from pipeline.identification.problem import Model, candidates
+from pipeline.statistics.blocks import confidence_set, max_t
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+SHORTLIST = 7
+"""Effects that are fitted in full, the best of the screening."""
+NEAR = 1.5
+"""Further ones are fitted where their screened misfit is within this ratio of the best."""
+FAMILYWISE = 0.05
+SET_LEVEL = 0.9
+LEAST_GAIN = 0.1
+"""Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
+FEWEST_BLOCKS = 8
+RESAMPLES = 2000
+FOLD_ITERATIONS = 5
+SEED = 20170
+MOST_FOLDS = 4
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model fitted to a set of cells and judged on held-out groups of it.
+
+    Attributes
+    ----------
+    fit : to all the cells.
+    held_out : (n_cells,) [arcmin] prediction of each cell by the fold that left it out; NaN outside the cells.
+    losses : (n_blocks,) mean square of the held-out residuals of each block, in sigmas.
+    """
+
+    fit: Fit
+    held_out: Real
+    losses: Real
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean loss, 1 at the noise floor."""
+        return float(np.sqrt(np.mean(self.losses)))
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was tried on a set of cells.
+
+    Attributes
+    ----------
+    base : calibrated numbers and tolerances alone.
+    trials : by name of the model.
+    screened : (share of the base's misfit) by name of every effect that could be tested.
+    t, p : of the gain over the base, p adjusted over all that were tried.
+    survivors : models whose gain is significant and of use, best first.
+    best : name, or "" without survivors.
+    members : names of the class of the best.
+    """
+
+    base: Trial
+    trials: Mapping[str, Trial]
+    screened: Mapping[str, float]
+    t: Mapping[str, float]
+    p: Mapping[str, float]
+    survivors: tuple[str, ...]
+    best: str
+    members: tuple[str, ...]
+
+    @property
+    def chosen(self) -> Trial:
+        """The best model's trial, or the base's."""
+        return self.trials[self.best] if self.best else self.base
+
+
+def grid(bounds: Sequence[tuple[float, float]]) -> list[tuple[float, ...]]:
+    """Shares of the bounds at which a model is looked at first."""
+    axes: list[tuple[float, ...]] = []
+    for low, _ in bounds:
+        if low > 0:
+            axes.append((0.1, 0.35, 0.6, 0.85))
+        elif low == 0:
+            axes.append((0.003, 0.01, 0.03, 0.1, 0.25, 0.5) if len(bounds) == 1 else (0.01, 0.04, 0.15, 0.4))
+        elif len(bounds) == 1:
+            axes.append(tuple(0.5 + sign * x for sign in (-1, 1) for x in (0.003, 0.01, 0.03, 0.1, 0.25)))
+        else:
+            axes.append((0.4, 0.47, 0.5, 0.53, 0.6))
+    return [point for point in product(*axes) if any(p != 0.5 for p in point)]
+
+
+class Selector:
+    """Selections on subsets of one problem's cells; predictions of the screening are made once for all of them."""
+
+    def __init__(self, fitter: Fitter):
+        self.fitter = fitter
+        self.problem = fitter.problem
+        self.testable = {name: effect for name, effect in candidates().items() if not self.problem.why_not(effect)}
+        self._looked: dict[str, list[tuple[tuple[float, ...], Real]]] = {}
+
+    def group(self, cells: Truth) -> Whole:
+        """What is left out at once (n_cells,): positions if the cells have two, else cycles."""
+        data = self.problem.data
+        return data.position if len(np.unique(data.position[cells])) > 1 else data.cycle
+
+    def _looks(self, name: str, base: Vector) -> list[tuple[tuple[float, ...], Real]]:
+        """Predictions of an effect over the grid of its parameters, the rest as in ``base``."""
+        if name not in self._looked:
+            model = Model((self.testable[name],))
+            points = grid(self.fitter.bounds(model))
+            if name == "motor_cogging":
+                points = []
+            found = []
+            for point in points:
+                angle, _, sound = self.fitter.predict(model, replace(base, shares=np.array(point)))
+                if sound and np.all(np.isfinite(angle)):
+                    found.append((point, angle))
+            self._looked[name] = found
+        return self._looked[name]
+
+    def screen(self, cells: Truth, base: Fit) -> dict[str, tuple[float, tuple[float, ...]]]:
+        """Least misfit of each effect over its grid, in shares of the base's, and where; linear in all else."""
+        data, fitter = self.problem.data, self.fitter
+        weight = np.where(cells, 1 / data.sigma**2, 0.0)
+        root = np.sqrt(weight[cells])
+        rows = base.jacobian[cells] * root[:, None]
+        penalty = fitter.penalty(base.unknowns)
+        system = np.vstack([rows, np.diag(penalty)[penalty > 0]]) if rows.shape[1] else rows
+        basis = np.linalg.qr(system)[0] if rows.shape[1] else np.zeros((len(root), 0))
+
+        def misfit(angle: Real) -> float:
+            left = fitter.centred(data.angle - angle, weight)[cells] * root
+            padded = np.concatenate([left, np.zeros(len(basis) - len(left))]) if basis.shape[1] else left
+            return float(padded @ padded - np.sum((basis.T @ padded) ** 2)) if basis.shape[1] else float(left @ left)
+
+        plain, _, _ = fitter.predict(base.model, base.unknowns)
+        nothing = max(misfit(plain), 1e-300)
+        found = {}
+        for name in self.testable:
+            looks = [(misfit(angle) / nothing, point) for point, angle in self._looks(name, base.unknowns)]
+            if name == "motor_cogging":
+                looks = [self._cogging(cells, base, plain)]
+            if looks:
+                found[name] = min(looks)
+        return found
+
+    def _cogging(self, cells: Truth, base: Fit, plain: Real) -> tuple[float, tuple[float, ...]]:
+        """Best period of a small ripple: its torque moves the angle by the slope of the curve."""
+        data = self.problem.data
+        model = Model((self.testable["motor_cogging"],))
+        bounds = self.fitter.bounds(model)
+        residual = (data.angle - base.predicted)[cells] / data.sigma[cells]
+        slope = self.fitter.slopes(base)[cells]
+        best = (1.0, (0.5, 0.5, 0.5))
+        for share in np.linspace(0, 1, 160):
+            waves = 10 ** (bounds[2][0] + share * (bounds[2][1] - bounds[2][0]))
+            turned = waves * plain[cells] / 3437.746770784939
+            columns = -(slope / data.sigma[cells])[:, None] * np.column_stack([np.cos(turned), np.sin(turned)])
+            found, *_ = np.linalg.lstsq(columns, residual, rcond=None)
+            left = residual - columns @ found
+            ratio = float(left @ left / (residual @ residual))
+            if ratio < best[0]:
+                shares = [
+                    float(np.clip((value - low) / (high - low), 0.02, 0.98))
+                    for value, (low, high) in zip(found, bounds[:2], strict=True)
+                ]
+                best = (ratio, (shares[0], shares[1], float(share)))
+        return best
+
+    def trial(self, fit: Fit, cells: Truth) -> Trial:
+        """Held-out losses of a fitted model, each group of the cells left out in turn."""
+        data, group = self.problem.data, self.group(cells)
+        held = np.full(len(data), np.nan)
+        for one in np.unique(group[cells]):
+            left_out = cells & (group == one)
+            fold = self.fitter.fit(fit.model, cells & ~left_out, fit.unknowns, FOLD_ITERATIONS)
+            held[left_out] = fold.predicted[left_out]
+        return Trial(fit, held, self.block_losses(held, cells))
+
+    def block_losses(self, predicted: Real, cells: Truth) -> Real:
+        """Mean square residual of every block (n_blocks,), in sigmas."""
+        data = self.problem.data
+        square = ((data.angle - predicted) / data.sigma) ** 2
+        square = np.where(np.isfinite(square), square, 1e6)
+        blocks, index = np.unique(data.block[cells], return_inverse=True)
+        return np.bincount(index, square[cells]) / np.bincount(index)
+
+    def select(self, cells: Truth) -> Selection:
+        """Try every effect that the data can test on ``cells`` (n_cells,)."""
+        base_fit = self.fitter.fit(Model(), cells, self.fitter.start(Model()))
+        base = self.trial(base_fit, cells)
+        screened = self.screen(cells, base_fit)
+        order = sorted(screened, key=lambda name: screened[name][0])
+        least = screened[order[0]][0] if order else 1.0
+        chosen = [name for k, name in enumerate(order) if k < SHORTLIST or screened[name][0] < NEAR * least]
+        trials = {}
+        for name in chosen[: 2 * SHORTLIST]:
+            start = replace(base_fit.unknowns, shares=np.array(screened[name][1]))
+            fit = self.fitter.fit(Model((self.testable[name],)), cells, start)
+            if np.isfinite(fit.cost):
+                trials[name] = self.trial(fit, cells)
+        return self._judged(base, trials, {name: found[0] for name, found in screened.items()}, cells)
+
+    def with_pairs(self, selection: Selection, cells: Truth, most: int = 4) -> Selection:
+        """The selection with pairs of its survivors tried too."""
+        trials = dict(selection.trials)
+        for first, second in combinations(selection.survivors[:most], 2):
+            one, other = trials[first].fit, trials[second].fit
+            model = Model((*one.model.effects, *other.model.effects))
+            shares = np.concatenate([one.unknowns.shares, other.unknowns.shares])
+            fit = self.fitter.fit(model, cells, replace(one.unknowns, shares=shares))
+            if np.isfinite(fit.cost):
+                trials[model.name] = self.trial(fit, cells)
+        return self._judged(selection.base, trials, selection.screened, cells)
+
+    def _judged(
+        self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float], cells: Truth
+    ) -> Selection:
+        names = list(trials)
+        if not names or len(base.losses) < FEWEST_BLOCKS:
+            return Selection(base, trials, screened, {}, {}, (), "", ())
+        gains = np.column_stack([base.losses - trials[name].losses for name in names])
+        t, p = max_t(gains, RESAMPLES, SEED)
+        useful = (p <= FAMILYWISE) & (gains.mean(axis=0) >= LEAST_GAIN)
+        losses = np.column_stack([trials[name].losses for name in names])
+        survivors = [names[k] for k in np.argsort(losses.mean(axis=0)) if useful[k]]
+        best = self._best(survivors, trials)
+        members = self._members(best, survivors, trials, cells) if best else ()
+        return Selection(
+            base,
+            trials,
+            screened,
+            dict(zip(names, t.tolist(), strict=True)),
+            dict(zip(names, p.tolist(), strict=True)),
+            tuple(survivors),
+            best,
+            members,
+        )
+
+    def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial]) -> str:
+        """Least held-out loss; of several effects only if they gain significantly over the best single one."""
+        singles = [name for name in survivors if "+" not in name]
+        pairs = [name for name in survivors if "+" in name]
+        if not singles:
+            return ""
+        best = singles[0]
+        if pairs:
+            gain = trials[best].losses - trials[pairs[0]].losses
+            _, p = max_t(gain[:, None], RESAMPLES, SEED)
+            if p[0] <= FAMILYWISE and gain.mean() >= LEAST_GAIN:
+                return pairs[0]
+        return best
+
+    def _members(
+        self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth
+    ) -> tuple[str, ...]:
+        """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
+        alike = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
+        kept = confidence_set(np.column_stack([trials[name].losses for name in alike]), SET_LEVEL, RESAMPLES, SEED)
+        sigma = self.problem.data.sigma
+        members = []
+        for name, inside in zip(alike, kept, strict=True):
+            apart = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
+            if name == best or (inside and np.sqrt(np.mean(apart**2)) < 1):
+                members.append(name)
+        return tuple(name for name in members if not _needless(name, members))
+
+
+NESTED: Mapping[str, str] = {"presliding": "coulomb"}
+"""Effects that become a simpler one at a limit of their parameters: not needed where that one does as well."""
+
+
+def _needless(name: str, members: Sequence[str]) -> bool:
+    return NESTED.get(name, "") in members

@@ -1,0 +1,67 @@
+"""Block bootstrap: whole blocks of neighbouring data are drawn with replacement, for data that are not independent."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+
+
+def resampled_means(values: Real, resamples: int, seed: int) -> Real:
+    """Means (resamples, ...) of blocks drawn with replacement; ``values`` (n_blocks, ...) has one entry a block."""
+    rng = np.random.default_rng(seed)
+    n = len(values)
+    counts = rng.multinomial(n, np.full(n, 1 / n), size=resamples)
+    return np.tensordot(counts, values, axes=1) / n
+
+
+def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
+    """Studentised mean gains of several models and their p-values, adjusted for the choice of the best.
+
+    Parameters
+    ----------
+    gains : (n_blocks, n_models) gain of each model in each block.
+
+    Returns
+    -------
+    t : (n_models,) mean over its standard error.
+    p : (n_models,) one-sided, adjusted by the distribution of the largest t of models without gain (Westfall, Young,
+        Resampling-Based Multiple Testing (1993), single step).
+    """
+    n = len(gains)
+    mean, spread = gains.mean(axis=0), gains.std(axis=0, ddof=1) / np.sqrt(n)
+    safe = np.where(spread > 0, spread, np.inf)
+    t = mean / safe
+    drawn = resampled_means(gains - mean, resamples, seed) / safe
+    largest = drawn.max(axis=1)
+    p = (1 + np.sum(largest[:, None] >= t, axis=0)) / (resamples + 1)
+    return t, p
+
+
+def confidence_set(losses: Real, level: float, resamples: int, seed: int) -> NDArray[np.bool_]:
+    """Models (n_models,) that hold the best one with confidence ``level``.
+
+    Source
+    ------
+    Model confidence set with the range statistic of the worst, Hansen, Lunde, Nason, Econometrica 79 (2011) 453.
+
+    Parameters
+    ----------
+    losses : (n_blocks, n_models)
+    """
+    kept = np.ones(losses.shape[1], bool)
+    drawn = resampled_means(losses, resamples, seed)
+    while kept.sum() > 1:
+        mine = losses[:, kept]
+        relative = mine.mean(axis=0) - mine.mean()
+        noise = drawn[:, kept] - drawn[:, kept].mean(axis=1, keepdims=True) - relative
+        spread = np.sqrt(np.mean(noise**2, axis=0))
+        if np.all(spread <= 0):
+            break
+        safe = np.where(spread > 0, spread, np.inf)
+        worst = np.max(relative / safe)
+        if np.mean(np.max(noise / safe, axis=1) >= worst) >= 1 - level:
+            break
+        kept[np.flatnonzero(kept)[np.argmax(relative / safe)]] = False
+    return kept
