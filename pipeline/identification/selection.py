@@ -194,8 +194,8 @@ class Selector:
         blocks, index = np.unique(data.block[cells], return_inverse=True)
         return np.bincount(index, square[cells]) / np.bincount(index)
 
-    def select(self, cells: Truth) -> Selection:
-        """Try every effect that the data can test on ``cells`` (n_cells,)."""
+    def select(self, cells: Truth, only: Sequence[str] = ()) -> Selection:
+        """Try every effect that the data can test on ``cells`` (n_cells,), or ``only`` some models by their names."""
         base_fit = self.fitter.fit(Model(), cells, self.fitter.start(Model()))
         base = self.trial(base_fit, cells)
         screened = self.screen(cells, base_fit)
@@ -203,9 +203,11 @@ class Selector:
         least = screened[order[0]][0] if order else 1.0
         chosen = [name for k, name in enumerate(order) if k < SHORTLIST or screened[name][0] < NEAR * least]
         trials = {}
-        for name in chosen[: 2 * SHORTLIST]:
-            start = replace(base_fit.unknowns, shares=np.array(screened[name][1]))
-            fit = self.fitter.fit(Model((self.testable[name],)), cells, start)
+        for name in only or chosen[: 2 * SHORTLIST]:
+            parts = name.split("+")
+            shares = np.concatenate([screened[part][1] for part in parts])
+            model = Model(tuple(self.testable[part] for part in parts))
+            fit = self.fitter.fit(model, cells, replace(base_fit.unknowns, shares=shares))
             if np.isfinite(fit.cost):
                 trials[name] = self.trial(fit, cells)
         return self._judged(base, trials, {name: found[0] for name, found in screened.items()}, cells)

@@ -52,6 +52,12 @@ class Sliders:
         """Whether any of them is pressed by a contact."""
         return bool(np.any(self.contact >= 0))
 
+    @property
+    def acting(self) -> "Sliders":
+        """Those that can resist at all."""
+        able = (self.limit > 0) | (self.coefficient > 0)
+        return Sliders(*(getattr(self, f.name)[able] for f in fields(Sliders)))
+
     def joined(self, other: "Sliders") -> "Sliders":
         """These and the others."""
         if not len(self):

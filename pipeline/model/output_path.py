@@ -116,6 +116,7 @@ def condensed_path(torques: Real, nodes: Real, angles: Real, sliders: Sliders, r
     """
     if sliders.at_contacts:
         raise ValueError("a slider at a contact cannot be condensed to the output")
+    sliders = sliders.acting
     if not len(sliders) and ripple.amplitude == 0.0:
         return _on_backbone(torques, nodes, angles), torques
     rising = np.maximum.accumulate(angles)

@@ -291,6 +291,7 @@ def solve_path(
     Newton on active contacts, sticking and slipping sliders and motions; a step that does not converge is
     halved. A residual above 1e-9 says that some step did not.
     """
+    sliders = sliders.acting
     motion, force = np.empty((len(torques), reducer.closing.shape[1])), np.empty((len(torques), len(gap)))
     worst = _follow(
         np.asarray(torques, float),

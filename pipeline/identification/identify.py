@@ -1,0 +1,145 @@
+"""The loop on one unit: read, judge the data, refit, try the effects, judge, report errors on held-out data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.study import Study
+from pipeline.identification.branches import Blocks, Cells, cells, find_blocks, history
+from pipeline.identification.faults import Fault, data_faults
+from pipeline.identification.fitting import Fitter
+from pipeline.identification.noise import Noise, measured_noise
+from pipeline.identification.problem import Model, Problem, candidates
+from pipeline.identification.reading import Rows, read_rows, training_rows
+from pipeline.identification.selection import Selection, Selector
+from pipeline.identification.setup import build_problem
+from pipeline.identification.unit import UnitFile
+from pipeline.identification.usable import usable_rows
+from pipeline.identification.verdict import FAULT, STRUCTURE, Verdict, judge, robust_rms
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
+"""Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Predictions of the cells [arcmin] (n_cells,), each by a fit that has not seen it; NaN where there is none."""
+
+    declared: Real
+    recalibrated: Real
+    after: Real
+
+
+@dataclass(frozen=True)
+class Identification:
+    """All that is known of a unit at the end.
+
+    Attributes
+    ----------
+    faults : of the data; with a fatal one nothing below is known but the rows.
+    why_not : by name of each effect that the data cannot test, why.
+    held_out : (n_cells,) cells on which the errors are reported.
+    curves : predictions there: declared, recalibrated, with the chosen model.
+    """
+
+    unit: UnitFile
+    rows: Rows
+    faults: tuple[Fault, ...]
+    verdict: Verdict
+    blocks: Blocks | None = None
+    cells: Cells | None = None
+    noise: Noise | None = None
+    problem: Problem | None = None
+    selection: Selection | None = None
+    why_not: Mapping[str, str] | None = None
+    held_out: Truth | None = None
+    curves: Curves | None = None
+
+
+def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Identification:
+    """From a unit's files to its verdict.
+
+    Parameters
+    ----------
+    condensed : compliances of the unit's design at its crank angles.
+    nested : choose the model anew in every outer fold, so that the errors reported know nothing of the cells they are
+        of; else the folds refit the model that was chosen on all cells.
+
+    Raises
+    ------
+    InputError : as ``read_rows`` and ``training_rows``.
+    """
+    rows = read_rows(unit)
+    faults = tuple(data_faults(unit, rows))
+    if any(fault.severity == "fatal" for fault in faults):
+        return Identification(unit, rows, faults, _fault_verdict(faults))
+    usable = usable_rows(unit, rows)
+    blocks = find_blocks(unit, rows, usable)
+    averaged = cells(rows, usable, blocks)
+    noise = measured_noise(unit, rows, blocks, averaged)
+    compliances = condensed(unit.study, rows.cranks.tolist())
+    problem = build_problem(unit, rows, usable, blocks, averaged, history(rows, blocks), noise, compliances)
+    fitter = Fitter(problem)
+    selector = Selector(fitter)
+    everything = np.ones(len(problem.data), bool)
+    split = training_rows(unit, rows)[averaged.first_row]
+    given = bool(unit.settings.held_out.train)
+    seen = split if given else everything
+    selection = _selected(selector, seen)
+    held_out, curves = _held_out(selector, selection, seen, everything, nested)
+    why_not = {name: reason for name, effect in candidates().items() if (reason := problem.why_not(effect))}
+    return Identification(
+        unit,
+        rows,
+        faults,
+        judge(fitter, selection, seen),
+        blocks,
+        averaged,
+        noise,
+        problem,
+        selection,
+        why_not,
+        held_out,
+        curves,
+    )
+
+
+def _selected(selector: Selector, seen: Truth) -> Selection:
+    """The selection on some cells; with pairs where one effect leaves structure."""
+    selection = selector.select(seen)
+    if len(selection.survivors) > 1 and robust_rms(selection.chosen) > STRUCTURE:
+        return selector.with_pairs(selection, seen)
+    return selection
+
+
+def _held_out(
+    selector: Selector, selection: Selection, seen: Truth, everything: Truth, nested: bool
+) -> tuple[Truth, Curves]:
+    """Cells that judge, and their predictions by fits without them."""
+    fitter, data = selector.fitter, selector.problem.data
+    plain = fitter.predict(Model(), fitter.start(Model()))[0]
+    if not np.all(seen):
+        left = everything & ~seen
+        declared = plain + fitter.offsets(plain, seen)
+        return left, Curves(declared, selection.base.fit.predicted, selection.chosen.fit.predicted)
+    declared, after = np.full(len(data), np.nan), np.full(len(data), np.nan)
+    group = selector.group(seen)
+    for one in np.unique(group):
+        left = group == one
+        declared[left] = (plain + fitter.offsets(plain, ~left))[left]
+        if nested:
+            inner = selector.select(~left, tuple(selection.trials))
+            after[left] = inner.chosen.fit.predicted[left]
+    chosen = after if nested else selection.chosen.held_out
+    return everything, Curves(declared, selection.base.held_out, chosen)
+
+
+def _fault_verdict(faults: Sequence[Fault]) -> Verdict:
+    fatal = [fault.message for fault in faults if fault.severity == "fatal"]
+    return Verdict(FAULT, (), (), (), float("nan"), "The data do not bear a verdict: " + "; ".join(fatal), "")
