@@ -81,15 +81,33 @@ def first_order_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, 
     before, behind = pin_lobes(profile, reducer)
     at_root = np.isclose(pins.phase, 0.0, atol=1e-9)
     own = np.where(pins.phase < 0, before, behind)
-    lobe = np.where(at_root, np.minimum(errors.lobe[:, before], errors.lobe[:, behind]), errors.lobe[:, own])
-    off_flank = DISK_READINGS[disk_reading] * lobe * (1.0 if disk_reading == "normal" else -along)
-    return (
-        off_flank
-        - along * errors.pin_radial
-        - across * errors.pin_tangential
-        - errors.pin_radius
-        + eccentric * errors.eccentricity[:, None]
+    return _first_order_gaps(
+        DISK_READINGS[disk_reading],
+        errors.lobe,
+        np.where(at_root, before, own),
+        np.where(at_root, behind, own),
+        np.ones(len(along)) if disk_reading == "normal" else -along,
+        errors.pin_radial,
+        along,
+        errors.pin_tangential,
+        across,
+        errors.pin_radius,
+        errors.eccentricity,
+        eccentric,
     )
+
+
+@entry
+def _first_order_gaps(reading, lobe, one, other, off, radial, along, tangential, across, radius, eccentricity, eccentric):
+    """See ``first_order_gaps``; lobes ``one`` and ``other`` of every pin, by which the nearer flank counts."""
+    n, n_pins = radial.shape
+    gap = np.empty((n, n_pins))
+    for s in range(n):
+        for i in range(n_pins):
+            shared = reading * min(lobe[s, one[i]], lobe[s, other[i]]) * off[i]
+            placed = shared - along[i] * radial[s, i] - across[i] * tangential[s, i]
+            gap[s, i] = placed - radius[s, i] + eccentric[i] * eccentricity[s]
+    return gap
 
 
 @part
