@@ -26,4 +26,8 @@ ALGEBRA = {"reassoc", "contract", "nsz", "arcp"}
 
 part = njit(nogil=True, forceinline=True, error_model="numpy")
 entry = njit(nogil=True, cache=True, error_model="numpy")
-algebraic_part = njit(nogil=True, forceinline=True, fastmath=ALGEBRA, error_model="numpy")
+
+BORROWING = {"nogil": True, "error_model": "numpy", "_nrt": False}
+"""Code that allocates nothing and counts no references: every view of an array would cost two atomic operations."""
+algebraic_part = njit(forceinline=True, fastmath=ALGEBRA, **BORROWING)  # type: ignore[call-overload]
+borrowing_entry = njit(cache=True, **BORROWING)  # type: ignore[call-overload]
