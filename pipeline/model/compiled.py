@@ -24,10 +24,13 @@ numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 ALGEBRA = {"reassoc", "contract", "nsz", "arcp"}
 """What the compiler may assume of sums and products where their order is ours to choose; not that all is finite."""
 
-part = njit(nogil=True, forceinline=True, error_model="numpy")
-entry = njit(nogil=True, cache=True, error_model="numpy")
-
-BORROWING = {"nogil": True, "error_model": "numpy", "_nrt": False}
+COMPILED = {"nogil": True, "error_model": "numpy"}
+INLINED = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **COMPILED}
+"""Parts are called by compiled code alone: doors for Python would take a third of the compiler's time."""
+BORROWED = {"_nrt": False}
 """Code that allocates nothing and counts no references: every view of an array would cost two atomic operations."""
-algebraic_part = njit(forceinline=True, fastmath=ALGEBRA, **BORROWING)  # type: ignore[call-overload]
-borrowing_entry = njit(cache=True, **BORROWING)  # type: ignore[call-overload]
+
+part = njit(**INLINED)  # type: ignore[call-overload]
+entry = njit(cache=True, **COMPILED)  # type: ignore[call-overload]
+algebraic_part = njit(fastmath=ALGEBRA, **INLINED, **BORROWED)  # type: ignore[call-overload]
+borrowing_entry = njit(cache=True, **COMPILED, **BORROWED)  # type: ignore[call-overload]

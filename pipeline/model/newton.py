@@ -82,16 +82,14 @@ def _close_penetrated(system, work):
 
 
 @algebraic_part
-def _open_pulled(system, gap, work):
-    """Judge the contacts that a step left without force: they open, or stay closed if they are still penetrated."""
-    deflect(system, gap, work)
+def _advance(length, work):
+    """Add a share of the step to the active forces; a contact that would pull opens, and closes again if penetrated."""
+    active, force, miss = work.active, work.force, work.miss
+    for j in range(work.counts[0]):
+        force[active[j]] = max(force[active[j]] + length * miss[j], 0.0)
     for p in range(work.counts[0] - 1, -1, -1):
-        i = work.active[p]
-        if work.force[i] == 0.0:
-            if work.depth[i] > OPEN:
-                work.force[i] = closing_force(system, i, work.depth[i])
-            else:
-                _deactivate(p, work)
+        if force[active[p]] == 0.0:
+            _deactivate(p, work)
 
 
 @algebraic_part
@@ -175,7 +173,7 @@ def _worth_renewing(residual, previous):
 @algebraic_part
 def converge(system, torque, gap, clearance, work):
     """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
-    counts, active, force, miss = work.counts, work.active, work.force, work.miss
+    counts = work.counts
     previous, residual, changes = np.inf, np.inf, 0
     for iteration in range(STEP_LIMIT):
         deflect(system, gap, work)
@@ -198,14 +196,6 @@ def converge(system, torque, gap, clearance, work):
             changes += 1
             length = 0.5 if changes > ALTERNATING else 1.0
         move(system, length, work)
-        pulled = False
-        for j in range(counts[0]):
-            i = active[j]
-            force[i] += length * miss[j]
-            if force[i] <= 0.0:
-                force[i] = 0.0
-                pulled = True
-        if pulled:
-            _open_pulled(system, gap, work)
+        _advance(length, work)
     counts[2] = 0
     return STEP_LIMIT, max(residual, 2 * ACCEPTED)
