@@ -5,6 +5,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -67,7 +68,7 @@ def _stages(axes: Axes, rows: Sequence[Result]) -> None:
     for number, name in enumerate(dict.fromkeys(one.name for one in rows)):
         seconds = {one.samples: one.value for one in rows if one.name == name}
         width = [seconds.get(size, 0.0) for size in sizes]
-        style = {"color": COLOURS[number] if number < len(COLOURS) else RULE, "label": name[len(STAGE) :]}
+        style: dict[str, Any] = {"color": COLOURS[number] if number < len(COLOURS) else RULE, "label": name[len(STAGE) :]}
         axes.barh([f"{size:,}" for size in sizes], width, left=list(done.values()), **style)
         done = {size: done[size] + seconds.get(size, 0.0) for size in sizes}
     axes.set_title("Seconds of the stages")
