@@ -68,7 +68,8 @@ def _stages(axes: Axes, rows: Sequence[Result]) -> None:
     for number, name in enumerate(dict.fromkeys(one.name for one in rows)):
         seconds = {one.samples: one.value for one in rows if one.name == name}
         width = [seconds.get(size, 0.0) for size in sizes]
-        style: dict[str, Any] = {"color": COLOURS[number] if number < len(COLOURS) else RULE, "label": name[len(STAGE) :]}
+        colour = COLOURS[number] if number < len(COLOURS) else RULE
+        style: dict[str, Any] = {"color": colour, "label": name[len(STAGE) :]}
         axes.barh([f"{size:,}" for size in sizes], width, left=list(done.values()), **style)
         done = {size: done[size] + seconds.get(size, 0.0) for size in sizes}
     axes.set_title("Seconds of the stages")
