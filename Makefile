@@ -39,7 +39,7 @@ types: $(VENV)/installed  ## check types
 	$(VENV)/bin/mypy
 
 bench: $(VENV)/installed  ## measure speed, as ratios within one run
-	$(PIPELINE) bench --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) bench --study $(STUDY)
 
 paper: $(VENV)/installed  ## hold the paper's Table 2, contacts and figures against the model: one HTML page
 	$(PIPELINE) paper $(JOBS_OPTION)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
+from pipeline.model.compiled import entry
+from pipeline.model.polygon import Index
 from pipeline.model.profile import Real
 from pipeline.model.reducer import PIN, Reducer
 
@@ -57,17 +59,36 @@ class RigidPlay:
         return self.overlap > 0
 
 
-def _rotation_play(gap: Real, arm: Real) -> tuple[Real, Real, Real]:
-    """Ends (plus, minus) of the rotation that keeps gap + arm phi >= 0, and the overlap where there is none."""
+@entry
+def _rotation_ends(gap, contact, arm):
+    """Ends plus, minus (n,) of the rotation that keeps gap[:, contact] + arm phi >= 0, and whether there is none.
+
+    The contacts stand in the order of their arms.
+    """
+    n = gap.shape[0]
+    ends_plus, ends_minus, tight = np.empty(n), np.empty(n), np.empty(n, np.bool_)
+    first, last = np.searchsorted(arm, 0.0), np.searchsorted(arm, 0.0, side="right")
+    for s in range(n):
+        plus, minus, shut = np.inf, -np.inf, False
+        for k in range(first):
+            plus = min(plus, -gap[s, contact[k]] / arm[k])
+        for k in range(last, len(arm)):
+            minus = max(minus, -gap[s, contact[k]] / arm[k])
+        for k in range(first, last):
+            shut |= gap[s, contact[k]] < 0.0
+        ends_plus[s], ends_minus[s], tight[s] = plus, minus, shut or plus < minus
+    return ends_plus, ends_minus, tight
+
+
+def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
+    """Ends (plus, minus) of the rotation that keeps gap[:, contact] + arm phi >= 0, and the overlap where none does."""
     arm = np.where(np.abs(arm) > ARM_FLOOR * np.max(np.abs(arm)), arm, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        limit = -gap / arm
-    plus = np.min(limit, axis=1, where=arm < 0, initial=np.inf)
-    minus = np.max(limit, axis=1, where=arm > 0, initial=-np.inf)
+    order = np.argsort(arm)
+    contact, arm = contact[order], arm[order]
+    plus, minus, tight = _rotation_ends(gap, contact, arm)
     overlap = np.zeros(len(gap))
-    tight = (plus < minus) | np.any(gap < 0, axis=1, where=arm == 0)
     if np.any(tight):
-        plus[tight], least = _least_penetration(gap[tight], arm, plus[tight], minus[tight])
+        plus[tight], least = _least_penetration(gap[tight][:, contact], arm, plus[tight], minus[tight])
         minus[tight] = plus[tight]
         overlap[tight] = np.where(least > TOUCHING, least, 0.0)
     return plus, minus, overlap
@@ -92,7 +113,8 @@ def _floating_play(gap: Real, side: np.ndarray, arm: Real) -> tuple[Real, Real, 
     """
     upper, lower = np.flatnonzero(side > 0), np.flatnonzero(side < 0)
     pair_gap = (gap[:, upper, None] + gap[:, None, lower]).reshape(len(gap), -1)
-    plus, minus, overlap = _rotation_play(pair_gap, np.add.outer(arm[upper], arm[lower]).ravel())
+    pairs = np.arange(pair_gap.shape[1])
+    plus, minus, overlap = _rotation_play(pair_gap, pairs, np.add.outer(arm[upper], arm[lower]).ravel())
     return plus, minus, 0.5 * overlap
 
 
@@ -114,18 +136,20 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
     """
     contacts, motions = reducer.contacts, reducer.motions
     poses = {end: np.zeros((len(gap), len(motions))) for end in ("plus", "minus")}
-    of_pins = contacts.kind == PIN
-    plus, minus, overlap = _rotation_play(gap[:, of_pins], contacts.arm[of_pins])
+    of_pins = np.flatnonzero(contacts.kind == PIN)
+    plus, minus, overlap = _rotation_play(gap, of_pins, contacts.arm[of_pins])
     turned = {"plus": plus, "minus": minus}
     for end, pose in poses.items():
         pose[:, motions.index("disk_phi")] = turned[end]
     for interface in range(contacts.interface.max() + 1):
         rows = np.flatnonzero(contacts.interface == interface)
-        arm, own, normal = contacts.arm[rows], gap[:, rows], contacts.normal[rows]
-        side = np.where(np.real(np.conj(normal[0]) * normal) > 0, 1, -1)
-        body = contacts.body_b[rows[0]]
+        arm, normal, body = contacts.arm[rows], contacts.normal[rows], contacts.body_b[rows[0]]
         floats = any(f"{b}_x" in motions for b in (body, contacts.body_a[rows[0]]) if b != "disk")
-        plus, minus, part = _floating_play(own, side, arm) if floats else _rotation_play(own, arm)
+        if floats:
+            own, side = gap[:, rows], np.where(np.real(np.conj(normal[0]) * normal) > 0, 1, -1)
+            plus, minus, part = _floating_play(own, side, arm)
+        else:
+            plus, minus, part = _rotation_play(gap, rows, arm)
         overlap = np.maximum(overlap, part)
         for end, phi in (("plus", plus), ("minus", minus)):
             turned[end] = turned[end] + phi

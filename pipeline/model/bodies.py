@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, LinearForm, MeshTri
 from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_stress
@@ -109,11 +109,19 @@ class ElasticBody:
             The matrix is not symmetric before it is made so: the factorisation is not sound.
         """
         loads = self.loads(patches)
-        columns = [
-            loads.T @ self.displacement(loads[:, start : start + COLUMNS_AT_ONCE].toarray())
-            for start in range(0, len(patches), COLUMNS_AT_ONCE)
-        ]
-        raw = np.hstack(columns)
+        resultant = (loads.T @ self.rigid_motions).T
+        rows = np.union1d(loads.indices, np.flatnonzero(np.any(self.reference != 0, axis=1)))
+        near, reference, motions = csr_array(loads)[rows], self.reference[rows], self.rigid_motions[rows]
+
+        def columns(start: int) -> Real:
+            """Displacements of the patches under the loads from ``start`` on, formed on the loaded freedoms alone."""
+            part = slice(start, start + COLUMNS_AT_ONCE)
+            balanced = np.zeros((loads.shape[0], resultant[:, part].shape[1]), order="F")
+            balanced[rows] = near[:, part].toarray() - reference @ resultant[:, part]
+            moved = self.solve(balanced)[rows]
+            return near.T @ (moved - motions @ (reference.T @ moved))
+
+        raw = np.hstack([columns(start) for start in range(0, len(patches), COLUMNS_AT_ONCE)])
         asymmetry = float(np.abs(raw - raw.T).max() / np.abs(raw).max())
         if not asymmetry < ASYMMETRY_LIMIT:
             raise ArithmeticError(f"compliance asymmetric by {asymmetry:.2g} of its largest entry; the mesh is unsound")
@@ -187,18 +195,15 @@ def _factorised(stiffness: csc_array, nodes: Complex, freedoms: Index) -> Callab
     second = int(np.argmax(np.abs(nodes - nodes[first])))
     across = 1j * (nodes[second] - nodes[first])
     clamped = [*freedoms[first], freedoms[second, int(abs(across.imag) > abs(across.real))]]
-    free = np.setdiff1d(np.arange(freedoms.size), clamped)
-    factors = splu(
-        stiffness[free][:, free].tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    free = np.ones(freedoms.size)
+    free[clamped] = 0
+    held = csc_array(diags_array(free) @ stiffness @ diags_array(free) + diags_array((1 - free) * stiffness.diagonal()))
+    factors = splu(held, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
     def solve(loads: Real) -> Real:
-        moved = np.zeros(loads.shape)
-        moved[free] = factors.solve(np.ascontiguousarray(loads[free]))
-        return moved
+        held_back = np.array(loads, order="F")
+        held_back[clamped] = 0
+        return factors.solve(held_back)
 
     return solve
 

@@ -10,7 +10,7 @@ from reducers import ARCMIN, MICROMETRE, PAPER, SMALL, errors_of, random_errors,
 
 from pipeline.model.backlash import separated_play
 from pipeline.model.clearance import Errors, exact_gaps, first_order_gaps, gaps, pin_lobes
-from pipeline.model.profile import disk_rotation
+from pipeline.model.profile import CycloidProfile, disk_rotation
 
 METHODS = {"exact": exact_gaps, "first_order": first_order_gaps}
 PROFILES = pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])
@@ -77,6 +77,62 @@ def test_exact_gap_is_the_distance_from_unequal_lobes(profile, size, lobe_size, 
     errors = random_errors(profile, at, 4, size, np.random.default_rng(2), lobe_size)
     gap = exact_gaps(profile, at, errors, "normal")
     np.testing.assert_allclose(gap, brute_force_gaps(profile, crank, errors, "normal"), atol=1e-9)
+
+
+def random_profile(rng):
+    """A design without undercut, with 8 to 80 pins, whose roots are anything from wide to sharper than a pin."""
+    while True:
+        pins = int(rng.integers(8, 81))
+        circle = rng.uniform(8.0, 60.0)
+        eccentricity = rng.uniform(0.3, 0.9) * circle / pins
+        radius = rng.uniform(0.15, 0.4) * np.pi * circle / pins
+        profile = CycloidProfile(pins, circle, radius, eccentricity)
+        if profile.smallest_convex_locus_radius() > 1.2 * radius:
+            return profile
+
+
+def dense_scan_gaps(profile, crank, errors, reading):
+    """Distance from a dense scan of both flanks of each pin's valley and over its tips, zoomed at the nearest point."""
+    pins = reducer_at(profile, crank).pins
+    turn = np.exp(1j * crank / profile.lobes)
+    out = errors.pin_radial + 1j * errors.pin_tangential
+    eccentricity = (profile.eccentricity + errors.eccentricity[:, None]) * np.exp(1j * crank)
+    centre = (pins.centre * (1 + out / profile.pin_circle_radius) - eccentricity) * turn
+    root = pins.flank_parameter + pins.phase / profile.lobes
+    half = 1.25**2 / 2 * profile.lobe_pitch
+    factor = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}[reading]
+    best = np.full(centre.shape, np.inf)
+    for lobes, side in zip(pin_lobes(profile, reducer_at(profile, crank)), (1, -1), strict=True):
+        off = factor * errors.lobe[:, lobes]
+        circle = profile.pin_circle_radius - (0 * off if reading == "normal" else off)
+        radius = profile.pin_radius + (off if reading == "normal" else 0 * off)
+        low, high = np.zeros(centre.shape), np.full(centre.shape, half)
+        for points in (2001, *[41] * 7):
+            along = low[..., None] + (high - low)[..., None] * np.linspace(0, 1, points)
+            psi = root[:, None] + side * along
+            slow, fast = np.exp(1j * psi), profile.eccentricity * np.exp(1j * profile.pins * psi)
+            tangent = circle[..., None] * slow - profile.pins * fast
+            flank = circle[..., None] * slow - fast - radius[..., None] * tangent / np.abs(tangent)
+            away = np.abs(centre[..., None] - flank)
+            nearest = np.take_along_axis(along, np.argmin(away, axis=-1)[..., None], -1)[..., 0]
+            step = (high - low) / (points - 1)
+            low, high = np.maximum(nearest - step, 0), np.minimum(nearest + step, half)
+        best = np.minimum(best, away.min(axis=-1))
+    return best - profile.pin_radius - errors.pin_radius
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_exact_gap_is_that_of_a_dense_scan_of_the_valley(seed):
+    """Whichever way a foot is found: pins in roots, on tips and between, moved by 0.1 to 40 um, lobes equal or not."""
+    rng = np.random.default_rng(seed)
+    profile, crank = (PAPER if seed < 3 else random_profile(rng)), rng.uniform(0, 7)
+    at = reducer_at(profile, crank)
+    for size in (0.1e-3, 1e-3, 5e-3, 15e-3, 40e-3):
+        errors = random_errors(profile, at, 3, size, rng, lobe_scale=size)
+        errors = replace(errors, lobe=np.concatenate([errors.lobe[:2], 0 * errors.lobe[2:] + size]))
+        for reading in ("radial", "radial_on_diameter", "normal"):
+            gap = exact_gaps(profile, at, errors, reading)
+            np.testing.assert_allclose(gap, dense_scan_gaps(profile, crank, errors, reading), atol=1e-13, rtol=0)
 
 
 @PROFILES

@@ -1,0 +1,9 @@
+"""Speed of a study: rates per core, the ratio to the least that dense algebra would cost, growth and gain of processes.
+
+Every ratio is formed within one run, on one thread, because machines differ.
+"""
+
+from pipeline.checks.bench.suite import bench
+from pipeline.checks.bench.table import Result, write
+
+__all__ = ["Result", "bench", "write"]

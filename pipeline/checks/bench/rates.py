@@ -1,0 +1,97 @@
+"""Rates of the hot parts on one core, and the floor of the loaded one.
+
+A time is the processor's, of this thread, and the best of several: other programs on the machine count little.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.checks.bench.table import Result
+from pipeline.config import Study
+from pipeline.model.backlash import RigidPlay, rigid_play
+from pipeline.model.clearance import Errors, gaps
+from pipeline.model.equilibrium import Equilibria
+from pipeline.model.profile import CycloidProfile, Real
+from pipeline.model.reducer import Reducer
+from pipeline.sampling import draw
+from stages import hysteresis
+from stages.condensed import UM_PER_MM
+
+REPEATS = 3
+"""A time is the best of so many."""
+SOLVES = 200
+"""Dense solves that are timed together."""
+
+
+def seconds_of(action: Callable[[], object]) -> float:
+    """Least processor time [s]."""
+    times = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        action()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def hot_parts(study: Study, shared: hysteresis.Shared, samples: int) -> Iterator[Result]:
+    """Rates on so many samples, solved chunk by chunk as a study does."""
+    brief = replace(shared, cycle=assembly.load_cycle(_with_levels(study, 0)))
+    sized = study.model_copy(update={"samples": study.samples.model_copy(update={"count": samples})})
+    full, short, unloaded, sizes = 0.0, 0.0, {"first_order": 0.0, "exact": 0.0}, []
+    profile, at = assembly.profile(study.design), shared.reducers[0]
+    for start in range(0, samples, study.run.chunk):
+        sampled = draw(sized, start, min(start + study.run.chunk, samples))
+        errors, loose = assembly.errors(sampled), assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+        options = dict(study.clearance)
+        gap_um = UM_PER_MM * np.stack([gaps(profile, one, errors, **options) for one in shared.reducers], axis=1)
+        for method in unloaded:
+            action = partial(_unloaded, at, profile, errors, loose, {**options, "method": method})
+            unloaded[method] += seconds_of(action)
+        full += seconds_of(partial(hysteresis.solve_samples, shared, gap_um, sampled.bearing_clearance))
+        short += seconds_of(partial(hysteresis.solve_samples, brief, gap_um, sampled.bearing_clearance))
+        sizes.append(_sizes(hysteresis.solve_samples(shared, gap_um, sampled.bearing_clearance), len(at.motions)))
+    loops, size = samples * len(shared.reducers), np.concatenate(sizes)
+    steps, few = (len(one.cycle.steps[1]) for one in (shared, brief))
+    yield Result("loops_per_second_per_core", loops / full, "1/s", samples, 1, f"{steps} steps a loop")
+    yield Result("metrics_only_per_second_per_core", loops / short, "1/s", samples, 1, f"{few} steps a loop")
+    note = f"{size.size} equilibria, mean system of {size.mean():.1f} unknowns"
+    yield Result("floor_ratio", full / _floor_seconds(size), "1", samples, 1, note)
+    yield Result("equilibrium_microseconds", 1e6 * full / size.size, "us", samples, 1, "all overhead included")
+    for method, spent in unloaded.items():
+        yield Result("unloaded_per_second_per_core", samples / spent, "1/s", samples, 1, method)
+
+
+def _unloaded(at: Reducer, profile: CycloidProfile, errors: Errors, loose: Real, options: dict[str, str]) -> RigidPlay:
+    return rigid_play(at, gaps(profile, at, errors, **options), loose)
+
+
+def _with_levels(study: Study, levels: int) -> Study:
+    """The study with another number of load levels a branch."""
+    return study.model_copy(update={"cycle": study.cycle.model_copy(update={"levels_per_branch": levels})})
+
+
+def _sizes(solved: list[Equilibria], motions: int) -> np.ndarray:
+    """Unknowns of every distinct loaded equilibrium: active contacts and rigid motions."""
+    closed = np.concatenate([np.count_nonzero(states.force > 0, axis=2).ravel() for states in solved])
+    return closed[closed > 0] + motions
+
+
+def _floor_seconds(sizes: np.ndarray) -> float:
+    """Time of one dense LAPACK solve of each size."""
+    generator = np.random.default_rng(0)
+    seconds = 0.0
+    for size, count in zip(*np.unique(sizes, return_counts=True), strict=True):
+        matrix = generator.normal(size=(size, size)) + size * np.eye(size)
+        right = generator.normal(size=size)
+        seconds += count * seconds_of(partial(_solves, matrix, right)) / SOLVES
+    return seconds
+
+
+def _solves(matrix: np.ndarray, right: np.ndarray) -> None:
+    for _ in range(SOLVES):
+        np.linalg.solve(matrix, right)

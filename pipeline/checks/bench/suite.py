@@ -1,0 +1,74 @@
+"""The whole bench: rates, ratios and the stages at growing numbers of samples."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from threadpoolctl import threadpool_limits
+
+from pipeline.checks.bench.rates import hot_parts
+from pipeline.checks.bench.rivals import calculix, condensing
+from pipeline.checks.bench.table import STAGE, Result
+from pipeline.config import Study
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.stage import Job
+from pipeline.engine.store import Cache, Output
+from stages import hysteresis
+from stages.chain import STAGES
+
+SAMPLES = (100, 1_000, 10_000)
+JOBS = 2
+LAST = STAGES[-1].name
+
+
+def bench(study: Study, coarse: Study, runs: Path) -> Iterator[Result]:
+    """Measure a study at growing numbers of samples.
+
+    Parameters
+    ----------
+    coarse : study whose mesh CalculiX solves, which takes minutes at the paper's size.
+    runs : folder of the runs; the bench's own are made in it and deleted, and condense anew.
+    """
+    with TemporaryDirectory(dir=runs, prefix="bench-") as name:
+        folder, previous = Path(name), None
+        first = _seconds(_outputs(study, 1, 1, "hysteresis", folder))  # condenses the disk and compiles the solver
+        yield Result(
+            f"{STAGE}reduce", first["reduce"], "s", 1, 1, f"condensed anew: {len(study.cycle.crank_deg)} cranks"
+        )
+        for samples in SAMPLES:
+            outputs = _outputs(study, samples, JOBS, LAST, folder)
+            with threadpool_limits(1):
+                shared = hysteresis.prepare(Job(study, 1, folder, outputs, Cache(folder / ".cache", "")))
+                hysteresis_alone = _outputs(study, samples, 1, "hysteresis", folder)
+                yield from hot_parts(study, shared, samples)
+            yield from _stages(study, outputs, samples)
+            seconds = _seconds(outputs)["hysteresis"]
+            yield Result("speedup_2_jobs", _seconds(hysteresis_alone)["hysteresis"] / seconds, "1", samples, JOBS)
+            if previous is not None:
+                note = f"seconds of hysteresis over those of {samples // 10:,} samples"
+                yield Result("growth_10x", seconds / previous, "1", samples, JOBS, note)
+            previous = seconds
+    with threadpool_limits(1):
+        yield from condensing(study)
+        yield from calculix(coarse, runs / "verify" / "results.csv")
+
+
+def _outputs(study: Study, samples: int, jobs: int, target: str, folder: Path) -> dict[str, Output]:
+    """Outputs of a run of its own."""
+    sized = study.samples.model_copy(update={"count": samples})
+    named = study.model_copy(update={"name": f"{samples}-{jobs}", "samples": sized})
+    return run(STAGES, named, [target], folder, Resources(jobs, study.run.chunk))
+
+
+def _seconds(outputs: Mapping[str, Output]) -> dict[str, float]:
+    return {name: output.record["seconds"] for name, output in outputs.items()}
+
+
+def _stages(study: Study, outputs: Mapping[str, Output], samples: int) -> Iterator[Result]:
+    """Seconds of every stage and the peak memory of the run."""
+    seconds = _seconds(outputs)
+    yield Result("study_seconds", sum(seconds.values()), "s", samples, JOBS, f"{study.name}, disk from the cache")
+    for name, value in seconds.items():
+        yield Result(f"{STAGE}{name}", value, "s", samples, JOBS)
+    peak = max(output.record["peak_memory_bytes"] for output in outputs.values())
+    yield Result("peak_memory_gib", peak / 2**30, "GiB", samples, JOBS, "all processes together")
