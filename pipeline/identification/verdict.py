@@ -126,8 +126,10 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[FittedParameter, 
     low, high = (centre + (np.percentile(shares, tail, axis=0) - centre) * _student(n_blocks) for tail in tails)
     values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
     found = []
-    for effect, own in fit.model.split(list(range(len(bounds)))):
-        for number, parameter in zip(own, effect.parameters, strict=True):
+    number = -1
+    for effect in fit.model.effects:
+        for parameter in effect.parameters:
+            number += 1
             at_bound = not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
             note = "at the bound of what the library allows: no interval" if at_bound else ""
             value, ci_low, ci_high = (float(one[number]) for one in values)

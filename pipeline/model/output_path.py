@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.model.compiled import algebraic_part, entry
+from pipeline.model.compiled import entry, part
 from pipeline.model.friction import Sliders
 from pipeline.model.profile import Real
 
@@ -30,7 +30,7 @@ class Ripple:
     phase: float = 0.0
 
 
-@algebraic_part
+@part
 def _resistance(place, curve, slides, ripple, anchor):
     """Angle, torque of the backbone and all that sliders and ripple add, at a place along the backbone's nodes."""
     nodes, angles = curve
@@ -46,7 +46,7 @@ def _resistance(place, curve, slides, ripple, anchor):
     return angle, carried, added
 
 
-@algebraic_part
+@part
 def _stride(place, angles, ripple):
     """How far the first balance is looked for at once: a node, and less where a ripple is shorter."""
     j = min(max(int(place), 0), angles.shape[0] - 2)

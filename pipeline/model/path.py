@@ -8,12 +8,13 @@ from dataclasses import fields
 
 import numpy as np
 
-from pipeline.model.compiled import algebraic_part, entry
+from pipeline.model.compiled import entry, part
 from pipeline.model.contact import ContactLaws
-from pipeline.model.equilibrium import OPEN, REGULAR, _closing_force, _law
 from pipeline.model.friction import Sliders
+from pipeline.model.newton import OPEN, REGULAR
 from pipeline.model.profile import Real
 from pipeline.model.reducer import Bearing, Reducer
+from pipeline.model.residual import System, closing_force, law
 
 SETTLED = 1e-9
 """A step is solved when neither a deflection nor a balance is off by more than this share of its largest term."""
@@ -24,10 +25,10 @@ HALVINGS = 8
 """A step that does not converge is reached in two, each of them again, up to this depth."""
 
 
-@algebraic_part
-def _spring(bearing, clearance, x, y, spring):
+@part
+def _spring(system, clearance, x, y, spring):
     """Force (fx, fy) and tangent (kxx, kxy, kyy) of the bearing at the displacement (x, y)."""
-    stiffness, exponent = bearing
+    stiffness, exponent = system.stiffness, system.bearing_exponent
     spring[:] = 0.0
     distance = np.sqrt(x * x + y * y)
     depth = distance - clearance
@@ -42,7 +43,7 @@ def _spring(bearing, clearance, x, y, spring):
     spring[4] = radial * uy * uy + across * ux * ux
 
 
-@algebraic_part
+@part
 def _slide(sliders, anchor, q, force, balance, scale, right_block, columns, tangent):
     """Add the sliders' resistances to the balance and their tangents to the blocks of Newton's matrix.
 
@@ -73,7 +74,7 @@ def _slide(sliders, anchor, q, force, balance, scale, right_block, columns, tang
             scale[d] += abs(term)
 
 
-@algebraic_part
+@part
 def _anchor(sliders, anchor, q, force):
     """Let the anchors follow where the resistance is at its limit."""
     direction, stiffness, limit, coefficient, contact = sliders
@@ -86,13 +87,13 @@ def _anchor(sliders, anchor, q, force):
         anchor[s] = min(max(anchor[s], slip - reach), slip + reach)
 
 
-@algebraic_part
-def _misfits(model, gap, force, q, active, elastic, miss, slope):
+@part
+def _misfits(system, gap, force, q, active, elastic, miss, slope):
     """Close penetrated contacts, list the active ones, and give their misfits of deflection and tangents.
 
     Returns the number of active contacts and the relative misfit.
     """
-    closing, compliance, a, c, k, m, limit = model
+    closing, compliance = system.closing, system.compliance
     n, n_active = gap.shape[0], 0
     largest, off = 1e-300, 0.0
     elastic[:] = 0.0
@@ -103,14 +104,14 @@ def _misfits(model, gap, force, q, active, elastic, miss, slope):
     for i in range(n):
         depth = -gap[i] - elastic[i]
         for d in range(q.shape[0]):
-            depth += closing[i, d] * q[d]
+            depth += closing[d, i] * q[d]
         if force[i] == 0.0:
             if depth <= OPEN:
                 continue
             miss[i] = -depth
             slope[i] = -1.0
         else:
-            local, slope[i] = _law(force[i], a[i], c[i], k[i], m[i], limit[i])
+            local, slope[i] = law(system, i, force[i])
             miss[i] = local - depth
             largest = max(largest, local + elastic[i])
             off = max(off, abs(miss[i]))
@@ -120,36 +121,36 @@ def _misfits(model, gap, force, q, active, elastic, miss, slope):
         i = active[p]
         if slope[i] < 0.0:  # a new one
             depth = -miss[i]
-            force[i] = _closing_force(depth, compliance[i, i], a[i], c[i], k[i], m[i], limit[i])
-            local, slope[i] = _law(force[i], a[i], c[i], k[i], m[i], limit[i])
+            force[i] = closing_force(system, i, depth)
+            local, slope[i] = law(system, i, force[i])
             miss[i] = local + compliance[i, i] * force[i] - depth
             off = np.inf
     return n_active, off / largest
 
 
-@algebraic_part
-def _add_contacts(model, force, active, columns, miss, slope, balance, scale, matrix, right):
+@part
+def _add_contacts(system, force, active, columns, miss, slope, balance, scale, matrix, right):
     """Rows of the active contacts: the coupled ones stay unknowns, the others are eliminated into the motions.
 
     Returns the largest stiffness of a contact.
     """
-    closing, compliance = model[0], model[1]
+    closing, compliance = system.closing, system.compliance
     n_motions, first = balance.shape[0], matrix.shape[0] - balance.shape[0]
     stiffest = 0.0
     for i in active:
         stiffest = max(stiffest, 1.0 / slope[i])
         p = columns[i]
         for d in range(n_motions):
-            term = closing[i, d] * force[i]
+            term = closing[d, i] * force[i]
             balance[d] += term
             scale[d] += abs(term)
             if p >= 0:
-                matrix[p, first + d] = -closing[i, d]
-                matrix[first + d, p] += closing[i, d]
+                matrix[p, first + d] = -closing[d, i]
+                matrix[first + d, p] += closing[d, i]
             else:
-                right[first + d] += closing[i, d] * miss[i] / slope[i]
+                right[first + d] += closing[d, i] * miss[i] / slope[i]
                 for e in range(n_motions):
-                    matrix[first + d, first + e] += closing[i, d] * closing[i, e] / slope[i]
+                    matrix[first + d, first + e] += closing[d, i] * closing[e, i] / slope[i]
         if p >= 0:
             for other in active:
                 if columns[other] >= 0:
@@ -159,15 +160,15 @@ def _add_contacts(model, force, active, columns, miss, slope, balance, scale, ma
     return stiffest
 
 
-@algebraic_part
-def _equilibrium(torque, output, gap, model, bearing, clearance, sliders, anchor, q, force, work):
+@part
+def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, work):
     """Newton on contacts, sliders and motions from (q, force), changed in place; returns the relative residual."""
-    closing = model[0]
+    closing, output = system.closing, system.output
     coupled, room, columns, elastic, miss, slope, balance, scale, spring = work
-    n_motions = closing.shape[1]
+    n_motions = closing.shape[0]
     residual = np.inf
     for iteration in range(NEWTON_STEPS):
-        n_active, off = _misfits(model, gap, force, q, room, elastic, miss, slope)
+        n_active, off = _misfits(system, gap, force, q, room, elastic, miss, slope)
         active = room[:n_active]
         columns[:] = -1
         first = 0
@@ -180,17 +181,17 @@ def _equilibrium(torque, output, gap, model, bearing, clearance, sliders, anchor
         balance[:] = 0.0
         balance[output] = -torque
         scale[:] = np.abs(balance)
-        _spring(bearing, clearance, q[0], q[1], spring)
+        _spring(system, clearance, q[0], q[1], spring)
         balance[0] += spring[0]
         balance[1] += spring[1]
         tangent[0, 0], tangent[0, 1], tangent[1, 0], tangent[1, 1] = spring[2], spring[3], spring[3], spring[4]
         _slide(sliders, anchor, q, force, balance, scale, below, columns, tangent)
-        stiffest = _add_contacts(model, force, active, columns, miss, slope, balance, scale, matrix, right)
+        stiffest = _add_contacts(system, force, active, columns, miss, slope, balance, scale, matrix, right)
         unbalanced = 0.0
         for d in range(n_motions):
             right[first + d] -= balance[d]
             unbalanced = max(unbalanced, abs(balance[d]) / max(scale[d], 1e-300))
-            tangent[d, d] += REGULAR * max(stiffest, bearing[0])
+            tangent[d, d] += REGULAR * max(stiffest, system.stiffness)
         residual = max(off, unbalanced)
         if residual <= SETTLED:
             return residual
@@ -204,20 +205,20 @@ def _equilibrium(torque, output, gap, model, bearing, clearance, sliders, anchor
             else:
                 change = -miss[i]
                 for d in range(n_motions):
-                    change += closing[i, d] * step[first + d]
+                    change += closing[d, i] * step[first + d]
                 change /= slope[i]
             force[i] = max(force[i] + length * change, 0.0)
     return residual
 
 
 @entry
-def _follow(torques, output, gap, model, bearing, clearance, sliders, nodes, seed_q, seed_force, q_out, f_out):
+def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force, q_out, f_out):
     """States of one sample along its history; returns the largest residual. ``nodes`` are the seeds' torques."""
-    n, n_motions = model[0].shape
+    n_motions, n = system.closing.shape
     n_sliders = sliders[1].shape[0]
     coupled = np.zeros(n, np.bool_)
     for i in range(n):
-        coupled[i] = model[1][i, i] > 0.0
+        coupled[i] = system.compliance[i, i] > 0.0
     for i in sliders[4]:
         if i >= 0:
             coupled[i] = True
@@ -239,19 +240,17 @@ def _follow(torques, output, gap, model, bearing, clearance, sliders, nodes, see
         share, depth = 1.0, 0  # of what is left of the way to this torque
         while True:
             goal = reached + share * (torques[t] - reached)
-            trial_q[:], trial_force[:] = q, force
-            if goal * reached <= 0.0:  # across the play
-                seed = np.argmin(np.abs(nodes - goal))
-                trial_q[:], trial_force[:] = seed_q[seed], seed_force[seed]
-            residual = _equilibrium(
-                goal, output, gap, model, bearing, clearance, sliders, anchor, trial_q, trial_force, work
-            )
-            if not residual <= SETTLED:
-                seed = np.argmin(np.abs(nodes - goal))
-                trial_q[:], trial_force[:] = seed_q[seed], seed_force[seed]
-                residual = _equilibrium(
-                    goal, output, gap, model, bearing, clearance, sliders, anchor, trial_q, trial_force, work
-                )
+            across = goal * reached <= 0.0  # the play: the state before leads nowhere, if nothing sticks
+            residual = np.inf
+            for attempt in range(2):
+                if across == (attempt == 0):
+                    seed = np.argmin(np.abs(nodes - goal))
+                    trial_q[:], trial_force[:] = seed_q[seed], seed_force[seed]
+                else:
+                    trial_q[:], trial_force[:] = q, force
+                residual = _equilibrium(goal, gap, system, clearance, sliders, anchor, trial_q, trial_force, work)
+                if residual <= SETTLED:
+                    break
             if not residual <= SETTLED and depth < HALVINGS:
                 share, depth = 0.5 * share, depth + 1
                 continue
@@ -293,20 +292,19 @@ def solve_path(
     """
     sliders = sliders.acting
     motion, force = np.empty((len(torques), reducer.closing.shape[1])), np.empty((len(torques), len(gap)))
+    system = System(
+        np.ascontiguousarray(reducer.closing.T),
+        np.ascontiguousarray(compliance),
+        *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
+        reducer.output_motion,
+        True,
+        float(bearing.stiffness),
+        float(bearing.exponent),
+    )
     worst = _follow(
         np.asarray(torques, float),
-        reducer.output_motion,
         np.ascontiguousarray(gap),
-        (
-            np.ascontiguousarray(reducer.closing),
-            np.ascontiguousarray(compliance),
-            laws.linear,
-            laws.logarithmic,
-            laws.power,
-            laws.exponent,
-            laws.force_limit,
-        ),
-        (float(bearing.stiffness), float(bearing.exponent)),
+        system,
         float(bearing_clearance),
         tuple(np.ascontiguousarray(getattr(sliders, f.name)) for f in fields(sliders)),
         *(np.ascontiguousarray(one) for one in seeds),
