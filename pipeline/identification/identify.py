@@ -19,7 +19,7 @@ from pipeline.identification.selection import Selection, Selector
 from pipeline.identification.setup import build_problem
 from pipeline.identification.unit import UnitFile
 from pipeline.identification.usable import usable_rows
-from pipeline.identification.verdict import FAULT, STRUCTURE, Verdict, judge, robust_rms
+from pipeline.identification.verdict import FAULT, STRUCTURE, Verdict, judge
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -111,11 +111,8 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
 
 
 def _selected(selector: Selector, seen: Truth) -> Selection:
-    """The selection on some cells; with pairs where one effect leaves structure."""
-    selection = selector.select(seen)
-    if len(selection.survivors) > 1 and robust_rms(selection.chosen) > STRUCTURE:
-        return selector.with_pairs(selection, seen)
-    return selection
+    """The selection on some cells; with further effects where one leaves structure."""
+    return selector.extended(selector.select(seen), seen, STRUCTURE)
 
 
 def _held_out(

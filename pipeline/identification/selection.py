@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting import Fit, Fitter, Vector
 from pipeline.identification.problem import Model, candidates
+from pipeline.model.cycle import ARCMIN
 from pipeline.statistics.blocks import confidence_set, max_t
 
 Real = NDArray[np.float64]
@@ -28,8 +29,10 @@ LEAST_GAIN = 0.1
 FEWEST_BLOCKS = 8
 RESAMPLES = 2000
 FOLD_ITERATIONS = 5
+MOST_EFFECTS = 4
+ADDITIONS = 4
+"""Effects that are tried on top of the best, those that explain most of what it leaves."""
 SEED = 20170
-MOST_FOLDS = 4
 
 
 @dataclass(frozen=True)
@@ -105,65 +108,89 @@ class Selector:
         self.fitter = fitter
         self.problem = fitter.problem
         self.testable = {name: effect for name, effect in candidates().items() if not self.problem.why_not(effect)}
-        self._looked: dict[str, list[tuple[tuple[float, ...], Real]]] = {}
+        self._looked: dict[tuple, list[tuple[tuple[float, ...], Real]]] = {}
 
     def group(self, cells: Truth) -> Whole:
         """What is left out at once (n_cells,): positions if the cells have two, else cycles."""
         data = self.problem.data
         return data.position if len(np.unique(data.position[cells])) > 1 else data.cycle
 
-    def _looks(self, name: str, base: Vector) -> list[tuple[tuple[float, ...], Real]]:
-        """Predictions of an effect over the grid of its parameters, the rest as in ``base``."""
-        if name not in self._looked:
-            model = Model((self.testable[name],))
-            points = grid(self.fitter.bounds(model))
-            if name == "motor_cogging":
-                points = []
+    def _looks(self, name: str, base: Fit, positions: Sequence[int]) -> list[tuple[tuple[float, ...], Real]]:
+        """Predictions over the grid of an effect's parameters, put beside those of ``base``."""
+        key = (base.model.name, name, base.unknowns.flat.tobytes(), tuple(positions))
+        if key not in self._looked:
+            model = Model((*base.model.effects, self.testable[name]))
             found = []
-            for point in points:
-                angle, _, sound = self.fitter.predict(model, replace(base, shares=np.array(point)))
-                if sound and np.all(np.isfinite(angle)):
+            for point in grid(self.problem.bounds(self.testable[name])):
+                shares = np.concatenate([base.unknowns.shares, point])
+                angle, _, sound = self.fitter.predict(model, replace(base.unknowns, shares=shares), positions)
+                if sound:
                     found.append((point, angle))
-            self._looked[name] = found
-        return self._looked[name]
+            self._looked[key] = found
+        return self._looked[key]
 
-    def screen(self, cells: Truth, base: Fit) -> dict[str, tuple[float, tuple[float, ...]]]:
-        """Least misfit of each effect over its grid, in shares of the base's, and where; linear in all else."""
+    def screen(self, cells: Truth, base: Fit) -> dict[str, tuple[float, Vector]]:
+        """Least misfit that each further effect promises, in shares of the base's, and where to start its fit.
+
+        Looked at over the grid of its parameters, from the base and from the declared calibrated numbers; linear in
+        all other unknowns.
+        """
+        declared = Vector(np.zeros_like(base.unknowns.scales), base.unknowns.shares, np.zeros_like(base.unknowns.modes))
+        bases = [base, self.fitter.fit(base.model, cells, declared, 0)]
+        held = {effect.name for effect in base.model.effects}
+        found: dict[str, tuple[float, Vector]] = {}
+        nothing = 0.0
+        for start in bases:
+            if not np.isfinite(start.cost):
+                continue
+            misfit = self._linear_misfit(cells, start)
+            nothing = nothing or max(misfit(start.predicted), 1e-300)
+            for name in self.testable:
+                if name in held:
+                    continue
+                for ratio, point in self._points(name, cells, start, misfit, nothing):
+                    if name not in found or ratio < found[name][0]:
+                        shares = np.concatenate([start.unknowns.shares, point])
+                        found[name] = ratio, replace(start.unknowns, shares=shares)
+        return found
+
+    def _points(
+        self, name: str, cells: Truth, base: Fit, misfit: Callable[[Real], float], nothing: float
+    ) -> list[tuple[float, tuple[float, ...]]]:
+        """Misfits in shares of ``nothing`` over the grid of an effect's parameters."""
+        if name == "motor_cogging":
+            ratio, point = self._cogging(cells, base)
+            return [(ratio * misfit(base.predicted) / nothing, point)]
+        positions = np.unique(self.problem.data.position[cells]).tolist()
+        return [(misfit(angle) / nothing, point) for point, angle in self._looks(name, base, positions)]
+
+    def _linear_misfit(self, cells: Truth, base: Fit) -> Callable[[Real], float]:
+        """Sum of squares left of a prediction once the base's unknowns have moved as they can, linearly."""
         data, fitter = self.problem.data, self.fitter
         weight = np.where(cells, 1 / data.sigma**2, 0.0)
         root = np.sqrt(weight[cells])
-        rows = base.jacobian[cells] * root[:, None]
         penalty = fitter.penalty(base.unknowns)
-        system = np.vstack([rows, np.diag(penalty)[penalty > 0]]) if rows.shape[1] else rows
-        basis = np.linalg.qr(system)[0] if rows.shape[1] else np.zeros((len(root), 0))
+        rows = np.vstack([base.jacobian[cells] * root[:, None], np.diag(penalty)[penalty > 0]])
+        basis = np.linalg.qr(rows)[0] if rows.shape[1] else np.zeros((len(rows), 0))
 
         def misfit(angle: Real) -> float:
-            left = fitter.centred(data.angle - angle, weight)[cells] * root
-            padded = np.concatenate([left, np.zeros(len(basis) - len(left))]) if basis.shape[1] else left
-            return float(padded @ padded - np.sum((basis.T @ padded) ** 2)) if basis.shape[1] else float(left @ left)
+            left = fitter.centred(np.nan_to_num(data.angle - angle), weight)[cells] * root
+            padded = np.concatenate([left, np.zeros(len(rows) - len(left))])
+            return float(padded @ padded - np.sum((basis.T @ padded) ** 2))
 
-        plain, _, _ = fitter.predict(base.model, base.unknowns)
-        nothing = max(misfit(plain), 1e-300)
-        found = {}
-        for name in self.testable:
-            looks = [(misfit(angle) / nothing, point) for point, angle in self._looks(name, base.unknowns)]
-            if name == "motor_cogging":
-                looks = [self._cogging(cells, base, plain)]
-            if looks:
-                found[name] = min(looks)
-        return found
+        return misfit
 
-    def _cogging(self, cells: Truth, base: Fit, plain: Real) -> tuple[float, tuple[float, ...]]:
+    def _cogging(self, cells: Truth, base: Fit) -> tuple[float, tuple[float, ...]]:
         """Best period of a small ripple: its torque moves the angle by the slope of the curve."""
         data = self.problem.data
-        model = Model((self.testable["motor_cogging"],))
-        bounds = self.fitter.bounds(model)
+        bounds = self.problem.bounds(self.testable["motor_cogging"])
         residual = (data.angle - base.predicted)[cells] / data.sigma[cells]
         slope = self.fitter.slopes(base)[cells]
+        plain, _, _ = self.fitter.predict(base.model, base.unknowns)
         best = (1.0, (0.5, 0.5, 0.5))
         for share in np.linspace(0, 1, 160):
             waves = 10 ** (bounds[2][0] + share * (bounds[2][1] - bounds[2][0]))
-            turned = waves * plain[cells] / 3437.746770784939
+            turned = waves * plain[cells] / ARCMIN
             columns = -(slope / data.sigma[cells])[:, None] * np.column_stack([np.cos(turned), np.sin(turned)])
             found, *_ = np.linalg.lstsq(columns, residual, rcond=None)
             left = residual - columns @ found
@@ -204,25 +231,38 @@ class Selector:
         chosen = [name for k, name in enumerate(order) if k < SHORTLIST or screened[name][0] < NEAR * least]
         trials = {}
         for name in only or chosen[: 2 * SHORTLIST]:
-            parts = name.split("+")
-            shares = np.concatenate([screened[part][1] for part in parts])
-            model = Model(tuple(self.testable[part] for part in parts))
-            fit = self.fitter.fit(model, cells, replace(base_fit.unknowns, shares=shares))
+            fit = self._first_fit(name, cells, screened)
             if np.isfinite(fit.cost):
                 trials[name] = self.trial(fit, cells)
         return self._judged(base, trials, {name: found[0] for name, found in screened.items()}, cells)
 
-    def with_pairs(self, selection: Selection, cells: Truth, most: int = 4) -> Selection:
-        """The selection with pairs of its survivors tried too."""
-        trials = dict(selection.trials)
-        for first, second in combinations(selection.survivors[:most], 2):
-            one, other = trials[first].fit, trials[second].fit
-            model = Model((*one.model.effects, *other.model.effects))
-            shares = np.concatenate([one.unknowns.shares, other.unknowns.shares])
-            fit = self.fitter.fit(model, cells, replace(one.unknowns, shares=shares))
-            if np.isfinite(fit.cost):
-                trials[model.name] = self.trial(fit, cells)
-        return self._judged(selection.base, trials, selection.screened, cells)
+    def _first_fit(self, name: str, cells: Truth, screened: Mapping[str, tuple[float, Vector]]) -> Fit:
+        """Fit of a model by the name of its effects, from what the screening found of each."""
+        parts = name.split("+")
+        model = Model(tuple(self.testable[part] for part in parts))
+        shares = np.concatenate([screened[part][1].shares for part in parts])
+        return self.fitter.fit(model, cells, replace(screened[parts[0]][1], shares=shares))
+
+    def extended(self, selection: Selection, cells: Truth, enough: float) -> Selection:
+        """The selection with effects added to its best, one at a time, until its held-out rms is ``enough``.
+
+        What is left by the best model is screened for every other effect; an addition stays if it gains significantly.
+        """
+        for _ in range(MOST_EFFECTS - 1):
+            if not selection.best or selection.chosen.rms <= enough:
+                break
+            now = selection.chosen.fit
+            screened = self.screen(cells, now)
+            trials = dict(selection.trials)
+            for name in sorted(screened, key=lambda name: screened[name][0])[:ADDITIONS]:
+                model = Model((*now.model.effects, self.testable[name]))
+                fit = self.fitter.fit(model, cells, screened[name][1])
+                if np.isfinite(fit.cost):
+                    trials[model.name] = self.trial(fit, cells)
+            before, selection = selection.best, self._judged(selection.base, trials, selection.screened, cells)
+            if selection.best == before:
+                break
+        return selection
 
     def _judged(
         self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float], cells: Truth
@@ -249,17 +289,18 @@ class Selector:
         )
 
     def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial]) -> str:
-        """Least held-out loss; of several effects only if they gain significantly over the best single one."""
-        singles = [name for name in survivors if "+" not in name]
-        pairs = [name for name in survivors if "+" in name]
-        if not singles:
-            return ""
-        best = singles[0]
-        if pairs:
-            gain = trials[best].losses - trials[pairs[0]].losses
-            _, p = max_t(gain[:, None], RESAMPLES, SEED)
-            if p[0] <= FAMILYWISE and gain.mean() >= LEAST_GAIN:
-                return pairs[0]
+        """Least held-out loss; more effects only where they gain significantly over the best with fewer."""
+        best = ""
+        for count in range(1, MOST_EFFECTS + 1):
+            alike = [name for name in survivors if trials[name].fit.model.n_effects == count]
+            if not alike:
+                continue
+            if best:
+                gain = trials[best].losses - trials[alike[0]].losses
+                _, p = max_t(gain[:, None], RESAMPLES, SEED)
+                if p[0] > FAMILYWISE or gain.mean() < LEAST_GAIN:
+                    continue
+            best = alike[0]
         return best
 
     def _members(

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.fitting import Fit, Fitter, mapped
 from pipeline.identification.problem import candidates
-from pipeline.identification.selection import Selection, Trial
+from pipeline.identification.selection import Selection
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -29,6 +29,8 @@ LARGEST_CLASS = 3
 """Effects in a class beyond which it counts as unresolved."""
 STRUCTURE = 1.25
 """Held-out rms in floors beyond which structure is left."""
+MOST_NAMED = 2
+"""Effects that are named together; more only describe."""
 RESAMPLES = 400
 CONFIDENCE = 0.95
 SEED = 79
@@ -71,17 +73,11 @@ class Verdict:
     advice: str
 
 
-def robust_rms(trial: Trial) -> float:
-    """Root mean square of the block losses, at the noise floor 1, less what one block in twenty may spoil."""
-    losses = np.sort(trial.losses)
-    return float(np.sqrt(np.mean(losses[: max(1, int(np.ceil(0.95 * len(losses))))])))
-
-
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
     chosen = selection.chosen
-    structure = robust_rms(chosen)
-    left = structure > STRUCTURE
+    structure = chosen.rms
+    left = structure > STRUCTURE or chosen.fit.model.n_effects > MOST_NAMED
     members = selection.members
     if left or len(members) > LARGEST_CLASS:
         verdict = UNEXPLAINED if left else EQUIVALENT
