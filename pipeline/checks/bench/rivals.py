@@ -14,9 +14,8 @@ from pipeline.checks.bench.table import Result
 from pipeline.checks.calculix import THREADS, calculix_deck, calculix_program, run_calculix
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.config import Study
-from pipeline.model.backlash import rigid_play
 from pipeline.model.bodies import COLUMNS_AT_ONCE
-from pipeline.model.equilibrium import solve
+from pipeline.model.cycle import solve_cycle
 
 COPIES = 500
 """Times that one sample is solved, as many as a chunk of a study has samples."""
@@ -39,27 +38,17 @@ def condensing(study: Study) -> Iterator[Result]:
 def calculix(study: Study, verified: Path) -> Iterator[Result]:
     """Time of CalculiX per load step over ours, on the mesh of ``study`` and, where `verify` ran, on that one's too.
 
-    Ours is a batch of copies of the sample at CalculiX' five loads. Nothing where CalculiX is not installed.
+    Ours is a batch of copies of the sample through the study's cycle, each distinct load counted once; CalculiX solves
+    five loads. Nothing where it is not installed.
     """
     if calculix_program() is None:
         return
-    specimen = Specimen(study).in_stress("plane_strain")
+    specimen, cycle = Specimen(study).in_stress("plane_strain"), assembly.load_cycle(study)
     torque = SHARES * specimen.rated_torque
-    gap, loose = np.tile(specimen.gap, (COPIES, 1)), np.full(COPIES, specimen.bearing_clearance)
-    play = rigid_play(specimen.reducer, gap, loose)
     ours = loaded(specimen, torque)
-    seconds = seconds_of(
-        lambda: solve(
-            specimen.reducer,
-            specimen.bearing,
-            specimen.laws,
-            specimen.compliance,
-            gap,
-            loose,
-            play.pose_plus,
-            torque,
-        )
-    ) / (COPIES * len(torque))
+    gap, loose = np.tile(specimen.gap, (COPIES, 1)), np.full(COPIES, specimen.bearing_clearance)
+    bodies = (specimen.reducer, specimen.bearing, specimen.laws, specimen.compliance)
+    seconds = seconds_of(partial(solve_cycle, *bodies, gap, loose, cycle)) / (COPIES * 2 * len(cycle.fractions))
     with tempfile.TemporaryDirectory() as folder:
         answer = run_calculix(calculix_deck(specimen, torque, ours), Path(folder))
     theirs = answer.seconds / len(torque)

@@ -54,16 +54,16 @@ def bench_figure(results: Sequence[Result]) -> Figure:
     for (name, note), style in zip(RATES, line_styles(dict.fromkeys(RATES.values())), strict=True):
         rows = [one for one in results if one.name == name and note in one.note]
         rates.loglog([one.samples for one in rows], [one.value for one in rows], **style)
-    rates.set_title("Samples per second and core")
+    rates.set_title("Rates per second and core")
     rates.set_xlabel("samples")
-    rates.legend(loc="center right")
-    _stages(stages, [one for one in results if one.name.startswith(STAGE)])
+    rates.legend(loc="center right", bbox_to_anchor=(1.0, 0.32))
+    _stages(stages, [one for one in results if one.name.startswith(STAGE) and one.jobs > 1])
     return figure
 
 
 def _stages(axes: Axes, rows: Sequence[Result]) -> None:
     """Bars of the seconds of the stages, one for every number of samples."""
-    sizes = sorted({one.samples for one in rows if one.jobs > 1})
+    sizes = sorted({one.samples for one in rows})
     done = dict.fromkeys(sizes, 0.0)
     for number, name in enumerate(dict.fromkeys(one.name for one in rows)):
         seconds = {one.samples: one.value for one in rows if one.name == name}
