@@ -24,6 +24,8 @@ SCALE_PRIOR = np.log(3.0)
 """Standard deviation of the logarithm of a calibrated number's scale: holds what the data do not determine."""
 SCALE_REACH = 4.0
 """Standard deviations that a calibrated number may move."""
+TOLERANCE = 3.0
+"""Standard deviations that a mode of the unmeasured tolerances may move: further out lies what no drawing allows."""
 STEP = 2e-3
 """Step of the finite differences, as a share of a parameter's bounds."""
 ITERATIONS = 15
@@ -49,7 +51,7 @@ class Vector:
         """The flat vector (n_unknowns,), held to its bounds."""
         scales, shares, modes = np.split(flat, np.cumsum([len(self.scales), len(self.shares)]))
         reach = SCALE_REACH * SCALE_PRIOR
-        return Vector(np.clip(scales, -reach, reach), np.clip(shares, 0.0, 1.0), modes)
+        return Vector(np.clip(scales, -reach, reach), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE))
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,11 @@ SETTLED = 1e-9
 NEWTON_STEPS = 30
 UNDAMPED = 12
 """Newton steps after which only half of each is taken: sticking and slipping may alternate."""
-HALVINGS = 8
+HALVINGS = 4
 """A step that does not converge is reached in two, each of them again, up to this depth."""
+DRAG = 5.0
+"""Springs, in shares of the bearing's stiffness, that let the disk only crawl to where Newton does not find at once."""
+CRAWLS = 12
 
 
 @part
@@ -161,12 +164,16 @@ def _add_contacts(system, force, active, columns, miss, slope, balance, scale, m
 
 
 @part
-def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, work):
-    """Newton on contacts, sliders and motions from (q, force), changed in place; returns the relative residual."""
+def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag, work):
+    """Newton on contacts, sliders and motions from (q, force), changed in place; returns the relative residual.
+
+    ``drag`` holds the motions where they start by springs of that share of the contacts' stiffness.
+    """
     closing, output = system.closing, system.output
     coupled, room, columns, elastic, miss, slope, balance, scale, spring = work
     n_motions = closing.shape[0]
     residual = np.inf
+    start = q.copy()
     for iteration in range(NEWTON_STEPS):
         n_active, off = _misfits(system, gap, force, q, room, elastic, miss, slope)
         active = room[:n_active]
@@ -189,9 +196,14 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, work
         stiffest = _add_contacts(system, force, active, columns, miss, slope, balance, scale, matrix, right)
         unbalanced = 0.0
         for d in range(n_motions):
+            tangent[d, d] += REGULAR * max(stiffest, system.stiffness)
+            if drag > 0.0:
+                widest = np.max(np.abs(closing[d]))
+                held = drag * system.stiffness * widest * widest
+                balance[d] += held * (q[d] - start[d])
+                tangent[d, d] += held
             right[first + d] -= balance[d]
             unbalanced = max(unbalanced, abs(balance[d]) / max(scale[d], 1e-300))
-            tangent[d, d] += REGULAR * max(stiffest, system.stiffness)
         residual = max(off, unbalanced)
         if residual <= SETTLED:
             return residual
@@ -248,9 +260,20 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
                     trial_q[:], trial_force[:] = seed_q[seed], seed_force[seed]
                 else:
                     trial_q[:], trial_force[:] = q, force
-                residual = _equilibrium(goal, gap, system, clearance, sliders, anchor, trial_q, trial_force, work)
+                residual = _equilibrium(goal, gap, system, clearance, sliders, anchor, trial_q, trial_force, 0.0, work)
                 if residual <= SETTLED:
                     break
+            if not residual <= SETTLED and depth == HALVINGS:
+                trial_q[:], trial_force[:] = q, force
+                for _ in range(CRAWLS):
+                    _equilibrium(goal, gap, system, clearance, sliders, anchor, trial_q, trial_force, DRAG, work)
+                    crawled_q, crawled_force = trial_q.copy(), trial_force.copy()
+                    residual = _equilibrium(
+                        goal, gap, system, clearance, sliders, anchor, crawled_q, crawled_force, 0.0, work
+                    )
+                    if residual <= SETTLED:
+                        trial_q[:], trial_force[:] = crawled_q, crawled_force
+                        break
             if not residual <= SETTLED and depth < HALVINGS:
                 share, depth = 0.5 * share, depth + 1
                 continue
