@@ -176,7 +176,8 @@ class Fitter:
         weight = np.where(fitted, 1 / data.sigma**2, 0.0)
         root = np.sqrt(weight[fitted])
         positions = np.unique(data.position[fitted]).tolist()
-        penalty = self.penalty(start)
+        prior = self.penalty(start)
+        penalty = prior
 
         def cost_of(angle: Real, unknowns: Vector) -> tuple[float, Real]:
             misfit = self.centred(data.angle - angle, weight)[fitted] * root
@@ -190,6 +191,9 @@ class Fitter:
         damping = 1e-3
         jacobian = self._jacobian(model, now, angle, influence, positions, weight)
         for _ in range(iterations):
+            # a model that misses the data by more than their noise knows as much less of tolerances
+            penalty = prior * max(1.0, float(np.sqrt(np.mean(misfit**2))))
+            cost = float(misfit @ misfit + np.sum((penalty * now.flat) ** 2))
             rows = jacobian[fitted] * root[:, None]
             hessian = rows.T @ rows + np.diag(penalty**2)
             gradient = rows.T @ misfit - penalty**2 * now.flat
