@@ -8,9 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.identification.forward import NMM_PER_NM, Instrument
+from pipeline.model.cycle import ARCMIN
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, TIME
 from pipeline.model.output_path import Ripple
+
+FEWEST_WAVES = 4
+"""Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +114,9 @@ EFFECTS = (
         signature="a staircase of constant step in the angle, most where the curve is steep",
         confused_with=(),
         bounds=lambda rated, span: (
-            (-0.3 * rated, 0.3 * rated),
-            (-0.3 * rated, 0.3 * rated),
-            (float(np.log10(2 * np.pi * 3438 / span)), float(np.log10(60 * np.pi * 3438 / span))),
+            (-0.15 * rated, 0.15 * rated),
+            (-0.15 * rated, 0.15 * rated),
+            (float(np.log10(FEWEST_WAVES * 2 * np.pi * ARCMIN / span)), float(np.log10(120 * np.pi * ARCMIN / span))),
         ),
         apply=_ripple,
     ),

@@ -19,15 +19,19 @@ Whole = NDArray[np.int64]
 Truth = NDArray[np.bool_]
 
 SHORTLIST = 7
-"""Effects that are fitted in full, the best of the screening."""
+"""Effects that are fitted in full, the best after a few steps."""
 NEAR = 1.5
-"""Further ones are fitted where their screened misfit is within this ratio of the best."""
+"""Further ones are fitted where their misfit is within this ratio of the best."""
 FAMILYWISE = 0.05
 SET_LEVEL = 0.9
 LEAST_GAIN = 0.1
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
 FEWEST_BLOCKS = 8
 RESAMPLES = 2000
+FIRST_ITERATIONS = 3
+"""Steps of a fit that rank the effects before the best are fitted in full."""
+HOPELESS = 3.0
+"""Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
 FOLD_ITERATIONS = 5
 MOST_EFFECTS = 4
 ADDITIONS = 4
@@ -226,18 +230,29 @@ class Selector:
         base_fit = self.fitter.fit(Model(), cells, self.fitter.start(Model()))
         base = self.trial(base_fit, cells)
         screened = self.screen(cells, base_fit)
-        order = sorted(screened, key=lambda name: screened[name][0])
-        least = screened[order[0]][0] if order else 1.0
-        chosen = [name for k, name in enumerate(order) if k < SHORTLIST or screened[name][0] < NEAR * least]
-        trials = {}
-        for name in only or chosen[: 2 * SHORTLIST]:
-            fit = self._first_fit(name, cells, screened)
-            if np.isfinite(fit.cost):
-                trials[name] = self.trial(fit, cells)
+        if only:
+            fits = [self._joint_fit(name, cells, screened) for name in only]
+        else:
+            fits = self._fits(base_fit, cells, screened, SHORTLIST)
+        trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
         return self._judged(base, trials, {name: found[0] for name, found in screened.items()}, cells)
 
-    def _first_fit(self, name: str, cells: Truth, screened: Mapping[str, tuple[float, Vector]]) -> Fit:
-        """Fit of a model by the name of its effects, from what the screening found of each."""
+    def _fits(self, base: Fit, cells: Truth, screened: Mapping[str, tuple[float, Vector]], count: int) -> list[Fit]:
+        """Fits of the ``count`` best additions to a base, and of those that come near: a few steps of all rank them."""
+        first = []
+        for name, (ratio, start) in screened.items():
+            if ratio > HOPELESS:
+                continue
+            model = Model((*base.model.effects, self.testable[name]))
+            fit = self.fitter.fit(model, cells, start, FIRST_ITERATIONS)
+            if np.isfinite(fit.cost) and fit.sound:
+                first.append(fit)
+        first.sort(key=lambda fit: fit.cost)
+        near = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
+        return [self.fitter.fit(fit.model, cells, fit.unknowns) for fit in near]
+
+    def _joint_fit(self, name: str, cells: Truth, screened: Mapping[str, tuple[float, Vector]]) -> Fit:
+        """Fit of a model by the names of its effects, from what the screening found of each."""
         parts = name.split("+")
         model = Model(tuple(self.testable[part] for part in parts))
         shares = np.concatenate([screened[part][1].shares for part in parts])
@@ -252,13 +267,8 @@ class Selector:
             if not selection.best or selection.chosen.rms <= enough:
                 break
             now = selection.chosen.fit
-            screened = self.screen(cells, now)
-            trials = dict(selection.trials)
-            for name in sorted(screened, key=lambda name: screened[name][0])[:ADDITIONS]:
-                model = Model((*now.model.effects, self.testable[name]))
-                fit = self.fitter.fit(model, cells, screened[name][1])
-                if np.isfinite(fit.cost):
-                    trials[model.name] = self.trial(fit, cells)
+            fits = self._fits(now, cells, self.screen(cells, now), ADDITIONS)
+            trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
             before, selection = selection.best, self._judged(selection.base, trials, selection.screened, cells)
             if selection.best == before:
                 break
