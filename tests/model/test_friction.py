@@ -262,8 +262,16 @@ def resistances(drive, sliders, motion, force):
     return np.array(held), np.array(anchors)
 
 
-PATH = history(0, RATED, -RATED, RATED, -RATED, RATED, steps=60)
-SECOND = slice(180, 301)  # a closed loop
+def loops(count, steps=60):
+    """Cycles 0, +T, -T, 0, zero reached and left within a millionth: the play is crossed at no torque."""
+    parts = []
+    for sense in [1, -1] * count:
+        parts.append(sense * np.concatenate([[1e-6 * RATED], history(0, RATED, 0, steps=steps)[1:-1], [1e-6 * RATED]]))
+    return np.concatenate(parts)
+
+
+PATH = loops(2)
+SECOND = slice(len(PATH) // 4 - 60, len(PATH) * 3 // 4 - 59)  # from top to top
 
 
 def area(torques, angle):
@@ -291,7 +299,7 @@ def test_loop_of_rubbing_pins_dissipates_what_the_sliders_do(play):
 
 def test_forces_and_friction_balance_at_every_step():
     drive = small_drive(seed=1, floats=True)
-    sliders = rubbing(drive, 0.15).joined(output_sliders(drive.reducer, np.array([200.0]), np.array([1e-5])))
+    sliders = rubbing(drive, 0.15).joined(output_sliders(drive.reducer, np.array([190.0]), np.array([1e-5])))
     motion, force = followed(drive, PATH, sliders)
     held, _ = resistances(drive, sliders, motion, force)
     total = force @ drive.reducer.closing + held @ sliders.direction
@@ -303,6 +311,14 @@ def test_forces_and_friction_balance_at_every_step():
     closed = force > 0
     assert np.max(np.abs(room + drive.laws.deflection(force))[closed]) < 1e-9
     assert np.min(room[~closed]) > -1e-9
+
+
+def test_no_torque_is_the_limit_from_the_side_it_is_reached_from():
+    drive = small_drive(seed=1, play=6 * MICROMETRE)
+    through, before = history(0, RATED, 0, -RATED, steps=10), history(0, RATED, 1e-6 * RATED, -RATED, steps=10)
+    (zero, _), (near, _) = (followed(drive, torques, rubbing(drive, 0.2)) for torques in (through, before))
+    width = np.ptp(of_output(drive, zero)[[20, 21]])
+    np.testing.assert_allclose(of_output(drive, zero)[20:], of_output(drive, near)[20:], atol=1e-4 * width)
 
 
 def test_friction_shifts_loading_by_its_virtual_work_to_first_order():
