@@ -22,14 +22,15 @@ def small_drive(
     floats=False,
     seed=0,
     sliders=None,
+    profile=SMALL,
 ):
-    """``n`` states of the small reducer with errors up to ``scale`` [mm] and pins thinner by ``play`` [mm]."""
+    """``n`` states of the small reducer with errors up to ``scale`` and gaps wider by ``play`` [mm]."""
     rng = np.random.default_rng(seed)
-    at = reducer_at(SMALL, crank, floats=floats)
-    errors = random_errors(SMALL, at, n, scale, rng) if scale else errors_of(SMALL, at, n)
-    laws = laws_of(SMALL, at)
+    at = reducer_at(profile, crank, floats=floats)
+    errors = random_errors(profile, at, n, scale, rng) if scale else errors_of(profile, at, n)
+    laws = laws_of(profile, at)
     drive = Drive(
-        profile=SMALL,
+        profile=profile,
         reducer=at,
         bearing=bearing,
         laws=laws,
@@ -41,4 +42,4 @@ def small_drive(
         bearing_clearance=np.full(n, clearance),
         sliders=Sliders.none() if sliders is None else sliders,
     )
-    return drive.moved(pin_radius=np.array(-play))
+    return drive.moved(pin_radius=np.array(-play), roller_diameter=np.array(-2 * play))
