@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pipeline import cli
+from pipeline.cli import settings
 from pipeline.checks.calculix import calculix_deck, calculix_program, run_calculix
 from pipeline.checks.specimen import Specimen, loaded
 from pipeline.checks.verify import CHECKS, page, run_checks, suite
@@ -107,7 +108,7 @@ def test_a_failed_row_is_the_commands_failure(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setattr(suite, "CHECKS", {"wrong": wrong})
     monkeypatch.setattr(suite.run_checks, "__defaults__", ({"wrong": wrong},))
-    monkeypatch.setattr(cli, "RUNS", tmp_path)
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
     with pytest.raises(SystemExit) as exit_status:
         cli.main(["verify", "--mesh", "coarse"])
     assert exit_status.value.code == 1
