@@ -18,9 +18,7 @@ def add(command: settings.Commands) -> None:
     settings.study_option(measuring)
     settings.jobs_option(measuring)
 
-    settings.jobs_option(
-        command("paper", _paper, "hold the paper's Table 2, contacts and figures against the model")
-    )
+    settings.jobs_option(command("paper", _paper, "hold the paper's Table 2, contacts and figures against the model"))
 
     fitting = command("calibrate", _calibrate, "fit numbers of a study's design to published metrics of its cases")
     fitting.add_argument("--study", default=comparison.STUDY, help="study of cases, or its stem in data/studies")

@@ -9,7 +9,6 @@ from pipeline import assembly
 from pipeline.cli import settings
 from pipeline.config import Study
 from pipeline.engine.runner import run
-from pipeline.errors import InputError
 from pipeline.identification import results
 from pipeline.identification.identify import identify
 from pipeline.identification.unit import load_measured_unit
