@@ -12,6 +12,7 @@ from pipeline.engine.runner import run
 from pipeline.identification import results
 from pipeline.identification.identify import identify
 from pipeline.identification.unit import load_measured_unit
+from pipeline.report.unit.page import write_page
 from stages.chain import STAGES
 from stages.condensed import COMPLIANCE_FILE, full_compliance
 
@@ -37,7 +38,9 @@ def _identify(options: argparse.Namespace) -> None:
 
     found = identify(unit, condensed)
     folder = settings.RUNS / "identify" / unit.name
-    results.write(found, folder)
+    of = results.findings(found)
+    results.write(of, folder)
+    write_page(of, folder, settings.shown(folder))
     print(f"{found.verdict.verdict}: {found.verdict.sentence}")
     if found.verdict.advice:
         print(found.verdict.advice)

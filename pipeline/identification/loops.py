@@ -106,7 +106,9 @@ def _why_not(found: Identification, metric: str) -> str:
         "branch_separation_arcmin": metrics.rigidity_percent[0],
         "lost_motion_arcmin": metrics.lost_motion_percent,
     }.get(metric, 0.0)
-    return f"asks for +-{rated * asked / 100:.3g} N m on both branches of a loop; the held-out cells reach {reached:.3g}"
+    return (
+        f"asks for +-{rated * asked / 100:.3g} N m on both branches of a loop; the held-out cells reach {reached:.3g}"
+    )
 
 
 def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
