@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from pipeline import cli
+from pipeline.cli import settings
 from pipeline.engine.store import Output
 
 ROOT = Path(__file__).parent.parent.parent
@@ -67,7 +68,7 @@ def test_one_unit_and_the_contacts_of_one_sample(
     own = tmp_path / "runs"
     own.mkdir()
     (own / ".cache").symlink_to(runs / ".cache")  # the condensed disk
-    monkeypatch.setattr(cli, "RUNS", own)
+    monkeypatch.setattr(settings, "RUNS", own)
     (line,) = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("printf")]
     dimensions = tmp_path / "unit17.toml"
     dimensions.write_text(shlex.split(line)[1].replace("\\n", "\n"))
