@@ -74,7 +74,26 @@ def kind_of(case: int) -> str:
     return kind
 
 
-def generate(maker: Maker, case: int) -> None:
+@dataclass(frozen=True)
+class Made:
+    """A unit that was made, for the oracle alone: the identification reads its files.
+
+    Attributes
+    ----------
+    unit : without its effect.
+    angles : per position (n_rows,) [arcmin] with the effect, without noise and offset.
+    dimensions : one sample [um], unrounded.
+    truth : as written.
+    """
+
+    reducer: Reducer
+    unit: TrueUnit
+    angles: Sequence[Real]
+    dimensions: Errors
+    truth: Mapping[str, Any]
+
+
+def generate(maker: Maker, case: int) -> Made:
     """Write the unit and the truth of a case; the same for the same seed, whatever else is made."""
     for attempt in range(REDRAWS):
         try:
@@ -133,29 +152,28 @@ class _Draw:
             self.bench,
         )
 
-    def make(self) -> None:
+    def make(self) -> Made:
         """Write the unit without effect, choose the effect by its size over it, and write it again with the effect."""
         self._write(self.plain)
-        kind = kind_of(self.case)
+        kind, angles = kind_of(self.case), self.plain
         found: dict[str, Any] = {"truth": NONE, "size_over_noise": 0.0, "effects": []}
         if kind != NONE:
             yardstick = Yardstick.of(self.maker.unit_folder(self.case), self.maker.root, self._believed)
             angles, found = self._outside(yardstick) if kind == OUTSIDE_KIND else self._library(yardstick, kind)
             self._write(angles)
-        write_truth(
-            self.maker.truth_path(self.case),
-            {
-                **found,
-                "case": self.case,
-                "seed": self.maker.seed,
-                "kind": kind,
-                "reducer": self.reducer.name,
-                "dimensions_known": self.known,
-                "scales": self.scales,
-                "row_noise_arcmin": self.noise[0],
-                "dimensions_um": {k: np.asarray(v[0]).tolist() for k, v in vars(self.dimensions).items()},
-            },
-        )
+        truth = {
+            **found,
+            "case": self.case,
+            "seed": self.maker.seed,
+            "kind": kind,
+            "reducer": self.reducer.name,
+            "dimensions_known": self.known,
+            "scales": self.scales,
+            "row_noise_arcmin": self.noise[0],
+            "dimensions_um": {k: np.asarray(v[0]).tolist() for k, v in vars(self.dimensions).items()},
+        }
+        write_truth(self.maker.truth_path(self.case), truth)
+        return Made(self.reducer, self.unit, angles, self.dimensions, truth)
 
     @property
     def _believed(self) -> Condensed:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.study import Study
 from pipeline.identification.blind.designs import Condensed
 from pipeline.identification.branches import cells, find_blocks, history
 from pipeline.identification.fitting import Fitter
@@ -20,6 +21,7 @@ from pipeline.identification.unit import UnitFile, load_measured_unit
 from pipeline.identification.usable import usable_rows
 
 Real = NDArray[np.float64]
+Compliances = Callable[[Study, Sequence[float]], Sequence[Real]]
 
 SMALLEST_AMPLITUDE = 1e-6
 SEARCHES = 10
@@ -28,7 +30,7 @@ AGREEMENT = 0.1
 START = 0.01
 
 
-def problem_of(unit: UnitFile, condensed: Condensed) -> tuple[Problem, Callable[[Real], Real]]:
+def problem_of(unit: UnitFile, condensed: Compliances) -> tuple[Problem, Callable[[Real], Real]]:
     """The problem of a unit, and what averages values of its rows (n_rows,) over its cells."""
     rows = read_rows(unit)
     usable = usable_rows(unit, rows)
