@@ -32,6 +32,8 @@ FIRST_ITERATIONS = 3
 """Steps of a fit that rank the effects before the best are fitted in full."""
 HOPELESS = 3.0
 """Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
+FAR_FROM_DECLARED = 0.1
+"""Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 FOLD_ITERATIONS = 5
 MOST_EFFECTS = 4
 ADDITIONS = 4
@@ -91,18 +93,21 @@ class Selection:
 
 
 def grid(bounds: Sequence[tuple[float, float]]) -> list[tuple[float, ...]]:
-    """Shares of the bounds at which a model is looked at first."""
+    """Shares of the bounds at which a model is looked at first, none of them without the effect."""
+    several = len(bounds) > 1
     axes: list[tuple[float, ...]] = []
-    for low, _ in bounds:
+    for low, high in bounds:
+        zero = -low / (high - low)
+        steps = (0.1, 0.5) if several else (0.006, 0.02, 0.06, 0.2, 0.5)
         if low > 0:
             axes.append((0.1, 0.35, 0.6, 0.85))
         elif low == 0:
-            axes.append((0.003, 0.01, 0.03, 0.1, 0.25, 0.5) if len(bounds) == 1 else (0.01, 0.04, 0.15, 0.4))
-        elif len(bounds) == 1:
-            axes.append(tuple(0.5 + sign * x for sign in (-1, 1) for x in (0.003, 0.01, 0.03, 0.1, 0.25)))
+            axes.append((0.01, 0.04, 0.15, 0.4) if several else (0.003, 0.01, 0.03, 0.1, 0.25, 0.5))
         else:
-            axes.append((0.4, 0.47, 0.5, 0.53, 0.6))
-    return [point for point in product(*axes) if any(p != 0.5 for p in point)]
+            up, down = [zero + step * (1 - zero) for step in steps], [zero - step * zero for step in steps]
+            axes.append((*down, zero, *up) if several else (*down, *up))
+    nothing = [-low / (high - low) for low, high in bounds]
+    return [point for point in product(*axes) if any(p != none for p, none in zip(point, nothing, strict=True))]
 
 
 class Selector:
@@ -140,7 +145,9 @@ class Selector:
         all other unknowns.
         """
         declared = Vector(np.zeros_like(base.unknowns.scales), base.unknowns.shares, np.zeros_like(base.unknowns.modes))
-        bases = [base, self.fitter.fit(base.model, cells, declared, 0)]
+        bases = [base]
+        if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
+            bases.append(self.fitter.fit(base.model, cells, declared, 0))
         held = {effect.name for effect in base.model.effects}
         found: dict[str, tuple[float, Vector]] = {}
         nothing = 0.0
