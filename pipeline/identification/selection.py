@@ -26,6 +26,8 @@ FAMILYWISE = 0.05
 SET_LEVEL = 0.9
 LEAST_GAIN = 0.1
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
+LEAST_LOSS = 0.1
+"""Loss below which blocks are alike: far under the noise floor."""
 FEWEST_BLOCKS = 8
 RESAMPLES = 2000
 FIRST_ITERATIONS = 3
@@ -55,6 +57,11 @@ class Trial:
     fit: Fit
     held_out: Real
     losses: Real
+
+    @property
+    def scores(self) -> Real:
+        """Logarithms of the losses (n_blocks,): a few blocks that a model misses badly do not decide a test."""
+        return np.log(LEAST_LOSS + self.losses)
 
     @property
     def rms(self) -> float:
@@ -287,11 +294,11 @@ class Selector:
         names = list(trials)
         if not names or len(base.losses) < FEWEST_BLOCKS:
             return Selection(base, trials, screened, {}, {}, (), "", ())
-        gains = np.column_stack([base.losses - trials[name].losses for name in names])
-        t, p = max_t(gains, RESAMPLES, SEED)
-        useful = (p <= FAMILYWISE) & (gains.mean(axis=0) >= LEAST_GAIN)
-        losses = np.column_stack([trials[name].losses for name in names])
-        survivors = [names[k] for k in np.argsort(losses.mean(axis=0)) if useful[k]]
+        t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
+        gain = np.array([base.rms**2 - trials[name].rms ** 2 for name in names])
+        useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
+        scores = np.array([trials[name].scores.mean() for name in names])
+        survivors = [names[k] for k in np.argsort(scores) if useful[k]]
         best = self._best(survivors, trials)
         members = self._members(best, survivors, trials, cells) if best else ()
         return Selection(
@@ -313,9 +320,9 @@ class Selector:
             if not alike:
                 continue
             if best:
-                gain = trials[best].losses - trials[alike[0]].losses
+                gain = trials[best].scores - trials[alike[0]].scores
                 _, p = max_t(gain[:, None], RESAMPLES, SEED)
-                if p[0] > FAMILYWISE or gain.mean() < LEAST_GAIN:
+                if p[0] > FAMILYWISE or trials[best].rms ** 2 - trials[alike[0]].rms ** 2 < LEAST_GAIN:
                     continue
             best = alike[0]
         return best
@@ -325,7 +332,7 @@ class Selector:
     ) -> tuple[str, ...]:
         """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
         alike = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
-        kept = confidence_set(np.column_stack([trials[name].losses for name in alike]), SET_LEVEL, RESAMPLES, SEED)
+        kept = confidence_set(np.column_stack([trials[name].scores for name in alike]), SET_LEVEL, RESAMPLES, SEED)
         sigma = self.problem.data.sigma
         members = []
         for name, inside in zip(alike, kept, strict=True):
