@@ -6,7 +6,7 @@ made of it, not itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +126,7 @@ class Forward:
         if key not in self._kept:
             if len(self._kept) > 400:
                 self._kept.clear()
-            self._kept[key] = backbone(drive, self.shares)
+            self._kept[key] = backbone(replace(drive, torsion=0.0), self.shares)
         return self._kept[key]
 
     def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:

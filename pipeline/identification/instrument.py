@@ -21,7 +21,8 @@ FEWEST_WAVES = 4
 class InstrumentEffect:
     """An effect of the bench; attributes as those of ``pipeline.model.effects.Effect``.
 
-    ``bounds`` is a function of the rated torque [N m] and of the measured range of the angle [arcmin].
+    ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin], and of
+    the time that it took [h].
     ``common_offset`` says that the effect is seen only where all positions share one zero of the angle.
     """
 
@@ -33,7 +34,7 @@ class InstrumentEffect:
     changes: str
     signature: str
     confused_with: tuple[str, ...]
-    bounds: Callable[[float, float], tuple[tuple[float, float], ...]]
+    bounds: Callable[[float, float, float], tuple[tuple[float, float], ...]]
     apply: Callable[[Instrument, Sequence[float]], Instrument]
     needs: frozenset[str] = frozenset()
     common_offset: bool = False
@@ -55,7 +56,7 @@ EFFECTS = (
         changes="torque read",
         signature="the loop stands off centre along the torque",
         confused_with=("flank_wear",),
-        bounds=lambda rated, span: ((-0.3 * rated, 0.3 * rated),),
+        bounds=lambda rated, span, hours: ((-0.3 * rated, 0.3 * rated),),
         apply=lambda instrument, values: replace(instrument, torque_zero=values[0]),
     ),
     InstrumentEffect(
@@ -67,7 +68,7 @@ EFFECTS = (
         changes="torque read",
         signature="all of the curve is stretched along the torque, friction too",
         confused_with=("output_torsion", "seat_compliance"),
-        bounds=lambda rated, span: ((-0.3, 0.5),),
+        bounds=lambda rated, span, hours: ((-0.3, 0.5),),
         apply=lambda instrument, values: replace(instrument, torque_gain=values[0]),
     ),
     InstrumentEffect(
@@ -79,7 +80,7 @@ EFFECTS = (
         changes="angle read",
         signature="cycles stand off one another by equal steps, loops do not close",
         confused_with=("creep", "run_in"),
-        bounds=lambda rated, span: ((-3000 * span, 3000 * span),),
+        bounds=lambda rated, span, hours: ((-2 * span / hours, 2 * span / hours),),
         apply=lambda instrument, values: replace(instrument, drift=values[0]),
         needs=frozenset({TIME}),
     ),
@@ -95,7 +96,7 @@ EFFECTS = (
         changes="angle read, with the encoder's own angle",
         signature="offsets of the positions, and twist, vary once a turn of the encoder",
         confused_with=("ovality_2", "ovality_3"),
-        bounds=lambda rated, span: ((-2 * span, 2 * span),) * 2,
+        bounds=lambda rated, span, hours: ((-2 * span, 2 * span),) * 2,
         apply=lambda instrument, values: replace(instrument, encoder=(values[0], values[1])),
         needs=frozenset({CRANKS}),
         common_offset=True,
@@ -113,7 +114,7 @@ EFFECTS = (
         changes="torque in the reducer, with the angle of the output",
         signature="a staircase of constant step in the angle, most where the curve is steep",
         confused_with=(),
-        bounds=lambda rated, span: (
+        bounds=lambda rated, span, hours: (
             (-0.15 * rated, 0.15 * rated),
             (-0.15 * rated, 0.15 * rated),
             (float(np.log10(FEWEST_WAVES * 2 * np.pi * ARCMIN / span)), float(np.log10(120 * np.pi * ARCMIN / span))),

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.forward import Forward, Instrument
+from pipeline.identification.forward import SECONDS_AN_HOUR, Forward, Instrument
 from pipeline.identification.instrument import InstrumentEffect, instrument_effects
 from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Drive
@@ -94,6 +94,11 @@ class Problem:
         return max(float(np.ptp(self.data.angle[self.data.position == p])) for p in range(len(self.modes)))
 
     @cached_property
+    def hours(self) -> float:
+        """Longest time that a position was measured [h]; one hour without time stamps."""
+        return max(float(np.ptp(course.time)) for course in self.forward.courses) / SECONDS_AN_HOUR or 1.0
+
+    @cached_property
     def nominal(self) -> tuple[Drive, ...]:
         """Declared drives."""
         return self.drives((1.0,) * len(self.calibrated))
@@ -101,7 +106,7 @@ class Problem:
     def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         """(low, high) of every parameter of an effect."""
         if isinstance(candidate, InstrumentEffect):
-            return candidate.bounds(self.rated_torque, self.span)
+            return candidate.bounds(self.rated_torque, self.span, self.hours)
         return candidate.bounds(self.nominal[0])
 
     def why_not(self, candidate: Candidate) -> str:

@@ -14,6 +14,9 @@ ACCEPTED = 1e-9
 """A step that ends above this residual (of either kind) is a failed one."""
 STEP_LIMIT = 100
 """Newton steps from one start before it is given up."""
+ROUNDING = 30
+"""Newton steps after which ``ACCEPTED`` is enough: near no load the disk's way beyond the bearing's clearance is a
+difference whose rounding alone unbalances it."""
 ALTERNATING = 5
 """Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
 PATIENCE = 2.5
@@ -185,6 +188,8 @@ def converge(system, torque, gap, clearance, work):
         unbalanced = imbalance(system, torque, work)
         residual = max(off, unbalanced)
         if closed == 0 and off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
+            return iteration, residual
+        if closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED:
             return iteration, residual
         if closed == 0 and _worth_renewing(residual, previous):
             counts[2] = 0

@@ -26,6 +26,8 @@ HALVINGS = 4
 DRAG = 5.0
 """Springs, in shares of the bearing's stiffness, that let the disk only crawl to where Newton does not find at once."""
 CRAWLS = 12
+NO_TORQUE = 1e-7
+"""Share of the largest torque that stands for none where there is play."""
 
 
 @part
@@ -290,6 +292,13 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
     return worst
 
 
+def _off_zero(torques: Real, least: float) -> Real:
+    """The torques, those of less than ``least`` after a larger one at ``least`` on its side."""
+    last = np.maximum.accumulate(np.where(np.abs(torques) >= least, np.arange(len(torques)), -1))
+    small = (np.abs(torques) < least) & (last >= 0)
+    return np.where(small, np.copysign(least, torques[np.maximum(last, 0)]), torques)
+
+
 def solve_path(
     reducer: Reducer,
     bearing: Bearing,
@@ -306,7 +315,8 @@ def solve_path(
     Parameters
     ----------
     gap : (n_contacts,) [mm]
-    torques : (n_steps,) [N mm] in time order, from rest without force.
+    torques : (n_steps,) [N mm] in time order, from rest without force; zero after a load stands for the limit from its
+        side, since in the play no force holds the pose.
     seeds : torques (n_nodes,), motions (n_nodes, n_motions), forces (n_nodes, n_contacts) of frictionless states, from
         which a step starts where the one before leads nowhere: across the play.
 
@@ -327,7 +337,7 @@ def solve_path(
         float(bearing.exponent),
     )
     worst = _follow(
-        np.asarray(torques, float),
+        _off_zero(np.asarray(torques, float), NO_TORQUE * float(np.max(np.abs(seeds[0])))),
         np.ascontiguousarray(gap),
         system,
         float(bearing_clearance),

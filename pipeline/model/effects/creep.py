@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Creep, Drive
-from pipeline.model.effects.effect import TIME, Conditions, Effect, Parameter
+from pipeline.model.effects.effect import TIME, Conditions, Effect, Parameter, largest_twist
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
@@ -24,7 +24,7 @@ EFFECT = Effect(
     changes="adds a delayed rotation to that of the output",
     signature="angle runs on at constant torque; loops open with slow loading",
     confused_with=("presliding",),
-    bounds=lambda drive: ((0.0, 0.05e6 / drive.rated_torque * 400), (0.05, 1e4)),
+    bounds=lambda drive: ((0.0, largest_twist(drive)), (0.05, 1e4)),
     apply=_apply,
     needs=frozenset({TIME}),
 )

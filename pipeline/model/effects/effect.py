@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Drive
 from pipeline.model.profile import Real
 
@@ -78,6 +79,21 @@ class Effect:
     bounds: Callable[[Drive], tuple[tuple[float, float], ...]]
     apply: Callable[[Drive, Sequence[float], Conditions], Drive]
     needs: frozenset[str] = frozenset()
+
+
+SOFTEST = 100.0
+"""Twists in series with the output are looked for up to this multiple of what the pins alone give."""
+
+
+def largest_twist(drive: Drive) -> float:
+    """Largest compliance in series with the output that is looked for [arcmin/(N m)].
+
+    In proportion to that of a quarter of the pins, each with its own contact and its part of the disk.
+    """
+    arm = np.abs(drive.reducer.pins.arm)
+    force = np.full(len(drive.laws), drive.rated_torque / (0.25 * np.sum(arm)))
+    yielding = (drive.laws.compliance(force) + np.diag(drive.compliance))[: len(arm)]
+    return float(SOFTEST * 1e3 * ARCMIN / (0.25 * np.sum(arm**2 / yielding)))
 
 
 @cache

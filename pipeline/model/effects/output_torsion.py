@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Drive
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import Conditions, Effect, Parameter, largest_twist
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
@@ -21,6 +21,6 @@ EFFECT = Effect(
     changes="adds torsion times torque to the rotation of the output",
     signature="the same angle per torque at every load and crank angle",
     confused_with=("seat_compliance", "torque_gain"),
-    bounds=lambda drive: ((0.0, 0.05e6 / drive.rated_torque * 400),),
+    bounds=lambda drive: ((0.0, largest_twist(drive)),),
     apply=_apply,
 )

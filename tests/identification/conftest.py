@@ -1,0 +1,32 @@
+"""Compliances of the paper's reducer on the quick study's coarse mesh, condensed once for all tests here."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_unit import ROOT, Condensed
+
+from pipeline import assembly
+from pipeline.config import load_study
+from pipeline.config.study import Study
+from pipeline.engine.runner import Resources, run
+from stages.chain import STAGES
+from stages.condensed import full_compliance
+
+CRANKS = (0.0, 40.0, 95.0)
+
+
+@pytest.fixture(scope="session")
+def condensed(tmp_path_factory: pytest.TempPathFactory) -> Condensed:
+    """Compliances of the quick study's design at some of ``CRANKS``."""
+    study = load_study("quick", ROOT)
+    study = study.model_copy(update={"cycle": study.cycle.model_copy(update={"crank_deg": CRANKS})})
+    runs: Path = tmp_path_factory.mktemp("runs")
+    path = run(STAGES, study, ["reduce"], runs, Resources(1, 100))["reduce"].path("compliance.npz")
+    known = {crank: full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in CRANKS}
+
+    def at(_: Study, cranks: Sequence[float]) -> list[np.ndarray]:
+        return [known[crank] for crank in cranks]
+
+    return at

@@ -1,0 +1,146 @@
+"""Units for tests, made by the model itself: a folder as a bench would leave it, and the problem that is fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline import assembly
+from pipeline.config import load_study
+from pipeline.config.study import Study
+from pipeline.identification.branches import cells, find_blocks, history
+from pipeline.identification.forward import Course, Forward
+from pipeline.identification.noise import measured_noise
+from pipeline.identification.problem import Model, Problem, candidates
+from pipeline.identification.reading import read_rows
+from pipeline.identification.setup import build_problem, drive_of
+from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.usable import usable_rows
+from pipeline.model.effects import Conditions
+from pipeline.sampling import draw
+
+ROOT = Path(__file__).parents[2]
+LARGEST = 12.0  # [N m]
+TEMPERATURE = 20.0
+UNIT = """
+title = "A unit of the tests"
+design = "pham2017"
+study = "quick"
+locked = "{locked}"
+offset = "{offset}"
+as_measured = "{dimensions}"
+{more}
+"""
+LISTED = ("pin_radial", "pin_tangential", "pin_radius", "lobe_profile", "roller_diameter")
+SINGLE = ("disk_profile", "eccentricity", "bearing_clearance")
+
+Condensed = Callable[[Study, Sequence[float]], list[np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """How a unit is measured."""
+
+    cranks: tuple[float, ...] = (0.0, 40.0)
+    cycles: int = 2
+    rows: int = 60
+    noise: float = 0.004
+    seconds: float = 1.0
+    warming: float = 0.0
+    common: bool = False
+    locked: str = "input"
+    known: bool = True
+    more: str = ""
+    sample: int = 3
+    seed: int = 1
+
+    @property
+    def turns(self) -> np.ndarray:
+        """Torques [N m] at which it turns: 0, then +-T in every cycle, then 0."""
+        return np.array([0.0, *[LARGEST, -LARGEST] * self.cycles, 0.0])
+
+    @property
+    def state(self) -> np.ndarray:
+        """Cycle of every leg."""
+        return np.minimum(np.arange(len(self.turns) - 1) // 2, self.cycles - 1)
+
+
+def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench, condensed: Condensed) -> Path:
+    """A unit's folder: one drawn from the quick study, with the ``effects`` by their names and values."""
+    rng = np.random.default_rng(bench.seed)
+    study = load_study("quick", ROOT)
+    sampled = draw(study, bench.sample, bench.sample + 1)
+    one = assembly.errors(sampled)
+    errors = type(one)(**{name: np.repeat(values, bench.cycles, axis=0) for name, values in vars(one).items()})
+    known = candidates()
+    model = Model(tuple(known[name] for name in effects))
+    values = [value for own in effects.values() for value in own]
+    number = np.arange(bench.cycles, dtype=float)
+    conditions = Conditions(number, bench.warming * number)
+    torque = np.concatenate(
+        [np.linspace(a, b, bench.rows, endpoint=False) for a, b in zip(bench.turns[:-1], bench.turns[1:], strict=True)]
+    )
+    leg = np.repeat(np.arange(len(bench.state)), bench.rows)
+    time = bench.seconds * np.arange(len(torque))
+    tables = []
+    for crank, compliance in zip(bench.cranks, condensed(study, bench.cranks), strict=True):
+        loose = assembly.bearing_clearance(study.design, np.repeat(sampled.bearing_clearance, bench.cycles))
+        drive = drive_of(study, crank, compliance, errors, loose)
+        (made,), instrument = model.put([drive], [conditions], values)
+        at_input = bench.locked == "output"
+        place, lobes = np.radians(crank), study.design.cycloid.lobes
+        course = Course(
+            *(bench.turns, leg, bench.state, torque[:, None], time),
+            *((float(lobes), place) if at_input else (1.0, -place / lobes)),
+        )
+        reading = Forward([course], made.rated_torque).read(made, 0, instrument)
+        assert reading.sound
+        offset = 2.0 if bench.common else rng.normal(0, 3)
+        cycle = bench.state[leg]
+        tables.append(
+            pd.DataFrame(
+                {
+                    "cycle": cycle,
+                    "crank_deg": crank,
+                    "torque_Nm": torque,
+                    "angle_arcmin": reading.angle + offset + bench.noise * rng.standard_normal(len(torque)),
+                    "time_s": time + 1e5 * len(tables),
+                    "temperature_C": TEMPERATURE + conditions.temperature_rise[cycle],
+                }
+            )
+        )
+    folder.mkdir(parents=True)
+    pd.concat(tables).to_csv(folder / "rows.csv", index=False)
+    lines = [f"{name} = {np.round(getattr(sampled, name)[0], 9).tolist()}" for name in (*LISTED, *SINGLE)]
+    (folder / "dimensions.toml").write_text("\n".join(lines), encoding="utf-8")
+    (folder / "unit.toml").write_text(
+        UNIT.format(
+            locked=bench.locked,
+            offset="common" if bench.common else "per_position",
+            dimensions="dimensions.toml" if bench.known else "unknown",
+            more=bench.more,
+        ),
+        encoding="utf-8",
+    )
+    return folder
+
+
+def problem_of(folder: Path, condensed: Condensed) -> Problem:
+    """The problem of a unit's folder, as ``identify`` builds it."""
+    unit = load_measured_unit(folder, ROOT)
+    rows = read_rows(unit)
+    usable = usable_rows(unit, rows)
+    blocks = find_blocks(unit, rows, usable)
+    averaged = cells(rows, usable, blocks)
+    noise = measured_noise(unit, rows, blocks, averaged)
+    compliances = condensed(unit.study, rows.cranks.tolist())
+    return build_problem(unit, rows, usable, blocks, averaged, history(rows, blocks), noise, compliances)
+
+
+def with_angles(problem: Problem, angle: np.ndarray) -> Problem:
+    """The problem with other measured angles."""
+    return replace(problem, data=replace(problem.data, angle=angle))

@@ -1,0 +1,112 @@
+"""The frictionless curve of a drive: its ladder, its ends of play, its torsion, and what each gap does to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drives import LINEAR, RATED, small_drive
+from reducers import MICROMETRE
+
+from pipeline.model.backlash import general_play, separated_play
+from pipeline.model.drive import NO_LOAD, backbone, ladder
+from pipeline.model.reducer import Bearing
+
+SHARES = ladder(40, 1.05)
+MIDDLE = len(SHARES)
+
+
+def test_ladder_ascends_from_no_load_to_its_reach():
+    for levels, reach in ((11, 1.05), (22, 0.4), (40, 3.0)):
+        shares = ladder(levels, reach)
+        assert len(shares) == levels + 1
+        assert np.all(np.diff(shares) > 0)
+        assert shares[0] == NO_LOAD
+        np.testing.assert_allclose(shares[-1], reach)
+        assert np.all(np.diff(shares, 2)[1:] > 0)  # denser towards zero
+
+
+def test_ends_of_play_are_those_of_rigid_bodies():
+    drive = small_drive(6, seed=3)
+    curve = backbone(drive, SHARES)
+    assert np.all(curve.states.converged)
+    play = separated_play(drive.reducer, drive.gap)
+    width = curve.angle[:, MIDDLE] - curve.angle[:, MIDDLE - 1]
+    assert np.all(play.backlash > 1e-5)
+    np.testing.assert_allclose(width, play.backlash, rtol=1e-3)
+    np.testing.assert_allclose(curve.torque, -curve.torque[::-1])
+    assert np.all(np.diff(curve.torque) > 0)
+    assert np.all(np.diff(curve.angle, axis=1) > 0)
+
+
+def test_torsion_adds_its_twist():
+    drive = small_drive(2, seed=1)
+    plain, twisted = backbone(drive, SHARES), backbone(replace(drive, torsion=2e-8), SHARES)
+    np.testing.assert_allclose(twisted.angle - plain.angle, 2e-8 * np.tile(plain.torque, (2, 1)), rtol=1e-9, atol=1e-18)
+    np.testing.assert_array_equal(twisted.states.force, plain.states.force)
+
+
+def test_clearance_of_the_bearing_widens_the_play_as_the_general_program_says():
+    drive = small_drive(4, seed=2, clearance=3 * MICROMETRE)
+    curve = backbone(drive, SHARES)
+    assert np.all(curve.states.converged)
+    play = general_play(drive.reducer, drive.gap, drive.bearing_clearance)
+    width = curve.angle[:, MIDDLE] - curve.angle[:, MIDDLE - 1]
+    np.testing.assert_allclose(width, play.backlash, rtol=1e-3)
+    assert np.all(play.backlash > 1.1 * separated_play(drive.reducer, drive.gap).backlash)
+
+
+@pytest.mark.parametrize("clearance_um", [1.0, 3.0, 10.0])
+def test_ends_of_play_are_found_with_any_clearance_of_the_bearing(clearance_um):
+    for seed in range(8):
+        drive = small_drive(4, seed=seed, play=6 * MICROMETRE, clearance=clearance_um * MICROMETRE)
+        assert np.all(backbone(drive, SHARES).states.converged)
+
+
+def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
+    curve = backbone(small_drive(3, play=-8 * MICROMETRE), SHARES)
+    assert np.all(curve.states.converged)
+    width = curve.angle[:, MIDDLE] - curve.angle[:, MIDDLE - 1]
+    assert np.all(width < 1e-5 * np.ptp(curve.angle, axis=1))
+    assert np.all(curve.states.force[:, MIDDLE].max(axis=1) > 10)
+    stiffness = np.diff(curve.torque[[MIDDLE, -1]]) / np.diff(curve.angle[:, [MIDDLE, -1]], axis=1)
+    loose = backbone(small_drive(3), SHARES)
+    assert np.all(stiffness > np.diff(loose.torque[[MIDDLE, -1]]) / np.diff(loose.angle[:, [MIDDLE, -1]], axis=1))
+
+
+def difference(drive, contact, step):
+    """Central difference of the angle (n, n_nodes) over the gap of one contact."""
+    ends = []
+    for sign in (1, -1):
+        shift = drive.shift.copy()
+        shift[:, contact] += sign * step
+        ends.append(backbone(replace(drive, shift=shift), SHARES).angle)
+    return (ends[0] - ends[1]) / (2 * step)
+
+
+@pytest.mark.parametrize(
+    ("bearing", "clearance"),
+    [(LINEAR, 0.0), (LINEAR, 3 * MICROMETRE), (Bearing(4e6, 1.5), 0.0)],
+    ids=["linear", "clearance", "hertzian"],
+)
+def test_influence_of_a_gap_is_the_difference_of_curves(bearing, clearance):
+    drive = small_drive(2, seed=6, bearing=bearing, clearance=clearance)
+    curve = backbone(drive, SHARES)
+    influence, closed = curve.influence, curve.states.force > 0
+    same = np.all(closed[:, 1:] == closed[:, :-1], axis=2)
+    smooth = np.abs(curve.torque) > 0.05 * RATED
+    smooth = smooth & np.pad(same, ((0, 0), (1, 0))) & np.pad(same, ((0, 0), (0, 1)))
+    assert np.all(smooth.sum(axis=1) > 30)
+    for contact in np.argsort(-curve.states.force.max(axis=(0, 1)))[:8]:
+        misfit = influence[..., contact] - difference(drive, contact, 1e-3 * MICROMETRE)
+        assert np.max(np.abs(misfit[smooth])) < 1e-3 * np.abs(influence).max()
+
+
+def test_influence_at_the_ends_of_play_is_that_of_the_first_pin():
+    drive = small_drive(5, seed=6, scale=1 * MICROMETRE)
+    curve, arm = backbone(drive, SHARES), drive.reducer.pins.arm
+    for node, sense in ((MIDDLE, 1), (MIDDLE - 1, -1)):
+        influence = curve.influence[:, node, : drive.reducer.n_pins]
+        first = np.argmax(np.abs(influence), axis=1)
+        found = influence[np.arange(5), first]
+        np.testing.assert_allclose(found, sense / np.abs(arm[first]), rtol=1e-3)
+        np.testing.assert_allclose(np.abs(influence).sum(axis=1), np.abs(found), rtol=1e-2)

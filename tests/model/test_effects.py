@@ -1,0 +1,288 @@
+"""Every effect of the library: texts, bounds, and what it does to a drive, by closed forms and other programs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drives import RATED, small_drive
+from reducers import ARCMIN, MICROMETRE, PAPER, SMALL
+
+from pipeline.identification.instrument import instrument_effects
+from pipeline.model.backlash import general_play, separated_play
+from pipeline.model.clearance import gaps
+from pipeline.model.drive import backbone, ladder
+from pipeline.model.effects import Conditions, library
+from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.model.output_path import Ripple, condensed_path
+
+LIBRARY = library()
+EVERY = pytest.mark.parametrize("name", LIBRARY)
+ALL_NAMES = {**LIBRARY, **instrument_effects()}
+UNITS = {
+    "um": "um",
+    "N m": "Nm",
+    "arcmin": "arcmin",
+    "um/N": "um_per_N",
+    "arcmin/(N m)": "arcmin_per_Nm",
+    "s": "s",
+    "um/(m K)": "um_per_m_K",
+    "arcmin/h": "arcmin_per_h",
+}
+SHARES = ladder(20, 1.05)
+MIDDLE = len(SHARES)
+
+
+def put(drive, name, *values, conditions=None):
+    """The drive with an effect of the library."""
+    return LIBRARY[name].apply(drive, values, conditions or Conditions.usual(len(drive.gap)))
+
+
+@pytest.mark.parametrize("name", ALL_NAMES)
+def test_texts_are_complete_and_names_are_known(name):
+    effect = ALL_NAMES[name]
+    assert effect.name == name
+    for text in (effect.title, effect.physics, effect.source, effect.changes, effect.signature):
+        assert len(text) > 5
+        assert text == text.strip()
+    assert 1 <= len(effect.parameters) <= 3
+    for parameter in effect.parameters:
+        assert parameter.meaning
+        if parameter.unit != "1":
+            assert parameter.name.endswith("_" + UNITS[parameter.unit])
+    assert len({parameter.name for parameter in effect.parameters}) == len(effect.parameters)
+    assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
+    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE}
+
+
+@EVERY
+def test_bounds_are_finite_and_ordered(name):
+    pairs = LIBRARY[name].bounds(small_drive())
+    assert len(pairs) == len(LIBRARY[name].parameters)
+    assert np.all(np.isfinite(pairs))
+    assert all(low < high for low, high in pairs)
+
+
+@pytest.mark.parametrize("profile", [SMALL, PAPER], ids=["small", "paper"])
+@pytest.mark.parametrize("name", ["output_torsion", "creep"])
+def test_bounds_of_a_twist_hold_the_drives_own_and_little_more(name, profile):
+    drive = small_drive(scale=0.0, play=0.0, profile=profile)
+    curve = backbone(drive, SHARES)
+    own = 1e3 * ARCMIN * np.ptp(curve.angle[0, MIDDLE:]) / np.ptp(curve.torque[MIDDLE:])  # [arcmin/(N m)]
+    _, high = LIBRARY[name].bounds(drive)[0]
+    assert 2 * own < high < 100 * own
+
+
+@EVERY
+def test_nothing_is_changed_by_an_effect_of_size_zero(name):
+    drive, effect = small_drive(2), LIBRARY[name]
+    pairs = effect.bounds(drive)
+    assert any(low <= 0 <= high for low, high in pairs)
+    values = [0.0 if low <= 0 <= high else (low * high) ** 0.5 for low, high in pairs]
+    conditions = Conditions(np.array([0.0, 3.0]), np.array([0.0, 15.0]))
+    made = put(drive, name, *values, conditions=conditions)
+    np.testing.assert_allclose(made.gap, drive.gap, atol=1e-15)
+    np.testing.assert_array_equal(made.bearing_clearance, drive.bearing_clearance)
+    np.testing.assert_array_equal(made.laws.linear, drive.laws.linear)
+    assert made.torsion == drive.torsion
+    assert len(made.sliders.acting) == 0
+    assert made.creep is None or made.creep.compliance == 0
+
+
+@EVERY
+def test_an_effect_leaves_the_drive_that_it_is_put_into_as_it_was(name):
+    drive, effect = small_drive(2), LIBRARY[name]
+    before = {key: np.copy(value) for key, value in vars(drive).items() if isinstance(value, np.ndarray)}
+    linear, gap = drive.laws.linear.copy(), drive.gap.copy()
+    values = [low + 0.7 * (high - low) for low, high in effect.bounds(drive)]
+    made = put(drive, name, *values, conditions=Conditions(np.array([0.0, 3.0]), np.array([0.0, 15.0])))
+    for key, value in before.items():
+        np.testing.assert_array_equal(getattr(drive, key), value)
+    np.testing.assert_array_equal(drive.laws.linear, linear)
+    np.testing.assert_array_equal(drive.gap, gap)
+    assert made is not drive
+
+
+@EVERY
+def test_effects_add_up_where_they_are_put_in_twice(name):
+    if name == "creep":
+        pytest.skip("one delayed element only")
+    drive, effect = small_drive(1), LIBRARY[name]
+    values = [low + 0.6 * (high - low) for low, high in effect.bounds(drive)]
+    conditions = Conditions(np.array([3.0]), np.array([15.0]))
+    once = put(drive, name, *values, conditions=conditions)
+    twice = put(once, name, *values, conditions=conditions)
+    if len(once.sliders):
+        assert len(twice.sliders) == 2 * len(once.sliders)
+    np.testing.assert_allclose(twice.torsion - once.torsion, once.torsion - drive.torsion)
+    np.testing.assert_allclose(twice.laws.linear - once.laws.linear, once.laws.linear - drive.laws.linear)
+    np.testing.assert_allclose(twice.shift - once.shift, once.shift - drive.shift, atol=1e-15)
+    for key, value in vars(twice.errors).items():
+        own = getattr(once.errors, key)
+        np.testing.assert_allclose(value - own, own - getattr(drive.errors, key), atol=1e-15)
+
+
+# --- physics of each ------------------------------------------------------------------------------------------------
+
+
+def ends(drive):
+    """Poses of the output at the ends of the rigid play (n,), minus and plus."""
+    play = separated_play(drive.reducer, drive.gap)
+    output = drive.reducer.output_motion
+    return play.pose_minus[:, output], play.pose_plus[:, output]
+
+
+@pytest.mark.parametrize("depth_um", [5.0, -5.0])
+def test_flank_wear_moves_one_end_of_the_play(depth_um):
+    drive = small_drive(4, scale=1 * MICROMETRE)
+    worn = put(drive, "flank_wear", depth_um)
+    (minus, plus), (worn_minus, worn_plus) = ends(drive), ends(worn)
+    kept, moved = ((minus, worn_minus), worn_plus - plus) if depth_um > 0 else ((plus, worn_plus), worn_minus - minus)
+    np.testing.assert_array_equal(*kept)
+    arm, depth = drive.reducer.pins.arm, 1e-3 * abs(depth_um)
+    loaded = arm < 0 if depth_um > 0 else arm > 0
+    of_pins = drive.gap[:, : drive.reducer.n_pins][:, loaded] / np.abs(arm[loaded])
+    expected = np.min(of_pins + depth / np.abs(arm[loaded]), axis=1) - np.min(of_pins, axis=1)
+    np.testing.assert_allclose(np.sign(depth_um) * moved, expected, rtol=1e-12)
+
+
+def test_seat_adds_its_deflection_to_every_pin():
+    drive, force = small_drive(), 37.0
+    soft, n = put(drive, "seat_compliance", 0.25), drive.reducer.n_pins
+    every = np.full(len(drive.laws), force)
+    more = soft.laws.deflection(every) - drive.laws.deflection(every)
+    np.testing.assert_allclose(more[:n], 0.25e-3 * force, rtol=1e-12)
+    np.testing.assert_array_equal(more[n:], 0.0)
+    beyond = 2 * drive.laws.force_limit  # on the tangent too
+    more = soft.laws.deflection(beyond) - drive.laws.deflection(beyond)
+    np.testing.assert_allclose(more[:n], 0.25e-3 * beyond[:n], rtol=1e-9)
+
+
+def test_torsion_of_the_output_is_exact():
+    drive = small_drive()
+    made = backbone(put(drive, "output_torsion", 0.04), SHARES)
+    plain = backbone(drive, SHARES)
+    np.testing.assert_allclose(ARCMIN * (made.angle - plain.angle)[0], 0.04 * 1e-3 * plain.torque, atol=1e-12)
+
+
+def test_run_in_wears_over_the_cycles():
+    drive = small_drive(4)
+    cycles = np.array([0.0, 1.0, 5.0, np.inf])
+    made = put(drive, "run_in", 8.0, 2.5, conditions=Conditions(cycles, np.zeros(4)))
+    n = drive.reducer.n_pins
+    worn = 8e-3 * (1 - np.exp(-cycles / 2.5))
+    np.testing.assert_allclose((made.gap - drive.gap)[:, :n], np.repeat(worn[:, None], n, axis=1), atol=1e-15)
+    np.testing.assert_array_equal((made.gap - drive.gap)[:, n:], 0.0)
+
+
+def test_thermal_growth_is_an_error_of_the_pin_circle():
+    drive = small_drive(3)
+    rise = np.array([0.0, 10.0, 40.0])
+    made = put(drive, "thermal_growth", 12.0, conditions=Conditions(np.zeros(3), rise))
+    growth_um = 12.0 * SMALL.pin_circle_radius * 1e-3 * rise  # um/(m K) x m x K
+    for state, um in enumerate(growth_um):
+        np.testing.assert_allclose(made.gap[state], put(drive, "pin_circle_error", um).gap[state], atol=1e-15)
+
+
+@pytest.mark.parametrize("lobes", [2, 3])
+def test_ovality_turned_with_the_crank_is_the_same_reducer(lobes):
+    pitch = 2 * np.pi / SMALL.pins
+    drives = [small_drive(crank=0.4 + turn * pitch, scale=0.0) for turn in range(SMALL.pins)]
+    first = put(drives[0], f"ovality_{lobes}", 10.0, 0.0).gap[0, : SMALL.pins]
+    assert np.ptp(first) > 5e-3
+    for turn, drive in enumerate(drives):
+        phase = lobes * turn * pitch
+        made = put(drive, f"ovality_{lobes}", 10 * np.cos(phase), 10 * np.sin(phase)).gap[0, : SMALL.pins]
+        np.testing.assert_allclose(np.roll(made, turn), first, atol=1e-12)
+
+
+@pytest.mark.parametrize("lobes", [2, 3])
+def test_ovality_opens_as_much_as_it_closes_over_a_turn_of_the_crank(lobes):
+    pitch, changes = 2 * np.pi / SMALL.pins, []
+    for turn in range(SMALL.pins):
+        drive = small_drive(crank=0.4 + turn * pitch, scale=0.0)
+        drive = replace(drive, reading=replace(drive.reading, method="first_order"))
+        made = put(drive, f"ovality_{lobes}", 10.0, 0.0)
+        changes.append(np.roll((made.gap - drive.gap)[0, : SMALL.pins], turn))
+    waves = np.abs(np.fft.rfft(changes, axis=0))  # over the crank, at every place of the flank
+    assert np.all(waves[lobes] > 0.1 * SMALL.pins / 2 * 1e-3)
+    waves[lobes] = 0.0
+    np.testing.assert_allclose(waves, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lobes", [2, 3])
+def test_ovality_displaces_every_pin_along_its_radius(lobes):
+    drive = small_drive(scale=0.0)
+    made = put(drive, f"ovality_{lobes}", 3.0, -4.0)
+    angle = np.angle(drive.reducer.pins.centre)
+    expected = 5e-3 * np.cos(lobes * angle - np.arctan2(-4.0, 3.0))
+    np.testing.assert_allclose(made.errors.pin_radial[0], expected, atol=1e-15)
+
+
+def turned(drive, torques, nodes):
+    curve = backbone(drive, nodes)
+    return condensed_path(torques, curve.torque, curve.angle[0], drive.sliders, Ripple())[0]
+
+
+def legs(*turns, steps=100):
+    parts = [np.linspace(a, b, steps + 1)[1:] for a, b in zip(turns[:-1], turns[1:], strict=True)]
+    return np.concatenate([[turns[0]], *parts])
+
+
+def test_coulomb_parts_the_branches_by_twice_its_torque():
+    drive, torque = small_drive(), 0.7  # [N m]
+    nodes = ladder(60, 1.2)
+    rubbing, torques = put(drive, "coulomb", torque), legs(0.0, RATED, -RATED, RATED)
+    angle, curve = turned(rubbing, torques, nodes), backbone(drive, nodes)
+    for part, sense in ((slice(120, 201), -1), (slice(220, 301), 1)):
+        inside = torques[part] - sense * 1e3 * torque
+        expected = np.interp(inside, curve.torque, curve.angle[0])
+        np.testing.assert_allclose(angle[part], expected, atol=1e-12)
+
+
+def test_presliding_slides_in_full_beyond_its_distance():
+    drive, torque, distance = small_drive(), 0.7, 0.4
+    made = put(drive, "presliding", torque, distance).sliders
+    slip = np.array([0.05, 0.25, 0.4, 0.8]) * distance / ARCMIN
+    resisted = np.sum(np.minimum(made.stiffness * slip[:, None], made.limit), axis=1)
+    parts = np.array([[0.05 / 0.25, 0.05 / 0.5, 0.05 / 0.75, 0.05], [1, 0.5, 1 / 3, 0.25], [1, 0.8, 0.4 / 0.75, 0.4]])
+    np.testing.assert_allclose(resisted[:3], 1e3 * torque * parts.mean(axis=1), rtol=1e-12)
+    full = np.sum(np.minimum(made.stiffness * distance / ARCMIN, made.limit))
+    np.testing.assert_allclose(full, 1e3 * torque, rtol=1e-12)
+
+
+def test_friction_of_contacts_is_at_the_pins_alone():
+    drive = small_drive()
+    made = put(drive, "contact_friction", 0.08).sliders
+    np.testing.assert_array_equal(made.contact, np.arange(drive.reducer.n_pins))
+    np.testing.assert_array_equal(made.coefficient, 0.08)
+    assert not np.any(made.limit)
+
+
+def test_clearance_of_the_bearing_widens_the_play():
+    drive = small_drive(3, scale=1 * MICROMETRE)
+    made = put(drive, "bearing_clearance", 4.0)
+    expected = general_play(drive.reducer, drive.gap, np.full(3, 4e-3)).backlash
+    curve = backbone(made, SHARES)
+    np.testing.assert_allclose(curve.angle[:, MIDDLE] - curve.angle[:, MIDDLE - 1], expected, rtol=1e-3)
+    assert np.all(expected > 1.05 * separated_play(drive.reducer, drive.gap).backlash)
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [("eccentricity_error", "eccentricity"), ("pin_circle_error", "pin_radial"), ("pin_radius_error", "pin_radius")],
+)
+def test_error_of_a_dimension_gives_its_exact_gaps(name, error):
+    drive = small_drive(2)
+    own = getattr(drive.errors, error)
+    errors = replace(drive.errors, **{error: own + 6e-3})
+    expected = gaps(drive.profile, drive.reducer, errors, **vars(drive.reading))
+    np.testing.assert_allclose(put(drive, name, 6.0).gap, expected, atol=1e-15)
+
+
+def test_preload_closes_every_gap_of_the_pins():
+    drive, n = small_drive(2), SMALL.pins
+    more = put(drive, "preload", 3.0).gap - drive.gap
+    np.testing.assert_allclose(more[:, :n], -3e-3, atol=1e-15)
+    np.testing.assert_array_equal(more[:, n:], 0.0)
+    thicker = put(drive, "pin_radius_error", 3.0).gap - drive.gap  # the same to the pins' gaps
+    np.testing.assert_allclose(more[:, :n], thicker[:, :n], atol=1e-12)

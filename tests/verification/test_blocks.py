@@ -1,0 +1,63 @@
+"""Block bootstrap: rates of error under the null, power, and coverage of the model confidence set."""
+
+import numpy as np
+from scipy.stats import binom
+
+from pipeline.statistics.blocks import confidence_set, max_t, resampled_means
+
+RUNS = 300
+RESAMPLES = 300
+
+
+def test_means_of_resamples_have_the_mean_and_error_of_the_blocks():
+    values = np.random.default_rng(0).exponential(size=(30, 2, 3))
+    drawn = resampled_means(values, 20000, 1)
+    assert drawn.shape == (20000, 2, 3)
+    np.testing.assert_allclose(drawn.mean(axis=0), values.mean(axis=0), rtol=0.01)
+    np.testing.assert_allclose(drawn.std(axis=0), values.std(axis=0) / np.sqrt(30), rtol=0.03)
+    np.testing.assert_array_equal(drawn, resampled_means(values, 20000, 1))
+
+
+def test_one_of_twenty_families_without_gain_is_significant():
+    rng, false = np.random.default_rng(1), 0
+    for run in range(RUNS):
+        shared = rng.normal(size=(40, 1))
+        gains = 0.7 * shared + rng.normal(size=(40, 12))
+        false += np.min(max_t(gains, RESAMPLES, run)[1]) <= 0.05
+    low, high = binom.ppf([1e-3, 1 - 1e-3], RUNS, 0.05)
+    assert low <= false <= high + 3  # the bootstrap of 40 blocks is a little narrow
+
+
+def test_clear_gain_is_significant_and_its_neighbours_are_not():
+    gains = np.random.default_rng(2).normal(size=(24, 10))
+    gains[:, 4] += 2.0
+    t, p = max_t(gains, 2000, 0)
+    assert p[4] < 1e-3
+    assert np.min(np.delete(p, 4)) > 0.05
+    np.testing.assert_allclose(t[4], gains[:, 4].mean() / (gains[:, 4].std(ddof=1) / np.sqrt(24)))
+    assert np.all(np.diff(p[np.argsort(t)]) <= 0)
+
+
+def test_gain_that_is_the_same_everywhere_has_no_error_to_be_judged_by():
+    gains = np.column_stack([np.zeros(12), np.random.default_rng(3).normal(size=12)])
+    t, p = max_t(gains, 500, 0)
+    assert t[0] == 0
+    assert p[0] > 0.5
+
+
+def test_confidence_set_keeps_the_best_as_often_as_it_says():
+    rng, kept, sizes = np.random.default_rng(4), 0, []
+    for run in range(RUNS):
+        losses = 1 + 0.5 * rng.normal(size=(30, 1)) + 0.3 * rng.normal(size=(30, 5)) + np.array([0, 0, 0.05, 0.3, 1.0])
+        inside = confidence_set(losses, 0.9, RESAMPLES, run)
+        kept += inside[0]
+        sizes.append(inside)
+    assert kept >= binom.ppf(1e-3, RUNS, 0.9)
+    share = np.mean(sizes, axis=0)
+    assert share[4] == 0
+    assert share[3] < 0.3 < share[1]
+
+
+def test_confidence_set_of_equal_models_holds_both():
+    losses = np.random.default_rng(5).exponential(size=(20, 1)) * np.ones((1, 2))
+    assert confidence_set(losses, 0.9, 200, 0).tolist() == [True, True]
