@@ -20,7 +20,7 @@ MOST_LOOPS = 6
 """Positions that share a figure."""
 ACROSS = 3
 EXTREME = 4.0
-"""Percent of the residuals at each end that the scale does not follow: cells in which the angle jumps through the play."""
+"""Percent of the residuals at each end that the scale does not follow: there the angle jumps through the play."""
 ROOM = 2.0
 """Reach of the scale beyond the others."""
 

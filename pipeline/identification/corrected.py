@@ -80,7 +80,7 @@ def _design_text(found: Identification, trial: Trial) -> str:
         content["effects"] = {**content["effects"], effect.name: numbers}
         for name in numbers:
             p = intervals.get((effect.name, name))
-            ends = f"; 95 % interval {p.ci_low:.4g} to {p.ci_high:.4g}" if p and p.ci_low == p.ci_low else ""
+            ends = f"; 95 % interval {p.ci_low:.4g} to {p.ci_high:.4g}" if p and np.isfinite(p.ci_low) else ""
             provenance[f"effects.{effect.name}.{name}"] = {
                 "status": "calibrated",
                 "reason": f"{effect.title}, identified on the measured unit {unit.name}{ends}",
@@ -124,8 +124,8 @@ def _study_text(found: Identification) -> str:
     name = study_file(unit.name)
     parse_study(content, Path(name).stem, name, lambda _: unit.study.design)
     comment = (
-        f"# Runs the model that was corrected for the measured unit {unit.name} at its crank angles, run in and at the\n"
-        "# temperature of the drawing.\n"
+        f"# Runs the model that was corrected for the measured unit {unit.name} at its crank angles,\n"
+        "# run in and at the temperature of the drawing.\n"
     )
     return comment + toml_of(content)
 

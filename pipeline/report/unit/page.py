@@ -195,7 +195,7 @@ def _fitted(row: Mapping[str, Any]) -> dict[str, str]:
     if row["member_of_class"]:
         judgement = "named"
     elif row["significant"]:
-        judgement = "gains, but another explains more"
+        judgement = "significant gain, not named"
     else:
         judgement = row["why_not"] or "no significant gain"
     return {
