@@ -62,7 +62,8 @@ def write(of: Findings, folder: Path) -> None:
         ):
             write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
     written = write_corrected(found, folder)
-    write_json(folder / VERDICT_FILE, _finite({**verdict_of(of), "corrected": [path.name for path in written]}))
+    corrected = {"corrected": [path.name for path in written.paths], "not_corrected": written.why_not}
+    write_json(folder / VERDICT_FILE, _finite(verdict_of(of) | corrected))
 
 
 def verdict_of(of: Findings) -> dict[str, Any]:

@@ -95,6 +95,7 @@ def _values(of: Findings, verdict: Mapping[str, Any], folder: Path) -> dict[str,
         "faults": found.faults,
         "not_testable": [(_sentence(tables.title_of(name)), why) for name, why in (found.why_not or {}).items()],
         "corrected": verdict["corrected"],
+        "not_corrected": verdict["not_corrected"],
         "folder": folder,
         "versions": package_versions(),
     }
