@@ -197,7 +197,7 @@ def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
     for key in ("verdict", "named", "parameters", "sentence", "advice", "noise", "held_out_errors", "loop_errors"):
         assert key in verdict
     assert set(verdict["held_out_errors"]) == {"declared", "recalibrated", "after"}
-    assert verdict["noise"]["floor_arcmin"]["value"] == pytest.approx(0.02, rel=0.6)
+    assert verdict["noise"]["used_arcmin"] == pytest.approx(0.02, rel=0.6)
     assert verdict["loop_errors"]["hysteresis_loss_arcmin"]["why_not"]
     for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES):
         schema = pq.read_schema(folder / f"{table.name}.parquet")
@@ -229,7 +229,7 @@ def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: 
     assert set(candidates()) <= set(rows["effect"])
     tested = rows["p"].notna()
     assert np.all(rows.loc[~tested, "why_not"].astype(str) != "")
-    assert np.all(rows.loc[tested, "parameters"].map(lambda text: bool(json.loads(text))))
+    assert np.all(rows.loc[tested, "parameters"].astype(str).map(lambda text: bool(json.loads(text))))
     assert rows.set_index("effect").loc["thermal_growth", "why_not"] == "no temperature that varies"
 
 
