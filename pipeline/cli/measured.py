@@ -2,17 +2,21 @@
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from pipeline import assembly
 from pipeline.cli import settings
-from pipeline.config import Study
+from pipeline.config import Study, load_study
 from pipeline.engine.runner import run
-from pipeline.identification import results
+from pipeline.identification import population_results, results
+from pipeline.identification.closing import closing, read_population_run
 from pipeline.identification.identify import identify
+from pipeline.identification.population import compared, load_population
 from pipeline.identification.unit import load_measured_unit
 from pipeline.report.unit.page import write_page
+from pipeline.report.unit.population import write_population_page
 from stages.chain import STAGES
 from stages.condensed import COMPLIANCE_FILE, full_compliance
 
@@ -22,6 +26,11 @@ def add(command: settings.Commands) -> None:
     naming = command("identify", _identify, "say why a measured unit differs from its model, and correct the model")
     naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
     settings.jobs_option(naming)
+
+    comparing = command("population", _population, "hold many measured units against the distributions of a study")
+    comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
+    settings.study_option(comparing)
+    settings.jobs_option(comparing)
 
 
 def _identify(options: argparse.Namespace) -> None:
@@ -45,3 +54,25 @@ def _identify(options: argparse.Namespace) -> None:
     if found.verdict.advice:
         print(found.verdict.advice)
     print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def _population(options: argparse.Namespace) -> None:
+    units = load_population(options.units)
+    study = load_study(options.study, settings.ROOT)
+    with settings.resources(study, options) as resources:
+        run(STAGES, study, ["aggregate"], settings.RUNS, resources)
+    population = read_population_run(settings.RUNS / study.name, study)
+    confidence = study.metrics.confidence
+    comparisons = compared(units, population.metrics, confidence)
+    closings = {
+        crank: closing([one for one in comparisons if one.crank_deg == crank], population, confidence)
+        for crank in dict.fromkeys(one.crank_deg for one in comparisons)
+    }
+    folder = settings.RUNS / "population" / study.name
+    population_results.write(comparisons, closings, folder)
+    write_population_page(study, options.units.name, comparisons, closings, folder)
+    print((folder / "comparison.csv").read_text(), end="")
+    for crank, one in closings.items():
+        place = "" if crank is None else f"crank at {crank:g} deg: "
+        print(f"{place}{population_results.sentence(one)}")
+    print(f"page: {settings.shown(folder / 'population.html')}")

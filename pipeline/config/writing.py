@@ -15,7 +15,7 @@ def toml_of(content: Mapping[str, object]) -> str:
 
 def _lines(content: Mapping[str, object], prefix: str) -> list[str]:
     tables = {key: value for key, value in content.items() if isinstance(value, Mapping)}
-    arrays = {key: value for key, value in content.items() if _is_array_of_tables(value)}
+    arrays = {key: value for key, value in content.items() if isinstance(value, list | tuple) and _of_tables(value)}
     lines = [
         f"{_key(key)} = {_literal(value)}\n"
         for key, value in content.items()
@@ -39,8 +39,8 @@ def _lines(content: Mapping[str, object], prefix: str) -> list[str]:
     return lines
 
 
-def _is_array_of_tables(value: object) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value)
+def _of_tables(values: Sequence[object]) -> bool:
+    return bool(values) and all(isinstance(value, Mapping) for value in values)
 
 
 def _key(key: str) -> str:
@@ -56,6 +56,6 @@ def _literal(value: object) -> str:
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, Sequence):
+    if isinstance(value, list | tuple):
         return f"[{', '.join(map(_literal, value))}]"
     return repr(value)

@@ -12,15 +12,17 @@ from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, legend_be
 MODELS = {
     "declared": ("model as declared", MUTED, ":"),
     "recalibrated": ("calibrated numbers refitted", ALARM, "--"),
-    "after": ("chosen model", ACCENT, "-"),
+    "after": ("best model", ACCENT, "-"),
 }
-STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After: chosen model"}
+STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After: best model"}
 SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
 MOST_LOOPS = 6
 """Positions that share a figure."""
 ACROSS = 3
-EXTREME = 0.5
-"""Percent of the residuals at each end that the axes leave out: cells in which the angle jumps through the play."""
+EXTREME = 4.0
+"""Percent of the residuals at each end that the scale does not follow: there the angle jumps through the play."""
+ROOM = 2.0
+"""Reach of the scale beyond the others."""
 
 
 @styled
@@ -135,7 +137,7 @@ def _zero_line(axes: Axes, cells: pd.DataFrame) -> None:
     axes.axhline(0, color=INK, linewidth=0.8)
     values = np.concatenate([cells[f"residual_{stage}_arcmin"].dropna().to_numpy() for stage in STAGES])
     if values.size:
-        reach = 1.15 * max(*np.abs(np.percentile(values, [EXTREME, 100 - EXTREME])), 1e-6)
+        reach = ROOM * max(*np.abs(np.percentile(values, [EXTREME, 100 - EXTREME])), 1e-6)
         axes.set_ylim(-reach, reach)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from pipeline.config.reading import parse_design, parse_study
 from pipeline.config.study import Study
 from pipeline.config.writing import toml_of
 from pipeline.engine.store import write_atomic
+from pipeline.errors import InputError
 from pipeline.identification.identify import Identification
 from pipeline.identification.instrument import InstrumentEffect
 from pipeline.identification.selection import Trial
@@ -40,21 +42,27 @@ def corrected_trial(found: Identification) -> Trial | None:
     return found.selection.base
 
 
-def write_corrected(found: Identification, folder: Path) -> tuple[Path, ...]:
-    """Write the corrected design and study into ``folder``; nothing where the data bear no verdict.
+@dataclass(frozen=True)
+class Corrected:
+    """Paths of the corrected design and study that were written; none, and why."""
 
-    Returns
-    -------
-    The paths of design and study, or nothing.
-    """
+    paths: tuple[Path, ...]
+    why_not: str = ""
+
+
+def write_corrected(found: Identification, folder: Path) -> Corrected:
+    """Write the corrected design and study into ``folder``, where the data bear a verdict and it can be built."""
     trial = corrected_trial(found)
-    if trial is None or found.problem is None:
-        return ()
+    if trial is None:
+        return Corrected((), "the data bear no verdict")
+    try:
+        text = _design_text(found, trial)
+    except InputError as error:
+        return Corrected((), f"the refitted numbers make no reducer: {'; '.join(error.problems)}")
     design, study = folder / DESIGN_FILE, folder / study_file(found.unit.name)
-    text = _design_text(found, trial)
     write_atomic(design, text.encode())
     write_atomic(study, _study_text(found).encode())
-    return design, study
+    return Corrected((design, study))
 
 
 def _design_text(found: Identification, trial: Trial) -> str:
@@ -80,7 +88,7 @@ def _design_text(found: Identification, trial: Trial) -> str:
         content["effects"] = {**content["effects"], effect.name: numbers}
         for name in numbers:
             p = intervals.get((effect.name, name))
-            ends = f"; 95 % interval {p.ci_low:.4g} to {p.ci_high:.4g}" if p and p.ci_low == p.ci_low else ""
+            ends = f"; 95 % interval {p.ci_low:.4g} to {p.ci_high:.4g}" if p and np.isfinite(p.ci_low) else ""
             provenance[f"effects.{effect.name}.{name}"] = {
                 "status": "calibrated",
                 "reason": f"{effect.title}, identified on the measured unit {unit.name}{ends}",
@@ -124,8 +132,8 @@ def _study_text(found: Identification) -> str:
     name = study_file(unit.name)
     parse_study(content, Path(name).stem, name, lambda _: unit.study.design)
     comment = (
-        f"# Runs the model that was corrected for the measured unit {unit.name} at its crank angles, run in and at the\n"
-        "# temperature of the drawing.\n"
+        f"# Runs the model that was corrected for the measured unit {unit.name} at its crank angles,\n"
+        "# run in and at the temperature of the drawing.\n"
     )
     return comment + toml_of(content)
 

@@ -50,7 +50,7 @@ def angle_errors(found: Identification) -> dict[str, AngleError]:
     """Errors of each curve on the held-out cells."""
     assert found.curves is not None
     assert found.problem is not None
-    assert found.noise is not None
+    assert found.held_out is not None
     data = found.problem.data
     errors = {}
     for stage in STAGES:
@@ -106,9 +106,8 @@ def _why_not(found: Identification, metric: str) -> str:
         "branch_separation_arcmin": metrics.rigidity_percent[0],
         "lost_motion_arcmin": metrics.lost_motion_percent,
     }.get(metric, 0.0)
-    return (
-        f"asks for +-{rated * asked / 100:.3g} N m on both branches of a loop; the held-out cells reach {reached:.3g}"
-    )
+    needed = rated * asked / 100
+    return f"asks for +-{needed:.3g} N m on both branches of a loop; the held-out loops reach {reached:.3g} at most"
 
 
 def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
@@ -124,7 +123,7 @@ def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
     for number, falling in enumerate(blocks):
         if cells.direction[falling[0]] > 0:
             continue
-        sides = []
+        sides: list[Numbers] = []
         for neighbours in ((number + 1, number - 1), (number + 1,)):
             sense = 1 - 2 * len(sides)
             parts = [

@@ -10,13 +10,14 @@ from typing import Any
 
 from pipeline.engine.store import write_atomic, write_json
 from pipeline.identification import tables
-from pipeline.identification.corrected import corrected_trial, write_corrected
+from pipeline.identification.corrected import DESIGN_FILE, corrected_trial, study_file, write_corrected
 from pipeline.identification.identify import Identification
 from pipeline.identification.loops import STAGES, AngleError, LoopError, angle_errors, loop_errors
 from pipeline.identification.signatures import Signature, signatures
 
 VERDICT_FILE = "verdict.json"
-STALE = ("residual.parquet", "signatures.parquet", "candidates.parquet", "design.toml")
+STALE = (*(f"{table.name}.parquet" for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES)), DESIGN_FILE)
+"""What an earlier run of the unit may have left that this one does not write."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def findings(found: Identification) -> Findings:
 def write(of: Findings, folder: Path) -> None:
     """Write tables, verdict, and the corrected design and study into ``folder``, the verdict last."""
     found = of.found
-    for name in STALE:
+    for name in (*STALE, study_file(found.unit.name)):
         (folder / name).unlink(missing_ok=True)
     if found.curves is not None:
         for table, columns in (
@@ -61,7 +62,8 @@ def write(of: Findings, folder: Path) -> None:
         ):
             write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
     written = write_corrected(found, folder)
-    write_json(folder / VERDICT_FILE, _finite({**verdict_of(of), "corrected": [path.name for path in written]}))
+    corrected = {"corrected": [path.name for path in written.paths], "not_corrected": written.why_not}
+    write_json(folder / VERDICT_FILE, _finite(verdict_of(of) | corrected))
 
 
 def verdict_of(of: Findings) -> dict[str, Any]:

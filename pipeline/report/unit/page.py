@@ -22,7 +22,7 @@ from pipeline.report.rendering import Picture, rendered
 from pipeline.report.wording import NOTHING, counted, listed, plain
 
 TEMPLATE = "unit/unit.html"
-STAGE_TITLES = {"declared": "As declared", "recalibrated": "Calibrated numbers refitted", "after": "Chosen model"}
+STAGE_TITLES = {"declared": "As declared", "recalibrated": "Calibrated numbers refitted", "after": "Best model"}
 LOOP_TITLES = {
     "zero_torque_width_arcmin": ("Zero-torque width", "arcmin"),
     "lost_motion_arcmin": ("Lost motion", "arcmin"),
@@ -34,8 +34,8 @@ SMALLEST_P = 1e-3
 CAPTIONS = {
     "loops": (
         "Loops",
-        "Dots: cells, averages of neighbouring rows of a branch. Lines: the models, each by a fit that has not seen the "
-        "cells where they are held out. The offset of the angle is removed.",
+        "Dots: cells, averages of neighbouring rows of a branch. Lines: the models, each by a fit that has not seen "
+        "the held-out cells. The offset of the angle is removed.",
     ),
     "torque": (
         "Residual over torque",
@@ -89,11 +89,13 @@ def _values(of: Findings, verdict: Mapping[str, Any], folder: Path) -> dict[str,
         "tested": found.curves is not None,
         "design": found.unit.settings.design,
         "design_title": found.unit.study.design.title,
+        "traced": [tables.title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
         "parameters": [_parameter(one) for one in verdict["parameters"]],
         "data_facts": _data_facts(of),
         "faults": found.faults,
         "not_testable": [(_sentence(tables.title_of(name)), why) for name, why in (found.why_not or {}).items()],
         "corrected": verdict["corrected"],
+        "not_corrected": verdict["not_corrected"],
         "folder": folder,
         "versions": package_versions(),
     }
@@ -173,6 +175,10 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def _unit(text: str) -> str:
+    return "" if text == "1" else text.replace("um", "µm")
+
+
 def _parameter(one: Mapping[str, Any]) -> dict[str, str]:
     effect = candidates()[one["effect"]]
     (parameter,) = [p for p in effect.parameters if p.name == one["name"]]
@@ -181,7 +187,7 @@ def _parameter(one: Mapping[str, Any]) -> dict[str, str]:
         "meaning": parameter.meaning,
         "value": digits(one["value"]),
         "interval": _interval(one["ci_low"], one["ci_high"]) or "none",
-        "unit": "" if one["unit"] == "1" else one["unit"],
+        "unit": _unit(one["unit"]),
         "note": one["note"],
     }
 
@@ -190,7 +196,7 @@ def _fitted(row: Mapping[str, Any]) -> dict[str, str]:
     if row["member_of_class"]:
         judgement = "named"
     elif row["significant"]:
-        judgement = "gains, but another explains more"
+        judgement = "significant gain, not named"
     else:
         judgement = row["why_not"] or "no significant gain"
     return {
@@ -211,8 +217,8 @@ def _numbers(name: str, parameters: str) -> str:
     texts = []
     for effect in name.split("+"):
         for parameter in candidates()[effect].parameters:
-            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-            texts.append(f"{parameter.meaning}: {digits(values[effect][parameter.name])}{unit}")
+            number = digits(values[effect][parameter.name])
+            texts.append(f"{parameter.meaning}: {number} {_unit(parameter.unit)}".rstrip())
     return "; ".join(texts)
 
 
@@ -265,18 +271,12 @@ def _data_facts(of: Findings) -> list[tuple[str, str]]:
         ("Between positions", noise.between_positions),
     )
     by = "crank positions" if len(rows.cranks) > 1 else "cycles"
+    chosen = found.unit.settings.held_out.train
+    counts = counted(len(found.blocks), "branch", "branches"), counted(len(found.cells), "cell")
     return [
         *facts,
-        (
-            "Branches and cells",
-            f"{counted(len(found.blocks), 'branch', 'branches')}, {counted(len(found.cells), 'cell')}",
-        ),
-        (
-            "Held out",
-            f"whole {by}, each predicted by a fit to the others"
-            if not found.unit.settings.held_out.train
-            else "what unit.toml names",
-        ),
+        ("Branches and cells", ", ".join(counts)),
+        ("Held out", "what unit.toml names" if chosen else f"whole {by}, each predicted by a fit to the others"),
         *(
             (title, f"{digits(one.value)} arcmin, interval {_interval(one.ci_low, one.ci_high) or 'not determined'}")
             for title, one in errors
