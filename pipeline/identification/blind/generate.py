@@ -220,9 +220,7 @@ class _Draw:
             raise UnsoundError("no effect reaches its size")
         values = [value for own, _ in chosen.values() for value in own]
         angles = self.unit.angles([known[name] for name in chosen], values)
-        effects = [
-            {"name": name, "values": list(own), "size_over_noise": size} for name, (own, size) in chosen.items()
-        ]
+        effects = [{"name": name, "values": list(own), "size_over_noise": size} for name, (own, size) in chosen.items()]
         least = min(size for _, size in chosen.values())
         return angles, {"truth": ";".join(chosen), "size_over_noise": least, "effects": effects}
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dic
     parameters is left out: the simpler of the two is named anyway.
     """
     unit = load_measured_unit(folder, root)
-    listed = {
+    listed: dict[str, Any] = {
         name: tuple(value.tolist()) if np.ndim(value := getattr(made.dimensions, name)[0]) else float(value)
         for name in DIMENSIONS
     }
