@@ -7,7 +7,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test lint types identify population \
+.PHONY: help setup study $(STAGES) why test lint types identify population blind \
 	bench paper calibrate verify clean-runs
 
 help:  ## list the targets
@@ -36,6 +36,9 @@ identify: $(VENV)/installed  ## say why a measured unit differs from its model: 
 population: $(VENV)/installed  ## hold many measured units against a study: make population UNITS=units.csv STUDY=paper
 	$(PIPELINE) population --units $(or $(UNITS),$(error say which units: make population UNITS=<file>)) --study $(STUDY) \
 		$(JOBS_OPTION)
+
+blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60
+	$(PIPELINE) blind $(if $(CASES),--cases $(CASES)) $(JOBS_OPTION)
 
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest

@@ -10,7 +10,10 @@ from pipeline import assembly
 from pipeline.cli import settings
 from pipeline.config import Study, load_study
 from pipeline.engine.runner import run
+from pipeline.errors import InputError
 from pipeline.identification import population_results, results
+from pipeline.identification.blind.report import write_reports
+from pipeline.identification.blind.run import FULL_RUN, SEED, blind
 from pipeline.identification.closing import closing, read_population_run
 from pipeline.identification.identify import identify
 from pipeline.identification.population import compared, load_population
@@ -31,6 +34,11 @@ def add(command: settings.Commands) -> None:
     comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
     settings.study_option(comparing)
     settings.jobs_option(comparing)
+
+    testing = command("blind", _blind, "test the identification on generated units whose truth it cannot read")
+    testing.add_argument("--cases", type=int, default=FULL_RUN, help=f"default: the full run of {FULL_RUN}")
+    testing.add_argument("--seed", type=int, default=SEED, help="of the units")
+    testing.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
 
 
 def _identify(options: argparse.Namespace) -> None:
@@ -76,3 +84,14 @@ def _population(options: argparse.Namespace) -> None:
         place = "" if crank is None else f"crank at {crank:g} deg: "
         print(f"{place}{population_results.sentence(one)}")
     print(f"page: {settings.shown(folder / 'population.html')}")
+
+
+def _blind(options: argparse.Namespace) -> None:
+    for name, least in (("cases", 1), ("jobs", 1), ("seed", 0)):
+        if getattr(options, name) < least:
+            raise InputError(f"--{name} = {getattr(options, name)}; must be at least {least}")
+    rows = blind(options.cases, options.seed, options.jobs, settings.ROOT, settings.RUNS)
+    folder = settings.RUNS / "blind"
+    write_reports(rows, folder)
+    print((folder / "rates.csv").read_text(encoding="utf-8"), end="")
+    print(f"table: {settings.shown(folder / 'cases.csv')}")

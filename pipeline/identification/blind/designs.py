@@ -145,13 +145,17 @@ def _generating(raw: Mapping[str, Any]) -> dict[str, Any]:
     return {**raw, "reduce": finer, "springs": {**raw["springs"], "law": OTHER_LAW}}
 
 
+def _parsed(raw: Mapping[str, Any], name: str, design: Design) -> Study:
+    return parse_study(raw, name, name, lambda _: design)
+
+
 @lru_cache(maxsize=4)
 def catalogue(root: Path) -> tuple[Reducer, ...]:
     """The four reducers, derived from files of the project in `root`."""
     plate, holes = load_study("quick", root), load_study("pin_in_hole", root)
     wide = {"flank_edges_per_lobe": 48, "patch_half_width_mm": 0.25, "roller_patch_half_width_mm": 1.6}
     small = {"patch_half_width_mm": 0.35, "largest_edge_mm": 2.0, "roller_patch_half_width_mm": 0.5}
-    entries = (
+    entries: tuple[tuple[str, Study, Mapping[str, Any], float, Mapping[str, float]], ...] = (
         ("paper", plate, {}, 1.0, {}),
         ("plate_49", plate, PLATE_49, 1.3, wide),
         ("holes_39", holes, {}, 1.0, {}),
@@ -161,9 +165,9 @@ def catalogue(root: Path) -> tuple[Reducer, ...]:
     for name, base, changes, scale, reduce in entries:
         design = _design(base.design, changes, name)
         raw = _study(base, design, name, scale, reduce)
-        model = parse_study(raw, f"{name}-model", name, lambda _, design=design: design)
-        truth = parse_study(_generating(raw), f"{name}-truth", name, lambda _, design=design: design)
-        made.append(Reducer(name, model, truth))
+        made.append(
+            Reducer(name, _parsed(raw, f"{name}-model", design), _parsed(_generating(raw), f"{name}-truth", design))
+        )
     return tuple(made)
 
 

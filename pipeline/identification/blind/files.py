@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.config.study import Study
+from pipeline.config.writing import toml_of
 from pipeline.identification.blind.ramps import Bench, quantised
 from pipeline.sampling import Errors
 
@@ -28,28 +29,6 @@ DIMENSIONS = (
     "eccentricity",
     "bearing_clearance",
 )
-
-
-def toml_text(data: Mapping[str, Any], prefix: str = "") -> str:
-    """Nested tables of numbers, strings, truths and their lists as TOML; None is left out."""
-    lines = [f"{_key(k)} = {_value(v)}" for k, v in data.items() if v is not None and not isinstance(v, Mapping)]
-    for key, table in data.items():
-        if isinstance(table, Mapping):
-            path = f"{prefix}{_key(key)}"
-            lines += ["", f"[{path}]", toml_text(table, f"{path}.").rstrip()]
-    return "\n".join(lines) + "\n"
-
-
-def _key(key: str) -> str:
-    return key if key.replace("_", "").isalnum() and key.isascii() else json.dumps(key)
-
-
-def _value(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(one) for one in value) + "]"
-    return json.dumps(value) if isinstance(value, str) else repr(value)
 
 
 def write_unit(
@@ -72,10 +51,10 @@ def write_unit(
     folder.mkdir(parents=True, exist_ok=True)
     design = study.design.model_dump(mode="json")
     settings = study.model_dump(mode="json", exclude={"name", "design", "cases"})
-    (folder / "design.toml").write_text(toml_text(design), encoding="utf-8")
-    (folder / "study.toml").write_text(toml_text({**settings, "design": "design.toml"}), encoding="utf-8")
+    (folder / "design.toml").write_text(toml_of(design), encoding="utf-8")
+    (folder / "study.toml").write_text(toml_of({**settings, "design": "design.toml"}), encoding="utf-8")
     if dimensions is not None:
-        (folder / "dims.toml").write_text(toml_text(_measured(dimensions)), encoding="utf-8")
+        (folder / "dims.toml").write_text(toml_of(_measured(dimensions)), encoding="utf-8")
     unit = {
         "title": f"blind unit {folder.name}",
         "design": "design.toml",
@@ -85,7 +64,7 @@ def write_unit(
         "as_measured": "unknown" if dimensions is None else "dims.toml",
         "instrument": {"angle_resolution_arcmin": noise[1], "torque_resolution_Nm": bench.torque_step},
     }
-    (folder / "unit.toml").write_text(toml_text(unit), encoding="utf-8")
+    (folder / "unit.toml").write_text(toml_of(unit), encoding="utf-8")
     measured_table(bench, angles, noise, rng).to_csv(folder / "data.csv", index=False)
 
 

@@ -40,7 +40,7 @@ class Row:
     correct : none: no effect named; one: it is in a class of at most three; two: both named together, or a class or
         single name that holds one of them; outside: unexplained, or adequate where it is smaller than ``VISIBLE``.
     both : of two effects, whether both are named together.
-    nearest, nearest_floors : effect other than the true one that comes nearest to it in the oracle's eyes, and how near.
+    nearest, nearest_floors : other effect that comes nearest to the true one in the oracle's eyes, and how near.
     parameter_covered : whether the true parameters of the effect lie in their intervals.
     """
 
@@ -71,7 +71,7 @@ class Row:
 
 
 def blind(cases: int, seed: int, jobs: int, root: Path, runs: Path) -> list[Row]:
-    """Rows of the cases 0 to ``cases`` - 1; those that cases.csv has already, of the same seed and sources, are kept."""
+    """Rows of the cases 0 to ``cases`` - 1; those that cases.csv has of the same seed and sources are kept."""
     folder = runs / "blind"
     reducers = catalogue(root)
     maker = Maker(reducers, condense(reducers, folder / "condensed", jobs), folder, root, seed)
