@@ -18,7 +18,7 @@ from pipeline.model.friction import Sliders
 from pipeline.model.profile import CycloidProfile, Real
 from pipeline.model.reducer import Bearing, Reducer
 
-NO_LOAD = 1e-4
+NO_LOAD = 1e-5
 """Share of the rated torque that stands for the limit of no torque on either side of the play."""
 
 
