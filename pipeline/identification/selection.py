@@ -24,7 +24,9 @@ NEAR = 1.5
 """Further ones are fitted where their misfit is within this ratio of the best."""
 FAMILYWISE = 0.05
 SET_LEVEL = 0.9
-LEAST_GAIN = 0.1
+STRUCTURE = 1.25
+"""Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
+LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
 LEAST_LOSS = 0.1
 """Loss below which blocks are alike: far under the noise floor."""
@@ -292,7 +294,7 @@ class Selector:
         self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float], cells: Truth
     ) -> Selection:
         names = list(trials)
-        if not names or len(base.losses) < FEWEST_BLOCKS:
+        if not names or len(base.losses) < FEWEST_BLOCKS or base.rms <= STRUCTURE:
             return Selection(base, trials, screened, {}, {}, (), "", ())
         t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
         gain = np.array([base.rms**2 - trials[name].rms ** 2 for name in names])
