@@ -7,7 +7,8 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test lint types bench paper calibrate verify clean-runs
+.PHONY: help setup study $(STAGES) why test lint types identify population blind \
+	bench paper calibrate verify clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -28,6 +29,16 @@ $(STAGES): $(VENV)/installed  ## run one stage of STUDY and what it needs that i
 
 why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis STUDY=quick
 	@$(PIPELINE) why $(or $(STAGE),report) --study $(STUDY)
+
+identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=base_pccf_runin
+	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)
+
+population: $(VENV)/installed  ## hold many measured units against a study: make population UNITS=units.csv STUDY=paper
+	$(PIPELINE) population --units $(or $(UNITS),$(error say which units: make population UNITS=<file>)) --study $(STUDY) \
+		$(JOBS_OPTION)
+
+blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60
+	$(PIPELINE) blind $(if $(CASES),--cases $(CASES)) $(JOBS_OPTION)
 
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest

@@ -93,12 +93,14 @@ def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
         (study.metrics.rigidity_percent[0] / 100, study.metrics.rigidity_percent[1] / 100),
     )
     width = numbers.zero_torque_width
+    kinematic = job.read_items("clearance", "kinematic", start, stop)
+    backlash = kinematic["backlash_arcmin"] if study.design.effects else width  # without friction the loop is the play
     values = {
-        "clearance_backlash_arcmin": width,  # the model has no friction: its loop is the play alone
+        "clearance_backlash_arcmin": backlash,
         "zero_torque_width_arcmin": width,
         "lost_motion_arcmin": numbers.lost_motion,
         "torsional_rigidity_Nm_per_arcmin": numbers.torsional_rigidity,
-        "hysteresis_loss_arcmin": np.zeros_like(width),
+        "hysteresis_loss_arcmin": width - backlash,
         "peak_pressure_MPa": curves["peak_pressure_MPa"].reshape(loops, steps).max(axis=1),
     }
     failed = np.asarray(status["status"]) != "ok"
@@ -106,7 +108,7 @@ def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
         "sample": status["sample"],
         "crank_deg": status["crank_deg"],
         **{name: np.where(failed, np.nan, value) for name, value in values.items()},
-        "preloaded": job.read_items("clearance", "kinematic", start, stop)["preloaded"],
+        "preloaded": kinematic["preloaded"],
     }
 
 
@@ -153,6 +155,8 @@ def _distributions(study: Study, metrics: pd.DataFrame, worst: pd.DataFrame) -> 
     for crank, part in metrics[metrics["status"] == "ok"].groupby("crank_deg"):
         rows += _distribution_rows(study, part.set_index("sample"), float(crank))
     rows += _distribution_rows(study, worst, np.nan)
+    if not rows:
+        return DISTRIBUTIONS.empty()
     frame = pd.DataFrame(rows, columns=[column.name for column in DISTRIBUTIONS.columns])
     return {name: frame[name].to_numpy() for name in frame}
 
@@ -224,7 +228,7 @@ def _run(job: Job) -> Tables:
 AGGREGATE = Stage(
     name="aggregate",
     reads=("sample", "clearance", "hysteresis"),
-    sections=("samples", "design.cycloid.rated_torque_Nm", "metrics", "limits"),
+    sections=("samples", "design.cycloid.rated_torque_Nm", "design.effects", "metrics", "limits"),
     tables=(METRICS, DISTRIBUTIONS, SENSITIVITY),
     module="stages.aggregate",
     run=_run,

@@ -9,9 +9,12 @@ from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.backlash import rigid_play
-from pipeline.model.clearance import gaps
+from pipeline.model.clearance import Errors
+from pipeline.model.contact import ContactLaws
 from pipeline.model.cycle import ARCMIN
-from pipeline.model.reducer import Reducer
+from pipeline.model.drive import Drive, GapReading
+from pipeline.model.reducer import Bearing, Reducer
+from pipeline.mounting import with_effects
 from stages.keys import CONTACT, CRANK, SAMPLE, repeated
 from stages.sample import errors_of_columns
 
@@ -101,6 +104,25 @@ def _prepare(job: Job) -> _Shared:
     return _Shared(study, tuple(assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg))
 
 
+def _unloaded(study: Study, at: Reducer, errors: Errors, loose: np.ndarray) -> Drive:
+    """Drive with the design's effects whose gaps and clearances count: its springs, all of unit stiffness, do not."""
+    n = len(at.contacts)
+    unit, none = np.ones(n), np.zeros(n)
+    drive = Drive(
+        profile=assembly.profile(study.design),
+        reducer=at,
+        bearing=Bearing(1.0, 1.0),
+        laws=ContactLaws(unit, none, none, unit, np.full(n, np.inf), none),
+        compliance=np.zeros((n, n)),
+        rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
+        errors=errors,
+        reading=GapReading(**dict(study.clearance)),
+        shift=np.zeros((len(loose), n)),
+        bearing_clearance=loose,
+    )
+    return with_effects(drive, study.design.effects)
+
+
 def _solve(shared: _Shared, chunk: Chunk) -> Tables:
     study = shared.study
     sampled = errors_of_columns(
@@ -108,9 +130,9 @@ def _solve(shared: _Shared, chunk: Chunk) -> Tables:
     )
     errors = assembly.errors(sampled)
     loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
-    profile = assembly.profile(study.design)
-    gap = np.stack([gaps(profile, at, errors, **dict(study.clearance)) for at in shared.reducers], axis=1)
-    plays = [rigid_play(at, gap[:, k], loose) for k, at in enumerate(shared.reducers)]
+    drives = [_unloaded(study, at, errors, loose) for at in shared.reducers]
+    gap = np.stack([drive.gap for drive in drives], axis=1)
+    plays = [rigid_play(drive.reducer, drive.gap, drive.bearing_clearance) for drive in drives]
     number, cranks = np.arange(chunk.start, chunk.stop), np.array(study.cycle.crank_deg)
     sample, crank, contact = repeated(number, cranks, np.arange(gap.shape[2]))
     rows_sample, rows_crank = repeated(number, cranks)
@@ -138,6 +160,7 @@ CLEARANCE = Stage(
         "design.cycloid",
         "design.output",
         "design.bearing.clearance_um",
+        "design.effects",
         "clearance",
         "cycle.crank_deg",
     ),

@@ -8,10 +8,15 @@ from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
+from pipeline.model.clearance import Errors
 from pipeline.model.contact import ContactLaws
 from pipeline.model.cycle import ARCMIN, BRANCHES, LoadCycle, solve_cycle
+from pipeline.model.drive import Drive, GapReading
 from pipeline.model.equilibrium import Equilibria
+from pipeline.model.friction import Sliders
+from pipeline.model.frictional_cycle import solve_frictional_cycle
 from pipeline.model.reducer import PIN, Bearing, Reducer
+from pipeline.mounting import with_effects
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
 from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
 from stages.springs import laws_of_columns
@@ -65,7 +70,13 @@ STATUS_TABLE = Table("status", "sample, crank", (SAMPLE, CRANK, STATUS))
 
 @dataclass(frozen=True)
 class Shared:
-    """What every chunk needs: per crank angle the reducer, its laws and its compliance."""
+    """What every chunk needs, per crank angle, with the design's effects.
+
+    Attributes
+    ----------
+    looser : clearance of the bearing beyond the design's and the sample's [mm].
+    torsion : compliance between the reducer's output and the torque [rad/(N mm)].
+    """
 
     study: Study
     cycle: LoadCycle
@@ -73,6 +84,45 @@ class Shared:
     reducers: tuple[Reducer, ...]
     laws: tuple[ContactLaws, ...]
     compliances: tuple[np.ndarray, ...]
+    sliders: tuple[Sliders, ...]
+    looser: tuple[float, ...]
+    torsion: tuple[float, ...]
+
+    @property
+    def frictional(self) -> bool:
+        """Whether a state depends on the way to it, so that every step has its own."""
+        return any(len(sliders.acting) for sliders in self.sliders)
+
+    @property
+    def steps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Branch number and state of every step of the cycle, (n_steps,) each."""
+        branch, state = self.cycle.steps
+        return branch, np.arange(len(state)) if self.frictional else state
+
+    @property
+    def state_torque(self) -> np.ndarray:
+        """Torque of every state (n_states,) [N mm]."""
+        torque = self.cycle.state_torque
+        return torque[self.cycle.steps[1]] if self.frictional else torque
+
+
+def _mounted(study: Study, at: Reducer, laws: ContactLaws, compliance: np.ndarray) -> Drive:
+    """The nominal drive with the design's effects; the gaps of the samples come from the stage clearance."""
+    cycloid, contacts = study.design.cycloid, len(at.contacts)
+    pins = np.zeros((1, cycloid.pins))
+    drive = Drive(
+        profile=assembly.profile(study.design),
+        reducer=at,
+        bearing=assembly.bearing(study.design),
+        laws=laws,
+        compliance=compliance,
+        rated_torque=assembly.NMM_PER_NM * cycloid.rated_torque_Nm,
+        errors=Errors(pins, pins, pins, np.zeros((1, cycloid.lobes)), np.zeros(1), np.zeros((1, contacts - at.n_pins))),
+        reading=GapReading(**dict(study.clearance)),
+        shift=np.zeros((1, contacts)),
+        bearing_clearance=np.zeros(1),
+    )
+    return with_effects(drive, study.design.effects)
 
 
 def prepare(job: Job) -> Shared:
@@ -81,34 +131,47 @@ def prepare(job: Job) -> Shared:
     cranks = study.cycle.crank_deg
     reducers = tuple(assembly.reducer(study.design, crank) for crank in cranks)
     coefficients, matrices = job.read("springs", "coefficients"), job.input_path("reduce", COMPLIANCE_FILE)
+    drives = [
+        _mounted(study, at, laws_of_columns(coefficients, crank), full_compliance(matrices, at, crank))
+        for at, crank in zip(reducers, cranks, strict=True)
+    ]
     return Shared(
         study,
         assembly.load_cycle(study),
         assembly.bearing(study.design),
         reducers,
-        tuple(laws_of_columns(coefficients, crank) for crank in cranks),
-        tuple(full_compliance(matrices, at, crank) for at, crank in zip(reducers, cranks, strict=True)),
+        tuple(drive.laws for drive in drives),
+        tuple(drive.compliance for drive in drives),
+        tuple(drive.sliders for drive in drives),
+        tuple(float(drive.bearing_clearance[0]) for drive in drives),
+        tuple(drive.torsion for drive in drives),
     )
 
 
 def solve_samples(shared: Shared, gap_um: np.ndarray, bearing_um: np.ndarray) -> list[Equilibria]:
     """States of the cycle per crank angle; ``gap_um`` (n, n_cranks, n_contacts), ``bearing_um`` (n,)."""
     loose = assembly.bearing_clearance(shared.study.design, bearing_um)
-    return [
-        solve_cycle(at, shared.bearing, laws, compliance, gap_um[:, k] / UM_PER_MM, loose, shared.cycle)
-        for k, (at, laws, compliance) in enumerate(zip(shared.reducers, shared.laws, shared.compliances, strict=True))
-    ]
+    solved = []
+    for k, at in enumerate(shared.reducers):
+        spring = at, shared.bearing, shared.laws[k], shared.compliances[k]
+        of_samples = gap_um[:, k] / UM_PER_MM, loose + shared.looser[k], shared.cycle
+        solved.append(
+            solve_frictional_cycle(*spring, *of_samples, shared.sliders[k])
+            if shared.frictional
+            else solve_cycle(*spring, *of_samples)
+        )
+    return solved
 
 
-def _curve_values(at: Reducer, laws: ContactLaws, states: Equilibria) -> dict[str, np.ndarray]:
-    """Values of the curve table at every state, (n, n_states) each."""
+def _curve_values(at: Reducer, laws: ContactLaws, states: Equilibria, twist: np.ndarray) -> dict[str, np.ndarray]:
+    """Values of the curve table at every state, (n, n_states) each; ``twist`` (n_states,) [rad] lies behind it."""
     of_pins = at.contacts.kind == PIN
     closed = states.force > 0
     moment = np.abs(at.contacts.arm[of_pins]) * states.force[..., of_pins]
     beyond = np.sum(moment, axis=2, where=states.force[..., of_pins] > laws.force_limit[of_pins])
     whole = np.sum(moment, axis=2)
     return {
-        "angle_arcmin": ARCMIN * states.motion[..., at.output_motion],
+        "angle_arcmin": ARCMIN * (states.motion[..., at.output_motion] + twist),
         "bearing_x_um": UM_PER_MM * states.motion[..., 0],
         "bearing_y_um": UM_PER_MM * states.motion[..., 1],
         "pins_in_contact": np.count_nonzero(closed[..., of_pins], axis=2),
@@ -121,11 +184,12 @@ def _curve_values(at: Reducer, laws: ContactLaws, states: Equilibria) -> dict[st
 
 
 def _curve_rows(shared: Shared, samples: np.ndarray, solved: list[Equilibria]) -> Columns:
-    branch, state = shared.cycle.steps
+    branch, state = shared.steps
     cranks = np.array(shared.study.cycle.crank_deg)
     sample, crank, step = repeated(samples, cranks, np.arange(len(state)))
     values = [
-        _curve_values(at, laws, states) for at, laws, states in zip(shared.reducers, shared.laws, solved, strict=True)
+        _curve_values(at, laws, states, torsion * shared.state_torque)
+        for at, laws, states, torsion in zip(shared.reducers, shared.laws, solved, shared.torsion, strict=True)
     ]
     loops = len(samples) * len(cranks)
     return {
@@ -133,14 +197,14 @@ def _curve_rows(shared: Shared, samples: np.ndarray, solved: list[Equilibria]) -
         "crank_deg": crank,
         "step": step,
         "branch": labels(np.tile(branch, loops), BRANCHES),
-        "torque_Nm": np.tile(NM_PER_NMM * shared.cycle.state_torque[state], loops),
+        "torque_Nm": np.tile(NM_PER_NMM * shared.state_torque[state], loops),
         **{name: np.stack([one[name][:, state] for one in values], axis=1).ravel() for name in values[0]},
     }
 
 
 def contact_rows(shared: Shared, samples: np.ndarray, gap_um: np.ndarray, solved: list[Equilibria]) -> Columns:
     """Rows of the table of contacts for ``samples`` (n,), whose states are ``solved`` per crank angle."""
-    _, state = shared.cycle.steps
+    _, state = shared.steps
     cranks = np.array(shared.study.cycle.crank_deg)
     sample, crank, step, contact = repeated(samples, cranks, np.arange(len(state)), np.arange(gap_um.shape[2]))
     parts = []
@@ -160,7 +224,7 @@ def contact_rows(shared: Shared, samples: np.ndarray, gap_um: np.ndarray, solved
                 "pressure_MPa": laws.peak_pressure(force),
             }
         )
-    torque = NM_PER_NMM * shared.cycle.state_torque[state]
+    torque = NM_PER_NMM * shared.state_torque[state]
     return {
         "sample": sample,
         "crank_deg": crank,
@@ -176,8 +240,9 @@ def _status(shared: Shared, states: Equilibria) -> list[str]:
     texts = np.full(len(states.converged), "ok", object)
     for sample in np.flatnonzero(~np.all(states.converged, axis=1)):
         first = int(np.argmin(states.converged[sample]))
-        torque, residual = NM_PER_NMM * shared.cycle.state_torque[first], states.residual[sample, first]
-        texts[sample] = f"no equilibrium at {torque:.4g} N m: residual {residual:.1e}"
+        torque, residual = NM_PER_NMM * shared.state_torque[first], states.residual[sample, first]
+        where = "on the way" if shared.frictional else f"at {torque:.4g} N m"
+        texts[sample] = f"no equilibrium {where}: residual {residual:.1e}"
     return list(texts)
 
 
@@ -212,6 +277,8 @@ HYSTERESIS = Stage(
         "design.cycloid",
         "design.bearing",
         "design.output",
+        "design.effects",
+        "clearance",
         "cycle",
         "metrics.lost_motion_percent",
         "metrics.rigidity_percent",

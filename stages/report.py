@@ -13,7 +13,8 @@ from pipeline.engine.table import Table
 from pipeline.figures.style import save
 from pipeline.report.drawings import drawings
 from pipeline.report.frames import OK, Frames, drawn_samples
-from pipeline.report.page import Picture, TableNote, report_page
+from pipeline.report.page import TableNote, report_page
+from pipeline.report.rendering import Picture
 from stages.aggregate import AGGREGATE, worst_over_cranks
 from stages.clearance import CLEARANCE
 from stages.hysteresis import CONTACTS, HYSTERESIS

@@ -16,6 +16,7 @@ from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, 
 from pipeline.config import Design, Study, parse_design
 from pipeline.config.consistency import number_keys
 from pipeline.config.section import nearest_name
+from pipeline.config.writing import toml_of
 from pipeline.errors import InputError
 from pipeline.model.profile import Real
 
@@ -230,32 +231,7 @@ def _design_file(calibration: Calibration, source: str) -> str:
             place = place[part]
         place[name] = float(f"{value:.6g}")
     parse_design(content, "design.toml")
-    return "".join(_sections(content, ""))
-
-
-def _sections(content: Mapping[str, object], prefix: str) -> list[str]:
-    lines = []
-    for key, value in content.items():
-        if not isinstance(value, Mapping):
-            lines.append(f"{key} = {_literal(value)}\n")
-    for key, value in content.items():
-        if key == "provenance" and isinstance(value, Mapping):
-            lines.append("\n[provenance]\n")
-            lines += [
-                f'"{name}" = {{ status = {_literal(entry["status"])}, reason = {_literal(entry["reason"])} }}\n'
-                for name, entry in value.items()
-            ]
-        elif isinstance(value, Mapping):
-            inner = _sections(value, f"{prefix}{key}.")
-            heading = [] if all(isinstance(item, Mapping) for item in value.values()) else [f"\n[{prefix}{key}]\n"]
-            lines += heading + inner
-    return lines
-
-
-def _literal(value: object) -> str:
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return repr(value)
+    return toml_of(content)
 
 
 def _rows(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:

@@ -6,12 +6,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from pipeline.config.design import Design, PinInHole
+from pipeline.config.effects import study_effect_problems
 from pipeline.config.section import MISSING, Problem, nearest_name
 from pipeline.config.study import Clearance, Cycle, Metrics, Reduce, Samples
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
-RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify")
+RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify", "population")
 """Run folders of the targets that are no study."""
 
 
@@ -38,6 +39,7 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     if reduce and design:
         found += _patches(reduce, design)
     if design:
+        found += study_effect_problems(design.effects)
         found += _readings(parts.get("clearance"), design)
     return found
 

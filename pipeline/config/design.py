@@ -166,7 +166,10 @@ class Provenance(Section):
 
 
 class Design(Section):
-    """A nominal one-stage cycloid reducer. Lengths in mm, moduli in MPa, as the names say."""
+    """A nominal one-stage cycloid reducer. Lengths in mm, moduli in MPa, as the names say.
+
+    `effects` are of the library `pipeline.model.effects`, by name, each with all of its parameters.
+    """
 
     title: str
     source: str
@@ -177,4 +180,5 @@ class Design(Section):
     pins: Pins
     bearing: Bearing
     output: Annotated[RollerPlate | PinInHole, Field(discriminator="mechanism")]
+    effects: dict[str, dict[str, float]] = {}
     provenance: dict[str, Provenance] = {}

@@ -12,6 +12,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pipeline.config.cases import Case, case_problems
 from pipeline.config.consistency import number_keys, provenance_problems, study_problems
 from pipeline.config.design import Design
+from pipeline.config.effects import effect_problems
 from pipeline.config.geometry import geometry_problems
 from pipeline.config.messages import problems_of
 from pipeline.config.section import MISSING, Problem, nearest_name
@@ -92,6 +93,7 @@ def parse_design(data: Mapping[str, Any], file: str) -> Design:
     raw = with_tuples(data)
     problems, parts = validated(Design, raw)
     problems += geometry_problems(parts)
+    problems += effect_problems(parts.get("effects", {}))
     problems += provenance_problems(parts, number_keys(raw))
     raise_if(problems, file)
     return Design.model_validate(raw)

@@ -22,7 +22,10 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 OWN_PACKAGES = ("pipeline", "stages")
 TEMPLATES = (".html", ".css")
 """Files beside the modules of a package that are sources too."""
-NO_EFFECT = ("pipeline.engine.progress",)
+NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects")
+"""Modules that no value depends on: they show progress, or refuse settings."""
+FOUND_BY_FILE = ("pipeline.model.effects",)
+"""Packages that import whatever modules lie in them."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +116,8 @@ def source_hashes(module: str) -> dict[str, str]:
             if path.name == "__init__.py":  # templates and style sheets of a package
                 data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
+                if name in FOUND_BY_FILE:
+                    waiting += [f"{name}.{file.stem}" for file in sorted(path.parent.glob("*.py"))]
             waiting += imports
             waiting.append(name.rpartition(".")[0])
     if not hashes:

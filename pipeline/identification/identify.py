@@ -15,11 +15,11 @@ from pipeline.identification.fitting import Fitter
 from pipeline.identification.noise import Noise, measured_noise
 from pipeline.identification.problem import Model, Problem, candidates
 from pipeline.identification.reading import Rows, read_rows, training_rows
-from pipeline.identification.selection import Selection, Selector
+from pipeline.identification.selection import STRUCTURE, Selection, Selector
 from pipeline.identification.setup import build_problem
 from pipeline.identification.unit import UnitFile
 from pipeline.identification.usable import usable_rows
-from pipeline.identification.verdict import FAULT, STRUCTURE, Verdict, judge
+from pipeline.identification.verdict import FAULT, Verdict, judge
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]

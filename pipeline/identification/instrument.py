@@ -22,8 +22,8 @@ class InstrumentEffect:
     """An effect of the bench; attributes as those of ``pipeline.model.effects.Effect``.
 
     ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],
-    and of the time that it took [h].
-    ``common_offset`` says that the effect is seen only where all positions share one zero of the angle.
+    and of the time that it took [h]. ``common_offset`` says that the effect is seen only where all positions share one
+    zero of the angle.
     """
 
     name: str

@@ -24,14 +24,20 @@ NEAR = 1.5
 """Further ones are fitted where their misfit is within this ratio of the best."""
 FAMILYWISE = 0.05
 SET_LEVEL = 0.9
-LEAST_GAIN = 0.1
+STRUCTURE = 1.25
+"""Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
+LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
+LEAST_LOSS = 0.1
+"""Loss below which blocks are alike: far under the noise floor."""
 FEWEST_BLOCKS = 8
 RESAMPLES = 2000
 FIRST_ITERATIONS = 3
 """Steps of a fit that rank the effects before the best are fitted in full."""
 HOPELESS = 3.0
 """Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
+FAR_FROM_DECLARED = 0.1
+"""Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 FOLD_ITERATIONS = 5
 MOST_EFFECTS = 4
 ADDITIONS = 4
@@ -53,6 +59,11 @@ class Trial:
     fit: Fit
     held_out: Real
     losses: Real
+
+    @property
+    def scores(self) -> Real:
+        """Logarithms of the losses (n_blocks,): a few blocks that a model misses badly do not decide a test."""
+        return np.log(LEAST_LOSS + self.losses)
 
     @property
     def rms(self) -> float:
@@ -91,18 +102,21 @@ class Selection:
 
 
 def grid(bounds: Sequence[tuple[float, float]]) -> list[tuple[float, ...]]:
-    """Shares of the bounds at which a model is looked at first."""
+    """Shares of the bounds at which a model is looked at first, none of them without the effect."""
+    several = len(bounds) > 1
     axes: list[tuple[float, ...]] = []
-    for low, _ in bounds:
+    for low, high in bounds:
+        zero = -low / (high - low)
+        steps = (0.1, 0.5) if several else (0.006, 0.02, 0.06, 0.2, 0.5)
         if low > 0:
             axes.append((0.1, 0.35, 0.6, 0.85))
         elif low == 0:
-            axes.append((0.003, 0.01, 0.03, 0.1, 0.25, 0.5) if len(bounds) == 1 else (0.01, 0.04, 0.15, 0.4))
-        elif len(bounds) == 1:
-            axes.append(tuple(0.5 + sign * x for sign in (-1, 1) for x in (0.003, 0.01, 0.03, 0.1, 0.25)))
+            axes.append((0.01, 0.04, 0.15, 0.4) if several else (0.003, 0.01, 0.03, 0.1, 0.25, 0.5))
         else:
-            axes.append((0.4, 0.47, 0.5, 0.53, 0.6))
-    return [point for point in product(*axes) if any(p != 0.5 for p in point)]
+            up, down = [zero + step * (1 - zero) for step in steps], [zero - step * zero for step in steps]
+            axes.append((*down, zero, *up) if several else (*down, *up))
+    nothing = [-low / (high - low) for low, high in bounds]
+    return [point for point in product(*axes) if any(p != none for p, none in zip(point, nothing, strict=True))]
 
 
 class Selector:
@@ -140,7 +154,9 @@ class Selector:
         all other unknowns.
         """
         declared = Vector(np.zeros_like(base.unknowns.scales), base.unknowns.shares, np.zeros_like(base.unknowns.modes))
-        bases = [base, self.fitter.fit(base.model, cells, declared, 0)]
+        bases = [base]
+        if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
+            bases.append(self.fitter.fit(base.model, cells, declared, 0))
         held = {effect.name for effect in base.model.effects}
         found: dict[str, tuple[float, Vector]] = {}
         nothing = 0.0
@@ -278,13 +294,13 @@ class Selector:
         self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float], cells: Truth
     ) -> Selection:
         names = list(trials)
-        if not names or len(base.losses) < FEWEST_BLOCKS:
+        if not names or len(base.losses) < FEWEST_BLOCKS or base.rms <= STRUCTURE:
             return Selection(base, trials, screened, {}, {}, (), "", ())
-        gains = np.column_stack([base.losses - trials[name].losses for name in names])
-        t, p = max_t(gains, RESAMPLES, SEED)
-        useful = (p <= FAMILYWISE) & (gains.mean(axis=0) >= LEAST_GAIN)
-        losses = np.column_stack([trials[name].losses for name in names])
-        survivors = [names[k] for k in np.argsort(losses.mean(axis=0)) if useful[k]]
+        t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
+        gain = np.array([base.rms**2 - trials[name].rms ** 2 for name in names])
+        useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
+        scores = np.array([trials[name].scores.mean() for name in names])
+        survivors = [names[k] for k in np.argsort(scores) if useful[k]]
         best = self._best(survivors, trials)
         members = self._members(best, survivors, trials, cells) if best else ()
         return Selection(
@@ -306,9 +322,9 @@ class Selector:
             if not alike:
                 continue
             if best:
-                gain = trials[best].losses - trials[alike[0]].losses
+                gain = trials[best].scores - trials[alike[0]].scores
                 _, p = max_t(gain[:, None], RESAMPLES, SEED)
-                if p[0] > FAMILYWISE or gain.mean() < LEAST_GAIN:
+                if p[0] > FAMILYWISE or trials[best].rms ** 2 - trials[alike[0]].rms ** 2 < LEAST_GAIN:
                     continue
             best = alike[0]
         return best
@@ -318,7 +334,7 @@ class Selector:
     ) -> tuple[str, ...]:
         """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
         alike = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
-        kept = confidence_set(np.column_stack([trials[name].losses for name in alike]), SET_LEVEL, RESAMPLES, SEED)
+        kept = confidence_set(np.column_stack([trials[name].scores for name in alike]), SET_LEVEL, RESAMPLES, SEED)
         sigma = self.problem.data.sigma
         members = []
         for name, inside in zip(alike, kept, strict=True):

@@ -19,9 +19,10 @@ from pipeline.identification.problem import Data, Problem, first_states, prior_m
 from pipeline.identification.reading import Rows
 from pipeline.identification.unit import UnitFile
 from pipeline.model.clearance import Errors
-from pipeline.model.drive import Drive, GapReading
+from pipeline.model.drive import Drive
 from pipeline.model.effects import Conditions
 from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
 Real = NDArray[np.float64]
@@ -70,23 +71,6 @@ def one_unit(study: Study, dimensions: object) -> Study:
         update={"experiment": "cases" if cases else "monte_carlo", "count": 1, "nominal_first": not cases}
     )
     return study.model_copy(update={"samples": samples, "cases": cases})
-
-
-def drive_of(study: Study, crank_deg: float, compliance: Real, errors: Errors, loose: Real) -> Drive:
-    """Drive of a study's design at one crank angle; ``loose`` (n,) is the clearance of its bearing [mm]."""
-    at = assembly.reducer(study.design, crank_deg)
-    return Drive(
-        profile=assembly.profile(study.design),
-        reducer=at,
-        bearing=assembly.bearing(study.design),
-        laws=assembly.contact_laws(study, at),
-        compliance=compliance,
-        rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
-        errors=errors,
-        reading=GapReading(**dict(study.clearance)),
-        shift=np.zeros((len(loose), len(at.contacts))),
-        bearing_clearance=loose,
-    )
 
 
 def _repeated(errors: Errors, n: int) -> Errors:

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.fitting import Fit, Fitter, mapped
 from pipeline.identification.problem import candidates
-from pipeline.identification.selection import Selection
+from pipeline.identification.selection import STRUCTURE, Selection
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -27,8 +27,6 @@ ADEQUATE, IDENTIFIED, EQUIVALENT, UNEXPLAINED, FAULT = (
 )
 LARGEST_CLASS = 3
 """Effects in a class beyond which it counts as unresolved."""
-STRUCTURE = 1.25
-"""Held-out rms in floors beyond which structure is left."""
 MOST_NAMED = 2
 """Effects that are named together; more only describe."""
 RESAMPLES = 400

@@ -209,6 +209,8 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
         residual = max(off, unbalanced)
         if residual <= SETTLED:
             return residual
+        if not np.isfinite(np.sum(matrix)) or not np.isfinite(np.sum(right)):
+            return np.inf
         step = np.linalg.solve(matrix, right)
         length = 1.0 if iteration < UNDAMPED else 0.5
         for d in range(n_motions):

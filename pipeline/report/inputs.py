@@ -153,7 +153,16 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
         ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
         ("Input bearing", f"radial spring, {law}"),
         ("Output", _output_fact(design)),
+        *([("Effects", _effects_fact(design))] if design.effects else []),
     ]
+
+
+def _effects_fact(design: Design) -> str:
+    texts = []
+    for name, values in design.effects.items():
+        numbers = ", ".join(f"{key} = {plain(value)}" for key, value in values.items())
+        texts.append(f"{name.replace('_', ' ')} ({numbers})")
+    return "; ".join(texts)
 
 
 def _output_fact(design: Design) -> str:

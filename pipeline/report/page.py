@@ -1,38 +1,17 @@
 """The page: one HTML file that needs nothing beside it."""
 
-import base64
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
 from pipeline.report.drivers import constant_metrics, drivers, first_drivers, shares_determined
 from pipeline.report.frames import DRAWN_CASES, Frames
+from pipeline.report.rendering import Picture, rendered
 from pipeline.report.results import Results
 from pipeline.report.validity import beyond_law, overloaded
-from pipeline.report.wording import counted, listed, plain
 
 TEMPLATE = "page.html"
-NUMBER_AND_UNIT = re.compile(r"(\d) (%|N m\b|mm\b|µm\b|MPa\b|arcmin\b)")
-"""What a line must not break between."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure as it stands in the page: its title, caption, and SVG file."""
-
-    title: str
-    caption: str
-    svg: bytes
-
-    @property
-    def source(self) -> str:
-        """The file as an address that holds the file itself."""
-        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
 
 
 @dataclass(frozen=True)
@@ -57,18 +36,11 @@ def report_page(
     tables : the tables of the run.
     versions : package -> version.
     """
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"plain": plain, "listed": listed, "counted": counted}
     study, found = frames.study, drivers(frames)
     numbers = inputs.design_numbers(study.design)
     cases = inputs.case_columns(study.cases)
-    page = environment.get_template(TEMPLATE).render(
+    return rendered(
+        TEMPLATE,
         study=study,
         frames=frames,
         results=Results(frames),
@@ -98,4 +70,3 @@ def report_page(
         law=inputs.LAWS[study.springs.law],
         stress=inputs.STRESS[study.design.disk.stress],
     )
-    return NUMBER_AND_UNIT.sub("\\1\u00a0\\2", page)

@@ -1,4 +1,4 @@
-"""Units for tests, made by the model itself: a folder as a bench leaves it, and the problem that is fitted to it."""
+"""Units for tests, made by the model itself: a folder as a bench would leave it, and the problem that is fitted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every effect is put into a unit at a visible size, and its parameters are found again by screening and fit."""
+"""Every effect is put into a unit at a clearly visible size, and its parameters are found by screening and fit."""
 
 from dataclasses import replace
 

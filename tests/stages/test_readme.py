@@ -8,7 +8,9 @@ import pandas as pd
 import pytest
 
 from pipeline import cli
+from pipeline.cli import settings
 from pipeline.engine.store import Output
+from pipeline.identification import tables
 
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text()
@@ -45,7 +47,7 @@ def test_every_command_line_is_understood() -> None:
 def test_the_pandas_snippet_runs_on_a_run(
     outputs: dict[str, Output], runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    (snippet,) = blocks("python")
+    snippet, _ = blocks("python")
     (runs.parent / "data").mkdir(exist_ok=True)
     link = runs.parent / "data" / "runs"
     link.unlink(missing_ok=True)
@@ -67,7 +69,7 @@ def test_one_unit_and_the_contacts_of_one_sample(
     own = tmp_path / "runs"
     own.mkdir()
     (own / ".cache").symlink_to(runs / ".cache")  # the condensed disk
-    monkeypatch.setattr(cli, "RUNS", own)
+    monkeypatch.setattr(settings, "RUNS", own)
     (line,) = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("printf")]
     dimensions = tmp_path / "unit17.toml"
     dimensions.write_text(shlex.split(line)[1].replace("\\n", "\n"))
@@ -88,3 +90,11 @@ def test_a_mistake_is_answered_in_one_line_without_a_traceback(capsys: pytest.Ca
     assert "samples 0 to 50" in capsys.readouterr().err
     assert cli.main(["run", "--study", "quick", "--backend", "dask"]) == 2
     assert "--scheduler" in capsys.readouterr().err
+
+
+def test_the_snippet_on_a_unit_reads_the_columns_that_its_tables_have() -> None:
+    _, snippet = blocks("python")
+    columns = {column.name for table in (tables.CANDIDATES, tables.RESIDUAL) for column in table.columns}
+    named = set(re.findall(r'"([a-z_]+)"', snippet))
+    assert named
+    assert named <= columns

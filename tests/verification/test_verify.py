@@ -16,6 +16,7 @@ from pipeline.checks.specimen import Specimen, loaded
 from pipeline.checks.verify import CHECKS, page, run_checks, suite
 from pipeline.checks.verify.findings import Finding, at_least, compared, positive, skipped, stated
 from pipeline.checks.verify.suite import COLUMNS, PAGE, Row, write_results
+from pipeline.cli import settings
 from pipeline.config import load_study
 from pipeline.errors import InputError
 
@@ -107,7 +108,7 @@ def test_a_failed_row_is_the_commands_failure(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setattr(suite, "CHECKS", {"wrong": wrong})
     monkeypatch.setattr(suite.run_checks, "__defaults__", ({"wrong": wrong},))
-    monkeypatch.setattr(cli, "RUNS", tmp_path)
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
     with pytest.raises(SystemExit) as exit_status:
         cli.main(["verify", "--mesh", "coarse"])
     assert exit_status.value.code == 1

@@ -16,7 +16,7 @@ from pipeline.checks.response import Condensed, solved
 from pipeline.config import Study
 from pipeline.engine.store import Output, write_atomic
 from pipeline.figures.style import save
-from pipeline.report.page import Picture
+from pipeline.report.rendering import Picture
 from stages.condensed import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"

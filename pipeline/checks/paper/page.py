@@ -14,7 +14,7 @@ from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, fit_r
 from pipeline.config import Study
 from pipeline.figures.labels import METRICS, signed
 from pipeline.report import inputs
-from pipeline.report.page import Picture
+from pipeline.report.rendering import Picture
 from pipeline.report.wording import NOTHING, plain
 
 HERE = Path(__file__).parent

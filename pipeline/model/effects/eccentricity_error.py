@@ -5,11 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.model.drive import Drive
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import LARGEST_INTERFERENCE, Conditions, Effect, Parameter
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     return drive.moved(eccentricity=np.array(1e-3 * values[0]))
+
+
+def _symmetric(drive: Drive) -> tuple[float, float]:
+    reach = 2e3 * LARGEST_INTERFERENCE * drive.profile.eccentricity
+    return -reach, reach
 
 
 EFFECT = Effect(
@@ -21,6 +26,6 @@ EFFECT = Effect(
     changes="eccentricity",
     signature="other pins touch first; rigidity and play change together, alike at every crank angle",
     confused_with=("bearing_clearance", "pin_circle_error"),
-    bounds=lambda drive: ((-1e3 * drive.profile.eccentricity / 3, 1e3 * drive.profile.eccentricity / 3),),
+    bounds=lambda drive: (_symmetric(drive),),
     apply=_apply,
 )

@@ -15,6 +15,11 @@ from pipeline.model.profile import Real
 CRANKS, CYCLES, TIME, TEMPERATURE = "cranks", "cycles", "time", "temperature"
 """What data must vary in for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, temperature."""
 
+LARGEST_CLEARANCE = 1 / 3
+"""Clearance that an effect may give, over the eccentricity."""
+LARGEST_INTERFERENCE = 1 / 30
+"""Interference that an effect may give, over the eccentricity."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -23,6 +28,13 @@ class Parameter:
     name: str
     unit: str
     meaning: str
+
+
+def clearances(drive: Drive, shrinks: bool = False) -> tuple[float, float]:
+    """Bounds [um] of a dimension that gives clearance where it grows, or where it ``shrinks``."""
+    unit = 1e3 * drive.profile.eccentricity
+    pair = (-LARGEST_INTERFERENCE * unit, LARGEST_CLEARANCE * unit)
+    return (-pair[1], -pair[0]) if shrinks else pair
 
 
 @dataclass(frozen=True)

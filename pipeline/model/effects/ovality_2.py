@@ -5,12 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.model.drive import Drive
-from pipeline.model.effects.effect import CRANKS, Conditions, Effect, Parameter
+from pipeline.model.effects.effect import CRANKS, LARGEST_INTERFERENCE, Conditions, Effect, Parameter
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     angle = 2 * drive.profile.pin_angle()
     return drive.moved(pin_radial=1e-3 * (values[0] * np.cos(angle) + values[1] * np.sin(angle)))
+
+
+def _symmetric(drive: Drive) -> tuple[float, float]:
+    reach = 2e3 * LARGEST_INTERFERENCE * drive.profile.eccentricity
+    return -reach, reach
 
 
 EFFECT = Effect(
@@ -25,7 +30,7 @@ EFFECT = Effect(
     changes="radial position of every pin",
     signature="play varies over the crank angle, two waves a turn",
     confused_with=("ovality_3",),
-    bounds=lambda drive: ((-1e3 * drive.profile.eccentricity / 3, 1e3 * drive.profile.eccentricity / 3),) * 2,
+    bounds=lambda drive: (_symmetric(drive),) * 2,
     apply=_apply,
     needs=frozenset({CRANKS}),
 )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.model.drive import Drive
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import Conditions, Effect, Parameter, clearances
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
@@ -21,6 +21,6 @@ EFFECT = Effect(
     changes="radial position of all pins",
     signature="play grows or shrinks alike in both senses and at every crank angle",
     confused_with=("pin_radius_error", "preload", "bearing_clearance"),
-    bounds=lambda drive: ((-1e3 * drive.profile.eccentricity / 3, 1e3 * drive.profile.eccentricity / 3),),
+    bounds=lambda drive: (clearances(drive),),
     apply=_apply,
 )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pipeline.model.drive import Drive
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import LARGEST_INTERFERENCE, Conditions, Effect, Parameter
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
@@ -22,6 +22,6 @@ EFFECT = Effect(
     changes="gap of every pin",
     signature="no play, high rigidity near zero torque",
     confused_with=("pin_radius_error", "pin_circle_error"),
-    bounds=lambda drive: ((0.0, 1e3 * drive.profile.eccentricity / 3),),
+    bounds=lambda drive: ((0.0, 1e3 * LARGEST_INTERFERENCE * drive.profile.eccentricity),),
     apply=_apply,
 )

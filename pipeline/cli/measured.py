@@ -1,0 +1,97 @@
+"""Commands on measured units: why one differs from its model, and whether many differ from a study."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.cli import settings
+from pipeline.config import Study, load_study
+from pipeline.engine.runner import run
+from pipeline.errors import InputError
+from pipeline.identification import population_results, results
+from pipeline.identification.blind.report import write_reports
+from pipeline.identification.blind.run import FULL_RUN, SEED, blind
+from pipeline.identification.closing import closing, read_population_run
+from pipeline.identification.identify import identify
+from pipeline.identification.population import compared, load_population
+from pipeline.identification.unit import load_measured_unit
+from pipeline.report.unit.page import write_page
+from pipeline.report.unit.population import write_population_page
+from stages.chain import STAGES
+from stages.condensed import COMPLIANCE_FILE, full_compliance
+
+
+def add(command: settings.Commands) -> None:
+    """Add the commands."""
+    naming = command("identify", _identify, "say why a measured unit differs from its model, and correct the model")
+    naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
+    settings.jobs_option(naming)
+
+    comparing = command("population", _population, "hold many measured units against the distributions of a study")
+    comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
+    settings.study_option(comparing)
+    settings.jobs_option(comparing)
+
+    testing = command("blind", _blind, "test the identification on generated units whose truth it cannot read")
+    testing.add_argument("--cases", type=int, default=FULL_RUN, help=f"default: the full run of {FULL_RUN}")
+    testing.add_argument("--seed", type=int, default=SEED, help="of the units")
+    testing.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
+
+
+def _identify(options: argparse.Namespace) -> None:
+    unit = load_measured_unit(options.unit, settings.ROOT)
+
+    def condensed(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
+        at_cranks = study.model_copy(
+            update={"cycle": study.cycle.model_copy(update={"crank_deg": tuple(float(crank) for crank in cranks)})}
+        )
+        with settings.resources(study, options) as resources:
+            outputs = run(STAGES, at_cranks, ["reduce"], settings.RUNS, resources)
+        path = outputs["reduce"].path(COMPLIANCE_FILE)
+        return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
+
+    found = identify(unit, condensed)
+    folder = settings.RUNS / "identify" / unit.name
+    of = results.findings(found)
+    results.write(of, folder)
+    write_page(of, folder, settings.shown(folder))
+    print(f"{found.verdict.verdict}: {found.verdict.sentence}")
+    if found.verdict.advice:
+        print(found.verdict.advice)
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def _population(options: argparse.Namespace) -> None:
+    units = load_population(options.units)
+    study = load_study(options.study, settings.ROOT)
+    with settings.resources(study, options) as resources:
+        run(STAGES, study, ["aggregate"], settings.RUNS, resources)
+    population = read_population_run(settings.RUNS / study.name, study)
+    confidence = study.metrics.confidence
+    comparisons = compared(units, population.metrics, confidence)
+    closings = {
+        crank: closing([one for one in comparisons if one.crank_deg == crank], population, confidence)
+        for crank in dict.fromkeys(one.crank_deg for one in comparisons)
+    }
+    folder = settings.RUNS / "population" / study.name
+    population_results.write(comparisons, closings, folder)
+    write_population_page(study, options.units.name, comparisons, closings, folder)
+    print((folder / "comparison.csv").read_text(), end="")
+    for crank, one in closings.items():
+        place = "" if crank is None else f"crank at {crank:g} deg: "
+        print(f"{place}{population_results.sentence(one)}")
+    print(f"page: {settings.shown(folder / 'population.html')}")
+
+
+def _blind(options: argparse.Namespace) -> None:
+    for name, least in (("cases", 1), ("jobs", 1), ("seed", 0)):
+        if getattr(options, name) < least:
+            raise InputError(f"--{name} = {getattr(options, name)}; must be at least {least}")
+    rows = blind(options.cases, options.seed, options.jobs, settings.ROOT, settings.RUNS)
+    folder = settings.RUNS / "blind"
+    write_reports(rows, folder)
+    print((folder / "rates.csv").read_text(encoding="utf-8"), end="")
+    print(f"table: {settings.shown(folder / 'cases.csv')}")

@@ -1,0 +1,63 @@
+"""What the commands share: where things lie, options, and what a run may use."""
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+from pipeline.config import Study
+from pipeline.engine.parallel import dask_cluster
+from pipeline.engine.runner import Resources
+from pipeline.errors import InputError
+
+ROOT = Path(__file__).parent.parent.parent
+RUNS = ROOT / "data" / "runs"
+PUBLISHED = ROOT / "data" / "published"
+ALL_WORKERS = -1
+"""Joblib's number of processes for as many as the cluster has."""
+
+Action = Callable[[argparse.Namespace], None]
+
+
+class Commands(Protocol):
+    """Adds a command: its name, what it does, its help text; returns its parser."""
+
+    def __call__(self, name: str, action: Action, text: str) -> argparse.ArgumentParser: ...
+
+
+def study_option(sub: argparse.ArgumentParser) -> None:
+    """The option of which study."""
+    sub.add_argument("--study", default="paper", help="study file, or the stem of one in data/studies")
+
+
+def jobs_option(sub: argparse.ArgumentParser) -> None:
+    """The options of where and with how many processes."""
+    sub.add_argument("--jobs", type=int, help="processes; default: the study's")
+    sub.add_argument("--backend", choices=("loky", "dask"), default="loky", help="this machine, or a Dask cluster")
+    sub.add_argument("--scheduler", help="address of the cluster's scheduler, as in tcp://192.0.2.1:8786")
+
+
+@contextmanager
+def resources(study: Study, options: argparse.Namespace) -> Iterator[Resources]:
+    """Where and with how many processes chunks are solved; a cluster is connected while the context lasts."""
+    if options.jobs is not None and options.jobs < 1:
+        raise InputError(f"--jobs = {options.jobs}; must be at least 1")
+    if (options.backend == "dask") != (options.scheduler is not None):
+        raise InputError("--backend dask and --scheduler ADDRESS go together; give both or neither")
+    if options.backend == "dask":
+        with dask_cluster(options.scheduler) as cluster:
+            yield Resources(options.jobs or ALL_WORKERS, study.run.chunk, cluster)
+    else:
+        yield Resources(options.jobs or study.run.jobs, study.run.chunk)
+
+
+def check_sample(study: Study, sample: int) -> None:
+    """Raise InputError if the study has no such sample."""
+    if not 0 <= sample < study.samples.rows:
+        raise InputError(f"--sample = {sample}; study {study.name} has samples 0 to {study.samples.rows - 1}")
+
+
+def shown(path: Path) -> Path:
+    """A path as short as it can be typed from here."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

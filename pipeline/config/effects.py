@@ -1,0 +1,38 @@
+"""Effects of a design against the library of effects: names and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from pipeline.config.section import MISSING, Problem
+
+Effects = Mapping[str, Mapping[str, float]]
+
+
+def effect_problems(effects: Effects) -> Iterator[Problem]:
+    """Effects and parameters that the library has not, and parameters that are missing."""
+    if not effects:
+        return
+    from pipeline.model.effects import library  # the mechanics are slow to import
+
+    known = library()
+    for name, values in effects.items():
+        if name not in known:
+            yield Problem(f"effects.{name}", None, f"unknown effect; known are {', '.join(known)}")
+            continue
+        allowed = {parameter.name: parameter for parameter in known[name].parameters}
+        shown = ", ".join(allowed)
+        for key, value in values.items():
+            if key not in allowed:
+                yield Problem(f"effects.{name}.{key}", value, f"unknown parameter; {name} has {shown}")
+        for key, parameter in allowed.items():
+            if key not in values:
+                yield Problem(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")
+
+
+def study_effect_problems(effects: Effects) -> Iterator[Problem]:
+    """Effects that a load cycle of equilibria cannot show."""
+    if "creep" in effects:
+        yield Problem(
+            "design.effects.creep", None, "a study's load cycle has no time; delete it from the design of the study"
+        )

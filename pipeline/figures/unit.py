@@ -1,0 +1,164 @@
+"""Figures of a measured unit: its loops against the models, and what the residual depends on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, legend_below, new_figure, styled
+
+MODELS = {
+    "declared": ("model as declared", MUTED, ":"),
+    "recalibrated": ("calibrated numbers refitted", ALARM, "--"),
+    "after": ("best model", ACCENT, "-"),
+}
+STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After: best model"}
+SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
+MOST_LOOPS = 6
+"""Positions that share a figure."""
+ACROSS = 3
+EXTREME = 4.0
+"""Percent of the residuals at each end that the scale does not follow: there the angle jumps through the play."""
+ROOM = 2.0
+"""Reach of the scale beyond the others."""
+
+
+@styled
+def loops_figure(cells: pd.DataFrame) -> Figure:
+    """Measured cells of each position, in the second cycle where there is one, against the models; offsets removed.
+
+    Parameters
+    ----------
+    cells : the table ``residual``.
+    """
+    cranks = list(dict.fromkeys(cells["crank_deg"]))[:MOST_LOOPS]
+    rows = -(-len(cranks) // ACROSS)
+    figure = new_figure(0.5 + 3.1 * rows)
+    panels = np.atleast_1d(figure.subplots(rows, min(len(cranks), ACROSS), squeeze=False)).ravel()
+    for axes, crank in zip(panels, cranks, strict=False):
+        mine = cells[cells["crank_deg"] == crank]
+        cycles = list(dict.fromkeys(mine["cycle"]))
+        one = mine[mine["cycle"] == cycles[min(1, len(cycles) - 1)]]
+        middle = one["angle_arcmin"].mean()
+        for stage, (label, colour, line) in MODELS.items():
+            shown = one[f"{stage}_arcmin"] - middle
+            axes.plot(one["torque_Nm"], shown, color=colour, linestyle=line, linewidth=1.2, label=label)
+        axes.plot(
+            one["torque_Nm"], one["angle_arcmin"] - middle, ".", color=INK, markersize=3.5, label="measured", zorder=1
+        )
+        axes.set_title(f"Crank at {crank:g}°, cycle {one['cycle'].iloc[0]}")
+        axes.set_xlabel("torque (N m)")
+    for axes in panels[len(cranks) :]:
+        axes.set_axis_off()
+    panels[0].set_ylabel("angle (arcmin)")
+    legend_below(figure, panels[0])
+    return figure
+
+
+@styled
+def torque_figure(cells: pd.DataFrame) -> Figure:
+    """Residual over torque before and after, the branches in two colours, one scale for both."""
+    figure = new_figure(3.4)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
+        for sense, (label, colour, marker) in SENSES.items():
+            mine = cells[cells["direction"] == sense]
+            axes.plot(
+                mine["torque_Nm"],
+                mine[f"residual_{stage}_arcmin"],
+                marker,
+                color=colour,
+                markersize=2.5,
+                alpha=0.6,
+                markeredgewidth=0,
+                label=label,
+            )
+        _zero_line(axes, cells)
+        axes.set_title(title)
+        axes.set_xlabel("torque (N m)")
+    panels[0].set_ylabel("measured − predicted (arcmin)")
+    legend_below(figure, panels[0])
+    return figure
+
+
+@styled
+def time_figure(cells: pd.DataFrame) -> Figure:
+    """Residual over the sequence of the cells, before and after; positions in turn, their crank angles above."""
+    figure = new_figure(4.6)
+    panels = figure.subplots(2, 1, sharex=True, sharey=True)
+    number = np.arange(len(cells))
+    cranks = list(dict.fromkeys(cells["crank_deg"]))
+    for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
+        for k, crank in enumerate(cranks):
+            mine = (cells["crank_deg"] == crank).to_numpy()
+            residual = cells[f"residual_{stage}_arcmin"].to_numpy()[mine]
+            colour = COLOURS[k % len(COLOURS)]
+            axes.plot(number[mine], residual, ".", color=colour, markersize=2.5, label=f"crank at {crank:g}°")
+        for start in np.flatnonzero(np.diff(cells["cycle"].to_numpy()) != 0) + 0.5:
+            axes.axvline(start, color=MUTED, linewidth=0.5, alpha=0.5)
+        _zero_line(axes, cells)
+        axes.set_title(title)
+    panels[1].set_xlabel("cell in order of time, position by position; lines part the cycles")
+    figure.supylabel("measured − predicted (arcmin)", fontsize=9)
+    legend_below(figure, panels[0])
+    return figure
+
+
+@styled
+def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
+    """Held-out error of every effect that was fitted, against that of the recalibrated model and the noise floor."""
+    fitted = candidates[candidates["rms_after_floors"].notna()].iloc[::-1]
+    figure = new_figure(0.9 + 0.27 * max(len(fitted), 3))
+    axes = figure.subplots()
+    place = np.arange(len(fitted))
+    colours = [
+        ACCENT if member else (COLOURS[5] if good else MUTED)
+        for member, good in zip(fitted["member_of_class"], fitted["significant"], strict=True)
+    ]
+    axes.barh(place, fitted["rms_after_floors"], color=colours, height=0.62)
+    axes.set_yticks(place, [_short(title) for title in fitted["title"]])
+    axes.axvline(before, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
+    axes.axvline(1.0, color=INK, linewidth=1.0, linestyle=":", label="noise of the cells")
+    axes.set_xlabel("held-out error (noise of the cells)")
+    axes.set_xlim(left=0)
+    axes.grid(axis="y", visible=False)
+    legend_below(figure, axes)
+    return figure
+
+
+def _short(title: str, width: int = 62) -> str:
+    return title if len(title) <= width else title[: width - 1] + "…"
+
+
+def _zero_line(axes: Axes, cells: pd.DataFrame) -> None:
+    """Zero, and a scale that the few cells across the play do not set."""
+    axes.axhline(0, color=INK, linewidth=0.8)
+    values = np.concatenate([cells[f"residual_{stage}_arcmin"].dropna().to_numpy() for stage in STAGES])
+    if values.size:
+        reach = ROOM * max(*np.abs(np.percentile(values, [EXTREME, 100 - EXTREME])), 1e-6)
+        axes.set_ylim(-reach, reach)
+
+
+@styled
+def quantiles_figure(quantiles: pd.DataFrame) -> Figure:
+    """Quantiles of measured units against those of a study, a panel a metric; on the line the two are alike.
+
+    Parameters
+    ----------
+    quantiles : ``label``, ``unit``, ``study``, ``measured``: one row a metric and probability.
+    """
+    labels = list(dict.fromkeys(quantiles["label"]))
+    rows = -(-len(labels) // ACROSS)
+    figure = new_figure(0.2 + 3.1 * rows)
+    panels = figure.subplots(rows, min(len(labels), ACROSS), squeeze=False).ravel()
+    for axes, label in zip(panels, labels, strict=False):
+        mine = quantiles[quantiles["label"] == label]
+        ends = [mine[["study", "measured"]].min().min(), mine[["study", "measured"]].max().max()]
+        axes.plot(ends, ends, color=MUTED, linewidth=1.0, linestyle="--")
+        axes.plot(mine["study"], mine["measured"], "o", color=ACCENT)
+        axes.set(title=label, xlabel=f"study ({mine['unit'].iloc[0]})", ylabel=f"units ({mine['unit'].iloc[0]})")
+    for axes in panels[len(labels) :]:
+        axes.set_axis_off()
+    return figure

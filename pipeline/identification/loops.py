@@ -1,0 +1,167 @@
+"""Errors of predictions on held-out data: of the angle, and of what is read off a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.identify import Identification
+
+Real = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+BEYOND = 0.05
+"""Share of the largest torque by which a branch may be continued along its last cells, whose means end before it."""
+STAGES = ("declared", "recalibrated", "after")
+METRICS = (
+    "zero_torque_width_arcmin",
+    "lost_motion_arcmin",
+    "torsional_rigidity_Nm_per_arcmin",
+    "branch_separation_arcmin",
+)
+NO_LOSS = "a measured loop alone does not part friction from play; branch_separation_arcmin is friction alone"
+
+
+@dataclass(frozen=True)
+class AngleError:
+    """Of predictions on held-out cells; ``to_noise`` is the rms over the noise floor, ``cells`` their number."""
+
+    rms_arcmin: float
+    max_arcmin: float
+    to_noise: float
+    in_sigmas: float
+    cells: int
+
+
+@dataclass(frozen=True)
+class LoopError:
+    """A number read off the loops by one procedure, means over the loops that reach; why_not where none does."""
+
+    measured: float | None
+    predicted: Mapping[str, float]
+    loops: int
+    why_not: str = ""
+
+
+def angle_errors(found: Identification) -> dict[str, AngleError]:
+    """Errors of each curve on the held-out cells."""
+    assert found.curves is not None
+    assert found.problem is not None
+    assert found.held_out is not None
+    data = found.problem.data
+    errors = {}
+    for stage in STAGES:
+        misfit = np.where(found.held_out, data.angle - getattr(found.curves, stage), np.nan)
+        kept = np.isfinite(misfit)
+        rms = float(np.sqrt(np.mean(misfit[kept] ** 2))) if kept.any() else np.nan
+        errors[stage] = AngleError(
+            rms,
+            float(np.max(np.abs(misfit[kept]), initial=0.0)),
+            rms / data.noise,
+            float(np.sqrt(np.mean((misfit[kept] / data.sigma[kept]) ** 2))) if kept.any() else np.nan,
+            int(kept.sum()),
+        )
+    return errors
+
+
+def loop_errors(found: Identification) -> dict[str, LoopError]:
+    """Width, lost motion, rigidity and separation of the branches: measured, and of each curve.
+
+    Notes
+    -----
+    The centre line is the mean of the two branches. At zero torque a branch is continued from its second and third cell
+    on that side, since the play may lie in the first. The separation is that of the branches at the lower torque of
+    the rigidity, mean of both senses.
+    """
+    assert found.curves is not None
+    assert found.problem is not None
+    curves = {"measured": found.problem.data.angle} | {name: getattr(found.curves, name) for name in STAGES}
+    read: dict[str, list[dict[str, float]]] = {name: [] for name in METRICS}
+    for loop in _loops(found):
+        of_curves = {name: _read(found, loop, angle) for name, angle in curves.items()}
+        for metric in METRICS:
+            values = {name: one[metric] for name, one in of_curves.items()}
+            if np.all(np.isfinite(list(values.values()))):
+                read[metric].append(values)
+    errors = {}
+    for metric, rows in read.items():
+        if rows:
+            mean = {name: float(np.mean([row[name] for row in rows])) for name in curves}
+            errors[metric] = LoopError(mean.pop("measured"), mean, len(rows))
+        else:
+            errors[metric] = LoopError(None, {}, 0, _why_not(found, metric))
+    errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
+    return errors
+
+
+def _why_not(found: Identification, metric: str) -> str:
+    metrics, rated = found.unit.study.metrics, found.unit.study.design.cycloid.rated_torque_Nm
+    assert found.problem is not None
+    reached = float(np.max(np.abs(found.problem.data.torque)))
+    asked = {
+        "torsional_rigidity_Nm_per_arcmin": metrics.rigidity_percent[1],
+        "branch_separation_arcmin": metrics.rigidity_percent[0],
+        "lost_motion_arcmin": metrics.lost_motion_percent,
+    }.get(metric, 0.0)
+    needed = rated * asked / 100
+    return f"asks for +-{needed:.3g} N m on both branches of a loop; the held-out loops reach {reached:.3g} at most"
+
+
+def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
+    """Cells of each falling branch, and of the rising ones that close it to a loop.
+
+    Under positive load a cycle 0, +T, -T, 0 rises before it falls, any other one after it.
+    """
+    assert found.cells is not None
+    assert found.held_out is not None
+    cells, torque, pairs = found.cells, found.cells.torque_mean, []
+    blocks = [np.flatnonzero(cells.block == block) for block in np.unique(cells.block)]
+    nothing = np.zeros(0, np.intp)
+    for number, falling in enumerate(blocks):
+        if cells.direction[falling[0]] > 0:
+            continue
+        sides: list[Numbers] = []
+        for neighbours in ((number + 1, number - 1), (number + 1,)):
+            sense = 1 - 2 * len(sides)
+            parts = [
+                blocks[k][torque[blocks[k]] * sense > 0]
+                for k in neighbours
+                if 0 <= k < len(blocks) and cells.position[blocks[k][0]] == cells.position[falling[0]]
+            ]
+            sides.append(next((part for part in parts if len(part)), nothing))
+        rising = np.concatenate(sides)
+        if found.held_out[falling].all() and found.held_out[rising].all():
+            pairs.append((falling, rising))
+    return pairs
+
+
+def _read(found: Identification, loop: tuple[Numbers, Numbers], angle: Real) -> dict[str, float]:
+    assert found.problem is not None
+    torque = found.problem.data.torque
+    metrics, rated = found.unit.study.metrics, found.unit.study.design.cycloid.rated_torque_Nm
+    falling, rising = loop
+
+    def at(branch: Numbers, level: float) -> float:
+        """Angle of a branch at a torque, on that torque's side of zero."""
+        side = branch[torque[branch] * np.sign(level) > 0]
+        x, y = np.abs(torque[side]), angle[side]
+        order = np.argsort(x)
+        x, y = x[order], y[order]
+        if len(x) < 3 or abs(level) > x[-1] + BEYOND * x[-1]:
+            return np.nan
+        k = int(np.clip(np.searchsorted(x, abs(level)) - 1, 1 if abs(level) < x[1] else 0, len(x) - 2))
+        return float(y[k] + (abs(level) - x[k]) * (y[k + 1] - y[k]) / (x[k + 1] - x[k]))
+
+    tiny = 1e-9 * rated
+    mark = metrics.lost_motion_percent / 100 * rated
+    low, high = (percent / 100 * rated for percent in metrics.rigidity_percent)
+    loading = at(rising, high) - at(rising, low), at(falling, -low) - at(falling, -high)
+    return {
+        "zero_torque_width_arcmin": at(falling, tiny) - at(rising, -tiny),
+        "lost_motion_arcmin": 0.5 * (at(falling, mark) + at(rising, mark) - at(falling, -mark) - at(rising, -mark)),
+        "torsional_rigidity_Nm_per_arcmin": 0.5 * (high - low) * sum(1 / one if one else np.nan for one in loading),
+        "branch_separation_arcmin": 0.5 * sum(at(falling, end) - at(rising, end) for end in (low, -low)),
+    }

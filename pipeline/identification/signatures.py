@@ -1,0 +1,296 @@
+"""What the residual of a unit depends on: each signature a number with a block-bootstrap interval.
+
+A signature is a coefficient of a least-squares line through the residual of the cells that it is of. Blocks (position,
+cycle, branch) are drawn with replacement, since neighbouring cells are not independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from pipeline.identification.identify import Identification
+from pipeline.statistics.blocks import resampled_means
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+LOW, HIGH = 0.25, 0.5
+"""Shares of the largest torque below which a cell is near zero torque, and above which it is at high torque."""
+RESAMPLES = 500
+CONFIDENCE = 0.95
+SEED = 79
+WAVES = 160
+"""Periods of the output angle that are looked at, even in their logarithm."""
+FLIPS = 400
+FEWEST_BLOCKS = 3
+HARMONICS = 3
+
+
+@dataclass(frozen=True)
+class Signature:
+    """One dependence of the residual.
+
+    Attributes
+    ----------
+    name, title : for programs and for people.
+    unit : of value and interval.
+    p_value : of none, each signature by itself; NaN where it is not tested.
+    significant : whether p is below 5 %.
+    why_not : why the data cannot test it; empty if they can.
+    """
+
+    name: str
+    title: str
+    unit: str
+    value: float
+    ci_low: float
+    ci_high: float
+    p_value: float
+    significant: bool
+    why_not: str = ""
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """The cells with a residual (n,): torque [N m], sense of the torque's change, crank angle [rad], and the rest."""
+
+    residual: Real
+    torque: Real
+    falling: Real
+    crank: Real
+    angle: Real
+    cycle: Real
+    hours: Real
+    warmer: Real
+    position: NDArray[np.int64]
+    block: NDArray[np.int64]
+
+    def near_zero(self) -> Truth:
+        return np.abs(self.torque) <= LOW * np.max(np.abs(self.torque))
+
+    def loaded(self) -> Truth:
+        return np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque))
+
+
+def signatures(found: Identification, predicted: Real) -> tuple[Signature, ...]:
+    """Signatures of the residual of predicted angles (n_cells,) [arcmin]; cells without a prediction are left out."""
+    at = _cells(found, predicted)
+    return (
+        *_friction(at),
+        *_play(at),
+        _rigidity(at),
+        *_over_the_crank(at, len(found.rows.cranks)),
+        *_over_the_angle(at),
+        *_over_time(at),
+        _over_temperature(at),
+        _shift(at, found),
+        _hold(),
+    )
+
+
+def _cells(found: Identification, predicted: Real) -> _Cells:
+    assert found.cells is not None
+    assert found.problem is not None
+    cells, data = found.cells, found.problem.data
+    residual = data.angle - predicted
+    kept = np.isfinite(residual)
+    zero = cells.angle_mean - np.array([cells.angle_mean[cells.position == p].mean() for p in cells.position])
+    return _Cells(
+        residual=residual[kept],
+        torque=data.torque[kept],
+        falling=-cells.direction[kept].astype(float),
+        crank=np.radians(found.rows.cranks)[cells.position[kept]],
+        angle=zero[kept],
+        cycle=cells.cycle[kept].astype(float),
+        hours=cells.time_mean[kept] / 3600,
+        warmer=cells.temperature_mean[kept],
+        position=cells.position[kept],
+        block=cells.block[kept],
+    )
+
+
+def _line(at: _Cells, mine: Truth, columns: Real, wanted: int, free_offset: bool = True) -> tuple[Real, Real, int]:
+    """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``wanted`` of ``columns`` (n, k)."""
+    residual, columns = at.residual[mine], columns[mine]
+    if free_offset:
+        _, group = np.unique(at.position[mine], return_inverse=True)
+        own = np.eye(int(group.max()) + 1)[group]
+        share = own / own.sum(axis=0)
+        residual, columns = residual - own @ (share.T @ residual), columns - own @ (share.T @ columns)
+    _, block = np.unique(at.block[mine], return_inverse=True)
+    n, k = int(block.max()) + 1, columns.shape[1]
+    products = np.zeros((n, k, k + 1))
+    np.add.at(products, block, columns[:, :, None] * np.column_stack([columns, residual])[:, None, :])
+    whole = products.sum(axis=0)
+    value = np.linalg.lstsq(whole[:, :k], whole[:, k], rcond=None)[0]
+    drawn = n * resampled_means(products, RESAMPLES, SEED)
+    ridge = 1e-9 * np.trace(whole[:, :k]) / k * np.eye(k)
+    resampled = np.linalg.solve(drawn[:, :, :k] + ridge, drawn[:, :, k][..., None])[..., 0]
+    return value[wanted : wanted + 1], resampled[:, wanted], n
+
+
+def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
+    """The signature of a coefficient; few blocks widen its interval as Student's t does."""
+    (value,), drawn, n = line
+    if n < FEWEST_BLOCKS:
+        return not_testable(name, title, unit, f"fewer than {FEWEST_BLOCKS} branches")
+    error = float(np.std(drawn, ddof=1))
+    reach = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * error
+    p = float(2 * stats.t.sf(abs(value) / error, n - 1)) if error > 0 else float(value == 0)
+    return Signature(name, title, unit, float(value), value - reach, value + reach, p, p < 1 - CONFIDENCE)
+
+
+def not_testable(name: str, title: str, unit: str, why: str) -> Signature:
+    """A signature that the data do not hold, and why."""
+    return Signature(name, title, unit, np.nan, np.nan, np.nan, np.nan, False, why)
+
+
+def _friction(at: _Cells) -> tuple[Signature, ...]:
+    everywhere = np.ones(len(at.residual), bool)
+    columns = np.column_stack([at.falling, at.falling * np.abs(at.torque), at.torque, np.sign(at.torque)])
+    if len(np.unique(at.falling)) < 2:
+        why = "only one sense of the torque's change"
+        return (
+            not_testable("branch_half_difference", "half-difference of the branches at no load", "arcmin", why),
+            not_testable("branch_growth", "half-difference of the branches, growth with the load", "arcmin/(N m)", why),
+        )
+    return (
+        _judged(
+            "branch_half_difference",
+            "half-difference of the branches at no load",
+            "arcmin",
+            _line(at, everywhere, columns, 0),
+        ),
+        _judged(
+            "branch_growth",
+            "half-difference of the branches, growth with the load",
+            "arcmin/(N m)",
+            _line(at, everywhere, columns, 1),
+        ),
+    )
+
+
+def _play(at: _Cells) -> tuple[Signature, ...]:
+    near = at.near_zero()
+    columns = np.column_stack([0.5 * np.sign(at.torque), at.falling])
+    even = np.column_stack([np.abs(at.torque), at.torque, np.sign(at.torque), at.falling])
+    return (
+        _judged("play", "step of the branch mean across zero torque", "arcmin", _line(at, near, columns, 0)),
+        _judged(
+            "asymmetry",
+            "part of the branch mean that is equal in both senses of load, per torque",
+            "arcmin/(N m)",
+            _line(at, np.ones(len(near), bool), even, 0),
+        ),
+    )
+
+
+def _rigidity(at: _Cells) -> Signature:
+    columns = np.column_stack([at.torque, np.sign(at.torque), at.falling])
+    line = _line(at, at.loaded(), columns, 0)
+    return _judged("compliance", "slope of the branch mean at high torque", "arcmin/(N m)", line)
+
+
+def _over_the_crank(at: _Cells, n_positions: int) -> list[Signature]:
+    found = []
+    near = at.near_zero()
+    step = 0.5 * np.sign(at.torque)
+    for order in range(1, HARMONICS + 1):
+        needed = 2 * order + 1
+        for name, wave in (("cosine", np.cos(order * at.crank)), ("sine", np.sin(order * at.crank))):
+            key, title = f"crank_{order}_{name}", f"play over the crank angle, harmonic {order}, {name}"
+            if n_positions < needed:
+                found.append(not_testable(key, title, "arcmin", f"needs {needed} crank positions, has {n_positions}"))
+                continue
+            other = np.sin(order * at.crank) if name == "cosine" else np.cos(order * at.crank)
+            columns = np.column_stack([step * wave, step * other, step, at.falling])
+            found.append(_judged(key, title, "arcmin", _line(at, near, columns, 0)))
+    return found
+
+
+def _over_the_angle(at: _Cells) -> tuple[Signature, ...]:
+    """Strongest period of the residual over the output angle, branch by branch less its line.
+
+    Its p value is the share of wholly flipped blocks (signs drawn for each) whose strongest period is as strong.
+    """
+    names = (
+        ("angle_period_amplitude", "amplitude of the strongest period over the output angle", "arcmin"),
+        ("angle_period", "strongest period over the output angle", "arcmin"),
+    )
+    blocks, block = np.unique(at.block, return_inverse=True)
+    residual = at.residual.copy()
+    spans = []
+    for one in range(len(blocks)):
+        mine = block == one
+        spans.append(np.ptp(at.angle[mine]))
+        design = np.column_stack([np.ones(mine.sum()), at.torque[mine], at.torque[mine] ** 2, at.torque[mine] ** 3])
+        residual[mine] -= design @ np.linalg.lstsq(design, residual[mine], rcond=None)[0]
+    span, cells = float(np.median(spans)), len(residual) / len(blocks)
+    if len(blocks) < FEWEST_BLOCKS or cells < 12 or span <= 0:
+        return tuple(not_testable(*one, "too few cells on a branch") for one in names)
+    period = np.geomspace(span / 2, 4 * span / cells, WAVES)
+    turn = np.exp(2j * np.pi * at.angle[:, None] / period)
+    parts = np.zeros((len(blocks), WAVES), complex)
+    np.add.at(parts, block, residual[:, None] * turn)
+    amplitude = 2 * np.abs(parts.sum(axis=0)) / len(residual)
+    strongest = int(np.argmax(amplitude))
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (FLIPS, len(blocks)))
+    flipped = 2 * np.abs(signs @ parts).max(axis=1) / len(residual)
+    p = float((1 + np.sum(flipped >= amplitude[strongest])) / (1 + FLIPS))
+    ends = 2 * np.abs(len(blocks) * resampled_means(parts[:, strongest], RESAMPLES, SEED)) / len(residual)
+    low, high = (float(end) for end in np.percentile(ends, [2.5, 97.5]))
+    strong = p < 1 - CONFIDENCE
+    nothing = (np.nan, np.nan)
+    return (
+        Signature(*names[0], float(amplitude[strongest]), low, high, p, strong),
+        Signature(*names[1], float(period[strongest]), *nothing, p, strong),
+    )
+
+
+def _over_time(at: _Cells) -> list[Signature]:
+    near, step = at.near_zero(), 0.5 * np.sign(at.torque)
+    everywhere = np.ones(len(near), bool)
+    found = []
+    for key, title, unit, rows, column in (
+        ("play_per_cycle", "growth of the play from cycle to cycle", "arcmin", near, step * at.cycle),
+        ("shift_per_cycle", "shift of the angle from cycle to cycle", "arcmin", everywhere, at.cycle),
+    ):
+        if len(np.unique(at.cycle)) < 2:
+            found.append(not_testable(key, title, unit, "fewer than 2 cycles"))
+            continue
+        columns = np.column_stack([column, step, at.falling])
+        found.append(_judged(key, title, unit, _line(at, rows, columns, 0)))
+    title, unit = "drift of the angle with time", "arcmin/h"
+    if not np.all(np.isfinite(at.hours)) or np.ptp(at.hours) == 0:
+        return [*found, not_testable("drift", title, unit, "no time stamps")]
+    columns = np.column_stack([at.hours - at.hours.mean(), step, at.falling, at.torque])
+    return [*found, _judged("drift", title, unit, _line(at, everywhere, columns, 0))]
+
+
+def _over_temperature(at: _Cells) -> Signature:
+    name, title, unit = "play_per_kelvin", "growth of the play with the temperature", "arcmin/K"
+    known = np.isfinite(at.warmer)
+    if not known.all() or np.ptp(at.warmer) < 0.2:
+        return not_testable(name, title, unit, "no temperature that varies")
+    step = 0.5 * np.sign(at.torque)
+    columns = np.column_stack([step * (at.warmer - at.warmer.mean()), step, at.falling])
+    return _judged(name, title, unit, _line(at, at.near_zero(), columns, 0))
+
+
+def _shift(at: _Cells, found: Identification) -> Signature:
+    name, title, unit = "shift", "constant shift of the angle", "arcmin"
+    assert found.problem is not None
+    if not found.problem.data.common_offset:
+        return not_testable(name, title, unit, "every position has its own zero of the angle")
+    columns = np.column_stack([np.ones(len(at.residual)), at.torque])
+    return _judged(name, title, unit, _line(at, np.ones(len(at.residual), bool), columns, 0, free_offset=False))
+
+
+def _hold() -> Signature:
+    """Cells average a hold at the end of a branch with the branch: see the candidate creep, which knows the time."""
+    why = "a hold is part of the last cell of its branch; the effect creep tests it by the time of the cells"
+    return not_testable("creep", "growth of the angle at constant load", "arcmin", why)

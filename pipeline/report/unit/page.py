@@ -1,0 +1,285 @@
+"""The page on a measured unit: the verdict first, then what it rests on."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pipeline.engine.fingerprint import package_versions
+from pipeline.engine.store import read_json, write_atomic
+from pipeline.figures.style import save
+from pipeline.figures.unit import candidates_figure, loops_figure, time_figure, torque_figure
+from pipeline.identification import tables
+from pipeline.identification.loops import STAGES, LoopError
+from pipeline.identification.problem import candidates
+from pipeline.identification.results import VERDICT_FILE, Findings
+from pipeline.report.rendering import Picture, rendered
+from pipeline.report.wording import NOTHING, counted, listed, plain
+
+TEMPLATE = "unit/unit.html"
+STAGE_TITLES = {"declared": "As declared", "recalibrated": "Calibrated numbers refitted", "after": "Best model"}
+LOOP_TITLES = {
+    "zero_torque_width_arcmin": ("Zero-torque width", "arcmin"),
+    "lost_motion_arcmin": ("Lost motion", "arcmin"),
+    "torsional_rigidity_Nm_per_arcmin": ("Torsional rigidity", "N m/arcmin"),
+    "branch_separation_arcmin": ("Separation of the branches under load", "arcmin"),
+    "hysteresis_loss_arcmin": ("Hysteresis loss", "arcmin"),
+}
+SMALLEST_P = 1e-3
+CAPTIONS = {
+    "loops": (
+        "Loops",
+        "Dots: cells, averages of neighbouring rows of a branch. Lines: the models, each by a fit that has not seen "
+        "the held-out cells. The offset of the angle is removed.",
+    ),
+    "torque": (
+        "Residual over torque",
+        "Branches that part from each other show friction, a step at zero torque play, a slope compliance. A few cells "
+        "in which the angle jumps through the play lie beyond the axes.",
+    ),
+    "time": ("Residual over time and crank angle", "Drift, run-in and whatever differs from position to position."),
+    "candidates": (
+        "Held-out error of each effect",
+        "Blue: named by the verdict. Light blue: a significant gain that something else explains better. Grey: no "
+        "significant gain.",
+    ),
+}
+
+
+def write_page(of: Findings, folder: Path, shown_folder: Path) -> None:
+    """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
+
+    Parameters
+    ----------
+    shown_folder : the folder as a user would type it.
+    """
+    pictures = _pictures(of, folder) if of.found.curves is not None else {}
+    page = rendered(TEMPLATE, **_values(of, read_json(folder / VERDICT_FILE), shown_folder), pictures=pictures)
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _pictures(of: Findings, folder: Path) -> dict[str, Picture]:
+    assert of.found.selection is not None
+    cells = pd.read_parquet(folder / "residual.parquet")
+    tried = pd.read_parquet(folder / "candidates.parquet")
+    figures = {
+        "loops": loops_figure(cells),
+        "torque": torque_figure(cells),
+        "time": time_figure(cells),
+        "candidates": candidates_figure(tried, of.found.selection.base.rms),
+    }
+    (folder / "figures").mkdir(exist_ok=True)
+    pictures = {}
+    for name, figure in figures.items():
+        stem = folder / "figures" / name
+        save(figure, stem)
+        pictures[name] = Picture(*CAPTIONS[name], stem.with_suffix(".svg").read_bytes())
+    return pictures
+
+
+def _values(of: Findings, verdict: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    found = of.found
+    own = {
+        "verdict": verdict,
+        "tested": found.curves is not None,
+        "design": found.unit.settings.design,
+        "design_title": found.unit.study.design.title,
+        "traced": [tables.title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
+        "parameters": [_parameter(one) for one in verdict["parameters"]],
+        "data_facts": _data_facts(of),
+        "faults": found.faults,
+        "not_testable": [(_sentence(tables.title_of(name)), why) for name, why in (found.why_not or {}).items()],
+        "corrected": verdict["corrected"],
+        "not_corrected": verdict["not_corrected"],
+        "folder": folder,
+        "versions": package_versions(),
+    }
+    return own | (_tested(of, verdict) if found.curves is not None else {})
+
+
+def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
+    found = of.found
+    assert found.problem is not None
+    rows = pd.DataFrame(tables.candidate_rows(found))
+    fitted = rows[rows["rms_after_floors"].notna()]
+    screened = rows[rows["why_not"] == tables.NOT_SHORTLISTED]
+    pairs = list(zip(*of.signatures.values(), strict=True))
+    floor = found.problem.data.noise
+    return {
+        "headlines": [
+            (
+                STAGE_TITLES[stage],
+                digits(of.angle[stage].rms_arcmin),
+                "arcmin",
+                f"{digits(of.angle[stage].to_noise)} times the noise floor",
+            )
+            for stage in STAGES
+        ],
+        "fitted": [_fitted(row) for row in fitted.to_dict("records")],
+        "screened": list(screened["title"]),
+        "signatures": [
+            {"title": _sentence(pair[0].title), "unit": pair[0].unit, "cells": [_signature(one) for one in pair]}
+            for pair in pairs
+            if not all(one.why_not for one in pair)
+        ],
+        "untested_signatures": [
+            (_sentence(pair[0].title), pair[0].why_not) for pair in pairs if all(one.why_not for one in pair)
+        ],
+        "cells": of.angle["after"].cells,
+        "floor": digits(floor),
+        "angle_errors": [
+            {
+                "title": STAGE_TITLES[stage],
+                "rms": digits(error.rms_arcmin),
+                "largest": digits(error.max_arcmin),
+                "to_noise": digits(error.to_noise),
+                "in_sigmas": digits(error.in_sigmas),
+            }
+            for stage, error in of.angle.items()
+        ],
+        "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
+        "calibrated": _calibrated(of, verdict["calibrated"]),
+        "tolerances": "All tolerances are as measured."
+        if found.unit.dimensions is not None
+        else f"The tolerances were not measured: {counted(found.problem.n_modes, 'mode')} of them "
+        "stand for what units of the study's distributions differ by.",
+    }
+
+
+def digits(value: float | None, figures: int = 3) -> str:
+    """A number with three significant digits; an en dash for none."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value == 0:
+        return "0"
+    places = max(figures - 1 - math.floor(math.log10(abs(value))), 0)
+    text = f"{value:,.{places}f}" if places <= 6 else f"{value:.{figures - 1}e}"
+    return text.replace("-", "\u2212")
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    ends = digits(low), digits(high)
+    return "" if NOTHING in ends else f"{ends[0]} to {ends[1]}"
+
+
+def _p(value: float) -> str:
+    return NOTHING if not math.isfinite(value) else f"< {SMALLEST_P:g}" if value < SMALLEST_P else f"{value:.3f}"
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _unit(text: str) -> str:
+    return "" if text == "1" else text.replace("um", "µm")
+
+
+def _parameter(one: Mapping[str, Any]) -> dict[str, str]:
+    effect = candidates()[one["effect"]]
+    (parameter,) = [p for p in effect.parameters if p.name == one["name"]]
+    return {
+        "effect": _sentence(effect.title),
+        "meaning": parameter.meaning,
+        "value": digits(one["value"]),
+        "interval": _interval(one["ci_low"], one["ci_high"]) or "none",
+        "unit": _unit(one["unit"]),
+        "note": one["note"],
+    }
+
+
+def _fitted(row: Mapping[str, Any]) -> dict[str, str]:
+    if row["member_of_class"]:
+        judgement = "named"
+    elif row["significant"]:
+        judgement = "significant gain, not named"
+    else:
+        judgement = row["why_not"] or "no significant gain"
+    return {
+        "title": _sentence(row["title"]),
+        "parameters": _numbers(row["effect"], row["parameters"]),
+        "before": digits(row["rms_before_arcmin"]),
+        "after": digits(row["rms_after_arcmin"]),
+        "before_floors": digits(row["rms_before_floors"]),
+        "after_floors": digits(row["rms_after_floors"]),
+        "t": f"{row['t']:.1f}".replace("-", "\u2212") if math.isfinite(row["t"]) else NOTHING,
+        "p": _p(row["p"]),
+        "judgement": judgement,
+    }
+
+
+def _numbers(name: str, parameters: str) -> str:
+    values = json.loads(parameters)
+    texts = []
+    for effect in name.split("+"):
+        for parameter in candidates()[effect].parameters:
+            number = digits(values[effect][parameter.name])
+            texts.append(f"{parameter.meaning}: {number} {_unit(parameter.unit)}".rstrip())
+    return "; ".join(texts)
+
+
+def _signature(one: Any) -> dict[str, Any]:
+    return {
+        "value": digits(one.value) if not one.why_not else NOTHING,
+        "interval": one.why_not or _interval(one.ci_low, one.ci_high),
+        "strong": one.significant,
+    }
+
+
+def _loop(name: str, error: LoopError) -> dict[str, Any]:
+    title, unit = LOOP_TITLES[name]
+    if error.measured is None:
+        return {"title": title, "unit": unit, "why_not": error.why_not}
+    return {
+        "title": title,
+        "unit": unit,
+        "why_not": "",
+        "measured": digits(error.measured),
+        "cells": [
+            (digits(error.predicted[stage]), f"error {digits(error.predicted[stage] - error.measured)}")
+            for stage in STAGES
+        ],
+    }
+
+
+def _calibrated(of: Findings, factors: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
+    rows = []
+    for key, factor in factors.items():
+        value: Any = of.found.unit.study.design.model_dump()
+        for name in key.split("."):
+            value = value[name]
+        rows.append((key, plain(value), digits(value * factor), digits(factor)))
+    return rows
+
+
+def _data_facts(of: Findings) -> list[tuple[str, str]]:
+    found = of.found
+    rows, noise = found.rows, found.noise
+    facts = [
+        ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
+        ("Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()])),
+    ]
+    if found.cells is None or found.blocks is None or noise is None or found.problem is None:
+        return facts
+    errors: Sequence[tuple[str, Any]] = (
+        ("Noise floor", noise.floor),
+        ("Scatter within a branch", noise.within_branch),
+        ("Between positions", noise.between_positions),
+    )
+    by = "crank positions" if len(rows.cranks) > 1 else "cycles"
+    chosen = found.unit.settings.held_out.train
+    counts = counted(len(found.blocks), "branch", "branches"), counted(len(found.cells), "cell")
+    return [
+        *facts,
+        ("Branches and cells", ", ".join(counts)),
+        ("Held out", "what unit.toml names" if chosen else f"whole {by}, each predicted by a fit to the others"),
+        *(
+            (title, f"{digits(one.value)} arcmin, interval {_interval(one.ci_low, one.ci_high) or 'not determined'}")
+            for title, one in errors
+        ),
+        ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),
+    ]

@@ -1,0 +1,103 @@
+"""The page on many measured units against a study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.study import Study
+from pipeline.engine.store import write_atomic
+from pipeline.figures.labels import METRICS
+from pipeline.figures.style import save
+from pipeline.figures.unit import quantiles_figure
+from pipeline.identification.closing import Closing
+from pipeline.identification.population import Comparison
+from pipeline.identification.population_results import (
+    candidate_frame,
+    comparison_frame,
+    quantile_frame,
+    sentence,
+)
+from pipeline.report.rendering import Picture, rendered
+from pipeline.report.unit.page import digits
+from pipeline.report.wording import NOTHING
+
+TEMPLATE = "unit/population.html"
+
+
+def write_population_page(
+    study: Study,
+    units: str,
+    comparisons: Sequence[Comparison],
+    closings: Mapping[float | None, Closing],
+    folder: Path,
+) -> None:
+    """Write population.html and its figure into ``folder``; ``units`` names the file of the units."""
+    quantiles = quantile_frame(comparisons)
+    quantiles["label"] = [
+        _where(METRICS[metric].title, crank)
+        for metric, crank in zip(quantiles["metric"], quantiles["crank_deg"], strict=True)
+    ]
+    quantiles["unit"] = [METRICS[metric].unit for metric in quantiles["metric"]]
+    stem = folder / "figures" / "quantiles"
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    save(quantiles_figure(quantiles), stem)
+    caption = (
+        "Each dot is one probability, 5 % to 95 %. On the dashed line units and study are alike; beside it the units "
+    )
+    picture = Picture(
+        "Quantiles of the units against the study",
+        f"{caption}are larger or smaller, and steeper or flatter means more or less spread.",
+        stem.with_suffix(".svg").read_bytes(),
+    )
+    page = rendered(
+        TEMPLATE,
+        study=study,
+        units=units,
+        sentences=[(_where("", crank), sentence(closing)) for crank, closing in closings.items()],
+        comparisons=[_comparison(row) for row in comparison_frame(comparisons).to_dict("records")],
+        candidates=[_candidate(row) for row in candidate_frame(closings).to_dict("records")],
+        pictures={"quantiles": picture},
+    )
+    write_atomic(folder / "population.html", page.encode())
+
+
+def _where(title: str, crank: float | None) -> str:
+    place = "worst crank" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
+    return f"{title}, {place}" if title else place
+
+
+def _range(low: float, high: float) -> str:
+    ends = digits(low), digits(high)
+    return "" if ends == (NOTHING, NOTHING) else f"{ends[0]} to {ends[1]}"
+
+
+def _comparison(row: Mapping[str, object]) -> dict[str, object]:
+    numbers = pd.Series(row)
+    return {
+        "title": _where(METRICS[str(row["metric"])].title, numbers["crank_deg"]),
+        "unit": METRICS[str(row["metric"])].unit,
+        "units": numbers["units"],
+        "means": (digits(numbers["units_mean"]), digits(numbers["samples_mean"])),
+        "bias": digits(numbers["bias"]),
+        "bias_range": _range(numbers["bias_ci_low"], numbers["bias_ci_high"]),
+        "spread": digits(numbers["spread_ratio"]),
+        "spread_range": _range(numbers["spread_ratio_ci_low"], numbers["spread_ratio_ci_high"]),
+        "p": digits(numbers["anderson_darling_p"]),
+    }
+
+
+def _candidate(row: Mapping[str, object]) -> dict[str, object]:
+    numbers = pd.Series(row)
+    return {
+        "title": _where(str(row["tolerance"]).replace("_", " "), numbers["crank_deg"]),
+        "shift": digits(numbers["shift_um"]),
+        "shift_range": _range(numbers["shift_low_um"], numbers["shift_high_um"]),
+        "room": digits(numbers["room_um"]),
+        "explained": f"{100 * numbers['explained']:.0f} %",
+        "p": digits(numbers["p_value"]),
+        "closes": bool(row["closes"]),
+    }

@@ -1,0 +1,178 @@
+"""The generator of blind units, the table of their cases and the rates made of it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import binom
+
+from pipeline import assembly
+from pipeline.identification.blind import run
+from pipeline.identification.blind.designs import UNCERTAIN, catalogue, condense
+from pipeline.identification.blind.generate import FULL, NONE, Maker, generate, kind_of
+from pipeline.identification.blind.outside import OUTSIDE
+from pipeline.identification.blind.ramps import draw_bench
+from pipeline.identification.blind.rates import lower_bound, rates
+from pipeline.identification.blind.sizes import amplitude_of, problem_of
+from pipeline.identification.blind.unitpath import true_unit
+from pipeline.identification.fitting import Fitter
+from pipeline.identification.problem import Model, candidates
+from pipeline.identification.setup import refitted
+from pipeline.identification.unit import load_measured_unit
+from pipeline.sampling import draw
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def smallest(tmp_path_factory):
+    """A maker of units of the catalogue's smallest reducer alone."""
+    folder = tmp_path_factory.mktemp("blind")
+    reducers = tuple(one for one in catalogue(ROOT) if one.name == "holes_19")
+    return Maker(reducers, condense(reducers, folder / "condensed", 1), folder, ROOT, seed=5)
+
+
+def _of_kind(kind: str) -> int:
+    return next(case for case in range(100) if kind_of(case) == kind)
+
+
+def test_every_run_has_the_proportions_of_the_full_one():
+    kinds = [kind_of(case) for case in range(60)]
+    total = sum(FULL.values())
+    for kind, count in FULL.items():
+        assert abs(kinds.count(kind) - 60 * count / total) < 1
+
+
+def test_a_unit_is_the_same_whatever_was_made_before(smallest, tmp_path):
+    case = _of_kind("outside")
+    first = generate(smallest, case)
+    data = (smallest.unit_folder(case) / "data.csv").read_bytes()
+    other = replace(smallest, folder=tmp_path)
+    generate(other, _of_kind("one"))
+    second = generate(other, case)
+    assert first.truth == second.truth
+    assert data == (other.unit_folder(case) / "data.csv").read_bytes()
+    assert data != _data(replace(other, seed=6), case)
+
+
+def _data(maker: Maker, case: int) -> bytes:
+    generate(maker, case)
+    return (maker.unit_folder(case) / "data.csv").read_bytes()
+
+
+def test_the_truth_is_not_in_the_units_folder(smallest):
+    case = _of_kind("one")
+    made = generate(smallest, case)
+    folder = smallest.unit_folder(case)
+    assert {path.name for path in folder.iterdir()} <= {
+        "data.csv",
+        "unit.toml",
+        "design.toml",
+        "study.toml",
+        "dims.toml",
+    }
+    sealed = smallest.truth_path(case)
+    assert json.loads(sealed.read_text())["truth"] == made.truth["truth"]
+    assert folder not in sealed.parents
+    words = "".join(path.read_text() for path in folder.glob("*.toml"))
+    assert made.truth["truth"] not in words
+    assert not any(effect.name in words for effect in OUTSIDE)
+
+
+def test_the_size_is_what_was_asked_for(smallest):
+    truth = generate(smallest, _of_kind("one")).truth
+    assert 0.9 <= truth["size_over_noise"] <= 33
+
+
+def test_an_amplitude_is_found_where_the_size_grows_and_none_where_it_cannot():
+    amplitude, size = amplitude_of(lambda a: 50 * a**1.5, 4.0)
+    assert size == pytest.approx(4.0, rel=0.1)
+    assert 50 * amplitude**1.5 == pytest.approx(size)
+    assert amplitude_of(lambda a: 2 * a, 4.0) is None
+
+
+def test_without_effect_and_noise_the_models_own_study_is_recovered(smallest, tmp_path):
+    """The generator's curves differ from the model's only through what it says: mesh, law and its own numbers."""
+    from pipeline.identification.blind.files import write_unit
+
+    reducer = smallest.reducers[0]
+    study, (believed, _) = reducer.model, smallest.condensed[reducer.name]
+    bench = draw_bench(np.random.default_rng(3), reducer.cranks, study.design.cycloid.rated_torque_Nm)
+    bench = replace(bench, torque_noise=0.0, torque_step=1e-9)
+    sample = draw(study, 4, 5)
+    keys = refitted(study.design)
+    unit = true_unit(study, keys, (1.2, 0.95), assembly.errors(sample), 0.0, believed(study, bench.cranks), bench)
+    write_unit(tmp_path / "u", study, bench, unit.angles(), (0.0, 1e-9), np.random.default_rng(0), sample)
+    problem, _ = problem_of(load_measured_unit(tmp_path / "u", ROOT), believed)
+    fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
+    fit = fitter.fit(Model(), everything, fitter.start(Model()))
+    # the cells within the play's jump have a sigma of their own; all others weigh alike
+    inside = problem.data.sigma < 3 * np.median(problem.data.sigma)
+    assert np.sqrt(np.mean((problem.data.angle - fit.predicted)[inside] ** 2)) < 1e-3 * problem.span
+    assert set(keys) <= set(UNCERTAIN)
+
+
+def test_an_outside_effect_vanishes_with_its_amplitude(smallest):
+    made = generate(smallest, _of_kind(NONE))
+    rng = np.random.default_rng(1)
+    plain = made.unit.angles()
+    for effect in OUTSIDE:
+        shape = effect.shape(rng)
+        none, some = (made.unit.angles_outside(effect.at(amplitude, shape)) for amplitude in (1e-9, 0.05))
+        # both interpolate the same frictionless curve
+        assert np.max(np.abs(np.concatenate(none) - np.concatenate(plain))) < 1e-3 * np.ptp(plain[0])
+        assert np.max(np.abs(np.concatenate(some) - np.concatenate(plain))) > 5e-3 * np.ptp(plain[0])
+
+
+def test_effects_of_the_library_change_the_curves(smallest):
+    made = generate(smallest, _of_kind(NONE))
+    plain = np.concatenate(made.unit.angles())
+    torsion = candidates()["output_torsion"]
+    twisted = np.concatenate(made.unit.angles([torsion], [0.01]))
+    torque = np.concatenate([ramp.torque for ramp in made.unit.bench.ramps])
+    assert twisted - plain == pytest.approx(0.01 * torque, abs=1e-9)
+
+
+@pytest.mark.parametrize(("passed", "of"), [(60, 60), (57, 60), (1, 10), (199, 200)])
+def test_bound_is_where_so_many_have_a_chance_of_5_percent(passed, of):
+    assert binom.sf(passed - 1, of, lower_bound(passed, of)) == pytest.approx(0.05)
+
+
+def test_bounds_known_by_name():
+    assert lower_bound(0, 12) == 0
+    assert lower_bound(60, 60) == pytest.approx(0.05 ** (1 / 60))  # the rule of three: 95.1 %
+
+
+def test_what_counts_as_right():
+    one, two = frozenset({"coulomb"}), frozenset({"coulomb", "preload"})
+    named = [frozenset({"preload"}), frozenset({"coulomb"})]
+    many = [frozenset({name}) for name in ("coulomb", "a", "b", "c")]
+    assert run.is_correct("none", 0, frozenset({"none"}), [], "adequate")
+    assert not run.is_correct("none", 0, frozenset({"none"}), named, "equivalent")
+    assert run.is_correct("one", 5, one, named, "equivalent")
+    assert not run.is_correct("one", 5, one, many, "equivalent")
+    assert not run.is_correct("one", 5, one, [two], "identified")  # a pair claims an effect that is not there
+    assert run.is_correct("two", 5, two, [one], "identified")
+    outside = frozenset({"outside:stick_slip"})
+    assert run.is_correct("outside", 9, outside, [], "unexplained")
+    assert run.is_correct("outside", 2, outside, [], "adequate")
+    assert not run.is_correct("outside", 9, outside, [], "adequate")
+    assert not run.is_correct("outside", 2, outside, named, "equivalent")
+
+
+def test_three_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "catalogue", lambda root: smallest.reducers)
+    monkeypatch.setattr(run, "condense", lambda reducers, folder, jobs: smallest.condensed)
+    rows = run.blind(3, 8, 1, ROOT, tmp_path)
+    table = pd.read_csv(tmp_path / "blind" / "cases.csv")
+    contract = "case truth size_over_noise verdict named class_size correct oracle_separates rms_declared_arcmin"
+    more = "rms_recalibrated_arcmin rms_after_arcmin noise_floor_arcmin seconds"
+    assert [*contract.split(), *more.split()] == list(table.columns[:13])
+    assert list(table["case"]) == [0, 1, 2]
+    assert table["rms_recalibrated_arcmin"].notna().all()
+    monkeypatch.setattr(run, "one_case", lambda *_: pytest.fail("a finished case was solved again"))
+    assert [row.truth for row in run.blind(3, 8, 1, ROOT, tmp_path)] == [row.truth for row in rows]
+    assert {one.name for one in rates(rows)} >= {"no effect: none named"}

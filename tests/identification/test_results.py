@@ -1,0 +1,274 @@
+"""From a synthetic unit with friction to the files that a user sees, and the corrected study that runs."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from measured_bench import UNIT, measured, write_unit
+
+from pipeline import cli
+from pipeline.cli import measured as command
+from pipeline.cli import settings
+from pipeline.config import load_study
+from pipeline.config.cases import Case
+from pipeline.config.tolerances import Tolerances
+from pipeline.config.writing import toml_of
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.store import Output
+from pipeline.identification import tables
+from pipeline.identification.identify import identify
+from pipeline.identification.signatures import (
+    _Cells,
+    _friction,
+    _over_the_angle,
+    _over_the_crank,
+    _over_time,
+    _play,
+    _rigidity,
+)
+from stages.chain import STAGES
+
+ROOT = Path(__file__).parents[2]
+
+
+def simulated(positions: int = 3, cycles: int = 3, noise: float = 0.01, seed: int = 3, **parts: float) -> _Cells:
+    """Cells of loops whose residual holds known parts."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    block = 0
+    for position in range(positions):
+        for cycle in range(cycles):
+            for falling in (-1.0, 1.0):
+                torque = -falling * np.linspace(-12, 12, 40)
+                rows += [(t, falling, 2 * np.pi * position / positions, cycle, position, block) for t in torque]
+                block += 1
+    torque, falling, crank, cycle, position, of_block = np.array(rows).T
+    angle = torque / 5 + 0.1 * falling
+    residual = (
+        parts.get("half", 0) * falling
+        + parts.get("growth", 0) * falling * np.abs(torque)
+        + parts.get("play", 0) * 0.5 * np.sign(torque)
+        + parts.get("slope", 0) * torque
+        + parts.get("crank", 0) * np.cos(crank) * 0.5 * np.sign(torque)
+        + parts.get("cycle", 0) * cycle * 0.5 * np.sign(torque)
+        + parts.get("wave", 0) * np.cos(2 * np.pi * angle / 0.7)
+        + noise * rng.standard_normal(len(torque))
+    )
+    hours = np.arange(len(torque)) / 3600
+    return _Cells(
+        residual,
+        torque,
+        falling,
+        crank,
+        angle,
+        cycle,
+        hours,
+        np.full(len(torque), np.nan),
+        position.astype(int),
+        of_block.astype(int),
+    )
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "name", "read"),
+    [
+        ("half", 0.2, "branch_half_difference", _friction),
+        ("growth", 0.02, "branch_growth", _friction),
+        ("play", 0.3, "play", _play),
+        ("slope", 0.05, "compliance", lambda at: [_rigidity(at)]),
+        ("crank", 0.3, "crank_1_cosine", lambda at: _over_the_crank(at, 3)),
+        ("cycle", 0.1, "play_per_cycle", _over_time),
+    ],
+)
+def test_a_signature_is_the_part_that_was_put_in(part: str, value: float, name: str, read) -> None:
+    (found,) = [one for one in read(simulated(**{part: value})) if one.name == name]
+    assert found.ci_low < value < found.ci_high
+    assert abs(found.value - value) < 0.1 * value
+    assert found.significant
+    (nothing,) = [one for one in read(simulated()) if one.name == name]
+    assert abs(nothing.value) < 0.1 * value
+
+
+def test_the_strongest_period_over_the_output_angle_is_found() -> None:
+    amplitude, period = _over_the_angle(simulated(wave=0.1))
+    assert amplitude.significant
+    assert period.value == pytest.approx(0.7, rel=0.05)
+    assert amplitude.value == pytest.approx(0.1, rel=0.25)
+
+
+def test_false_alarms_of_the_signatures_keep_their_level() -> None:
+    alarms = [
+        one.significant
+        for seed in range(20)
+        for read in (_friction, _play, _over_time)
+        for one in read(simulated(seed=seed))
+        if not one.why_not
+    ]
+    assert np.mean(alarms) < 0.12
+
+
+def test_harmonics_that_the_positions_do_not_determine_are_named() -> None:
+    reasons = {one.name: one.why_not for one in _over_the_crank(simulated(), 3)}
+    assert reasons["crank_1_sine"] == ""
+    assert reasons["crank_2_cosine"] == "needs 5 crank positions, has 3"
+    assert reasons["crank_3_cosine"] == "needs 7 crank positions, has 3"
+
+
+def test_settings_are_read_back_as_they_were_written() -> None:
+    content = {
+        "title": 'a "quoted" \\ line',
+        "flag": True,
+        "list": (1.0, 2.5e-7),
+        "effects": {"coulomb": {"torque_Nm": 0.3}},
+        "nothing": {},
+        "cases": ({"label": "a", "pin_radial": (1.0, 2.0)}, {"label": "b"}),
+        "provenance": {"effects.coulomb.torque_Nm": {"status": "chosen", "reason": "x"}},
+    }
+    read = tomllib.loads(toml_of(content))
+    assert read == json.loads(json.dumps({key: value for key, value in content.items() if key != "nothing"}))
+
+
+CRANKS = (0.0, 40.0, 95.0)
+FRICTION = 0.5
+DIMENSIONS = "disk_profile = 10.0\nroller_diameter = -5.0\n"
+
+
+def rubbing_unit(home: Path) -> Path:
+    """A unit that the stages themselves simulate: constant friction, two cycles at three positions, noise."""
+    study = load_study("quick", ROOT)
+    samples = study.samples.model_copy(update={"count": 1, "experiment": "cases", "nominal_first": False})
+    rubbing = study.model_copy(
+        update={
+            "name": "rubbing",
+            "design": study.design.model_copy(update={"effects": {"coulomb": {"torque_Nm": FRICTION}}}),
+            "samples": samples,
+            "tolerances": Tolerances(),
+            "cases": (Case(label="unit", disk_profile=10.0, roller_diameter=-5.0),),
+            "cycle": study.cycle.model_copy(update={"crank_deg": CRANKS, "levels_per_branch": 60}),
+        }
+    )
+    outputs = run(STAGES, rubbing, ["hysteresis"], home / "runs", Resources(1, 1))
+    curves = pd.DataFrame(outputs["hysteresis"].read("curves"))
+    curves = curves[curves["torque_Nm"] != 0]
+    loop = curves[curves["branch"] != "loading+"]
+    table = pd.concat([curves.assign(cycle=0), loop.assign(cycle=1)]).sort_values(
+        ["crank_deg", "cycle", "step"], kind="stable"
+    )
+    rng = np.random.default_rng(5)
+    table["angle_arcmin"] += 0.02 * rng.standard_normal(len(table))
+    text = UNIT.replace('"unknown"', '"dimensions.toml"')
+    columns = ["cycle", "crank_deg", "torque_Nm", "angle_arcmin"]
+    folder = write_unit(home / "rubbing", {"rows.csv": table[columns]}, text)
+    (folder / "dimensions.toml").write_text(DIMENSIONS)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of the command on a unit with friction at three positions; runs lie beside them."""
+    home = tmp_path_factory.mktemp("identify")
+    unit = rubbing_unit(home)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settings, "RUNS", home / "runs")
+        patch.setattr(command, "identify", partial(identify, nested=False))  # a fifth of the time
+        assert cli.main(["identify", "--unit", str(unit), "--jobs", "1"]) == 0
+    return home / "runs" / "identify" / "rubbing"
+
+
+def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_the_design(folder: Path) -> None:
+    verdict = json.loads((folder / "verdict.json").read_text())
+    assert verdict["verdict"] == "identified"
+    assert verdict["named"] == ["coulomb"]
+    (parameter,) = verdict["parameters"]
+    assert parameter["value"] == pytest.approx(FRICTION, rel=0.05)
+    written = load_study(folder / "corrected-rubbing.toml", ROOT).design.effects
+    assert written["coulomb"]["torque_Nm"] == pytest.approx(parameter["value"], rel=1e-5)
+
+
+def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
+    verdict = json.loads((folder / "verdict.json").read_text())
+    for key in ("verdict", "named", "parameters", "sentence", "advice", "noise", "held_out_errors", "loop_errors"):
+        assert key in verdict
+    assert set(verdict["held_out_errors"]) == {"declared", "recalibrated", "after"}
+    assert verdict["noise"]["used_arcmin"] == pytest.approx(0.02, rel=0.6)
+    assert verdict["loop_errors"]["hysteresis_loss_arcmin"]["why_not"]
+    for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES):
+        schema = pq.read_schema(folder / f"{table.name}.parquet")
+        assert schema.names == [column.name for column in table.columns]
+        assert all(schema.field(name).metadata[b"meaning"] for name in schema.names)
+    page = (folder / "report.html").read_text()
+    assert verdict["verdict"] in page
+    assert 'src="http' not in page
+    assert len(list((folder / "figures").glob("*.png"))) == len(list((folder / "figures").glob("*.svg"))) == 4
+
+
+def test_residuals_and_errors_are_those_of_the_table(folder: Path) -> None:
+    verdict = json.loads((folder / "verdict.json").read_text())
+    cells = pd.read_parquet(folder / "residual.parquet")
+    assert cells["held_out"].all()
+    for stage, error in verdict["held_out_errors"].items():
+        residual = cells["angle_arcmin"] - cells[f"{stage}_arcmin"]
+        np.testing.assert_allclose(cells[f"residual_{stage}_arcmin"], residual)
+        assert error["rms_arcmin"] == pytest.approx(float(np.sqrt(np.mean(residual**2))))
+        assert error["max_arcmin"] == pytest.approx(float(residual.abs().max()))
+    errors = {stage: error["rms_arcmin"] for stage, error in verdict["held_out_errors"].items()}
+    assert errors["after"] < errors["recalibrated"]
+
+
+def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: Path) -> None:
+    from pipeline.identification.problem import candidates
+
+    rows = pd.read_parquet(folder / "candidates.parquet")
+    assert set(candidates()) <= set(rows["effect"])
+    tested = rows["p"].notna()
+    assert np.all(rows.loc[~tested, "why_not"].astype(str) != "")
+    assert np.all(rows.loc[tested, "parameters"].astype(str).map(lambda text: bool(json.loads(text))))
+    assert rows.set_index("effect").loc["thermal_growth", "why_not"] == "no temperature that varies"
+
+
+def test_the_corrected_study_runs_the_written_model(folder: Path) -> None:
+    design = tomllib.loads((folder / "design.toml").read_text())
+    study = load_study(folder / "corrected-rubbing.toml", ROOT)
+    assert study.cycle.crank_deg == CRANKS
+    assert study.design.effects == design.get("effects", {})
+    verdict = json.loads((folder / "verdict.json").read_text())
+    own = load_study("quick", ROOT).design
+    for key, factor in verdict["calibrated"].items():
+        section, name = key.split(".")
+        before, after = (getattr(getattr(one, section), name) for one in (own, study.design))
+        assert after == pytest.approx(factor * before, rel=1e-5)
+        assert "rubbing" in study.design.provenance[key].reason
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settings, "RUNS", folder.parent.parent)
+        path = folder / "corrected-rubbing.toml"
+        assert cli.main(["run", "hysteresis", "--study", str(path), "--jobs", "1"]) == 0
+    output = Output.open(folder.parent.parent / "corrected-rubbing" / "hysteresis")
+    assert output is not None
+    assert output.record["failed"] == 0
+
+
+def test_data_without_a_verdict_leave_the_page_and_the_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = measured(positions=(0.0,), cycles=1)
+    table["angle_arcmin"] *= -1
+    unit = write_unit(tmp_path / "turned", {"rows.csv": table})
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    assert cli.main(["identify", "--unit", str(unit)]) == 0
+    folder = tmp_path / "runs" / "identify" / "turned"
+    verdict = json.loads((folder / "verdict.json").read_text())
+    assert verdict["verdict"] == "data fault"
+    assert verdict["corrected"] == []
+    assert any(fault["kind"] == "sign" for fault in verdict["data_faults"])
+    assert "falls with rising torque" in (folder / "report.html").read_text()
+    assert not (folder / "residual.parquet").exists()
+
+
+def test_an_unknown_unit_is_answered_in_one_line(capsys: pytest.CaptureFixture) -> None:
+    assert cli.main(["identify", "--unit", "base_pccf_run"]) == 2
+    assert "base_pccf_runin" in capsys.readouterr().err

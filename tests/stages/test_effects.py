@@ -1,0 +1,209 @@
+"""Effects of a design in the stages: friction opens the loop by what it must, the rest reaches gaps and laws."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import ROOT, run_study, small_study
+
+from pipeline import assembly
+from pipeline.config import Study, load_design, parse_study
+from pipeline.config.reading import parse_design, read_toml
+from pipeline.engine.fingerprint import source_hashes
+from pipeline.engine.stage import Job
+from pipeline.engine.store import Cache, Output
+from pipeline.errors import InputError
+from pipeline.model.cycle import LoadCycle, solve_cycle
+from pipeline.model.effects import library
+from pipeline.model.friction import output_sliders
+from pipeline.model.frictional_cycle import solve_frictional_cycle
+from pipeline.mounting import drive_of
+from pipeline.sampling import draw
+from stages.clearance import _unloaded
+from stages.hysteresis import UM_PER_MM, prepare
+
+Outputs = dict[str, Output]
+ENDS = 2e-5
+"""Angle [arcmin] between +-1e-6 of the rated torque, which stand for no torque."""
+
+
+def with_design_effects(study: Study, **effects: dict[str, float]) -> Study:
+    return study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
+
+
+def run_with(runs: Path, name: str, **effects: dict[str, float]) -> Outputs:
+    return run_study(with_design_effects(small_study(count=3), **effects).model_copy(update={"name": name}), runs)
+
+
+def metrics(outputs: Outputs) -> pd.DataFrame:
+    return pd.DataFrame(outputs["aggregate"].read("metrics"))
+
+
+def curve_at(outputs: Outputs, branch: str, torque: float) -> np.ndarray:
+    curves = pd.DataFrame(outputs["hysteresis"].read("curves"))
+    rows = curves[(curves["branch"] == branch) & np.isclose(curves["torque_Nm"], torque)]
+    return rows["angle_arcmin"].to_numpy()
+
+
+@pytest.fixture(scope="module")
+def plain(runs: Path) -> Outputs:
+    return run_with(runs, "plain")
+
+
+@pytest.fixture(scope="module")
+def rubbing(runs: Path) -> Outputs:
+    return run_with(runs, "rubbing", coulomb={"torque_Nm": 1.0})
+
+
+def test_constant_friction_opens_the_loop_by_the_frictionless_curve_between_plus_and_minus_it(
+    plain: Outputs, rubbing: Outputs
+) -> None:
+    """With the friction M the output stands at T = 0 where the frictionless one stands at +-M."""
+    exact = curve_at(plain, "unloading+", 1.0) - curve_at(plain, "loading-", -1.0)
+    found = metrics(rubbing)
+    np.testing.assert_allclose(found["zero_torque_width_arcmin"], exact, atol=ENDS)
+    backlash = metrics(plain)["clearance_backlash_arcmin"]
+    np.testing.assert_allclose(found["clearance_backlash_arcmin"], backlash, atol=1e-6)
+    np.testing.assert_array_equal(
+        found["hysteresis_loss_arcmin"], found["zero_torque_width_arcmin"] - found["clearance_backlash_arcmin"]
+    )
+    assert np.all(found["hysteresis_loss_arcmin"] > 0.1)
+    assert set(found["status"]) == {"ok"}
+
+
+def test_branches_part_by_the_friction_at_load(plain: Outputs, rubbing: Outputs) -> None:
+    np.testing.assert_allclose(curve_at(rubbing, "unloading+", 4.0), curve_at(plain, "loading+", 5.0), atol=1e-6)
+    np.testing.assert_allclose(curve_at(rubbing, "reloading+", 5.0), curve_at(plain, "loading+", 4.0), atol=1e-6)
+
+
+def test_state_at_zero_torque_is_one_on_both_branches_where_the_output_sticks(rubbing: Outputs) -> None:
+    np.testing.assert_allclose(curve_at(rubbing, "unloading+", 0.0), curve_at(rubbing, "loading-", 0.0), atol=ENDS)
+
+
+def test_width_grows_with_the_friction_of_the_pins_and_forces_keep_their_laws(runs: Path, plain: Outputs) -> None:
+    widths = [metrics(plain)["zero_torque_width_arcmin"].to_numpy()]
+    parts = []
+    for number, coefficient in enumerate((0.01, 0.04)):
+        outputs = run_with(runs, f"pins{number}", contact_friction={"coefficient": coefficient})
+        assert set(metrics(outputs)["status"]) == {"ok"}
+        parts.append(curve_at(outputs, "unloading+", 6.0) - curve_at(outputs, "reloading+", 6.0))
+        widths.append(metrics(outputs)["zero_torque_width_arcmin"].to_numpy())
+        contacts = pd.DataFrame(outputs["hysteresis"].read("contacts"))
+        closed = contacts[contacts["force_N"] > 1e-3]
+        np.testing.assert_allclose(closed["approach_um"], closed["clearance_um"] + closed["penetration_um"], atol=1e-6)
+    assert np.all(parts[0] > 0)
+    assert np.all(parts[1] > 2 * parts[0])
+    np.testing.assert_allclose(widths[1], widths[0], atol=2e-2)  # no load, no friction: the play alone
+
+
+def test_torsion_of_the_output_adds_its_angle_to_every_step_and_no_force(runs: Path, plain: Outputs) -> None:
+    twisted = run_with(runs, "twisted", output_torsion={"compliance_arcmin_per_Nm": 0.25})
+    before, after = (pd.DataFrame(one["hysteresis"].read("curves")) for one in (plain, twisted))
+    np.testing.assert_allclose(after["angle_arcmin"], before["angle_arcmin"] + 0.25 * before["torque_Nm"], atol=1e-9)
+    forces = [one["hysteresis"].read("contacts")["force_N"] for one in (plain, twisted)]
+    np.testing.assert_array_equal(*forces)
+
+
+def test_clearance_of_the_bearing_and_preload_reach_the_backlash(runs: Path, plain: Outputs) -> None:
+    loose = metrics(run_with(runs, "loose", bearing_clearance={"clearance_um": 20.0}))["clearance_backlash_arcmin"]
+    tight = metrics(run_with(runs, "tight", preload={"interference_um": 2.0}))["clearance_backlash_arcmin"]
+    before = metrics(plain)["clearance_backlash_arcmin"]
+    assert np.all(loose >= before)
+    assert np.all(loose[::2] > before[::2] + 1)  # crank at 0
+    assert np.all(tight < before - 0.05)
+
+
+def test_softer_seats_lower_the_rigidity_in_series(runs: Path, plain: Outputs) -> None:
+    soft = metrics(run_with(runs, "soft", seat_compliance={"compliance_um_per_N": 0.05}))
+    before = metrics(plain)["torsional_rigidity_Nm_per_arcmin"]
+    assert np.all(soft["torsional_rigidity_Nm_per_arcmin"] < 0.98 * before)
+    np.testing.assert_allclose(
+        soft["clearance_backlash_arcmin"], metrics(plain)["clearance_backlash_arcmin"], atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("name", library())
+def test_gaps_of_no_effect_depend_on_springs(study: Study, name: str) -> None:
+    """So that the stage clearance may take springs of unit stiffness."""
+    effect = library()[name]
+    crank = study.cycle.crank_deg[0]
+    sampled = draw(study, 0, 2)
+    errors = assembly.errors(sampled)
+    loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    at = assembly.reducer(study.design, crank)
+    bare = drive_of(study, crank, np.zeros((len(at.contacts),) * 2), errors, loose)
+    values = {
+        parameter.name: low + 0.3 * (high - low)
+        for parameter, (low, high) in zip(effect.parameters, effect.bounds(bare), strict=True)
+    }
+    mounted = drive_of(with_design_effects(study, **{name: values}), crank, bare.compliance, errors, loose)
+    unloaded = _unloaded(with_design_effects(study, **{name: values}), at, errors, loose)
+    np.testing.assert_array_equal(mounted.gap, unloaded.gap)
+    np.testing.assert_array_equal(mounted.bearing_clearance, unloaded.bearing_clearance)
+
+
+def _spring(study: Study, outputs: Outputs) -> tuple:
+    """Reducer, bearing, laws, compliance, gaps and clearances of two samples at the first crank angle."""
+    shared = prepare(Job(study, 1, ROOT, outputs, Cache(ROOT, "")))
+    gap = outputs["clearance"].read("gaps")["clearance_um"].reshape(9, 2, -1)[1:3, 0] / UM_PER_MM
+    return shared.reducers[0], shared.bearing, shared.laws[0], shared.compliances[0], gap, np.zeros(2)
+
+
+def test_work_of_constant_friction_is_its_torque_times_the_way(study: Study, outputs: Outputs) -> None:
+    torque, cycle = 700.0, LoadCycle.evenly(12e3, 300, 1.0, (0.03, 0.5, 1.0))
+    at, *spring = _spring(study, outputs)
+    solved = solve_frictional_cycle(at, *spring, cycle, output_sliders(at, np.array([torque]), np.array([1e-7])))
+    branch, state = cycle.steps
+    loop = branch > 0
+    angle, load = solved.motion[:, loop, at.output_motion], cycle.state_torque[state][loop]
+    work = np.trapezoid(np.broadcast_to(load, angle.shape), angle, axis=1)
+    np.testing.assert_allclose(work, 2 * torque * np.ptp(angle, axis=1), rtol=2e-3)
+
+
+def test_path_without_sliders_is_the_frictionless_cycle(study: Study, outputs: Outputs) -> None:
+    at, *spring = _spring(study, outputs)
+    cycle = assembly.load_cycle(study)
+    weak = output_sliders(at, np.array([1e-6]), np.array([1e-5]))
+    followed = solve_frictional_cycle(at, *spring, cycle, weak)
+    states = solve_cycle(at, *spring, cycle)
+    _, state = cycle.steps
+    loaded = cycle.state_torque[state] != 0
+    assert np.all(followed.converged)
+    np.testing.assert_allclose(followed.force[:, loaded], states.force[:, state][:, loaded], rtol=1e-6, atol=1e-6)
+
+
+def design_with(effects: object) -> dict:
+    return {**read_toml(ROOT / "data/designs/pham2017.toml"), "effects": effects}
+
+
+def test_mistakes_in_effects_are_all_answered_with_what_is_allowed() -> None:
+    with pytest.raises(InputError) as error:
+        parse_design(design_with({"colomb": {}, "coulomb": {"torque": 1.0}, "preload": {"interference_um": "3"}}), "d")
+    lines = list(error.value.problems)
+    assert any("effects.preload.interference_um" in line and "number" in line for line in lines)
+    with pytest.raises(InputError) as error:
+        parse_design(design_with({"colomb": {}, "coulomb": {"torque": 1.0}}), "d")
+    lines = list(error.value.problems)
+    assert any(line.startswith("d: effects.colomb") and "coulomb" in line and "preload" in line for line in lines)
+    assert any("effects.coulomb.torque = 1.0" in line and "coulomb has torque_Nm" in line for line in lines)
+    assert any("effects.coulomb.torque_Nm is missing" in line and "N m" in line for line in lines)
+
+
+def test_creep_is_refused_in_a_study() -> None:
+    design = parse_design(design_with({"creep": {"compliance_arcmin_per_Nm": 0.1, "time_s": 3.0}}), "d")
+    with pytest.raises(InputError, match="no time"):
+        parse_study(read_toml(ROOT / "data/studies/quick.toml"), "quick", "quick.toml", lambda _: design)
+
+
+def test_effects_are_sources_of_the_stages_that_honour_them_and_of_no_mesh() -> None:
+    effects = "pipeline/model/effects/coulomb.py"
+    assert effects in source_hashes("stages.hysteresis")
+    assert effects in source_hashes("stages.clearance")
+    assert effects not in source_hashes("stages.reduce")
+
+
+def test_a_design_without_effects_says_so() -> None:
+    assert load_design("pham2017", ROOT).effects == {}
