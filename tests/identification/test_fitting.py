@@ -8,7 +8,7 @@ import pytest
 from conftest import CRANKS
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_unit import ROOT, Bench, make_unit, problem_of, with_angles
+from synthetic_unit import ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
 from pipeline.identification.fitting import TOLERANCE, WIDE, Fitter, mapped, unmapped
 from pipeline.identification.identify import identify
@@ -107,7 +107,8 @@ def test_a_shift_of_each_position_changes_nothing_but_its_offset(known):
 
 
 def test_calibrated_scales_are_found_again(known):
-    fitter, truth = Fitter(known), np.log([0.5, 1.01, 1.15])
+    known = exactly_known(known)
+    fitter, truth = Fitter(known), np.log([0.5, 1.01, 1.15, 1.0, 1.0])
     assert known.calibrated == (
         "bearing.stiffness_N_per_mm_power",
         "output.outer_station_mm",
