@@ -170,13 +170,15 @@ def _course(
     mine = cells.position == position
     crank, lobes = np.radians(rows.cranks[position]), unit.study.design.cycloid.lobes
     time = np.nan_to_num(cells.time_mean[mine])
+    # a drift goes on between positions, which shows where they share one zero
+    begin = np.nan_to_num(cells.time_mean[0]) if unit.settings.offset == "common" else time[0]
     at_input = unit.settings.locked == "output"
     return Course(
         torque=turns.torque[position],
         leg=turns.leg[cells.block[mine]],
         state=states[position],
         at=_within(rows, usable, cells, np.flatnonzero(mine)),
-        time=time - time[0],
+        time=time - begin,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),
     )
