@@ -24,6 +24,7 @@ from pipeline.model.effects import Conditions
 from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
 from pipeline.model.reducer import PIN
 from pipeline.mounting import drive_of
+from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw
 
 Real = NDArray[np.float64]
@@ -115,7 +116,7 @@ def build_problem(
     courses = [_course(unit, rows, usable, cells, turns, states, p) for p in range(len(rows.cranks))]
     keys = refitted(study.design)
     own = one_unit(study, unit.dimensions)
-    sampled = draw(own, 0, 1)
+    sampled = draw(own, 0, 1) if unit.dimensions is not None else _usual(_population(study))
     errors = assembly.errors(sampled)
 
     @lru_cache(maxsize=256)
@@ -279,11 +280,21 @@ def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: flo
     if unit.dimensions is not None:
         errors = _measured(drives[0].errors)
     else:
-        samples = unit.study.samples.model_copy(
-            update={"experiment": "monte_carlo", "count": POPULATION, "nominal_first": False}
-        )
-        errors = assembly.errors(draw(unit.study.model_copy(update={"samples": samples, "cases": ()}), 0, POPULATION))
+        errors = assembly.errors(_population(unit.study))
     gaps = [replace(drive, errors=errors).gap for drive in drives]
     influences = [forward.backbone(drive).influence[0] for drive in drives]
     limit = LIMIT * max(float(np.std(mean_gap(drive, gap))) for drive, gap in zip(drives, gaps, strict=True))
     return prior_modes(gaps, influences, RESOLUTION * noise), limit
+
+
+def _population(study: Study) -> SampledErrors:
+    """Errors [um] of units as the study's tolerances make them."""
+    samples = study.samples.model_copy(
+        update={"experiment": "monte_carlo", "count": POPULATION, "nominal_first": False}
+    )
+    return draw(study.model_copy(update={"samples": samples, "cases": ()}), 0, POPULATION)
+
+
+def _usual(population: SampledErrors) -> SampledErrors:
+    """The mean unit, about which the modes of the tolerances stand: one-sided tolerances move it from the nominal."""
+    return SampledErrors(**{name: values.mean(axis=0, keepdims=True) for name, values in vars(population).items()})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -197,6 +197,14 @@ class _Draw:
     def _change(self, angles: Sequence[Real]) -> list[Real]:
         return [angle - plain for angle, plain in zip(angles, self.plain, strict=True)]
 
+    @staticmethod
+    def _sought(size: Callable[[float], float], target: float) -> tuple[float, float] | None:
+        """Amplitude and size; None too where some unit on the way has no solution."""
+        try:
+            return amplitude_of(size, target)
+        except UnsoundError:
+            return None
+
     def _library(self, yardstick: Yardstick, kind: str) -> tuple[list[Real], dict[str, Any]]:
         known = {name: one for name, one in candidates().items() if testable(yardstick.problem, one)}
         chosen: dict[str, tuple[tuple[float, ...], float]] = {}
@@ -213,7 +221,7 @@ class _Draw:
                 values = at_amplitude(bounds, amplitude, direction, shape)
                 return yardstick.size(self._change(self.unit.angles([known[name]], values)))
 
-            found = amplitude_of(size, target)
+            found = self._sought(size, target)
             if found:
                 chosen[name] = at_amplitude(bounds, found[0], direction, shape), found[1]
         if len(chosen) < wanted:
@@ -232,7 +240,7 @@ class _Draw:
             def size(amplitude: float, effect=effect, shape=shape) -> float:
                 return yardstick.size(self._change(self.unit.angles_outside(effect.at(amplitude, shape))))
 
-            found = amplitude_of(size, target)
+            found = self._sought(size, target)
             if found:
                 angles = self.unit.angles_outside(effect.at(found[0], shape))
                 own = {"name": effect.name, "amplitude": found[0], "shape": dict(shape), "size_over_noise": found[1]}

@@ -42,6 +42,7 @@ class Row:
     both : of two effects, whether both are named together.
     nearest, nearest_floors : other effect that comes nearest to the true one in the oracle's eyes, and how near.
     parameter_covered : whether the true parameters of the effect lie in their intervals.
+    parameters : of the named effects, each with its interval and, where it was there, its true value.
     """
 
     case: int
@@ -63,6 +64,7 @@ class Row:
     nearest_floors: float
     structure: float
     traced: str
+    parameters: str
     kind: str
     reducer: str
     dimensions_known: bool
@@ -129,6 +131,7 @@ def _row(
         nearest_floors=near.get(nearest, float("nan")),
         structure=said.structure,
         traced=";".join(said.traced),
+        parameters=_parameters(found, truth),
         kind=kind,
         reducer=truth["reducer"],
         dimensions_known=truth["dimensions_known"],
@@ -155,6 +158,17 @@ def _covered(found: Identification, truth: Mapping[str, Any]) -> bool | None:
     if not own or any(np.isnan(p.ci_low) for p in own):
         return None
     return all(p.ci_low <= value <= p.ci_high for p, value in zip(own, effect["values"], strict=True))
+
+
+def _parameters(found: Identification, truth: Mapping[str, Any]) -> str:
+    values = {effect["name"]: effect.get("values", ()) for effect in truth["effects"]}
+    out = []
+    for name in dict.fromkeys(p.effect for p in found.verdict.parameters):
+        own = [p for p in found.verdict.parameters if p.effect == name]
+        out += [f"{name}.{p.name} = {p.value:.4g} ({p.ci_low:.4g} to {p.ci_high:.4g})" for p in own]
+        if name in values:
+            out.append(f"truly {' '.join(f'{value:.4g}' for value in values[name])}")
+    return "; ".join(out)
 
 
 def errors_of(found: Identification) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""The generator's own solution of a unit on its ramps: many steps a branch, friction always followed step by step."""
+"""The generator's own solution of a unit on its ramps: a fine frictionless curve, with friction every row a step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Real = NDArray[np.float64]
 NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
 STEPS = 64
-"""Steps from no torque to the largest in each sense: a branch has twice as many."""
+"""Nodes of the frictionless curve in each sense of the torque; with friction every row is a step."""
 BEYOND = 1.05
 UNSOUND = 1e-6
 """Relative residual of a path beyond which the unit is drawn anew."""
@@ -141,11 +141,13 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
     for state in range(len(curve.angle)):
         mine = ramp.cycle == state
         alone = curve.angle[state] + drive.torsion * curve.torque
-        if instrument.ripple.amplitude:
-            turned, inside = condensed_path(at, curve.torque, alone, drive.sliders, instrument.ripple)
-            angle[mine], carried[mine] = turned[mine], inside[mine]
-        elif len(drive.sliders.acting):
-            angle[mine], carried[mine] = _followed(drive, state, curve, turns, at, ramp.leg)[:, mine]
+        if instrument.ripple.amplitude or len(drive.sliders.acting):
+            steps, is_row = _every_row(turns, at, ramp.leg)
+            if drive.sliders.at_contacts:
+                turned, inside = _followed(drive, state, curve, steps)
+            else:
+                turned, inside = condensed_path(steps, curve.torque, alone, drive.sliders, instrument.ripple)
+            angle[mine], carried[mine] = turned[is_row][mine], inside[is_row][mine]
         else:
             angle[mine], carried[mine] = np.interp(at[mine], curve.torque, alone), at[mine]
     if drive.creep is not None:
@@ -153,14 +155,15 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
     return angle
 
 
-def _followed(drive: Drive, state: int, curve: Backbone, turns: Real, at: Real, leg: NDArray[np.int64]) -> Real:
-    """Angle [rad] and torque in the reducer [N mm] (2, n_rows) with friction, in one state of the drive throughout."""
-    parts, first = [turns[:1]], [0]
-    for start, end in zip(turns[:-1], turns[1:], strict=True):
-        between = curve.torque[(curve.torque > min(start, end)) & (curve.torque < max(start, end))]
-        parts.append(np.append(between if end > start else between[::-1], end))
-        first.append(first[-1] + len(parts[-1]))
-    steps = np.concatenate(parts)
+def _every_row(turns: Real, at: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:
+    """Torques of all rows with the turns between them, and which of them are rows."""
+    parts = [turns[:1], *(np.append(at[leg == k], end) for k, end in enumerate(turns[1:]))]
+    is_row = [np.append(np.ones(len(part) - 1, bool), False) for part in parts]
+    return np.concatenate(parts), np.concatenate(is_row)
+
+
+def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[Real, Real]:
+    """Angle [rad] and torque in the reducer [N mm] along a history with friction at contacts, in one state."""
     motion, _, worst = solve_path(
         drive.reducer,
         drive.bearing,
@@ -175,13 +178,7 @@ def _followed(drive: Drive, state: int, curve: Backbone, turns: Real, at: Real, 
     if worst > UNSOUND:
         raise UnsoundError("the path with friction")
     turned = motion[:, drive.reducer.output_motion]
-    # a step is a place on the way, ascending; torque alone is none
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(steps)))])
-    begin = way[np.array(first)]
-    place = begin[leg] + np.abs(at - turns[leg])
-    carried = np.interp(turned, curve.angle[state], curve.torque)
-    angle = np.interp(place, way, turned + drive.torsion * steps)
-    return np.stack([angle, np.interp(place, way, carried)])
+    return turned + drive.torsion * steps, np.interp(turned, curve.angle[state], curve.torque)
 
 
 def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:
