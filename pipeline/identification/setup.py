@@ -277,10 +277,7 @@ def _measured(errors: Errors) -> Errors:
 
 def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: float) -> tuple[tuple[Real, ...], float]:
     """Modes of the tolerances that were not measured, or of what their measurement leaves uncertain."""
-    if unit.dimensions is not None:
-        errors = _measured(drives[0].errors)
-    else:
-        errors = assembly.errors(_population(unit.study))
+    errors = _measured(drives[0].errors) if unit.dimensions is not None else assembly.errors(_population(unit.study))
     gaps = [replace(drive, errors=errors).gap for drive in drives]
     influences = [forward.backbone(drive).influence[0] for drive in drives]
     limit = LIMIT * max(float(np.std(mean_gap(drive, gap))) for drive, gap in zip(drives, gaps, strict=True))
