@@ -26,7 +26,7 @@ from stages.clearance import _unloaded
 from stages.hysteresis import UM_PER_MM, prepare
 
 Outputs = dict[str, Output]
-ENDS = 2e-5
+ENDS = 1e-4
 """Angle [arcmin] between +-1e-6 of the rated torque, which stand for no torque."""
 
 

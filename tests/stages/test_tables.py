@@ -392,7 +392,7 @@ def test_numbers_of_a_curve_count_every_contact(study):
     force[0, 1, [2, 3]] = 1.0
     motion = np.arange(2.0 * len(at.motions)).reshape(1, 2, -1)
     states = Equilibria(motion, force, np.array([[3, 4]]), np.zeros((1, 2)), np.ones((1, 2), bool))
-    values = hysteresis._curve_values(at, laws, states)
+    values = hysteresis._curve_values(at, laws, states, np.zeros(2))
     assert values["peak_pressure_MPa"][0, 0] == laws.pressure[100] * 100
     moment = np.abs(at.pins.arm[1:3]) * force[0, 0, 1:3]
     np.testing.assert_allclose(values["beyond_limit_share"], [[moment[0] / moment.sum(), 0.0]])
