@@ -27,7 +27,7 @@ from stages.hysteresis import UM_PER_MM, prepare
 
 Outputs = dict[str, Output]
 ENDS = 1e-4
-"""Angle [arcmin] between +-1e-6 of the rated torque, which stand for no torque."""
+"""Angle [arcmin] between +-1e-5 of the rated torque, which stand for no torque."""
 
 
 def with_design_effects(study: Study, **effects: dict[str, float]) -> Study:
