@@ -69,7 +69,9 @@ def _design_text(found: Identification, trial: Trial) -> str:
     assert found.problem is not None
     unit, problem, fit = found.unit, found.problem, trial.fit
     own = unit.study.design
-    content: dict[str, Any] = scaled_design(own, problem.calibrated, np.exp(fit.unknowns.scales).tolist()).model_dump()
+    content: dict[str, Any] = scaled_design(
+        own, problem.calibrated, np.exp(fit.unknowns.scales[: len(problem.calibrated)]).tolist()
+    ).model_dump()
     content["title"] = f"{own.title}, corrected for the unit {unit.name}"
     provenance = content.pop("provenance")
     for key in problem.calibrated:

@@ -20,14 +20,14 @@ from pipeline.model.drive import Drive
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-SCALE_PRIOR = np.log(3.0)
-"""Standard deviation of the logarithm of a calibrated number's scale: holds what the data do not determine."""
-SCALE_REACH = 4.0
-"""Standard deviations that a calibrated number may move."""
+SCALE_REACH = 4.4
+"""Largest change of the logarithm of a scale: a factor of 80."""
 TOLERANCE = 3.0
 """Standard deviations that a mode of the unmeasured tolerances may move: further out lies what no drawing allows."""
 STEP = 2e-3
 """Step of the finite differences, as a share of a parameter's bounds."""
+SCALES_MOVED = 0.05
+"""Change of a scale's logarithm up to which derivatives by the scales are kept."""
 ITERATIONS = 15
 SETTLED = 1e-4
 """Relative fall of the sum of squares at which a fit has settled."""
@@ -50,8 +50,9 @@ class Vector:
     def like(self, flat: Real) -> Vector:
         """The flat vector (n_unknowns,), held to its bounds."""
         scales, shares, modes = np.split(flat, np.cumsum([len(self.scales), len(self.shares)]))
-        reach = SCALE_REACH * SCALE_PRIOR
-        return Vector(np.clip(scales, -reach, reach), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE))
+        return Vector(
+            np.clip(scales, -SCALE_REACH, SCALE_REACH), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE)
+        )
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class Fitter:
     def start(self, model: Model, shares: Real | None = None) -> Vector:
         """No scale, no tolerance, parameters at ``shares``."""
         at = np.full(model.n_parameters, 0.5) if shares is None else np.asarray(shares, float)
-        return Vector(np.zeros(len(self.problem.calibrated)), at, np.zeros(self.problem.n_modes))
+        return Vector(np.zeros(len(self.problem.scale_spread)), at, np.zeros(self.problem.n_modes))
 
     def bounds(self, model: Model) -> list[tuple[float, float]]:
         """Bounds of all parameters of a model."""
@@ -170,8 +171,13 @@ class Fitter:
                 out[mine] = np.sum(weight[use] * (data.angle - angle)[use]) / np.sum(weight[use])
         return out
 
-    def fit(self, model: Model, fitted: Truth, start: Vector, iterations: int = ITERATIONS) -> Fit:
-        """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``."""
+    def fit(
+        self, model: Model, fitted: Truth, start: Vector, iterations: int = ITERATIONS, near: Fit | None = None
+    ) -> Fit:
+        """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
+
+        Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move.
+        """
         data = self.problem.data
         weight = np.where(fitted, 1 / data.sigma**2, 0.0)
         root = np.sqrt(weight[fitted])
@@ -189,7 +195,8 @@ class Fitter:
         if not np.isfinite(cost):
             return self._failed(model, now)
         damping = 1e-3
-        jacobian = self._jacobian(model, now, angle, influence, positions, weight)
+        known = (near.unknowns.scales, near.jacobian) if near is not None else None
+        jacobian, known = self._jacobian(model, now, angle, influence, positions, weight, known)
         for _ in range(iterations):
             # a model that misses the data by more than their noise knows as much less of tolerances
             penalty = prior * max(1.0, float(np.sqrt(np.mean(misfit**2))))
@@ -215,7 +222,7 @@ class Fitter:
                 damping *= 8
             if not accepted:
                 break
-            jacobian = self._jacobian(model, now, angle, influence, positions, weight)
+            jacobian, known = self._jacobian(model, now, angle, influence, positions, weight, known)
             if fall < SETTLED * max(cost, 1.0):
                 break
         whole, _, sound = self.predict(model, now)
@@ -240,9 +247,7 @@ class Fitter:
 
     def penalty(self, like: Vector) -> Real:
         """Inverse prior standard deviation of every unknown."""
-        return np.concatenate(
-            [np.full(len(like.scales), 1 / SCALE_PRIOR), np.zeros(len(like.shares)), np.ones(len(like.modes))]
-        )
+        return np.concatenate([1 / self.problem.scale_spread, np.zeros(len(like.shares)), np.ones(len(like.modes))])
 
     @staticmethod
     def _free(now: Vector, gradient: Real) -> Truth:
@@ -254,19 +259,30 @@ class Fitter:
         return free
 
     def _jacobian(
-        self, model: Model, now: Vector, angle: Real, influence: Real, positions: Sequence[int], weight: Real
-    ) -> Real:
-        """d angle / d unknowns (n_cells, n_unknowns), offsets removed."""
-        columns = []
+        self,
+        model: Model,
+        now: Vector,
+        angle: Real,
+        influence: Real,
+        positions: Sequence[int],
+        weight: Real,
+        known: tuple[Real, Real] | None,
+    ) -> tuple[Real, tuple[Real, Real]]:
+        """d angle / d unknowns (n_cells, n_unknowns), offsets removed; and for which scales its first columns are."""
         first = len(now.scales)
-        for k in range(first + len(now.shares)):
+        kept = (
+            known if known is not None and np.max(np.abs(known[0] - now.scales), initial=0.0) < SCALES_MOVED else None
+        )
+        columns = [] if kept is None else [kept[1][:, k] for k in range(first)]
+        for k in range(len(columns), first + len(now.shares)):
             flat = now.flat
             step = -STEP if k >= first and flat[k] > 0.5 else STEP
             flat[k] += step
             moved, _, _ = self.predict(model, now.like(flat), positions)
             columns.append((moved - angle) / step)
         raw = np.column_stack([*columns, influence]) if columns else influence
-        return self.centred(np.nan_to_num(raw), weight)
+        jacobian = self.centred(np.nan_to_num(raw), weight)
+        return jacobian, (now.scales if kept is None else kept[0], jacobian)
 
     def _failed(self, model: Model, now: Vector) -> Fit:
         n = len(self.problem.data)

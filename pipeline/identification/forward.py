@@ -70,7 +70,7 @@ class Course:
     leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
     state : (n_turns - 1,) state of the drive on each leg.
     at : (n_cells, n_points) torques [N m] within each cell, over which its angle is averaged.
-    time : (n_cells,) [s] from the first cell, of all positions where they share one zero of the angle; or zeros.
+    time : (n_cells,) [s] from the unit's first cell, or zeros.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
     """

@@ -66,9 +66,12 @@ class Problem:
     data : the cells.
     forward : predictions on their courses, all legs in a drive's first state.
     forward_by_state : predictions with every cycle in its own state.
-    drives : of the declared unit at scale factors of the calibrated numbers (n_calibrated,), one per position.
-    calibrated : names of those numbers.
+    drives : of the declared unit at scale factors (n_scales,), one per position.
+    calibrated : keys of the design's calibrated numbers, whose scales come first.
+    scale_spread : (n_scales,) prior standard deviation of the logarithm of each scale; those after the calibrated
+        numbers are of the force laws of pins and output, which are no better known.
     modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
+    gap_limit : [mm] mean gap of the pins, by their arms, that tolerances (or what measuring leaves uncertain) reach.
     conditions : of the states of the drives.
     varied : what the data vary in, of ``effects.effect``.
     rated_torque : [N m]
@@ -79,7 +82,9 @@ class Problem:
     forward_by_state: Forward
     drives: Callable[[tuple[float, ...]], tuple[Drive, ...]]
     calibrated: tuple[str, ...]
+    scale_spread: Real
     modes: tuple[Real, ...]
+    gap_limit: float
     conditions: tuple[Conditions, ...]
     varied: frozenset[str]
     rated_torque: float
@@ -101,13 +106,27 @@ class Problem:
     @cached_property
     def nominal(self) -> tuple[Drive, ...]:
         """Declared drives."""
-        return self.drives((1.0,) * len(self.calibrated))
+        return self.drives((1.0,) * len(self.scale_spread))
 
     def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         """(low, high) of every parameter of an effect."""
         if isinstance(candidate, InstrumentEffect):
             return candidate.bounds(self.rated_torque, self.span, self.hours)
         return candidate.bounds(self.nominal[0])
+
+    def within_tolerance(self, model: Model, values: Sequence[float]) -> bool:
+        """Whether an effect of the model is a dimension that stays within what the tolerances allow."""
+        nominal = first_states(self.nominal)
+        for effect, own in model.split(values):
+            if isinstance(effect, InstrumentEffect) or effect.needs & STATE_EFFECTS:
+                continue
+            moved = [
+                float(np.abs(mean_gap(drive, np.abs(effect.apply(drive, own, Conditions.usual(1)).gap - drive.gap)))[0])
+                for drive in nominal
+            ]
+            if 0 < max(moved) < self.gap_limit:
+                return True
+        return False
 
     def why_not(self, candidate: Candidate) -> str:
         """Why the data cannot test an effect; empty if they can."""
@@ -121,6 +140,12 @@ class Problem:
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
             reasons.append("every position has its own zero of the angle")
         return "; ".join(reasons)
+
+
+def mean_gap(drive: Drive, gap: Real) -> Real:
+    """Mean of the pins' gaps (n,) by the size of their arms; ``gap`` (n, n_contacts)."""
+    arm = np.abs(drive.reducer.pins.arm)
+    return gap[:, : len(arm)] @ arm / arm.sum()
 
 
 def candidates() -> Mapping[str, Candidate]:

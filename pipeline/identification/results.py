@@ -116,7 +116,7 @@ def _calibrated(found: Identification) -> dict[str, float]:
     assert trial is not None
     assert found.problem is not None
     scales = trial.fit.unknowns.scales.tolist()
-    return {key: math.exp(scale) for key, scale in zip(found.problem.calibrated, scales, strict=True)}
+    return {key: math.exp(scale) for key, scale in zip(found.problem.calibrated, scales, strict=False)}
 
 
 def _finite(value: Any) -> Any:

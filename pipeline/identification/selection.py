@@ -229,7 +229,7 @@ class Selector:
         held = np.full(len(data), np.nan)
         for one in np.unique(group[cells]):
             left_out = cells & (group == one)
-            fold = self.fitter.fit(fit.model, cells & ~left_out, fit.unknowns, FOLD_ITERATIONS)
+            fold = self.fitter.fit(fit.model, cells & ~left_out, fit.unknowns, FOLD_ITERATIONS, fit)
             held[left_out] = fold.predicted[left_out]
         return Trial(fit, held, self.block_losses(held, cells))
 
@@ -260,12 +260,12 @@ class Selector:
             if ratio > HOPELESS:
                 continue
             model = Model((*base.model.effects, self.testable[name]))
-            fit = self.fitter.fit(model, cells, start, FIRST_ITERATIONS)
+            fit = self.fitter.fit(model, cells, start, FIRST_ITERATIONS, base)
             if np.isfinite(fit.cost) and fit.sound:
                 first.append(fit)
         first.sort(key=lambda fit: fit.cost)
         near = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
-        return [self.fitter.fit(fit.model, cells, fit.unknowns) for fit in near]
+        return [self.fitter.fit(fit.model, cells, fit.unknowns, near=fit) for fit in near]
 
     def _joint_fit(self, name: str, cells: Truth, screened: Mapping[str, tuple[float, Vector]]) -> Fit:
         """Fit of a model by the names of its effects, from what the screening found of each."""
@@ -299,6 +299,9 @@ class Selector:
         t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
         gain = np.array([base.rms**2 - trials[name].rms ** 2 for name in names])
         useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
+        for k, name in enumerate(names):
+            fit = trials[name].fit
+            useful[k] = useful[k] and not self.problem.within_tolerance(fit.model, fit.values.tolist())
         scores = np.array([trials[name].scores.mean() for name in names])
         survivors = [names[k] for k in np.argsort(scores) if useful[k]]
         best = self._best(survivors, trials)

@@ -15,13 +15,14 @@ from pipeline.config.study import Study
 from pipeline.identification.branches import Blocks, Cells, History
 from pipeline.identification.forward import Course, Forward
 from pipeline.identification.noise import Noise
-from pipeline.identification.problem import Data, Problem, first_states, prior_modes
+from pipeline.identification.problem import Data, Problem, first_states, mean_gap, prior_modes
 from pipeline.identification.reading import Rows
 from pipeline.identification.unit import UnitFile
 from pipeline.model.clearance import Errors
 from pipeline.model.drive import Drive
 from pipeline.model.effects import Conditions
 from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.model.reducer import PIN
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw
@@ -30,8 +31,16 @@ Real = NDArray[np.float64]
 
 MESHED = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
+CALIBRATED_SPREAD = 3.0
+"""Factor that a calibrated number may be off by: a standard deviation of its prior."""
+LAW_SPREAD = 0.25
+"""Standard deviation of the logarithm of a force law: Hertz' and Palmgren's differ by up to a third on the flank."""
+MEASURED_UM = 0.3
+"""Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
 POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
+LIMIT = 3.0
+"""Standard deviations of the population within which a dimension is no effect."""
 RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 JUMP = 2.0
@@ -74,6 +83,14 @@ def one_unit(study: Study, dimensions: object) -> Study:
     return study.model_copy(update={"samples": samples, "cases": cases})
 
 
+def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
+    """The drive with the local deflections of its pins and of its output's contacts scaled."""
+    factor = np.where(drive.reducer.contacts.kind == PIN, pins, output)
+    laws = drive.laws
+    scaled = {name: factor * getattr(laws, name) for name in ("linear", "logarithmic", "power")}
+    return replace(drive, laws=replace(laws, **scaled))
+
+
 def _repeated(errors: Errors, n: int) -> Errors:
     return Errors(**{name: np.repeat(values[:1], n, axis=0) for name, values in vars(errors).items()})
 
@@ -104,9 +121,10 @@ def build_problem(
 
     @lru_cache(maxsize=256)
     def drives(scales: tuple[float, ...]) -> tuple[Drive, ...]:
-        scaled = study.model_copy(update={"design": scaled_design(study.design, keys, scales)}) if keys else study
+        numbers, laws = scales[: len(keys)], scales[len(keys) :]
+        scaled = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
         factor = _softness(scaled.design) / _softness(study.design)
-        return tuple(
+        made = (
             drive_of(
                 scaled,
                 float(crank),
@@ -116,19 +134,23 @@ def build_problem(
             )
             for crank, compliance, at in zip(rows.cranks, compliances, conditions, strict=True)
         )
+        return tuple(_with_laws(drive, *laws) for drive in made)
 
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
     plain = Forward([course.without_states() for course in courses], nmm)
     data = _data(unit, blocks, cells, noise)
-    nominal = drives((1.0,) * len(keys))
+    spread = np.array([np.log(CALIBRATED_SPREAD)] * len(keys) + [LAW_SPREAD] * 2)
+    modes, limit = _modes(unit, first_states(drives((1.0,) * len(spread))), plain, data.noise)
     return Problem(
         data=data,
         forward=plain,
         forward_by_state=Forward(courses, nmm),
         drives=drives,
         calibrated=keys,
-        modes=_modes(unit, first_states(nominal), plain, data.noise),
+        scale_spread=spread,
+        modes=modes,
+        gap_limit=limit,
         conditions=tuple(conditions),
         varied=_varied(rows, cells),
         rated_torque=rated,
@@ -169,16 +191,15 @@ def _course(
 ) -> Course:
     mine = cells.position == position
     crank, lobes = np.radians(rows.cranks[position]), unit.study.design.cycloid.lobes
-    time = np.nan_to_num(cells.time_mean[mine])
-    # a drift goes on between positions, which shows where they share one zero
-    begin = np.nan_to_num(cells.time_mean[0]) if unit.settings.offset == "common" else time[0]
+    timed = bool(np.all(np.isfinite(cells.time_mean)))
+    time = cells.time_mean[mine] - np.min(cells.time_mean) if timed else np.zeros(int(mine.sum()))
     at_input = unit.settings.locked == "output"
     return Course(
         torque=turns.torque[position],
         leg=turns.leg[cells.block[mine]],
         state=states[position],
         at=_within(rows, usable, cells, np.flatnonzero(mine)),
-        time=time - begin,
+        time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),
     )
@@ -242,14 +263,25 @@ def _varied(rows: Rows, cells: Cells) -> frozenset[str]:
     return frozenset(varied)
 
 
-def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: float) -> tuple[Real, ...]:
-    """Modes of the tolerances that were not measured; none where all were."""
-    if unit.dimensions is not None:
-        return tuple(np.zeros((0, len(drive.laws))) for drive in drives)
-    errors = assembly.errors(_population(unit.study))
+def _measured(errors: Errors) -> Errors:
+    """Units (POPULATION) that a measurement of one cannot tell from it."""
+    rng = np.random.default_rng(POPULATION)
+    unit = assembly.MM_PER_UM * MEASURED_UM
+
+    def spread(values: Real) -> Real:
+        common = unit * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
+        return values[:1] + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
+
+    return Errors(**{name: spread(values) for name, values in vars(errors).items()})
+
+
+def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: float) -> tuple[tuple[Real, ...], float]:
+    """Modes of the tolerances that were not measured, or of what their measurement leaves uncertain."""
+    errors = _measured(drives[0].errors) if unit.dimensions is not None else assembly.errors(_population(unit.study))
     gaps = [replace(drive, errors=errors).gap for drive in drives]
     influences = [forward.backbone(drive).influence[0] for drive in drives]
-    return prior_modes(gaps, influences, RESOLUTION * noise)
+    limit = LIMIT * max(float(np.std(mean_gap(drive, gap))) for drive, gap in zip(drives, gaps, strict=True))
+    return prior_modes(gaps, influences, RESOLUTION * noise), limit
 
 
 def _population(study: Study) -> SampledErrors:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.model.backlash import separated_play
+from pipeline.model.backlash import rigid_play
 from pipeline.model.clearance import Errors, gaps
 from pipeline.model.contact import ContactLaws
 from pipeline.model.cycle import first_poses
@@ -19,7 +19,8 @@ from pipeline.model.profile import CycloidProfile, Real
 from pipeline.model.reducer import Bearing, Reducer
 
 NO_LOAD = 1e-5
-"""Share of the rated torque that stands for the limit of no torque on either side of the play."""
+"""Share of the rated torque that stands for the limit of no torque on either side of the play: its twist is below 1e-4
+arcmin; at smaller ones the force on a bearing with clearance drowns in the rounding of the clearance."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def ladder(levels: int, reach: float) -> Real:
 
 def backbone(drive: Drive, shares: Real) -> Backbone:
     """The frictionless curve at +- the ``shares`` (n_levels,) of the rated torque, ascending from ``NO_LOAD``."""
-    play = separated_play(drive.reducer, drive.gap)
+    play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     senses = []
     for sense, pose in ((-1.0, play.pose_minus), (1.0, play.pose_plus)):
         levels = sense * drive.rated_torque * shares

@@ -15,8 +15,10 @@ from pipeline.model.profile import Real
 ROOT_STEPS = 80
 ROOT_SHARE = 1e-13
 """Share of the range of torque to which the output is balanced."""
-FAR = 20
+FAR = 3
 """Lengths of the backbone beyond its ends after which no balance is looked for."""
+MOST_LOOKS = 2000
+"""Strides from one load step to the next after which no balance is looked for."""
 RIPPLE_SCAN = 24
 """Points of a ripple's period at which the first balance along the way is looked for."""
 
@@ -68,14 +70,15 @@ def _balanced(torques, curve, slides, ripple, angle_out, carried_out):
     for t in range(torques.shape[0]):
         angle, carried, added = _resistance(place, curve, slides, ripple, anchor)
         here = carried + added - torques[t]
-        low, high, below, above = place, place, here, here
-        while above < 0.0 and high < FAR * nodes.shape[0]:  # on to the first balance in the sense of the excess
-            low, below = high, above
+        low, high, below, above, looks = place, place, here, here, 0
+        # on to the first balance in the sense of the excess
+        while above < 0.0 and looks < MOST_LOOKS and high < FAR * nodes.shape[0]:
+            low, below, looks = high, above, looks + 1
             high += _stride(high, angles, ripple)
             angle, carried, added = _resistance(high, curve, slides, ripple, anchor)
             above = carried + added - torques[t]
-        while below > 0.0 and low > -FAR * nodes.shape[0]:
-            high, above = low, below
+        while below > 0.0 and looks < MOST_LOOKS and low > -FAR * nodes.shape[0]:
+            high, above, looks = low, below, looks + 1
             low -= _stride(low, angles, ripple)
             angle, carried, added = _resistance(low, curve, slides, ripple, anchor)
             below = carried + added - torques[t]

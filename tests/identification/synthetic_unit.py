@@ -144,3 +144,10 @@ def problem_of(folder: Path, condensed: Condensed) -> Problem:
 def with_angles(problem: Problem, angle: np.ndarray) -> Problem:
     """The problem with other measured angles."""
     return replace(problem, data=replace(problem.data, angle=angle))
+
+
+def exactly_known(problem: Problem) -> Problem:
+    """The problem with nothing uncertain but its calibrated numbers; dimensions and force laws are as declared."""
+    spread = problem.scale_spread.copy()
+    spread[len(problem.calibrated) :] = 1e-4
+    return replace(problem, scale_spread=spread, modes=tuple(one[:0] for one in problem.modes))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import CRANKS
-from synthetic_unit import Bench, make_unit, problem_of
+from synthetic_unit import Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.fitting import Fitter, unmapped
 from pipeline.identification.problem import Model, candidates
@@ -48,7 +48,7 @@ def test_every_effect_has_a_case():
 @pytest.mark.parametrize("name", CASES)
 def test_an_effect_is_found_again(name, tmp_path, condensed):
     values, bench, within = CASES[name]
-    problem = problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed)
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
     fitter, effect = Fitter(problem), candidates()[name]
     selector = Selector(fitter)
     selector.testable = {name: selector.testable[name]}

@@ -66,7 +66,7 @@ def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
     curve = backbone(small_drive(3, play=-8 * MICROMETRE), SHARES)
     assert np.all(curve.states.converged)
     width = curve.angle[:, MIDDLE] - curve.angle[:, MIDDLE - 1]
-    assert np.all(width < 1e-5 * np.ptp(curve.angle, axis=1))
+    assert np.all(width < 1e-4 * np.ptp(curve.angle, axis=1))
     assert np.all(curve.states.force[:, MIDDLE].max(axis=1) > 10)
     stiffness = np.diff(curve.torque[[MIDDLE, -1]]) / np.diff(curve.angle[:, [MIDDLE, -1]], axis=1)
     loose = backbone(small_drive(3), SHARES)

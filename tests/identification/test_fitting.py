@@ -1,0 +1,212 @@
+"""Fits: bounds and shares, offsets, scales and tolerances, and that nothing held out is looked at."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import CRANKS
+from hypothesis import given
+from hypothesis import strategies as st
+from synthetic_unit import ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
+
+from pipeline.identification.fitting import TOLERANCE, WIDE, Fitter, mapped, unmapped
+from pipeline.identification.identify import identify
+from pipeline.identification.problem import Model, candidates, prior_modes
+from pipeline.identification.selection import Selector
+from pipeline.identification.setup import POPULATION
+from pipeline.identification.unit import load_measured_unit
+from pipeline.model.cycle import ARCMIN
+
+TWO = Bench()
+COULOMB = Model((candidates()["coulomb"],))
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory, condensed):
+    """A unit with known dimensions and friction."""
+    folder = make_unit(tmp_path_factory.mktemp("known") / "u", {"coulomb": [0.3]}, Bench(cranks=CRANKS), condensed)
+    return problem_of(folder, condensed)
+
+
+@pytest.fixture(scope="module")
+def unknown(tmp_path_factory, condensed):
+    """A unit whose dimensions are not measured."""
+    folder = make_unit(tmp_path_factory.mktemp("unknown") / "u", {}, Bench(cranks=CRANKS, known=False), condensed)
+    return problem_of(folder, condensed)
+
+
+def everything(problem):
+    return np.ones(len(problem.data), bool)
+
+
+def rms(problem, predicted):
+    """Rms misfit [arcmin] and in sigmas."""
+    misfit = problem.data.angle - predicted
+    return np.sqrt(np.mean(misfit**2)), np.sqrt(np.mean((misfit / problem.data.sigma) ** 2))
+
+
+@given(
+    st.lists(
+        st.tuples(st.one_of(st.just(0.0), st.floats(0.01, 5), st.floats(-5, -0.01)), st.floats(0.1, 5)),
+        min_size=1,
+        max_size=4,
+    ),
+    st.data(),
+)
+def test_shares_and_values_are_inverse(pairs, data):
+    bounds = [(low, low + width) for low, width in pairs]
+    shares = np.array([data.draw(st.floats(0, 1)) for _ in bounds])
+    values = mapped(bounds, shares)
+    assert all(low - 1e-9 <= value <= high + 1e-9 for (low, high), value in zip(bounds, values, strict=True))
+    np.testing.assert_allclose(unmapped(bounds, values), shares, atol=1e-9)
+
+
+def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
+    np.testing.assert_allclose(mapped([(0.05, 5e4)], np.array([0.5])), 50.0)
+    assert mapped([(1.0, WIDE)], np.array([0.5])) == pytest.approx(0.5 * (1 + WIDE))
+    np.testing.assert_allclose(unmapped([(0.05, 5e4)], [50.0]), 0.5)
+
+
+def test_offsets_are_of_the_cells_fitted_in_their_group(known):
+    data = known.data
+    fitted = (np.arange(len(data)) % 3 > 0) & (data.position != 2)
+    for common in (False, True):
+        fitter = Fitter(replace(known, data=replace(data, common_offset=common)))
+        predicted = data.angle - np.where(data.position == 0, 5.0, -2.0) - np.where(data.position == 2, 7.0, 0.0)
+        disturbed = np.where(fitted | (data.position == 2), predicted, predicted + 100.0)
+        found = fitter.offsets(disturbed, fitted)
+        if not common:
+            np.testing.assert_allclose(found, np.array([5.0, -2.0, 5.0])[data.position])
+        else:
+            weight = fitted / data.sigma**2
+            mean = np.sum(weight * np.where(data.position == 0, 5.0, -2.0)) / weight.sum()
+            np.testing.assert_allclose(found, mean)
+
+
+def test_centred_values_have_no_mean_over_the_cells_fitted_of_a_group(known):
+    fitter, data = Fitter(known), known.data
+    weight = (data.position < 2) / data.sigma**2
+    values = np.random.default_rng(0).normal(size=(len(data), 2)) + data.position[:, None]
+    centred = fitter.centred(values, weight)
+    for position in (0, 1):
+        mine = data.position == position
+        np.testing.assert_allclose(weight[mine] @ centred[mine], 0.0, atol=1e-9 * weight.max())
+        np.testing.assert_allclose(np.diff(centred[mine], axis=0), np.diff(values[mine], axis=0), atol=1e-12)
+    np.testing.assert_array_equal(centred[data.position == 2], values[data.position == 2])
+
+
+def test_a_shift_of_each_position_changes_nothing_but_its_offset(known):
+    shift = np.array([40.0, -7.0, 3.0])[known.data.position]
+    fits = [
+        Fitter(problem).fit(COULOMB, everything(known), Fitter(problem).start(COULOMB, [0.1]))
+        for problem in (known, with_angles(known, known.data.angle + shift))
+    ]
+    np.testing.assert_allclose(fits[1].values, fits[0].values, rtol=1e-6)
+    np.testing.assert_allclose(fits[1].predicted - fits[0].predicted, shift, atol=1e-6)
+
+
+def test_calibrated_scales_are_found_again(known):
+    known = exactly_known(known)
+    fitter, truth = Fitter(known), np.log([0.5, 1.01, 1.15, 1.0, 1.0])
+    assert known.calibrated == (
+        "bearing.stiffness_N_per_mm_power",
+        "output.outer_station_mm",
+        "output.roller_length_mm",
+    )
+    at = replace(fitter.start(Model()), scales=truth)
+    angle, _, sound = fitter.predict(Model(), at)
+    assert sound
+    noise = known.data.noise * np.random.default_rng(0).standard_normal(len(angle))
+    other = Fitter(with_angles(known, angle + noise))
+    fit = other.fit(Model(), everything(known), other.start(Model()))
+    np.testing.assert_allclose(fit.unknowns.scales[1:], truth[1:], atol=0.02)
+    np.testing.assert_allclose(fit.unknowns.scales[0], truth[0], atol=0.25)  # a stiff bearing hardly shows
+    assert rms(other.problem, fit.predicted)[0] < 1.1 * known.data.noise
+
+
+def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
+    assert 3 <= unknown.n_modes < POPULATION
+    fitter = Fitter(unknown)
+    start = fitter.start(Model())
+    fit = fitter.fit(Model(), everything(unknown), start)
+    declared = fitter.predict(Model(), start)[0]
+    before = rms(unknown, declared + fitter.offsets(declared, everything(unknown)))[0]
+    assert before > 10 * unknown.data.noise
+    assert rms(unknown, fit.predicted)[1] < 1.5
+    assert np.max(np.abs(fit.unknowns.modes)) <= TOLERANCE
+    assert np.sqrt(np.mean(fit.unknowns.modes**2)) < 1.5  # of unit variance
+
+
+def test_influence_of_modes_is_the_difference_of_predictions(unknown):
+    fitter = Fitter(unknown)
+    start = fitter.start(Model())
+    plain, influence, _ = fitter.predict(Model(), start, modes=True)
+    for mode in (0, 1, 4):
+        ends = []
+        for step in (1e-3, -1e-3):
+            moved = start.modes.copy()
+            moved[mode] = step
+            ends.append(fitter.predict(Model(), replace(start, modes=moved))[0])
+        found = (ends[0] - ends[1]) / 2e-3
+        misfit = np.abs(influence[:, mode] - found)
+        assert np.median(misfit) < 0.01 * np.max(np.abs(found))
+        assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(found))
+
+
+def test_modes_have_unit_variance_over_their_population_and_span_its_curves():
+    rng = np.random.default_rng(0)
+    gaps = [rng.normal(size=(300, 2)) @ rng.normal(size=(2, 6)) * 1e-3 for _ in range(2)]
+    gaps[1] = gaps[0] @ rng.normal(size=(6, 6))
+    influence = [rng.normal(size=(9, 6)) for _ in range(2)]
+    modes = prior_modes(gaps, influence, 1e-9)
+    assert [len(one) for one in modes] == [2, 2]
+    curves = ARCMIN * np.hstack([(one - one.mean(0)) @ i.T for one, i in zip(gaps, influence, strict=True)])
+    basis = ARCMIN * np.hstack([one @ i.T for one, i in zip(modes, influence, strict=True)])
+    coefficients, *_ = np.linalg.lstsq(basis.T, curves.T, rcond=None)
+    np.testing.assert_allclose(basis.T @ coefficients, curves.T, atol=1e-9 * np.abs(curves).max())
+    np.testing.assert_allclose(np.cov(coefficients), np.eye(2), atol=1e-9)
+    assert [len(one) for one in prior_modes(gaps, influence, 1e9)] == [0, 0]
+
+
+def test_held_out_cells_have_no_influence_on_a_fit(known):
+    fitted = known.data.position < 2
+    fit = Fitter(known).fit(COULOMB, fitted, Fitter(known).start(COULOMB, [0.1]))
+    angle = np.where(fitted, known.data.angle, np.random.default_rng(0).normal(size=len(fitted)))
+    other = Fitter(with_angles(known, angle))
+    again = other.fit(COULOMB, fitted, other.start(COULOMB, [0.1]))
+    np.testing.assert_array_equal(again.unknowns.flat, fit.unknowns.flat)
+    np.testing.assert_array_equal(again.predicted[fitted], fit.predicted[fitted])
+
+
+def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatch):
+    """The angles held out are replaced on disk: selection, model and parameters stay, the predictions too."""
+    names = ("coulomb", "torque_zero")
+    monkeypatch.setattr("pipeline.identification.selection.candidates", lambda: {n: candidates()[n] for n in names})
+    more = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]'
+    bench = Bench(cranks=CRANKS, cycles=3, rows=40, more=more)
+    folder = make_unit(tmp_path / "u", {"coulomb": [0.3]}, bench, condensed)
+    found = [identify(load_measured_unit(folder, ROOT), condensed)]
+    rows = pd.read_csv(folder / "rows.csv")
+    out = rows["crank_deg"] == CRANKS[2]
+    rows.loc[out, "angle_arcmin"] = 1.1 * rows.loc[out, "angle_arcmin"] + 0.2 * rows.loc[out, "torque_Nm"]
+    rows.to_csv(folder / "rows.csv", index=False)
+    found.append(identify(load_measured_unit(folder, ROOT), condensed))
+    for one in found:
+        np.testing.assert_array_equal(one.held_out, one.problem.data.position == 2)
+        assert one.verdict.verdict == "identified"
+        assert one.verdict.named == ("coulomb",)
+        left = one.held_out
+        assert np.all(np.isfinite(one.curves.after[left]))
+    first, second = (one.selection.chosen.fit for one in found)
+    np.testing.assert_allclose(second.values, first.values, rtol=0.02)
+    before, after = (np.sqrt(np.mean((one.problem.data.angle - one.curves.after)[one.held_out] ** 2)) for one in found)
+    assert before < 0.04
+    assert after > 10 * before
+
+
+def test_folds_leave_out_positions_else_cycles(known):
+    selector = Selector(Fitter(known))
+    every = everything(known)
+    np.testing.assert_array_equal(selector.group(every), known.data.position)
+    np.testing.assert_array_equal(selector.group(known.data.position == 1), known.data.cycle)

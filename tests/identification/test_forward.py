@@ -1,0 +1,117 @@
+"""What the model says that a bench reads: kept curves, the instrument, the history of legs, and delayed elasticity."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_unit import ROOT
+
+from pipeline import assembly
+from pipeline.config import load_study
+from pipeline.identification.forward import Course, Forward, Instrument
+from pipeline.identification.setup import drive_of
+from pipeline.model.cycle import ARCMIN
+from pipeline.model.drive import Creep, backbone
+from pipeline.model.effects import Conditions, library
+from pipeline.sampling import draw
+
+TURNS = np.array([0.0, 12.0, -12.0, 12.0, 0.0])
+ROWS = 40
+
+
+def course_of(turns=TURNS, time=None, encoder_turns=1.0, place=0.0):
+    torque = np.concatenate([np.linspace(a, b, ROWS + 2)[1:-1] for a, b in zip(turns[:-1], turns[1:], strict=True)])
+    leg = np.repeat(np.arange(len(turns) - 1), ROWS)
+    states = np.zeros(len(turns) - 1, np.int64)
+    return Course(turns, leg, states, torque[:, None], leg * 0.0 if time is None else time, encoder_turns, place)
+
+
+@pytest.fixture(scope="module")
+def drive(condensed):
+    study = load_study("quick", ROOT)
+    sampled = draw(study, 3, 4)
+    loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    return drive_of(study, 0.0, condensed(study, [0.0])[0], assembly.errors(sampled), loose)
+
+
+def read(drive, instrument=None, course=None):
+    course = course or course_of()
+    return Forward([course], drive.rated_torque).read(drive, 0, instrument or Instrument())
+
+
+def test_torsion_counts_once_whichever_drive_was_seen_first(drive):
+    course = course_of()
+    twisted = replace(drive, torsion=5e-9)
+    forward = Forward([course], drive.rated_torque)
+    after, plain = forward.read(twisted, 0, Instrument()).angle, forward.read(drive, 0, Instrument()).angle
+    twist = ARCMIN * 5e-9 * 1e3 * course.at[:, 0]
+    np.testing.assert_allclose(after - plain, twist, atol=1e-9)
+    np.testing.assert_allclose(plain, read(drive).angle, atol=1e-12)
+
+
+def test_frictionless_reading_is_the_backbone_at_its_nodes(drive):
+    forward = Forward([course_of()], drive.rated_torque)
+    curve = backbone(drive, forward.shares)
+    course = replace(course_of(), leg=np.full(len(curve.torque), 1), at=1e-3 * curve.torque[::-1, None])
+    course = replace(course, time=np.zeros(len(curve.torque)), torque=1.05 * TURNS)
+    reading = Forward([course], drive.rated_torque / 1.05).read(drive, 0, Instrument())
+    fine = np.interp(1e-3 * curve.torque[::-1], 1e-3 * curve.torque, ARCMIN * curve.angle[0])
+    np.testing.assert_allclose(reading.angle, fine, atol=5e-3)
+
+
+def test_instrument_reads_torque_and_angle_with_its_errors(drive):
+    course = course_of(time=np.linspace(0, 7200, 4 * ROWS), encoder_turns=79.0, place=0.4)
+    plain = read(drive, course=course).angle
+    np.testing.assert_allclose(read(drive, Instrument(drift=1.5), course).angle - plain, np.linspace(0, 3, 4 * ROWS))
+    turned = 79 * plain / ARCMIN + 0.4
+    found = read(drive, Instrument(encoder=(0.8, -0.6)), course).angle - plain
+    np.testing.assert_allclose(found, 0.8 * np.cos(turned) - 0.6 * np.sin(turned), atol=1e-9)
+    stretched = replace(course, torque=1.1 * course.torque + 0.5, at=1.1 * course.at + 0.5)
+    found = read(drive, Instrument(torque_gain=0.1, torque_zero=0.5), stretched).angle
+    np.testing.assert_allclose(found, plain, atol=0.02)  # at nodes of another ladder
+
+
+def test_creep_after_a_step_is_that_of_spring_and_damper(drive):
+    """Ramp within a millisecond, hold, and release: (1 - exp(-t/tau)) and its superposition."""
+    compliance, tau = 2e-9, 40.0
+    hold = np.linspace(0.001, 200, 60)
+    turns = np.array([0.0, 12.0, 6.0])
+    at = np.concatenate([[0.0], np.full(60, 12.0), np.full(60, 6.0)])
+    leg = np.concatenate([[0], np.zeros(60, np.int64), np.ones(60, np.int64)])
+    time = np.concatenate([[0.0], hold, 200 + hold])
+    course = Course(turns, leg, np.zeros(2, np.int64), at[:, None], time, 1.0, 0.0)
+    made = replace(drive, creep=Creep(compliance, tau))
+    found = read(made, course=course).angle - read(drive, course=course).angle
+
+    def rise(t):
+        return np.where(t > 0, -np.expm1(-np.maximum(t, 0) / tau), 0.0)
+
+    expected = ARCMIN * compliance * 1e3 * (12 * rise(time) - 6 * rise(time - 200))
+    np.testing.assert_allclose(found, expected, atol=1e-9 + 1e-4 * expected.max())
+
+
+def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive):
+    usual = Conditions.usual(1)
+    rubbing = library()["contact_friction"].apply(drive, [0.02], usual)
+    reading = read(rubbing)
+    assert reading.sound
+    falling, rising = slice(ROWS, 2 * ROWS), slice(2 * ROWS, 3 * ROWS)
+    apart = reading.angle[falling][::-1] - reading.angle[rising]  # at equal torques
+    torque = course_of().at[rising, 0]
+    middle = np.interp([2.0, 8.0], torque, apart)
+    assert middle[1] > 1.5 * middle[0] > 0
+    repeated = read(rubbing, course=course_of(np.append(TURNS[:-1], [-12.0, 12.0, 0.0])))
+    np.testing.assert_allclose(repeated.angle[3 * ROWS : 4 * ROWS], reading.angle[falling], atol=0.02)
+
+
+def test_influence_of_a_shift_of_all_gaps_is_the_difference_of_readings(drive):
+    course, step = course_of(), 1e-5
+    forward = Forward([course], drive.rated_torque)
+    pattern = np.zeros((1, len(drive.laws)))
+    pattern[0, : drive.reducer.n_pins] = 1.0
+    carried = forward.read(drive, 0, Instrument()).carried
+    found = forward.influence(drive, 0, carried, pattern)[:, 0]
+    ends = [read(replace(drive, shift=drive.shift + sign * step * pattern)).angle for sign in (1, -1)]
+    expected = (ends[0] - ends[1]) / (2 * step)
+    np.testing.assert_allclose(found, expected, atol=0.05 * np.abs(expected).max())
+    assert np.median(np.abs(found - expected)) < 0.01 * np.abs(expected).max()

@@ -1,0 +1,142 @@
+"""The five words of the verdict on constructed selections, and the cover of the intervals of a linear problem."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from measured_bench import ROOT, measured, write_unit
+from scipy.stats import binom
+
+from pipeline.identification.fitting import Fit, Vector
+from pipeline.identification.identify import identify
+from pipeline.identification.problem import Model, candidates
+from pipeline.identification.selection import Selection, Trial
+from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.verdict import DISTINGUISHING, STRUCTURE, intervals, judge
+
+BLOCKS, CELLS = 24, 20
+BOUNDS = (-4.0, 6.0)
+
+
+class LinearFitter:
+    """Angle = slope x value: one number of an effect, and one calibrated number that the prior holds."""
+
+    def __init__(self, truth, noise, rng, effects=1):
+        n = BLOCKS * CELLS
+        self.design = rng.normal(size=(n, effects + 1))
+        block = np.repeat(np.arange(BLOCKS), CELLS)
+        shared = 0.5 * noise * rng.normal(size=BLOCKS)[block]  # what the cells of a block have in common
+        angle = self.design[:, 1:] @ np.atleast_1d(truth) + shared + noise * rng.normal(size=n)
+        self.problem = SimpleNamespace(data=SimpleNamespace(angle=angle, sigma=np.full(n, noise), block=block))
+
+    def bounds(self, model):
+        return [BOUNDS] * model.n_parameters
+
+    def penalty(self, like):
+        return np.concatenate([np.ones(len(like.scales)), np.zeros(len(like.shares))])
+
+    def fit(self, model):
+        """Least squares with the prior, as a ``Fit``."""
+        data, width = self.problem.data, BOUNDS[1] - BOUNDS[0]
+        k = model.n_parameters
+        jacobian = self.design[:, : k + 1] * np.array([1.0, *[width] * k])
+        rows = np.vstack([jacobian / data.sigma[:, None], np.eye(1, k + 1)])
+        start = np.full(k, -BOUNDS[0] / width)
+        right = np.append(data.angle / data.sigma, 0.0)
+        found = np.linalg.lstsq(rows, right, rcond=None)[0]
+        shares = np.clip(start + found[1:], 0.0, 1.0)
+        predicted = jacobian @ np.append(found[:1], shares - start)
+        values = BOUNDS[0] + width * shares
+        return Fit(model, Vector(found[:1], shares, np.zeros(0)), values, predicted, 0.0, jacobian, True)
+
+
+EVERYTHING = np.ones(BLOCKS * CELLS, bool)
+COULOMB = Model((candidates()["coulomb"],))
+
+
+def fitter_at(truth, noise=0.1, seed=0, effects=1):
+    return LinearFitter(truth, noise, np.random.default_rng(seed), effects)
+
+
+@pytest.mark.parametrize("truth", [2.0, -1.5])
+def test_intervals_cover_the_truth_as_often_as_they_say(truth):
+    runs, covered, widths = 200, 0, []
+    for seed in range(runs):
+        fitter = fitter_at(truth, seed=seed)
+        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING)
+        covered += found.ci_low <= truth <= found.ci_high
+        widths.append(found.ci_high - found.ci_low)
+        assert found.ci_low < found.value < found.ci_high
+    low, high = binom.ppf([1e-3, 1 - 1e-3], runs, 0.95)
+    assert low - 4 <= covered <= high  # 24 blocks: a little narrow
+    usual = 2 * 1.96 * 0.1 * np.sqrt(1.25 / (BLOCKS * CELLS))
+    assert 0.8 * usual < np.median(widths) < 1.3 * usual
+
+
+def test_parameter_at_its_bound_has_no_interval_and_says_so():
+    fitter = fitter_at(9.0)
+    (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING)
+    assert found.value == BOUNDS[1]
+    assert np.isnan(found.ci_low)
+    assert "bound" in found.note
+
+
+def selection_of(fitter, base_rms, trials, members, best):
+    """A selection whose trials have the given held-out rms by the names of their models."""
+
+    def trial(name, rms):
+        model = Model(tuple(candidates()[part] for part in name.split("+") if part))
+        return Trial(fitter.fit(model), np.zeros(BLOCKS * CELLS), np.full(BLOCKS, rms**2))
+
+    made = {name: trial(name, rms) for name, rms in trials.items()}
+    return Selection(trial("", base_rms), made, {}, {}, {}, tuple(made) if best else (), best, members)
+
+
+SINGLES = ("coulomb", "flank_wear", "preload", "seat_compliance")
+CASES = {
+    "nothing gains": (1.0, {"coulomb": 0.99}, (), "", "adequate", ()),
+    "one effect": (5.0, {"coulomb": 1.02}, ("coulomb",), "coulomb", "identified", ("coulomb",)),
+    "two together": (
+        *(5.0, {"coulomb": 3.0, "coulomb+preload": 1.0}, ("coulomb+preload",), "coulomb+preload"),
+        *("identified", ("coulomb+preload",)),
+    ),
+    "two alike": (5.0, dict.fromkeys(SINGLES[:2], 1.0), SINGLES[:2], "coulomb", "equivalent", SINGLES[:2]),
+    "four alike": (5.0, dict.fromkeys(SINGLES, 1.0), SINGLES, "coulomb", "equivalent", SINGLES),
+    "nothing in the library": (5.0, {"coulomb": 4.9}, (), "", "unexplained", ()),
+    "not enough": (5.0, {"coulomb": 1.05 * STRUCTURE}, ("coulomb",), "coulomb", "unexplained", ()),
+    "three together": (
+        *(5.0, {"coulomb+preload+flank_wear": 1.0}, ("coulomb+preload+flank_wear",), "coulomb+preload+flank_wear"),
+        *("unexplained", ()),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_words_of_the_verdict(name):
+    before, trials, members, best, word, named = CASES[name]
+    fitter = fitter_at([1.0, 0.5, -0.5], effects=3)
+    verdict = judge(fitter, selection_of(fitter, before, trials, members, best), EVERYTHING)
+    assert verdict.verdict == word
+    assert verdict.named == named
+    titles = {candidates()[part].title for one in named for part in one.split("+")}
+    if len(named) <= 3:
+        assert all(title in verdict.sentence for title in titles)
+    assert [p.effect for p in verdict.parameters] == [part for one in named for part in one.split("+")]
+    assert bool(verdict.advice) == (word in ("equivalent", "unexplained"))
+    if word == "unexplained":
+        assert "nothing is claimed" in verdict.sentence
+
+
+def test_every_effect_has_a_measurement_that_tells_it_apart():
+    assert set(DISTINGUISHING) == set(candidates())
+
+
+def test_unit_with_a_data_fault_has_no_model(tmp_path):
+    rows = measured()
+    rows["torque_Nm"] = 0.0
+    unit = load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": rows}), ROOT)
+    found = identify(unit, lambda *_: pytest.fail("nothing is to be computed of faulty data"))
+    assert found.verdict.verdict == "data fault"
+    assert found.verdict.named == ()
+    assert found.problem is None
+    assert any(fault.message in found.verdict.sentence for fault in found.faults if fault.severity == "fatal")
