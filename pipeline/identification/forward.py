@@ -6,6 +6,7 @@ made of it, not itself.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,6 +30,8 @@ REPEATED = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
 """Relative residual of an equilibrium that is none, and the share of them that a fit may pass through."""
+APART = 1e-6
+"""Share of the range of torque by which steps differ."""
 NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
 
@@ -137,8 +140,10 @@ class Forward:
         torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
         angle, carried, slope = np.empty(len(at)), np.empty(len(at)), np.empty(len(at))
         sound = float(np.mean(curve.states.residual > UNSOUND)) <= UNSOUND_SHARE
-        steps, first = _steps(torque, nodes)
         same = np.arange(len(torque) - 1)
+        slides = len(drive.sliders.acting) > 0 or instrument.ripple.amplitude != 0
+        # a slip or a ripple bends the curve anywhere, not at the backbone's nodes alone
+        steps, first = _steps(torque, nodes, [at[course.leg == leg].ravel() for leg in same] if slides else None)
         if drive.sliders.at_contacts:
             same = _repeats(torque)
             steps, first = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
@@ -187,11 +192,15 @@ class Forward:
         return (1 - x) * effect[state, j] + x * effect[state, j + 1]
 
 
-def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
-    """Torques from turn to turn over the nodes between, and the step at which each turn stands."""
+def _steps(torque: Real, nodes: Real, more: Sequence[Real] | None = None) -> tuple[Real, Whole]:
+    """Torques from turn to turn over the nodes and ``more`` of each leg, and the step at which each turn stands."""
     parts, first, count = [torque[:1]], [0], 1
-    for start, end in zip(torque[:-1], torque[1:], strict=True):
-        between = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
+    apart = APART * (nodes[-1] - nodes[0])
+    for leg, (start, end) in enumerate(zip(torque[:-1], torque[1:], strict=True)):
+        among = nodes if more is None else np.sort(np.concatenate([nodes, more[leg]]))
+        between = among[(among > min(start, end)) & (among < max(start, end))]
+        if more is not None:
+            between = between[np.diff(between, prepend=-np.inf) > apart]
         part = np.append(between if end > start else between[::-1], end)
         parts.append(part)
         count += len(part)
@@ -222,11 +231,13 @@ def _on_line(at: Real, x: Real, y: Real) -> tuple[Real, Real]:
 
 
 def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:
-    """Delayed rotation [rad] at each cell: exact for a torque that is constant between cells."""
+    """Delayed rotation [rad] at each cell: exact for a torque that is linear in time between cells."""
     crept, now = np.empty_like(carried), 0.0
-    decay = np.exp(-np.diff(time, prepend=time[:1]) / time_constant)
+    passed = np.diff(time, prepend=time[:1]) / time_constant
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left, mean = np.exp(-passed), np.where(passed > 0, -np.expm1(-passed) / passed, 1.0)
     for k, torque in enumerate(carried):
-        goal = compliance * torque
-        now = goal + (now - goal) * decay[k]
+        before = carried[k - 1] if k else torque
+        now = now * left[k] + compliance * (torque * (1 - mean[k]) + before * (mean[k] - left[k]))
         crept[k] = now
     return crept

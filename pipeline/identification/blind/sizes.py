@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from pipeline.config.study import Study
 from pipeline.identification.blind.designs import Condensed
@@ -28,6 +29,8 @@ SEARCHES = 10
 AGREEMENT = 0.1
 """Relative error of a size that is good enough."""
 START = 0.01
+SLACK = 1e-9
+"""Added to the reach of unknowns that stand at their bound."""
 
 
 def problem_of(unit: UnitFile, condensed: Compliances) -> tuple[Problem, Callable[[Real], Real]]:
@@ -60,12 +63,14 @@ class Yardstick:
     over_cells : averages values of rows over its cells.
     jacobian : (n_cells, n_unknowns) [arcmin] of what is fitted without effect.
     penalty : (n_unknowns,) priors.
+    reach : how far they may move down and up, each (n_unknowns,).
     """
 
     problem: Problem
     over_cells: Callable[[Real], Real]
     jacobian: Real
     penalty: Real
+    reach: tuple[Real, Real]
 
     @classmethod
     def of(cls, folder: Path, root: Path, condensed: Condensed) -> Yardstick:
@@ -74,7 +79,11 @@ class Yardstick:
         fitter = Fitter(problem)
         everything = np.ones(len(problem.data), bool)
         fit = fitter.fit(Model(), everything, fitter.start(Model()), 3)
-        return cls(problem, over_cells, fit.jacobian, fitter.penalty(fit.unknowns))
+        now = fit.unknowns.flat
+        reach = tuple(fit.unknowns.like(now + sense * 1e9).flat - now for sense in (-1, 1))
+        return cls(
+            problem, over_cells, fit.jacobian, fitter.penalty(fit.unknowns), (reach[0] - SLACK, reach[1] + SLACK)
+        )
 
     def size(self, change: Sequence[Real]) -> float:
         """Size of a change [arcmin] of the angle at the rows of every position, in noise floors."""
@@ -83,7 +92,7 @@ class Yardstick:
         rows = np.vstack([self.jacobian / data.sigma[:, None], np.diag(self.penalty)])
         goal = np.concatenate([moved / data.sigma, np.zeros(len(self.penalty))])
         if rows.shape[1]:
-            goal = goal - rows @ np.linalg.lstsq(rows, goal, rcond=None)[0]
+            goal = goal - rows @ lsq_linear(rows, goal, self.reach).x
         return float(np.sqrt(np.mean(goal[: len(data)] ** 2)))
 
 
