@@ -55,7 +55,7 @@ class Verdict:
     ----------
     verdict : one of the five words.
     named : the effect (several joined by + act together), or the class of effects that the data do not tell apart.
-    traced : effects that each explain a significant part, best first, whether named or not.
+    traced : effects of the best model, then those that explain a significant part alone, named or not.
     parameters : of the named effects.
     structure : held-out rms of the best model in noise floors.
     sentence : for an engineer to sign.
@@ -88,12 +88,17 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     return Verdict(
         verdict,
         named,
-        selection.survivors,
+        _traced(selection),
         parameters,
         structure,
         _sentence(verdict, named, parameters, structure, selection),
         _advice(verdict, named, selection),
     )
+
+
+def _traced(selection: Selection) -> tuple[str, ...]:
+    alone = [name for name in selection.survivors if "+" not in name]
+    return tuple(dict.fromkeys([*filter(None, selection.best.split("+")), *alone]))
 
 
 def intervals(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[FittedParameter, ...]:
