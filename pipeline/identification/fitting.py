@@ -99,6 +99,15 @@ def unmapped(bounds: Sequence[tuple[float, float]], values: Sequence[float]) -> 
     )
 
 
+def _damped_step(hessian: Real, gradient: Real, free: Truth, damping: float) -> Real:
+    """Levenberg and Marquardt's step (n_unknowns,) of the ``free`` unknowns; the others stay."""
+    step = np.zeros_like(gradient)
+    own = hessian[np.ix_(free, free)]
+    scaled = own + damping * np.diag(np.maximum(np.diag(own), 1e-12))
+    step[free] = np.linalg.lstsq(scaled, gradient[free], rcond=None)[0]
+    return step
+
+
 class Fitter:
     """Fits of one problem; ``fit`` may be called for any model and any cells."""
 
@@ -207,11 +216,7 @@ class Fitter:
             free = self._free(now, gradient)
             accepted, fall = False, 0.0
             for _ in range(6):
-                step = np.zeros_like(gradient)
-                own = hessian[np.ix_(free, free)]
-                scaled = own + damping * np.diag(np.maximum(np.diag(own), 1e-12))
-                step[free] = np.linalg.lstsq(scaled, gradient[free], rcond=None)[0]
-                trial = now.like(now.flat + step)
+                trial = now.like(now.flat + _damped_step(hessian, gradient, free, damping))
                 angle, influence, ok = self.predict(model, trial, positions, modes=True)
                 tried, tried_misfit = cost_of(angle, trial)
                 if np.isfinite(tried) and tried < cost:

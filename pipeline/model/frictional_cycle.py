@@ -80,7 +80,7 @@ def solve_frictional_cycle(
 
     Notes
     -----
-    The cycle is followed from rest. The rows at zero torque are solved at +-1e-6 of the rated torque on the branch's
+    The cycle is followed from rest. Rows at zero torque are solved at +-``NO_LOAD`` of the rated torque on the branch's
     side. Residual and convergence are those of the whole way, the same at all its steps.
     """
     fine = LoadCycle(cycle.rated_torque, np.union1d(ladder(LEVELS, float(cycle.fractions[-1])), cycle.fractions))

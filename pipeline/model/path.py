@@ -227,6 +227,20 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
     return residual
 
 
+@part
+def _crawl(goal, gap, system, clearance, sliders, anchor, q, force, work):
+    """Equilibrium by way of states that springs hold near the ones before; returns its relative residual."""
+    residual = np.inf
+    for _ in range(CRAWLS):
+        _equilibrium(goal, gap, system, clearance, sliders, anchor, q, force, DRAG, work)
+        free_q, free_force = q.copy(), force.copy()
+        residual = _equilibrium(goal, gap, system, clearance, sliders, anchor, free_q, free_force, 0.0, work)
+        if residual <= SETTLED:
+            q[:], force[:] = free_q, free_force
+            break
+    return residual
+
+
 @entry
 def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force, q_out, f_out):
     """States of one sample along its history; returns the largest residual. ``nodes`` are the seeds' torques."""
@@ -269,15 +283,7 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
                     break
             if not residual <= SETTLED and depth == HALVINGS:
                 trial_q[:], trial_force[:] = q, force
-                for _ in range(CRAWLS):
-                    _equilibrium(goal, gap, system, clearance, sliders, anchor, trial_q, trial_force, DRAG, work)
-                    crawled_q, crawled_force = trial_q.copy(), trial_force.copy()
-                    residual = _equilibrium(
-                        goal, gap, system, clearance, sliders, anchor, crawled_q, crawled_force, 0.0, work
-                    )
-                    if residual <= SETTLED:
-                        trial_q[:], trial_force[:] = crawled_q, crawled_force
-                        break
+                residual = _crawl(goal, gap, system, clearance, sliders, anchor, trial_q, trial_force, work)
             if not residual <= SETTLED and depth < HALVINGS:
                 share, depth = 0.5 * share, depth + 1
                 continue

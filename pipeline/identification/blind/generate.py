@@ -17,7 +17,7 @@ from pipeline.identification.blind.designs import UNCERTAIN, Condensed, Reducer
 from pipeline.identification.blind.files import write_truth, write_unit
 from pipeline.identification.blind.outside import OUTSIDE
 from pipeline.identification.blind.ramps import draw_bench, rows_a_cell
-from pipeline.identification.blind.sizes import Yardstick, amplitude_of, at_amplitude, draw_shape, testable
+from pipeline.identification.blind.sizes import Yardstick, amplitude_of, at_amplitude, draw_shape
 from pipeline.identification.blind.unitpath import TrueUnit, UnsoundError, true_unit
 from pipeline.identification.problem import candidates
 from pipeline.identification.setup import refitted
@@ -206,7 +206,7 @@ class _Draw:
             return None
 
     def _library(self, yardstick: Yardstick, kind: str) -> tuple[list[Real], dict[str, Any]]:
-        known = {name: one for name, one in candidates().items() if testable(yardstick.problem, one)}
+        known = {name: one for name, one in candidates().items() if not yardstick.problem.why_not(one)}
         chosen: dict[str, tuple[tuple[float, ...], float]] = {}
         wanted = 2 if kind == TWO else 1
         for _ in range(REDRAWS):

@@ -15,7 +15,7 @@ from pipeline.identification.blind.designs import Condensed
 from pipeline.identification.branches import cells, find_blocks, history
 from pipeline.identification.fitting import Fitter
 from pipeline.identification.noise import measured_noise
-from pipeline.identification.problem import Candidate, Model, Problem
+from pipeline.identification.problem import Model, Problem
 from pipeline.identification.reading import read_rows
 from pipeline.identification.setup import build_problem
 from pipeline.identification.unit import UnitFile, load_measured_unit
@@ -148,8 +148,3 @@ def draw_shape(rng: np.random.Generator, bounds: Sequence[tuple[float, float]]) 
     direction[[low == 0 for low, _ in bounds]] = np.abs(direction[[low == 0 for low, _ in bounds]])
     direction /= np.linalg.norm(direction)
     return direction, rng.uniform(0.15, 0.7, size=len(bounds))
-
-
-def testable(problem: Problem, candidate: Candidate) -> bool:
-    """Whether the data can test an effect at all."""
-    return not problem.why_not(candidate)
