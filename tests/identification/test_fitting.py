@@ -210,3 +210,16 @@ def test_folds_leave_out_positions_else_cycles(known):
     every = everything(known)
     np.testing.assert_array_equal(selector.group(every), known.data.position)
     np.testing.assert_array_equal(selector.group(known.data.position == 1), known.data.cycle)
+
+
+def test_a_dimension_is_an_effect_only_beyond_its_tolerance(known):
+    """Thinner pins open every gap by as much; friction moves none, and is never a tolerance."""
+    limit = 1e3 * known.gap_limit
+    thinner = Model((candidates()["pin_radius_error"],))
+    assert known.within_tolerance(thinner, [-0.9 * limit])
+    assert known.within_tolerance(thinner, [0.9 * limit])
+    assert not known.within_tolerance(thinner, [-1.1 * limit])
+    assert not known.within_tolerance(COULOMB, [0.01])
+    both = Model((*COULOMB.effects, *thinner.effects))
+    assert known.within_tolerance(both, [0.5, -0.5 * limit])
+    assert not known.within_tolerance(both, [0.5, -2 * limit])
