@@ -67,6 +67,7 @@ class Fit:
     predicted : (n_cells,) [arcmin] of all cells, offsets included; NaN at positions that were not asked for.
     cost : sum of squares over the cells fitted, in units of their sigma, priors included.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
+    penalty : (n_unknowns,) inverse standard deviations by which the unknowns were held.
     sound : whether every equilibrium was found.
     """
 
@@ -76,6 +77,7 @@ class Fit:
     predicted: Real
     cost: float
     jacobian: Real
+    penalty: Real
     sound: bool
 
 
@@ -181,11 +183,18 @@ class Fitter:
         return out
 
     def fit(
-        self, model: Model, fitted: Truth, start: Vector, iterations: int = ITERATIONS, near: Fit | None = None
+        self,
+        model: Model,
+        fitted: Truth,
+        start: Vector,
+        iterations: int = ITERATIONS,
+        near: Fit | None = None,
+        frozen: bool = False,
     ) -> Fit:
         """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
 
-        Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move.
+        Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move;
+        of a ``frozen`` fit all derivatives are those of ``near``.
         """
         data = self.problem.data
         weight = np.where(fitted, 1 / data.sigma**2, 0.0)
@@ -205,7 +214,13 @@ class Fitter:
             return self._failed(model, now)
         damping = 1e-3
         known = (near.unknowns.scales, near.jacobian) if near is not None else None
-        jacobian, known = self._jacobian(model, now, angle, influence, positions, weight, known)
+
+        def derivatives() -> tuple[Real, tuple[Real, Real] | None]:
+            if frozen and near is not None:
+                return self.centred(near.jacobian, weight), None
+            return self._jacobian(model, now, angle, influence, positions, weight, known)
+
+        jacobian, known = derivatives()
         for _ in range(iterations):
             # a model that misses the data by more than their noise knows as much less of tolerances
             penalty = prior * max(1.0, float(np.sqrt(np.mean(misfit**2))))
@@ -217,7 +232,7 @@ class Fitter:
             accepted, fall = False, 0.0
             for _ in range(6):
                 trial = now.like(now.flat + _damped_step(hessian, gradient, free, damping))
-                angle, influence, ok = self.predict(model, trial, positions, modes=True)
+                angle, influence, ok = self.predict(model, trial, positions, modes=not frozen)
                 tried, tried_misfit = cost_of(angle, trial)
                 if np.isfinite(tried) and tried < cost:
                     fall, accepted = cost - tried, True
@@ -227,7 +242,7 @@ class Fitter:
                 damping *= 8
             if not accepted:
                 break
-            jacobian, known = self._jacobian(model, now, angle, influence, positions, weight, known)
+            jacobian, known = derivatives()
             if fall < SETTLED * max(cost, 1.0):
                 break
         whole, _, sound = self.predict(model, now)
@@ -238,6 +253,7 @@ class Fitter:
             whole + self.offsets(whole, fitted),
             cost,
             jacobian,
+            penalty,
             sound,
         )
 
@@ -292,6 +308,5 @@ class Fitter:
     def _failed(self, model: Model, now: Vector) -> Fit:
         n = len(self.problem.data)
         nothing = np.full(n, np.nan)
-        return Fit(
-            model, now, mapped(self.bounds(model), now.shares), nothing, np.inf, np.zeros((n, len(now.flat))), False
-        )
+        values, unknown = mapped(self.bounds(model), now.shares), len(now.flat)
+        return Fit(model, now, values, nothing, np.inf, np.zeros((n, unknown)), np.zeros(unknown), False)

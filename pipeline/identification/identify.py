@@ -12,6 +12,7 @@ from pipeline.config.study import Study
 from pipeline.identification.branches import Blocks, Cells, cells, find_blocks, history
 from pipeline.identification.faults import Fault, data_faults
 from pipeline.identification.fitting import Fitter
+from pipeline.identification.heldout import groups
 from pipeline.identification.noise import Noise, measured_noise
 from pipeline.identification.problem import Model, Problem, candidates
 from pipeline.identification.reading import Rows, read_rows, training_rows
@@ -126,7 +127,7 @@ def _held_out(
         declared = plain + fitter.offsets(plain, seen)
         return left, Curves(declared, selection.base.fit.predicted, selection.chosen.fit.predicted)
     declared, after = np.full(len(data), np.nan), np.full(len(data), np.nan)
-    group = selector.group(seen)
+    group = groups(data, seen)
     for one in np.unique(group):
         left = group == one
         declared[left] = (plain + fitter.offsets(plain, ~left))[left]

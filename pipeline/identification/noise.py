@@ -48,6 +48,8 @@ class Noise:
     ----------
     floor : rms difference of repeats (consecutive cycles) at equal position, branch and torque, the offset of each pair
         of cycles removed, over sqrt 2 [arcmin]. Drift and run-in between cycles are in it.
+    random : the same less what all positions have in common from cycle to cycle, and what goes with the temperature:
+        run-in, creep and thermal growth are effects and no noise. From two positions on.
     within_branch : scatter of a cell about the line through its neighbours [arcmin], robust; no drift is in it, and no
         noise that neighbours share.
     between_positions : as `floor`, between the mean loops of neighbouring positions; not divided by anything that the
@@ -57,6 +59,7 @@ class Noise:
     """
 
     floor: Estimate
+    random: Estimate
     within_branch: Estimate
     between_positions: Estimate
     row_scatter_arcmin: float
@@ -80,6 +83,7 @@ def measured_noise(unit: UnitFile, rows: Rows, blocks: Blocks, cells: Cells, see
     within = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
     return Noise(
         floor=_rms(_repeats(blocks, cells), np.sqrt(2), rng),
+        random=_random(blocks, cells, rng),
         within_branch=_robust(_from_neighbours(cells), rng),
         between_positions=_rms(_positions_apart(blocks, cells), np.sqrt(2), rng),
         row_scatter_arcmin=float(np.sqrt(within)),
@@ -144,7 +148,94 @@ def _difference(first: tuple[Real, Real], second: tuple[Real, Real]) -> Real:
     torque, angle = first
     inside = (torque >= second[0][0]) & (torque <= second[0][-1]) & ~_steep(*first)
     inside &= ~_steep(*second)[np.clip(np.searchsorted(second[0], torque), 0, second[0].size - 1)]
-    return (np.interp(torque, *second) - angle)[inside]
+    other, variance = _interpolated(second, torque)
+    return ((other - angle) * np.sqrt(2 / (1 + variance)))[inside]
+
+
+def _interpolated(branch: tuple[Real, Real], at: Real) -> tuple[Real, Real]:
+    """Angle of a branch at torques, and its variance in that of a cell: two of them share in it."""
+    torque, angle = branch
+    upper = np.clip(np.searchsorted(torque, at), 1, torque.size - 1)
+    share = np.clip((at - torque[upper - 1]) / np.maximum(torque[upper] - torque[upper - 1], 1e-300), 0, 1)
+    return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
+
+
+def _random(blocks: Blocks, cells: Cells, rng: np.random.Generator) -> Estimate:
+    """Repeats less what cycle number and temperature explain of their differences at equal torque."""
+    pairs = _pairs(blocks, cells)
+    if len({position for position, _ in pairs}) < 2:
+        return Estimate(np.nan, np.nan, np.nan, 0, 0)
+    keys = sorted(pairs)
+    difference = np.array([pairs[key][0] for key in keys])
+    warmed = np.array([pairs[key][1] for key in keys])
+    earlier = np.array([cycle for _, cycle in keys])
+    design = (earlier[:, None] == np.unique(earlier)).astype(float)
+    if np.all(np.isfinite(warmed)) and np.ptp(warmed) > 0:
+        design = np.column_stack([design, warmed / np.ptp(warmed)])
+    left, free = np.full_like(difference, np.nan), np.full_like(difference, np.nan)
+    known = np.isfinite(difference)
+    for pattern in np.unique(known, axis=1).T:
+        nodes = np.all(known == pattern[:, None], axis=0)
+        basis, sizes, _ = np.linalg.svd(design[pattern], full_matrices=False)
+        basis = basis[:, sizes > 1e-9]
+        rows = difference[np.ix_(pattern, nodes)]
+        left[np.ix_(pattern, nodes)] = rows - basis @ (basis.T @ rows)
+        free[np.ix_(pattern, nodes)] = (1 - np.sum(basis**2, axis=1))[:, None]
+    squares, weights = np.nansum(left**2, axis=1), np.nansum(free, axis=1)
+    kept = weights > 1e-6
+    return _pooled(squares[kept], weights[kept], np.sqrt(2), rng)
+
+
+def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
+    """By position and cycle: difference (n_nodes,) [arcmin] of the next cycle from it, at the torques of the first
+    position's branches, NaN where not both reach, offset removed; and how much warmer the next cycle was [K]."""
+    kinds: dict[tuple[int, int], Real] = {}
+    found = {}
+    for position in np.unique(blocks.position):
+        mine = np.flatnonzero(blocks.position == position)
+        for block in mine[1:]:
+            kinds.setdefault((int(blocks.branch[block]), int(blocks.direction[block])), _branch(cells, block)[0])
+    for position in np.unique(blocks.position):
+        mine = np.flatnonzero(blocks.position == position)
+        loops = {}
+        for cycle in dict.fromkeys(blocks.cycle[mine].tolist()):
+            own = {
+                (int(blocks.branch[b]), int(blocks.direction[b])): _branch(cells, b)
+                for b in mine[1:]
+                if blocks.cycle[b] == cycle
+            }
+            loops[cycle] = [_on_nodes(own.get(kind), torque) for kind, torque in kinds.items()]
+        temperature = {
+            c: _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == c)]) for c in loops
+        }
+        order = list(loops)
+        for earlier, later in zip(order[:-1], order[1:], strict=True):
+            parts = [
+                (second[0] - first[0]) * np.sqrt(2 / (first[1] + second[1]))
+                for first, second in zip(loops[earlier], loops[later], strict=True)
+            ]
+            joined = np.concatenate(parts)
+            if np.any(np.isfinite(joined)):
+                found[int(position), int(earlier)] = (
+                    joined - np.nanmean(joined),
+                    temperature[later] - temperature[earlier],
+                )
+    return found
+
+
+def _on_nodes(branch: tuple[Real, Real] | None, torque: Real) -> tuple[Real, Real]:
+    """Angle and variance of a branch at torques; NaN where it does not reach or is steep."""
+    if branch is None or branch[0].size < FEWEST_CELLS:
+        return np.full(len(torque), np.nan), np.ones(len(torque))
+    angle, variance = _interpolated(branch, torque)
+    inside = (torque >= branch[0][0]) & (torque <= branch[0][-1])
+    inside &= ~_steep(*branch)[np.clip(np.searchsorted(branch[0], torque), 0, branch[0].size - 1)]
+    return np.where(inside, angle, np.nan), variance
+
+
+def _mean(values: Real) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else np.nan
 
 
 def _steep(torque: Real, angle: Real) -> NDArray[np.bool_]:
@@ -180,13 +271,17 @@ def _from_neighbours(cells: Cells) -> list[Real]:
 def _rms(groups: list[Real], divisor: float, rng: np.random.Generator) -> Estimate:
     """Root mean square over `divisor`, bootstrapped over groups."""
     squares = np.array([np.sum(values**2) for values in groups])
-    counts = np.array([values.size for values in groups])
+    return _pooled(squares, np.array([float(values.size) for values in groups]), divisor, rng)
+
+
+def _pooled(squares: Real, counts: Real, divisor: float, rng: np.random.Generator) -> Estimate:
+    """Root of the sum of `squares` over that of `counts`, over `divisor`, bootstrapped over the groups."""
     if not counts.sum():
         return Estimate(np.nan, np.nan, np.nan, 0, 0)
-    drawn = rng.integers(len(groups), size=(RESAMPLES, len(groups)))
+    drawn = rng.integers(len(squares), size=(RESAMPLES, len(squares)))
     means = np.sqrt(squares[drawn].sum(axis=1) / counts[drawn].sum(axis=1)) / divisor
     value = float(np.sqrt(squares.sum() / counts.sum()) / divisor)
-    return _interval(value, means, int(counts.sum()), len(groups))
+    return _interval(value, means, round(counts.sum()), len(squares))
 
 
 def _robust(groups: list[Real], rng: np.random.Generator) -> Estimate:

@@ -84,6 +84,7 @@ def verdict_of(of: Findings) -> dict[str, Any]:
         "calibrated": _calibrated(found) if trial else {},
         "noise": {
             "floor_arcmin": asdict(found.noise.floor),
+            "random_arcmin": asdict(found.noise.random),
             "within_branch_arcmin": asdict(found.noise.within_branch),
             "between_positions_arcmin": asdict(found.noise.between_positions),
             "torque_noise_Nm": found.noise.torque_noise_Nm,

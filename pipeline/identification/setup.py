@@ -220,7 +220,11 @@ def _within(rows: Rows, usable: NDArray[np.bool_], cells: Cells, numbers: NDArra
 
 def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
     resolution = (unit.settings.instrument.angle_resolution_arcmin or 0.0) / np.sqrt(12)
-    known = [value for value in (noise.floor.value, noise.within_branch.value) if np.isfinite(value) and value > 0]
+    known = [
+        value
+        for value in (noise.random.value, noise.floor.value, noise.within_branch.value)
+        if np.isfinite(value) and value > 0
+    ]
     floor = max(known[0] if known else 0.0, resolution, 1e-4)
     slope, width = np.zeros(len(cells)), np.zeros(len(cells))
     for block in np.unique(cells.block):

@@ -1,0 +1,176 @@
+"""What each effect promises before it is fitted: secants of its parameters beside all that is fitted already."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from pipeline.identification.fitting import Fit, Fitter, Vector
+from pipeline.identification.problem import Candidate, Model
+from pipeline.model.cycle import ARCMIN
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+STEPS = (1e-3, 1e-2, 1e-1)
+"""Lengths of the secants, as shares of the way from no effect to a bound."""
+SHAPES = (0.1, 0.35, 0.6, 0.85)
+"""Shares of the bounds at which parameters that leave no trace of an absent effect are looked at."""
+REACH = 4.0
+"""Lengths of its secant up to which an effect is extrapolated."""
+CONFIRMED = 2
+"""Best secants whose end is predicted."""
+WAVES = 160
+"""Periods of a ripple that are looked at."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What an effect may explain.
+
+    Attributes
+    ----------
+    misfit : sum of squares left, in shares of the base's.
+    start : where a fit with the effect starts.
+    """
+
+    misfit: float
+    start: Vector
+
+
+class Screening:
+    """Looks at effects beside one fitted base.
+
+    The misfit of a prediction is that after the base's unknowns (scales, parameters, tolerances) have moved as they
+    can, linearly and held by their priors.
+    """
+
+    def __init__(self, fitter: Fitter, cells: Truth, base: Fit):
+        self.fitter, self.cells, self.base = fitter, cells, base
+        data = fitter.problem.data
+        self.positions = np.unique(data.position[cells]).tolist()
+        self.weight = np.where(cells, 1 / data.sigma**2, 0.0)
+        self.root = np.sqrt(self.weight[cells])
+        penalty = base.penalty
+        self.rows = np.vstack([base.jacobian[cells] * self.root[:, None], np.diag(penalty)[penalty > 0]])
+        self.basis, self.triangle = np.linalg.qr(self.rows)
+        self.left = self._scaled(data.angle - base.predicted) - self._pulled(base.unknowns.flat)
+        self.nothing = self._misfit(self._free(self.left))
+        self.plain = fitter.predict(base.model, base.unknowns, self.positions)[0]
+
+    def _pulled(self, flat: Real) -> Real:
+        """Residuals of the priors at unknowns, below the cells' zeros."""
+        penalty = self.base.penalty
+        return np.concatenate([np.zeros(len(self.root)), (penalty * flat)[penalty > 0]])
+
+    def _scaled(self, angle: Real) -> Real:
+        """Angles (n_cells,) without offsets, in sigmas of the cells that are looked at, zeros for the priors."""
+        own = self.fitter.centred(np.nan_to_num(angle), self.weight)[self.cells] * self.root
+        return np.concatenate([own, np.zeros(len(self.rows) - len(own))])
+
+    def _free(self, values: Real) -> Real:
+        """What the base's unknowns cannot follow."""
+        return values - self.basis @ (self.basis.T @ values)
+
+    @staticmethod
+    def _misfit(values: Real) -> float:
+        return max(float(values @ values), 1e-300)
+
+    def promise(self, effect: Candidate) -> Promise | None:
+        """The best start for an effect beside the base; None where no equilibrium was found with it."""
+        if effect.name == "motor_cogging":
+            return self._ripple(effect)
+        model = Model((*self.base.model.effects, effect))
+        bounds = np.array(self.fitter.problem.bounds(effect))
+        grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
+        zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
+        found: list[tuple[float, Real, Real]] = []
+        for shape in product(*(((0.0,) if own else SHAPES) for own in grows)):
+            at = np.where(grows, zero, shape)
+            for length, sense in product(STEPS, (-1.0, 1.0)):
+                steps = sense * length * np.where(sense > 0, 1 - zero, zero)[grows]
+                if np.any(steps):
+                    look = self._secants(model, at, grows, steps)
+                    found += [look] if look is not None else []
+        best: Promise | None = None
+        for _, shares, unknowns in sorted(found, key=lambda one: one[0])[:CONFIRMED]:
+            for start in self._starts(shares, unknowns):
+                angle, _, sound = self.fitter.predict(model, start, self.positions)
+                misfit = self._at(angle, start) / self.nothing
+                if sound and (best is None or misfit < best.misfit):
+                    best = Promise(misfit, start)
+        return best
+
+    def _starts(self, shares: Real, moved: Real) -> list[Vector]:
+        """The effect beside the base as it stands, and as it would move."""
+        base = self.base.unknowns
+        there = base.like(base.flat + moved)
+        return [Vector(one.scales, np.concatenate([one.shares, shares]), one.modes) for one in (there, base)]
+
+    def _at(self, angle: Real, start: Vector) -> float:
+        """Misfit of a prediction at unknowns of the base."""
+        flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
+        data = self.fitter.problem.data
+        return self._misfit(self._free(self._scaled(data.angle - angle) - self._pulled(flat)))
+
+    def _secants(self, model: Model, at: Real, grows: Truth, steps: Real) -> tuple[float, Real, Real] | None:
+        """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``at``."""
+        base, columns = self.base.unknowns, []
+        for number, step in zip(np.flatnonzero(grows), steps, strict=True):
+            if step == 0:
+                columns.append(np.zeros(len(self.rows)))
+                continue
+            shares = at.copy()
+            shares[number] += step
+            start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
+            angle, _, sound = self.fitter.predict(model, start, self.positions)
+            if not sound:
+                return None
+            columns.append(self._scaled(angle - self.plain))
+        changes = np.column_stack(columns)
+        free = np.column_stack([self._free(column) for column in columns])
+        several = grows.sum() > 1
+        low = np.full(len(steps), -REACH if several else 0.0)
+        amounts = lsq_linear(free, self._free(self.left), (low, np.full(len(steps), REACH))).x
+        shares = at.copy()
+        shares[grows] = np.clip(at[grows] + amounts * steps, 0.0, 1.0)
+        moved = np.linalg.lstsq(self.triangle, self.basis.T @ (self.left - changes @ amounts), rcond=None)[0]
+        return self._misfit(self._free(self.left - changes @ amounts)), shares, moved
+
+    def _ripple(self, effect: Candidate) -> Promise:
+        """Best period of a small ripple: its torque moves the angle by the slope of the curve."""
+        bounds = self.fitter.problem.bounds(effect)
+        slope = self.fitter.slopes(self.base)
+        plain = self.fitter.predict(self.base.model, self.base.unknowns)[0]
+        left, best = self._free(self.left), (1.0, np.array([0.5, 0.5, 0.5]))
+        for share in np.linspace(0, 1, WAVES):
+            turned = 10 ** (bounds[2][0] + share * (bounds[2][1] - bounds[2][0])) * plain / ARCMIN
+            waves = (-slope * np.cos(turned), -slope * np.sin(turned))
+            columns = np.column_stack([self._free(self._scaled(wave)) for wave in waves])
+            found = np.linalg.lstsq(columns, left, rcond=None)[0]
+            misfit = self._misfit(left - columns @ found) / self.nothing
+            if misfit < best[0]:
+                shares = [(value - low) / (high - low) for value, (low, high) in zip(found, bounds[:2], strict=True)]
+                best = misfit, np.array([*np.clip(shares, 0.02, 0.98), share])
+        base = self.base.unknowns
+        return Promise(best[0], Vector(base.scales, np.concatenate([base.shares, best[1]]), base.modes))
+
+
+def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
+    """The best promise of every effect over the bases, their misfit in shares of the first base's."""
+    found: dict[str, Promise] = {}
+    looks = [Screening(fitter, cells, base) for base in bases if np.isfinite(base.cost)]
+    for look in looks:
+        for effect in effects:
+            promise = look.promise(effect)
+            if promise is None:
+                continue
+            misfit = promise.misfit * look.nothing / looks[0].nothing
+            if effect.name not in found or misfit < found[effect.name].misfit:
+                found[effect.name] = Promise(misfit, promise.start)
+    return found
