@@ -8,11 +8,12 @@ they cannot. The influence of tolerances on the curve comes from the forces of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.descent import Descent
 from pipeline.identification.forward import Instrument
 from pipeline.identification.problem import Model, Problem, first_states
 from pipeline.model.drive import Drive
@@ -24,13 +25,11 @@ SCALE_REACH = 4.4
 """Largest change of the logarithm of a scale: a factor of 80."""
 TOLERANCE = 3.0
 """Standard deviations that a mode of the unmeasured tolerances may move: further out lies what no drawing allows."""
-STEP = 2e-3
+STEP = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""
 SCALES_MOVED = 0.05
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
 ITERATIONS = 15
-SETTLED = 1e-4
-"""Relative fall of the sum of squares at which a fit has settled."""
 WIDE = 30.0
 """Ratio of positive bounds beyond which a parameter is fitted by its logarithm."""
 
@@ -53,6 +52,11 @@ class Vector:
         return Vector(
             np.clip(scales, -SCALE_REACH, SCALE_REACH), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE)
         )
+
+    def free(self, gradient: Real) -> Truth:
+        """Unknowns (n_unknowns,) that do not stand at a bound that the gradient of a descent pushes against."""
+        reach = self.flat + np.sign(gradient) * 1e-9
+        return self.like(reach).flat != self.flat
 
 
 @dataclass(frozen=True)
@@ -101,15 +105,6 @@ def unmapped(bounds: Sequence[tuple[float, float]], values: Sequence[float]) -> 
     )
 
 
-def _damped_step(hessian: Real, gradient: Real, free: Truth, damping: float) -> Real:
-    """Levenberg and Marquardt's step (n_unknowns,) of the ``free`` unknowns; the others stay."""
-    step = np.zeros_like(gradient)
-    own = hessian[np.ix_(free, free)]
-    scaled = own + damping * np.diag(np.maximum(np.diag(own), 1e-12))
-    step[free] = np.linalg.lstsq(scaled, gradient[free], rcond=None)[0]
-    return step
-
-
 class Fitter:
     """Fits of one problem; ``fit`` may be called for any model and any cells."""
 
@@ -133,7 +128,7 @@ class Fitter:
         if not model.by_state:
             declared = first_states(declared)
         shifted = [
-            replace(drive, shift=drive.shift + unknowns.modes @ own) if len(own) else drive
+            drive.shifted(unknowns.modes @ own) if len(own) else drive
             for drive, own in zip(declared, problem.modes, strict=True)
         ]
         return model.put(shifted, problem.conditions, mapped(self.bounds(model), unknowns.shares).tolist())
@@ -196,64 +191,20 @@ class Fitter:
         Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move;
         of a ``frozen`` fit all derivatives are those of ``near``.
         """
-        data = self.problem.data
-        weight = np.where(fitted, 1 / data.sigma**2, 0.0)
-        root = np.sqrt(weight[fitted])
-        positions = np.unique(data.position[fitted]).tolist()
-        prior = self.penalty(start)
-        penalty = prior
-
-        def cost_of(angle: Real, unknowns: Vector) -> tuple[float, Real]:
-            misfit = self.centred(data.angle - angle, weight)[fitted] * root
-            return float(misfit @ misfit + np.sum((penalty * unknowns.flat) ** 2)), misfit
-
-        now = start
-        angle, influence, sound = self.predict(model, now, positions, modes=True)
-        cost, misfit = cost_of(angle, now)
-        if not np.isfinite(cost):
-            return self._failed(model, now)
-        damping = 1e-3
-        known = (near.unknowns.scales, near.jacobian) if near is not None else None
-
-        def derivatives() -> tuple[Real, tuple[Real, Real] | None]:
-            if frozen and near is not None:
-                return self.centred(near.jacobian, weight), None
-            return self._jacobian(model, now, angle, influence, positions, weight, known)
-
-        jacobian, known = derivatives()
-        for _ in range(iterations):
-            # a model that misses the data by more than their noise knows as much less of tolerances
-            penalty = prior * max(1.0, float(np.sqrt(np.mean(misfit**2))))
-            cost = float(misfit @ misfit + np.sum((penalty * now.flat) ** 2))
-            rows = jacobian[fitted] * root[:, None]
-            hessian = rows.T @ rows + np.diag(penalty**2)
-            gradient = rows.T @ misfit - penalty**2 * now.flat
-            free = self._free(now, gradient)
-            accepted, fall = False, 0.0
-            for _ in range(6):
-                trial = now.like(now.flat + _damped_step(hessian, gradient, free, damping))
-                angle, influence, ok = self.predict(model, trial, positions, modes=not frozen)
-                tried, tried_misfit = cost_of(angle, trial)
-                if np.isfinite(tried) and tried < cost:
-                    fall, accepted = cost - tried, True
-                    now, cost, misfit, sound = trial, tried, tried_misfit, ok
-                    damping = max(damping / 5, 1e-6)
-                    break
-                damping *= 8
-            if not accepted:
-                break
-            jacobian, known = derivatives()
-            if fall < SETTLED * max(cost, 1.0):
-                break
+        descent = Descent(self, model, fitted, start, near, frozen)
+        descent.run(iterations)
+        now = descent.now
         whole, _, sound = self.predict(model, now)
+        if not np.isfinite(descent.cost):
+            whole, sound = np.full(len(whole), np.nan), False
         return Fit(
             model,
             now,
             mapped(self.bounds(model), now.shares),
             whole + self.offsets(whole, fitted),
-            cost,
-            jacobian,
-            penalty,
+            descent.cost if np.isfinite(descent.cost) else np.inf,
+            descent.jacobian,
+            descent.penalty,
             sound,
         )
 
@@ -270,16 +221,7 @@ class Fitter:
         """Inverse prior standard deviation of every unknown."""
         return np.concatenate([1 / self.problem.scale_spread, np.zeros(len(like.shares)), np.ones(len(like.modes))])
 
-    @staticmethod
-    def _free(now: Vector, gradient: Real) -> Truth:
-        """Unknowns that do not stand at a bound that the gradient pushes against."""
-        free = np.ones(len(gradient), bool)
-        first, last = len(now.scales), len(now.scales) + len(now.shares)
-        push = gradient[first:last]
-        free[first:last] = ~((now.shares <= 0) & (push < 0)) & ~((now.shares >= 1) & (push > 0))
-        return free
-
-    def _jacobian(
+    def jacobian(
         self,
         model: Model,
         now: Vector,
@@ -304,9 +246,3 @@ class Fitter:
         raw = np.column_stack([*columns, influence]) if columns else influence
         jacobian = self.centred(np.nan_to_num(raw), weight)
         return jacobian, (now.scales if kept is None else kept[0], jacobian)
-
-    def _failed(self, model: Model, now: Vector) -> Fit:
-        n = len(self.problem.data)
-        nothing = np.full(n, np.nan)
-        values, unknown = mapped(self.bounds(model), now.shares), len(now.flat)
-        return Fit(model, now, values, nothing, np.inf, np.zeros((n, unknown)), np.zeros(unknown), False)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Backbone, Drive, backbone, ladder
+from pipeline.model.drive import Backbone, Creep, Drive, backbone, ladder
 from pipeline.model.output_path import Ripple, condensed_path
 from pipeline.model.path import solve_path
 
@@ -69,7 +69,8 @@ class Course:
     torque : (n_turns,) [N m] from the first to the last, turning at each.
     leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
     state : (n_turns - 1,) state of the drive on each leg.
-    at : (n_cells, n_points) torques [N m] within each cell, over which its angle is averaged.
+    at : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the angle of a
+        cell is the mean over them.
     time : (n_cells,) [s] from the unit's first cell, or zeros.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
@@ -139,11 +140,11 @@ class Forward:
         nodes = curve.torque
         torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
         angle, carried, slope = np.empty(len(at)), np.empty(len(at)), np.empty(len(at))
+        at_turns = torque.copy()
         sound = float(np.mean(curve.states.residual > UNSOUND)) <= UNSOUND_SHARE
         same = np.arange(len(torque) - 1)
         slides = len(drive.sliders.acting) > 0 or instrument.ripple.amplitude != 0
-        # a slip or a ripple bends the curve anywhere, not at the backbone's nodes alone
-        steps, first = _steps(torque, nodes, [at[course.leg == leg].ravel() for leg in same] if slides else None)
+        steps, first = _steps(torque, nodes, self._bends(drive, course, nodes, torque, at) if slides else None)
         if drive.sliders.at_contacts:
             same = _repeats(torque)
             steps, first = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
@@ -172,15 +173,22 @@ class Forward:
                 part = slice(first[same[leg]], first[same[leg] + 1] + 1)
                 order = slice(None) if torque[leg + 1] > torque[leg] else slice(None, None, -1)
                 x, y = steps[part][order], turned[part][order]
-                angles, slopes = _on_line(at[cells], x, y)
-                angle[cells], slope[cells] = angles.mean(axis=1), slopes.mean(axis=1)
-                carried[cells] = np.interp(at[cells], x, inside[part][order]).mean(axis=1)
+                angle[cells], slope[cells] = _over_cells(at[cells], x, y)
+                carried[cells], _ = _over_cells(at[cells], x, inside[part][order])
+                at_turns[leg : leg + 2] = inside[[part.start, part.stop - 1]]
         if drive.creep is not None:
-            angle = angle + _crept(carried, course.time, drive.creep.compliance, drive.creep.time_constant)
+            angle = angle + _crept(carried, course, at_turns, drive.creep)
         turns = course.encoder_turns * angle + course.encoder_place
         read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
         read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
         return Reading(read, ARCMIN * NMM_PER_NM * slope, carried, sound)
+
+    @staticmethod
+    def _bends(drive: Drive, course: Course, nodes: Real, torque: Real, at: Real) -> list[Real]:
+        """Torques of each leg at which a slip or a ripple may bend the curve, beside the backbone's nodes."""
+        slid = np.sum(drive.sliders.acting.limit)
+        sense = np.sign(np.diff(torque))
+        return [np.concatenate([at[course.leg == leg].ravel(), nodes + sense[leg] * slid]) for leg in range(len(sense))]
 
     def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
         """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
@@ -222,22 +230,57 @@ def _repeats(torque: Real) -> Whole:
     return same
 
 
-def _on_line(at: Real, x: Real, y: Real) -> tuple[Real, Real]:
-    """Value and slope at ``at`` of the polyline (x ascending, y), its ends continued."""
+def _over_cells(at: Real, x: Real, y: Real) -> tuple[Real, Real]:
+    """Mean and slope over cells (n_cells, n_edges) of the polyline (x ascending, y), its ends continued."""
     j = np.clip(np.searchsorted(x, at) - 1, 0, len(x) - 2)
-    width = np.maximum(x[j + 1] - x[j], 1e-12)
-    slope = (y[j + 1] - y[j]) / width
-    return y[j] + slope * (at - x[j]), slope
-
-
-def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:
-    """Delayed rotation [rad] at each cell: exact for a torque that is linear in time between cells."""
-    crept, now = np.empty_like(carried), 0.0
-    passed = np.diff(time, prepend=time[:1]) / time_constant
+    width = np.maximum(np.diff(x), 1e-12)
+    slope = np.diff(y) / width
+    area = np.concatenate([[0.0], np.cumsum(width * 0.5 * (y[1:] + y[:-1]))])
+    along = at - x[j]
+    value, under = y[j] + slope[j] * along, area[j] + along * (y[j] + 0.5 * slope[j] * along)
+    step = np.diff(at, axis=1)
+    least = APART * (x[-1] - x[0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        left, mean = np.exp(-passed), np.where(passed > 0, -np.expm1(-passed) / passed, 1.0)
-    for k, torque in enumerate(carried):
-        before = carried[k - 1] if k else torque
-        now = now * left[k] + compliance * (torque * (1 - mean[k]) + before * (mean[k] - left[k]))
+        means = np.where(step > least, np.diff(under, axis=1) / step, 0.5 * (value[:, 1:] + value[:, :-1]))
+        whole = (value[:, -1] - value[:, 0]) / (at[:, -1] - at[:, 0])
+    return means.mean(axis=1), np.where(at[:, -1] - at[:, 0] > least, whole, slope[j[:, 0]])
+
+
+def _crept(carried: Real, course: Course, at_turns: Real, creep: Creep) -> Real:
+    """Delayed rotation [rad] at each cell: exact for a torque that is linear in time between cells and turns.
+
+    Parameters
+    ----------
+    carried : (n_cells,) torque in the reducer [N mm].
+    at_turns : (n_turns,) the same at the turns; the first is that of rest.
+    """
+    crept, now = np.empty_like(carried), 0.0
+    leg, time = course.leg, course.time
+    here = _begun(carried, course, at_turns), at_turns[leg[0]]
+    for k, (when, torque) in enumerate(zip(time, carried, strict=True)):
+        between = at_turns[leg[k - 1] + 1 : leg[k] + 1] if k else at_turns[:0]
+        for place in _timed(here, between, (when, torque)):
+            passed = max(place[0] - here[0], 0.0) / creep.time_constant
+            left, mean = np.exp(-passed), -np.expm1(-passed) / passed if passed > 0 else 1.0
+            now = now * left + creep.compliance * (place[1] * (1 - mean) + here[1] * (mean - left))
+            here = place
         crept[k] = now
     return crept
+
+
+def _begun(carried: Real, course: Course, at_turns: Real) -> float:
+    """Time at which the first leg left its start, its torque as fast as between its first two cells [s]."""
+    if len(carried) < 2 or course.leg[1] != course.leg[0] or carried[1] == carried[0]:
+        return float(course.time[0])  # a load that was put on at once
+    rate = (course.time[1] - course.time[0]) / (carried[1] - carried[0])
+    return float(course.time[0] - max((carried[0] - at_turns[course.leg[0]]) * rate, 0.0))
+
+
+def _timed(here: tuple[float, float], turns: Real, there: tuple[float, float]) -> list[tuple[float, float]]:
+    """Turns between two places (time, torque) and the later place, passed at one speed of the torque."""
+    way = np.abs(np.diff(np.concatenate([[here[1]], turns, [there[1]]])))
+    share = np.cumsum(way) / way.sum() if way.sum() > 0 else np.ones(len(way))
+    return [
+        *((here[0] + s * (there[0] - here[0]), turn) for s, turn in zip(share[:-1], turns, strict=True)),
+        there,
+    ]

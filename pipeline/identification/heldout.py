@@ -17,6 +17,8 @@ Truth = NDArray[np.bool_]
 LEAST_LOSS = 0.1
 """Loss below which blocks are alike: far under the noise floor."""
 FOLD_ITERATIONS = 4
+OPEN_SHARE = 0.3
+"""Standard deviation, in shares of its bounds, of a parameter that the cells seen do not determine at all."""
 FAILED = 1e3
 """Residual in sigmas of a cell that could not be predicted."""
 
@@ -75,26 +77,24 @@ def conditioned(fitter: Fitter, fold: Fit, seen: Truth, left_out: Truth) -> tupl
 
     Notes
     -----
-    The offset and the unmeasured tolerances belong to the unit, and the cells seen tell only part of them: like the
-    offset, the modes of the tolerances are conditioned on the cells left out, with what the others leave open as their
-    prior. With that prior's share in the loss this is the Mahalanobis distance of the residual under the covariance of
-    its prediction, ``sigma^2 + J covariance J'``.
+    The cells seen tell only part of what the prediction needs: of the offset, of unmeasured tolerances, of a phase
+    over the crank angle. Like the offset, all unknowns are conditioned on the cells left out, with what the others
+    leave open as their prior. With that prior's share in the loss this is the Mahalanobis distance of the residual
+    under the covariance of its prediction, ``sigma^2 + J covariance J'``.
 
     Returns
     -------
-    Angles (n_left_out,) [arcmin], and the mean square of the modes' shifts over their uncertainty, per cell.
+    Angles (n_left_out,) [arcmin], and the square of the unknowns' shifts over their uncertainty, per cell.
     """
-    data, n_modes = fitter.problem.data, fitter.problem.n_modes
+    data = fitter.problem.data
     predicted, sigma = fold.predicted[left_out], data.sigma[left_out]
-    if not n_modes or not np.all(np.isfinite(predicted)):
+    if not fold.penalty.size or not np.all(np.isfinite(predicted)):
         return predicted, 0.0
     rows = fold.jacobian[seen] / data.sigma[seen][:, None]
-    precision = rows.T @ rows + np.diag(fold.penalty**2)
-    precision += 1e-9 * np.trace(precision) / len(precision) * np.eye(len(precision))
-    prior = np.linalg.inv(np.linalg.inv(precision)[-n_modes:, -n_modes:])
-    own = fold.jacobian[left_out, -n_modes:] / sigma[:, None]
-    shift = np.linalg.solve(own.T @ own + prior, own.T @ ((data.angle[left_out] - predicted) / sigma))
-    return predicted + sigma * (own @ shift), float(shift @ prior @ shift) / len(sigma)
+    precision = rows.T @ rows + np.diag(np.maximum(fold.penalty, 1 / OPEN_SHARE) ** 2)
+    own = fold.jacobian[left_out] / sigma[:, None]
+    shift = np.linalg.solve(own.T @ own + precision, own.T @ ((data.angle[left_out] - predicted) / sigma))
+    return predicted + sigma * (own @ shift), float(shift @ precision @ shift) / len(sigma)
 
 
 def block_losses(data: Data, predicted: Real, strain: Real, cells: Truth) -> Real:

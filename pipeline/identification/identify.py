@@ -16,7 +16,7 @@ from pipeline.identification.heldout import groups
 from pipeline.identification.noise import Noise, measured_noise
 from pipeline.identification.problem import Model, Problem, candidates
 from pipeline.identification.reading import Rows, read_rows, training_rows
-from pipeline.identification.selection import STRUCTURE, Selection, Selector
+from pipeline.identification.selection import Selection, Selector
 from pipeline.identification.setup import build_problem
 from pipeline.identification.unit import UnitFile
 from pipeline.identification.usable import usable_rows
@@ -113,7 +113,7 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
 
 def _selected(selector: Selector, seen: Truth) -> Selection:
     """The selection on some cells; with further effects where one leaves structure."""
-    return selector.extended(selector.select(seen), seen, STRUCTURE)
+    return selector.extended(selector.select(seen), seen)
 
 
 def _held_out(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,8 @@ class Data:
     Attributes
     ----------
     position, cycle, block : (n_cells,) block: position x cycle x monotone branch.
+    branch : (n_cells,) position x monotone branch: its blocks repeat each other from cycle to cycle, so that a fault of
+        the model's form is alike in all of them.
     torque, angle : (n_cells,) [N m], [arcmin].
     count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
     noise : floor of the angle of a cell [arcmin].
@@ -40,6 +42,7 @@ class Data:
     position: Whole
     cycle: Whole
     block: Whole
+    branch: Whole
     torque: Real
     angle: Real
     count: Whole
@@ -201,15 +204,7 @@ class Model:
 
 def first_states(drives: Sequence[Drive]) -> tuple[Drive, ...]:
     """The drives in their first state alone."""
-    return tuple(
-        replace(
-            drive,
-            errors=replace(drive.errors, **{name: values[:1] for name, values in vars(drive.errors).items()}),
-            shift=drive.shift[:1],
-            bearing_clearance=drive.bearing_clearance[:1],
-        )
-        for drive in drives
-    )
+    return tuple(drive.first for drive in drives)
 
 
 def prior_modes(gaps: Sequence[Real], influences: Sequence[Real], resolution: float) -> tuple[Real, ...]:

@@ -90,15 +90,10 @@ class Screening:
         grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
         zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
         found: list[tuple[float, Real, Real]] = []
-        for shape in product(*(((0.0,) if own else SHAPES) for own in grows)):
-            at = np.where(grows, zero, shape)
-            for length, sense in product(STEPS, (-1.0, 1.0)):
-                steps = sense * length * np.where(sense > 0, 1 - zero, zero)[grows]
-                if np.any(steps):
-                    look = self._secants(model, at, grows, steps)
-                    found += [look] if look is not None else []
+        for shape, length in product(product(*(((0.0,) if own else SHAPES) for own in grows)), STEPS):
+            found += self._looks(model, np.where(grows, zero, shape), grows, length)
         best: Promise | None = None
-        for _, shares, unknowns in sorted(found, key=lambda one: one[0])[:CONFIRMED]:
+        for _, shares, unknowns in sorted(found, key=lambda one: one[0])[: CONFIRMED * int(grows.sum())]:
             for start in self._starts(shares, unknowns):
                 angle, _, sound = self.fitter.predict(model, start, self.positions)
                 misfit = self._at(angle, start) / self.nothing
@@ -118,29 +113,36 @@ class Screening:
         data = self.fitter.problem.data
         return self._misfit(self._free(self._scaled(data.angle - angle) - self._pulled(flat)))
 
-    def _secants(self, model: Model, at: Real, grows: Truth, steps: Real) -> tuple[float, Real, Real] | None:
-        """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``at``."""
-        base, columns = self.base.unknowns, []
-        for number, step in zip(np.flatnonzero(grows), steps, strict=True):
-            if step == 0:
-                columns.append(np.zeros(len(self.rows)))
-                continue
-            shares = at.copy()
-            shares[number] += step
-            start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
-            angle, _, sound = self.fitter.predict(model, start, self.positions)
-            if not sound:
-                return None
-            columns.append(self._scaled(angle - self.plain))
-        changes = np.column_stack(columns)
-        free = np.column_stack([self._free(column) for column in columns])
-        several = grows.sum() > 1
-        low = np.full(len(steps), -REACH if several else 0.0)
-        amounts = lsq_linear(free, self._free(self.left), (low, np.full(len(steps), REACH))).x
+    def _looks(self, model: Model, at: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
+        """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``at``.
+
+        One look for each combination of the senses in which parameters can go: gaps that open and gaps that close are
+        two effects.
+        """
+        base, sides = self.base.unknowns, []
+        for number in np.flatnonzero(grows):
+            found = []
+            for step in (-length * at[number], length * (1 - at[number])):
+                shares = at.copy()
+                shares[number] += step
+                start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
+                if step:
+                    angle, _, sound = self.fitter.predict(model, start, self.positions)
+                    found += [(step, self._scaled(angle - self.plain))] if sound else []
+            sides.append(found)
+        return [self._joined(at, grows, one) for one in product(*sides)]
+
+    def _joined(self, at: Real, grows: Truth, secants: Sequence[tuple[float, Real]]) -> tuple[float, Real, Real]:
+        """Linear least squares over one secant of each parameter and the base's unknowns."""
+        steps = np.array([step for step, _ in secants])
+        changes = np.column_stack([change for _, change in secants])
+        free = changes - self.basis @ (self.basis.T @ changes)
+        amounts = lsq_linear(free, self._free(self.left), (0.0, REACH)).x
         shares = at.copy()
         shares[grows] = np.clip(at[grows] + amounts * steps, 0.0, 1.0)
-        moved = np.linalg.lstsq(self.triangle, self.basis.T @ (self.left - changes @ amounts), rcond=None)[0]
-        return self._misfit(self._free(self.left - changes @ amounts)), shares, moved
+        rest = self.left - changes @ amounts
+        moved = np.linalg.lstsq(self.triangle, self.basis.T @ rest, rcond=None)[0]
+        return self._misfit(self._free(rest)), shares, moved
 
     def _ripple(self, effect: Candidate) -> Promise:
         """Best period of a small ripple: its torque moves the angle by the slope of the curve."""

@@ -25,14 +25,22 @@ FAMILYWISE = 0.05
 SET_LEVEL = 0.9
 STRUCTURE = 1.25
 """Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
+FORM = 0.1
+"""Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave."""
 LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
+ALIKE = 0.05
+"""Difference of held-out losses, in squared floors, that the form of the model may cause: it decides nothing."""
 FEWEST_BLOCKS = 8
 RESAMPLES = 2000
+FAR = 4.0
+"""The first steps alone are taken of those whose misfit is beyond this ratio of the best."""
 FIRST_ITERATIONS = 3
 """Steps of a fit that rank the effects before the best are fitted in full."""
-HOPELESS = 1.0
+HOPELESS = 0.98
 """Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
+MOST_LOOKED = 2
+"""Effects that take those steps, over the number wanted."""
 FAR_FROM_DECLARED = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 MOST_EFFECTS = 4
@@ -69,6 +77,11 @@ class Selection:
     def chosen(self) -> Trial:
         """The best model's trial, or the base's."""
         return self.trials[self.best] if self.best else self.base
+
+    @property
+    def limit(self) -> float:
+        """Held-out rms in floors up to which the best model leaves nothing structured."""
+        return float(np.hypot(STRUCTURE, FORM * self.base.rms)) if self.best else STRUCTURE
 
 
 class Selector:
@@ -109,17 +122,20 @@ class Selector:
 
     def _fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise], count: int) -> list[Fit]:
         """Fits of the ``count`` best additions to a base, and of those that come near: a few steps of all rank them."""
+        hopeful = [name for name in promises if promises[name].misfit < HOPELESS]
+        hopeful = sorted(hopeful, key=lambda name: promises[name].misfit)[: MOST_LOOKED * count]
         first = []
-        for name, promise in promises.items():
-            if promise.misfit > HOPELESS:
-                continue
+        for name in hopeful:
             model = Model((*base.model.effects, self.testable[name]))
-            fit = self.fitter.fit(model, cells, promise.start, FIRST_ITERATIONS, base)
+            fit = self.fitter.fit(model, cells, promises[name].start, FIRST_ITERATIONS, base)
             if np.isfinite(fit.cost) and fit.sound:
                 first.append(fit)
         first.sort(key=lambda fit: fit.cost)
         near = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
-        return [self.fitter.fit(fit.model, cells, fit.unknowns, near=fit) for fit in near]
+        return [
+            self.fitter.fit(fit.model, cells, fit.unknowns, near=fit) if fit.cost < FAR * first[0].cost else fit
+            for fit in near
+        ]
 
     def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise]) -> Fit:
         """Fit of a model by the names of its effects, from what the screening found of each."""
@@ -128,13 +144,13 @@ class Selector:
         shares = np.concatenate([promises[part].start.shares for part in parts])
         return self.fitter.fit(model, cells, replace(promises[parts[0]].start, shares=shares))
 
-    def extended(self, selection: Selection, cells: Truth, enough: float) -> Selection:
-        """The selection with effects added to its best, one at a time, until its held-out rms is ``enough``.
+    def extended(self, selection: Selection, cells: Truth) -> Selection:
+        """The selection with effects added to its best, one at a time, until nothing structured is left.
 
         What is left by the best model is screened for every other effect; an addition stays if it gains significantly.
         """
         for _ in range(MOST_EFFECTS - 1):
-            if not selection.best or selection.chosen.rms <= enough:
+            if not selection.best or selection.chosen.rms <= selection.limit:
                 break
             now = selection.chosen.fit
             fits = self._fits(now, cells, self.screen(cells, now), ADDITIONS)
@@ -142,7 +158,22 @@ class Selector:
             before, selection = selection.best, self._judged(selection.base, trials, selection.screened, cells)
             if selection.best == before:
                 break
+            trials = {**selection.trials, **self._without(selection, cells)}
+            selection = self._judged(selection.base, trials, selection.screened, cells)
         return selection
+
+    def _without(self, selection: Selection, cells: Truth) -> dict[str, Trial]:
+        """Trials of the best model without one of its effects, from where it stands: the first may have been wrong."""
+        fit, found = selection.chosen.fit, {}
+        for number in range(fit.model.n_effects):
+            kept = [effect for k, effect in enumerate(fit.model.effects) if k != number]
+            parts = fit.model.split(fit.unknowns.shares.tolist())
+            shares = np.array([share for k, (_, own) in enumerate(parts) for share in own if k != number])
+            model = Model(tuple(kept))
+            again = self.trial(self.fitter.fit(model, cells, replace(fit.unknowns, shares=shares)), cells)
+            if model.name not in selection.trials or again.rms < selection.trials[model.name].rms:
+                found[model.name] = again
+        return found
 
     def _judged(
         self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float], cells: Truth
@@ -178,25 +209,36 @@ class Selector:
             alike = [name for name in survivors if trials[name].fit.model.n_effects == count]
             if not alike:
                 continue
-            if best:
-                gain = trials[best].scores - trials[alike[0]].scores
-                _, p = max_t(gain[:, None], RESAMPLES, SEED)
-                if p[0] > FAMILYWISE or trials[best].rms ** 2 - trials[alike[0]].rms ** 2 < LEAST_GAIN:
-                    continue
+            if best and not self._gains(trials[best], trials[alike[0]]):
+                continue
             best = alike[0]
+            simpler = "+".join(NESTED.get(part, part) for part in best.split("+"))
+            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], ALIKE):
+                best = simpler
         return best
+
+    @staticmethod
+    def _gains(before: Trial, after: Trial, least: float = LEAST_GAIN) -> bool:
+        """Whether a model is better than a simpler one by more than chance, and by ``least`` in squared floors."""
+        _, p = max_t((before.scores - after.scores)[:, None], RESAMPLES, SEED)
+        return bool(p[0] <= FAMILYWISE and before.rms**2 - after.rms**2 >= least)
 
     def _members(
         self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth
     ) -> tuple[str, ...]:
         """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
         alike = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
-        kept = confidence_set(np.column_stack([trials[name].scores for name in alike]), SET_LEVEL, RESAMPLES, SEED)
-        sigma = self.problem.data.sigma
+        data = self.problem.data
+        _, first = np.unique(data.block[cells], return_index=True)
+        _, branch = np.unique(data.branch[cells][first], return_inverse=True)
+        scores = [np.bincount(branch, trials[name].scores) / np.bincount(branch) for name in alike]
+        kept = confidence_set(np.column_stack(scores), SET_LEVEL, RESAMPLES, SEED)
+        sigma = data.sigma
         members = []
         for name, inside in zip(alike, kept, strict=True):
             apart = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
-            if name == best or (inside and np.sqrt(np.mean(apart**2)) < 1):
+            behind = trials[name].rms ** 2 - trials[best].rms ** 2
+            if name == best or ((inside or behind < ALIKE) and np.sqrt(np.mean(apart**2)) < 1):
                 members.append(name)
         return tuple(name for name in members if not _needless(name, members))
 

@@ -45,8 +45,8 @@ RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 JUMP = 2.0
 """Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""
-POINTS = 5
-"""Torques within a cell at which its angle is predicted and averaged: the curve is bent within it."""
+PARTS = 5
+"""Parts of a cell, of as many rows each, over which its angle is averaged: the curve is bent within it."""
 CELL_WIDTH = 0.02
 """Error of a cell's torque as a share of the distance to its neighbours."""
 
@@ -206,10 +206,10 @@ def _course(
 
 
 def _within(rows: Rows, usable: NDArray[np.bool_], cells: Cells, numbers: NDArray[np.intp]) -> Real:
-    """Torques within cells (n, POINTS) [N m]: quantiles of their rows."""
+    """Torques within cells (n, PARTS + 1) [N m]: quantiles of their rows, from the least to the largest."""
     kept = np.flatnonzero(usable)
     first = np.searchsorted(kept, cells.first_row[numbers])
-    shares = (np.arange(POINTS) + 0.5) / POINTS
+    shares = np.arange(PARTS + 1) / PARTS
     return np.array(
         [
             np.quantile(rows.torque[kept[start : start + count]], shares)
@@ -244,6 +244,9 @@ def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
         position=cells.position,
         cycle=cells.cycle,
         block=cells.block,
+        branch=np.unique(
+            np.column_stack([blocks.position, blocks.branch, blocks.direction]), axis=0, return_inverse=True
+        )[1].ravel()[cells.block],
         torque=cells.torque_mean,
         angle=cells.angle_mean,
         count=cells.count,

@@ -1,4 +1,4 @@
-"""Which rows may be fitted: numbers, not saturated, no jumps of the encoder."""
+"""Which rows may be fitted: numbers, not saturated, no jumps of the encoder, not at rest before the first load."""
 
 from __future__ import annotations
 
@@ -27,13 +27,26 @@ LOST_SHARE = 0.05
 """Share of the largest command that a saturated torque falls short by at least."""
 NOISE_FACTOR = 6.0
 """The same in standard deviations of the torque."""
+START_NOISE = 4.0
+"""Standard deviations of the torque beyond which it is not zero."""
 SPIKE_FACTOR = 8.0
 """Robust standard deviations by which a spike stands out from both neighbours."""
 
 
 def usable_rows(unit: UnitFile, rows: Rows) -> Truth:
     """Whether each row may be fitted (n,)."""
-    return numeric(rows) & ~saturated(unit, rows) & ~spikes(unit, rows)
+    return numeric(rows) & ~saturated(unit, rows) & ~spikes(unit, rows) & ~at_rest(unit, rows)
+
+
+def at_rest(unit: UnitFile, rows: Rows) -> Truth:
+    """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
+    least = START_NOISE * torque_noise(unit, rows) + (unit.settings.instrument.torque_resolution_Nm or 0.0)
+    found = np.zeros(len(rows), bool)
+    for position in range(len(rows.cranks)):
+        mine = np.flatnonzero(rows.position == position)
+        loaded = np.abs(rows.torque[mine]) > least
+        found[mine[: int(np.argmax(loaded)) if np.any(loaded) else 0]] = True
+    return found
 
 
 def numeric(rows: Rows) -> Truth:

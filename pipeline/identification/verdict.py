@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.fitting import Fit, Fitter, mapped
 from pipeline.identification.problem import candidates
-from pipeline.identification.selection import STRUCTURE, Selection
+from pipeline.identification.selection import Selection
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -75,7 +75,7 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
     chosen = selection.chosen
     structure = chosen.rms
-    left = structure > STRUCTURE or chosen.fit.model.n_effects > MOST_NAMED
+    left = structure > selection.limit or chosen.fit.model.n_effects > MOST_NAMED
     members = selection.members
     if left or len(members) > LARGEST_CLASS:
         verdict = UNEXPLAINED if left else EQUIVALENT
@@ -102,27 +102,35 @@ def _traced(selection: Selection) -> tuple[str, ...]:
 
 
 def intervals(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[FittedParameter, ...]:
-    """Parameters of a fit with intervals of a block bootstrap, each resample by one Newton step from the optimum."""
+    """Parameters of a fit with intervals of a bootstrap of the score, each resample one Newton step from the optimum.
+
+    Notes
+    -----
+    Drawn are branches with all their cycles: a fault of the model's form is the same in every cycle of a branch, and
+    more cycles tell no more of it. What the priors hold (tolerances, calibrated numbers) is drawn from them.
+    """
     data, bounds = fitter.problem.data, fitter.bounds(fit.model)
     penalty = fitter.penalty(fit.unknowns)
     rows = fit.jacobian[cells] / data.sigma[cells][:, None]
     misfit = ((data.angle - fit.predicted) / data.sigma)[cells]
-    _, block = np.unique(data.block[cells], return_inverse=True)
+    _, block = np.unique(data.branch[cells], return_inverse=True)
     n_blocks, k = int(block.max()) + 1, rows.shape[1]
     products = np.zeros((n_blocks, k, k + 1))
     for b in range(n_blocks):
         mine = rows[block == b]
         products[b, :, :k], products[b, :, k] = mine.T @ mine, mine.T @ misfit[block == b]
     drawn = n_blocks * resampled_means(products, RESAMPLES, SEED)
-    prior = np.diag(penalty**2)
-    hessians = drawn[:, :, :k] + prior + 1e-9 * np.trace(products[:, :, :k].sum(axis=0)) / max(k, 1) * np.eye(k)
-    steps = np.linalg.solve(hessians, (drawn[:, :, k] - penalty**2 * fit.unknowns.flat)[..., None])[..., 0]
+    drawn[:, :, k] += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
+    whole = products[:, :, :k].sum(axis=0)
+    hessian = whole + np.diag(penalty**2) + 1e-9 * np.trace(whole) / max(k, 1) * np.eye(k)
+    steps = np.linalg.solve(hessian, (drawn[:, :, k] - penalty**2 * fit.unknowns.flat).T).T
     first = len(fit.unknowns.scales)
-    shares = fit.unknowns.shares + steps[:, first : first + len(fit.unknowns.shares)]
-    centre = fit.unknowns.shares
+    own = slice(first, first + len(fit.unknowns.shares))
     tails = 50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)
-    # few blocks: their spread is widened as Student's t is over the normal distribution
-    low, high = (centre + (np.percentile(shares, tail, axis=0) - centre) * _student(n_blocks) for tail in tails)
+    # about the median step, which is not zero where a bound or the last steps of the fit hold it;
+    # few branches: their spread is widened as Student's t is over the normal distribution
+    spread = (steps - np.median(steps, axis=0))[:, own] * _student(n_blocks)
+    low, high = (fit.unknowns.shares + np.percentile(spread, tail, axis=0) for tail in tails)
     values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
     found = []
     number = -1

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from synthetic_unit import ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
 from pipeline.identification.fitting import TOLERANCE, WIDE, Fitter, mapped, unmapped
+from pipeline.identification.heldout import groups
 from pipeline.identification.identify import identify
 from pipeline.identification.problem import Model, candidates, prior_modes
-from pipeline.identification.selection import Selector
 from pipeline.identification.setup import POPULATION
 from pipeline.identification.unit import load_measured_unit
 from pipeline.model.cycle import ARCMIN
@@ -206,10 +206,9 @@ def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatc
 
 
 def test_folds_leave_out_positions_else_cycles(known):
-    selector = Selector(Fitter(known))
-    every = everything(known)
-    np.testing.assert_array_equal(selector.group(every), known.data.position)
-    np.testing.assert_array_equal(selector.group(known.data.position == 1), known.data.cycle)
+    data = known.data
+    np.testing.assert_array_equal(groups(data, everything(known)), data.position)
+    np.testing.assert_array_equal(groups(data, data.position == 1), data.cycle)
 
 
 def test_a_dimension_is_an_effect_only_beyond_its_tolerance(known):

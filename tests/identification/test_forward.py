@@ -19,11 +19,16 @@ TURNS = np.array([0.0, 12.0, -12.0, 12.0, 0.0])
 ROWS = 40
 
 
+def points(torque):
+    """Cells (n, 2) without width."""
+    return np.column_stack([torque, torque])
+
+
 def course_of(turns=TURNS, time=None, encoder_turns=1.0, place=0.0):
     torque = np.concatenate([np.linspace(a, b, ROWS + 2)[1:-1] for a, b in zip(turns[:-1], turns[1:], strict=True)])
     leg = np.repeat(np.arange(len(turns) - 1), ROWS)
     states = np.zeros(len(turns) - 1, np.int64)
-    return Course(turns, leg, states, torque[:, None], leg * 0.0 if time is None else time, encoder_turns, place)
+    return Course(turns, leg, states, points(torque), leg * 0.0 if time is None else time, encoder_turns, place)
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +57,24 @@ def test_torsion_counts_once_whichever_drive_was_seen_first(drive):
 def test_frictionless_reading_is_the_backbone_at_its_nodes(drive):
     forward = Forward([course_of()], drive.rated_torque)
     curve = backbone(drive, forward.shares)
-    course = replace(course_of(), leg=np.full(len(curve.torque), 1), at=1e-3 * curve.torque[::-1, None])
+    course = replace(course_of(), leg=np.full(len(curve.torque), 1), at=points(1e-3 * curve.torque[::-1]))
     course = replace(course, time=np.zeros(len(curve.torque)), torque=1.05 * TURNS)
     reading = Forward([course], drive.rated_torque / 1.05).read(drive, 0, Instrument())
     fine = np.interp(1e-3 * curve.torque[::-1], 1e-3 * curve.torque, ARCMIN * curve.angle[0])
     np.testing.assert_allclose(reading.angle, fine, atol=5e-3)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.8])
+def test_the_angle_of_a_cell_is_the_mean_over_its_rows(drive, friction):
+    rubbing = library()["coulomb"].apply(drive, [friction], Conditions.usual(1))
+    fine = np.linspace(-0.45, 1.05, 4001)
+    edges = np.array([[-0.45, 0.3, 1.05]])
+    one = Course(TURNS, np.array([2]), np.zeros(4, np.int64), edges, np.zeros(1), 1.0, 0.0)
+    many = Course(TURNS, np.full(4001, 2), np.zeros(4, np.int64), points(fine), np.zeros(4001), 1.0, 0.0)
+    (mean,) = read(rubbing, course=one).angle
+    every = read(rubbing, course=many).angle
+    assert np.ptp(every) > 0.5  # through the play
+    assert mean == pytest.approx(np.mean(0.5 * (every[1:] + every[:-1])), abs=2e-3 * np.ptp(every))
 
 
 def test_instrument_reads_torque_and_angle_with_its_errors(drive):
@@ -79,7 +97,7 @@ def test_creep_after_a_step_is_that_of_spring_and_damper(drive):
     at = np.concatenate([[0.0], np.full(60, 12.0), np.full(60, 6.0)])
     leg = np.concatenate([[0], np.zeros(60, np.int64), np.ones(60, np.int64)])
     time = np.concatenate([[0.0], hold, 200 + hold])
-    course = Course(turns, leg, np.zeros(2, np.int64), at[:, None], time, 1.0, 0.0)
+    course = Course(turns, leg, np.zeros(2, np.int64), points(at), time, 1.0, 0.0)
     made = replace(drive, creep=Creep(compliance, tau))
     found = read(made, course=course).angle - read(drive, course=course).angle
 

@@ -8,11 +8,12 @@ from measured_bench import ROOT, measured, write_unit
 from scipy.stats import binom
 
 from pipeline.identification.fitting import Fit, Vector
+from pipeline.identification.heldout import Trial
 from pipeline.identification.identify import identify
 from pipeline.identification.problem import Model, candidates
-from pipeline.identification.selection import Selection, Trial
+from pipeline.identification.selection import STRUCTURE, Selection
 from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.verdict import DISTINGUISHING, STRUCTURE, intervals, judge
+from pipeline.identification.verdict import DISTINGUISHING, intervals, judge
 
 BLOCKS, CELLS = 24, 20
 BOUNDS = (-4.0, 6.0)
@@ -27,7 +28,8 @@ class LinearFitter:
         block = np.repeat(np.arange(BLOCKS), CELLS)
         shared = 0.5 * noise * rng.normal(size=BLOCKS)[block]  # what the cells of a block have in common
         angle = self.design[:, 1:] @ np.atleast_1d(truth) + shared + noise * rng.normal(size=n)
-        self.problem = SimpleNamespace(data=SimpleNamespace(angle=angle, sigma=np.full(n, noise), block=block))
+        data = SimpleNamespace(angle=angle, sigma=np.full(n, noise), block=block, branch=block)
+        self.problem = SimpleNamespace(data=data)
 
     def bounds(self, model):
         return [BOUNDS] * model.n_parameters
@@ -47,7 +49,8 @@ class LinearFitter:
         shares = np.clip(start + found[1:], 0.0, 1.0)
         predicted = jacobian @ np.append(found[:1], shares - start)
         values = BOUNDS[0] + width * shares
-        return Fit(model, Vector(found[:1], shares, np.zeros(0)), values, predicted, 0.0, jacobian, True)
+        vector = Vector(found[:1], shares, np.zeros(0))
+        return Fit(model, vector, values, predicted, 0.0, jacobian, self.penalty(vector), True)
 
 
 EVERYTHING = np.ones(BLOCKS * CELLS, bool)

@@ -13,7 +13,8 @@ from scipy.stats import beta
 from pipeline.engine.store import write_atomic
 from pipeline.identification.blind.generate import NONE, ONE, OUTSIDE_KIND, TWO
 from pipeline.identification.blind.run import VISIBLE, Row
-from pipeline.identification.verdict import STRUCTURE, UNEXPLAINED
+from pipeline.identification.selection import STRUCTURE
+from pipeline.identification.verdict import UNEXPLAINED
 
 LEVEL = 0.95
 BINS = (1.0, 2.0, 3.0, 6.0, 12.0, 40.0)

@@ -1,7 +1,6 @@
 """Wear of one flank."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -10,10 +9,10 @@ from pipeline.model.effects.effect import Conditions, Effect, Parameter
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    shift, arm = drive.shift.copy(), drive.reducer.pins.arm
+    opened, arm = np.zeros_like(drive.shift), drive.reducer.pins.arm
     worn = np.flatnonzero(arm < 0 if values[0] > 0 else arm > 0)
-    shift[:, worn] += 1e-3 * abs(values[0])
-    return replace(drive, shift=shift)
+    opened[:, worn] = 1e-3 * abs(values[0])
+    return drive.shifted(opened)
 
 
 EFFECT = Effect(

@@ -1,16 +1,17 @@
 """Interference of the disk with its pins."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+
+import numpy as np
 
 from pipeline.model.drive import Drive
 from pipeline.model.effects.effect import LARGEST_INTERFERENCE, Conditions, Effect, Parameter
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    shift = drive.shift.copy()
-    shift[:, : drive.reducer.n_pins] -= 1e-3 * values[0]
-    return replace(drive, shift=shift)
+    closed = np.zeros_like(drive.shift)
+    closed[:, : drive.reducer.n_pins] = -1e-3 * values[0]
+    return drive.shifted(closed)
 
 
 EFFECT = Effect(

@@ -1,7 +1,6 @@
 """Running in over the load cycles."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,9 +10,9 @@ from pipeline.model.effects.effect import CYCLES, Conditions, Effect, Parameter
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     worn = 1e-3 * values[0] * -np.expm1(-conditions.cycle / values[1])
-    shift = drive.shift.copy()
-    shift[:, : drive.reducer.n_pins] += worn[:, None]
-    return replace(drive, shift=shift)
+    opened = np.zeros_like(drive.shift)
+    opened[:, : drive.reducer.n_pins] = worn[:, None]
+    return drive.shifted(opened)
 
 
 EFFECT = Effect(
