@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from pipeline.identification.fitting import Fit, Fitter, Vector
-    from pipeline.identification.problem import Model
+    from pipeline.identification.problem import Data, Model
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -20,6 +20,7 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
 EASED, STIFFENED = 5.0, 8.0
 """Factors of the damping after a step that falls, and after one that does not."""
 TRIES = 6
+BISECTIONS = 30
 
 
 class Descent:
@@ -28,6 +29,7 @@ class Descent:
     Attributes
     ----------
     now : unknowns.
+    sigma : (n_cells,) [arcmin] of the noise, and of what the form of the model misses.
     misfit : (n_fitted,) residuals of the cells fitted, offsets removed, in sigmas.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
     penalty : (n_unknowns,) inverse standard deviations by which the unknowns are held.
@@ -37,15 +39,14 @@ class Descent:
         self.fitter, self.model, self.fitted, self.near = fitter, model, fitted, near
         self.frozen = frozen and near is not None
         data = fitter.problem.data
-        self.weight = np.where(fitted, 1 / data.sigma**2, 0.0)
-        self.root = np.sqrt(self.weight[fitted])
         self.positions = np.unique(data.position[fitted]).tolist()
-        self.prior = self.penalty = fitter.penalty(start)
+        self.penalty = fitter.penalty(start)
+        self.repeats = _repeats(data, fitted)
         self.damping = FIRST_DAMPING
         self.known = None if near is None else (near.unknowns.scales, near.jacobian)
         self.angle, self.influence, _ = self._predicted(start)
-        self.now, self.misfit = start, self._misfit(self.angle)
-        self.cost = self._cost(self.misfit, start)
+        self.now = start
+        self._weigh(data.sigma)
         self.jacobian = np.zeros((len(data), len(start.flat)))
         if np.isfinite(self.cost):
             self._derive()
@@ -53,9 +54,7 @@ class Descent:
     def run(self, iterations: int) -> None:
         """At most some steps, until the sum of squares settles."""
         for _ in range(iterations if np.isfinite(self.cost) else 0):
-            # a model that misses the data by more than their noise knows as much less of tolerances
-            self.penalty = self.prior * max(1.0, float(np.sqrt(np.mean(self.misfit**2))))
-            self.cost = self._cost(self.misfit, self.now)
+            self._weigh(self._with_form())
             fall = self._step()
             if fall == 0.0 and self.stale:
                 self.known = None
@@ -66,9 +65,45 @@ class Descent:
             if fall < SETTLED * max(self.cost, 1.0):
                 break
 
+    def _with_form(self) -> Real:
+        """Standard deviation of every cell with what the form of the model misses, alike over the rows of the cells.
+
+        As much of it as makes the mean square residual 1: such a model knows as much less of tolerances, and cells that
+        are measured best do not decide where it errs. It is the same in every cycle of a branch, which together count
+        as one.
+        """
+        data = self.fitter.problem.data
+        noise = data.sigma[self.fitted] ** 2
+        square = (self.misfit * self.sigma[self.fitted]) ** 2
+        spread = (np.mean(data.count) / data.count)[self.fitted]
+        low, high = 0.0, float(np.mean(square / spread))
+        if np.mean(square / noise) <= 1.0:
+            return data.sigma
+        for _ in range(BISECTIONS):
+            form = 0.5 * (low + high)
+            if np.mean(square / (noise + form * spread)) > 1.0:
+                low = form
+            else:
+                high = form
+        return np.sqrt(data.sigma**2 + high * self.repeats * np.mean(data.count) / data.count)
+
+    def _weigh(self, sigma: Real) -> None:
+        """Give the cells their weights."""
+        self.sigma = sigma
+        self.weight = np.where(self.fitted, 1 / sigma**2, 0.0)
+        self.root = np.sqrt(self.weight[self.fitted])
+        self.misfit = self._misfit(self.angle)
+        self.cost = self._cost(self.misfit, self.now)
+
+    @property
+    def in_noise(self) -> float:
+        """Sum of squares in sigmas of the noise alone, and of the priors: it compares models."""
+        misfit = self.misfit * (self.sigma / self.fitter.problem.data.sigma)[self.fitted]
+        return self._cost(misfit, self.now)
+
     def _step(self) -> float:
         """Fall of the sum of squares by the first damped step that falls; 0 where none does."""
-        rows = self.jacobian[self.fitted] * self.root[:, None]
+        rows = self.fitter.centred(self.jacobian, self.weight)[self.fitted] * self.root[:, None]
         hessian = rows.T @ rows + np.diag(self.penalty**2)
         gradient = rows.T @ self.misfit - self.penalty**2 * self.now.flat
         free = self.now.free(gradient)
@@ -104,6 +139,12 @@ class Descent:
             self.model, self.now, self.angle, self.influence, self.positions, self.weight, before
         )
         self.stale = before is not None and self.known[0] is before[0]
+
+
+def _repeats(data: Data, fitted: Truth) -> Real:
+    """Cycles in which the branch of each cell (n_cells,) was fitted, at least one."""
+    pairs = np.unique(np.column_stack([data.branch, data.block])[fitted], axis=0)
+    return np.maximum(np.bincount(pairs[:, 0], minlength=int(data.branch.max()) + 1)[data.branch], 1.0)
 
 
 def damped_step(hessian: Real, gradient: Real, free: Truth, damping: float) -> Real:

@@ -71,7 +71,7 @@ class Fit:
     predicted : (n_cells,) [arcmin] of all cells, offsets included; NaN at positions that were not asked for.
     cost : sum of squares over the cells fitted, in units of their sigma, priors included.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
-    penalty : (n_unknowns,) inverse standard deviations by which the unknowns were held.
+    sigma : (n_cells,) [arcmin] by which the cells were weighted: their noise, and what the form of the model misses.
     sound : whether every equilibrium was found.
     """
 
@@ -81,7 +81,7 @@ class Fit:
     predicted: Real
     cost: float
     jacobian: Real
-    penalty: Real
+    sigma: Real
     sound: bool
 
 
@@ -165,10 +165,10 @@ class Fitter:
                 out[group == one] -= mean
         return out
 
-    def offsets(self, angle: Real, fitted: Truth) -> Real:
+    def offsets(self, angle: Real, fitted: Truth, sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
         data, out = self.problem.data, np.zeros(len(self.problem.data))
-        weight = 1 / data.sigma**2
+        weight = 1 / sigma**2
         for one in np.unique(data.group):
             mine = data.group == one
             use = mine & fitted if np.any(mine & fitted) else mine
@@ -201,10 +201,10 @@ class Fitter:
             model,
             now,
             mapped(self.bounds(model), now.shares),
-            whole + self.offsets(whole, fitted),
-            descent.cost if np.isfinite(descent.cost) else np.inf,
+            whole + self.offsets(whole, fitted, descent.sigma),
+            descent.in_noise if np.isfinite(descent.cost) else np.inf,
             descent.jacobian,
-            descent.penalty,
+            descent.sigma,
             sound,
         )
 

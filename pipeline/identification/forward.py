@@ -186,7 +186,8 @@ class Forward:
     @staticmethod
     def _bends(drive: Drive, course: Course, nodes: Real, torque: Real, at: Real) -> list[Real]:
         """Torques of each leg at which a slip or a ripple may bend the curve, beside the backbone's nodes."""
-        slid = np.sum(drive.sliders.acting.limit)
+        acting = drive.sliders.acting
+        slid = np.sum(acting.limit) + np.sum(acting.coefficient) * np.abs(nodes)
         sense = np.sign(np.diff(torque))
         return [np.concatenate([at[course.leg == leg].ravel(), nodes + sense[leg] * slid]) for leg in range(len(sense))]
 

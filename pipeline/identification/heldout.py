@@ -87,11 +87,11 @@ def conditioned(fitter: Fitter, fold: Fit, seen: Truth, left_out: Truth) -> tupl
     Angles (n_left_out,) [arcmin], and the square of the unknowns' shifts over their uncertainty, per cell.
     """
     data = fitter.problem.data
-    predicted, sigma = fold.predicted[left_out], data.sigma[left_out]
-    if not fold.penalty.size or not np.all(np.isfinite(predicted)):
+    predicted, sigma, penalty = fold.predicted[left_out], fold.sigma[left_out], fitter.penalty(fold.unknowns)
+    if not penalty.size or not np.all(np.isfinite(predicted)):
         return predicted, 0.0
-    rows = fold.jacobian[seen] / data.sigma[seen][:, None]
-    precision = rows.T @ rows + np.diag(np.maximum(fold.penalty, 1 / OPEN_SHARE) ** 2)
+    rows = fold.jacobian[seen] / fold.sigma[seen][:, None]
+    precision = rows.T @ rows + np.diag(np.maximum(penalty, 1 / OPEN_SHARE) ** 2)
     own = fold.jacobian[left_out] / sigma[:, None]
     shift = np.linalg.solve(own.T @ own + precision, own.T @ ((data.angle[left_out] - predicted) / sigma))
     return predicted + sigma * (own @ shift), float(shift @ precision @ shift) / len(sigma)

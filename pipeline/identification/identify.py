@@ -16,7 +16,7 @@ from pipeline.identification.heldout import groups
 from pipeline.identification.noise import Noise, measured_noise
 from pipeline.identification.problem import Model, Problem, candidates
 from pipeline.identification.reading import Rows, read_rows, training_rows
-from pipeline.identification.selection import Selection, Selector
+from pipeline.identification.selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
 from pipeline.identification.setup import build_problem
 from pipeline.identification.unit import UnitFile
 from pipeline.identification.usable import usable_rows
@@ -87,14 +87,14 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
     compliances = condensed(unit.study, rows.cranks.tolist())
     problem = build_problem(unit, rows, usable, blocks, averaged, history(rows, blocks), noise, compliances)
     fitter = Fitter(problem)
-    selector = Selector(fitter)
     everything = np.ones(len(problem.data), bool)
     split = training_rows(unit, rows)[averaged.first_row]
     given = bool(unit.settings.held_out.train)
     seen = split if given else everything
+    selector = Selector(fitter, seen, MOST_EFFECTS if nested else MOST_NAMED)
     selection = _selected(selector, seen)
     held_out, curves = _held_out(selector, selection, seen, everything, nested)
-    why_not = {name: reason for name, effect in candidates().items() if (reason := problem.why_not(effect))}
+    why_not = {name: reason for name, effect in candidates().items() if (reason := problem.why_not(effect, seen))}
     return Identification(
         unit,
         rows,
@@ -124,13 +124,13 @@ def _held_out(
     plain = fitter.predict(Model(), fitter.start(Model()))[0]
     if not np.all(seen):
         left = everything & ~seen
-        declared = plain + fitter.offsets(plain, seen)
+        declared = plain + fitter.offsets(plain, seen, data.sigma)
         return left, Curves(declared, selection.base.fit.predicted, selection.chosen.fit.predicted)
     declared, after = np.full(len(data), np.nan), np.full(len(data), np.nan)
     group = groups(data, seen)
     for one in np.unique(group):
         left = group == one
-        declared[left] = (plain + fitter.offsets(plain, ~left))[left]
+        declared[left] = (plain + fitter.offsets(plain, ~left, data.sigma))[left]
         if nested:
             inner = selector.select(~left, tuple(selection.trials))
             after[left] = inner.chosen.fit.predicted[left]

@@ -120,6 +120,7 @@ EFFECTS = (
             (float(np.log10(FEWEST_WAVES * 2 * np.pi * ARCMIN / span)), float(np.log10(120 * np.pi * ARCMIN / span))),
         ),
         apply=_ripple,
+        needs=frozenset({CRANKS}),
     ),
 )
 

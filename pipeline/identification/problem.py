@@ -14,12 +14,14 @@ from pipeline.identification.instrument import InstrumentEffect, instrument_effe
 from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Drive
 from pipeline.model.effects import Conditions, Effect, library
-from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Candidate = Effect | InstrumentEffect
 
+FEWEST_CRANKS = 3
+"""Crank positions that an effect with a phase over the crank angle needs."""
 STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})
 
 
@@ -76,7 +78,7 @@ class Problem:
     modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
     gap_limit : [mm] mean gap of the pins, by their arms, that tolerances (or what measuring leaves uncertain) reach.
     conditions : of the states of the drives.
-    varied : what the data vary in, of ``effects.effect``.
+    offered : what the data have of what effects need (``effects.effect``).
     rated_torque : [N m]
     """
 
@@ -89,7 +91,7 @@ class Problem:
     modes: tuple[Real, ...]
     gap_limit: float
     conditions: tuple[Conditions, ...]
-    varied: frozenset[str]
+    offered: frozenset[str]
     rated_torque: float
 
     @property
@@ -131,15 +133,19 @@ class Problem:
                 return True
         return False
 
-    def why_not(self, candidate: Candidate) -> str:
-        """Why the data cannot test an effect; empty if they can."""
+    def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
+        """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
         lacking = {
-            CRANKS: "fewer than 3 crank positions",
+            CRANKS: f"fewer than {FEWEST_CRANKS} crank positions to fit",
             CYCLES: "fewer than 2 cycles",
             TIME: "no time stamps",
             TEMPERATURE: "no temperature that varies",
+            STILL: "the locked output lets the crank turn by more than half a pitch of the pins: see load_friction",
         }
-        reasons = [lacking[need] for need in sorted(candidate.needs - self.varied)]
+        offered = set(self.offered)
+        if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
+            offered.discard(CRANKS)
+        reasons = [lacking[need] for need in sorted(candidate.needs - offered)]
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
             reasons.append("every position has its own zero of the angle")
         return "; ".join(reasons)
@@ -164,8 +170,8 @@ class Model:
 
     @property
     def name(self) -> str:
-        """Names of the effects, joined by +."""
-        return "+".join(effect.name for effect in self.effects)
+        """Names of the effects in alphabetical order, joined by +."""
+        return "+".join(sorted(effect.name for effect in self.effects))
 
     @property
     def n_parameters(self) -> int:

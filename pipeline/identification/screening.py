@@ -44,19 +44,19 @@ class Promise:
 
 
 class Screening:
-    """Looks at effects beside one fitted base.
+    """Looks at effects beside one fitted base, cells weighted by ``sigma`` (n_cells,) [arcmin].
 
     The misfit of a prediction is that after the base's unknowns (scales, parameters, tolerances) have moved as they
     can, linearly and held by their priors.
     """
 
-    def __init__(self, fitter: Fitter, cells: Truth, base: Fit):
+    def __init__(self, fitter: Fitter, cells: Truth, base: Fit, sigma: Real):
         self.fitter, self.cells, self.base = fitter, cells, base
         data = fitter.problem.data
         self.positions = np.unique(data.position[cells]).tolist()
-        self.weight = np.where(cells, 1 / data.sigma**2, 0.0)
+        self.weight = np.where(cells, 1 / sigma**2, 0.0)
         self.root = np.sqrt(self.weight[cells])
-        penalty = base.penalty
+        self.penalty = penalty = fitter.penalty(base.unknowns)
         self.rows = np.vstack([base.jacobian[cells] * self.root[:, None], np.diag(penalty)[penalty > 0]])
         self.basis, self.triangle = np.linalg.qr(self.rows)
         self.left = self._scaled(data.angle - base.predicted) - self._pulled(base.unknowns.flat)
@@ -65,7 +65,7 @@ class Screening:
 
     def _pulled(self, flat: Real) -> Real:
         """Residuals of the priors at unknowns, below the cells' zeros."""
-        penalty = self.base.penalty
+        penalty = self.penalty
         return np.concatenate([np.zeros(len(self.root)), (penalty * flat)[penalty > 0]])
 
     def _scaled(self, angle: Real) -> Real:
@@ -166,7 +166,7 @@ class Screening:
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
     """The best promise of every effect over the bases, their misfit in shares of the first base's."""
     found: dict[str, Promise] = {}
-    looks = [Screening(fitter, cells, base) for base in bases if np.isfinite(base.cost)]
+    looks = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
     for look in looks:
         for effect in effects:
             promise = look.promise(effect)

@@ -29,6 +29,8 @@ FORM = 0.1
 """Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave."""
 LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
+LEAST_SHARE = 0.1
+"""The same as a share of what a model leaves."""
 ALIKE = 0.05
 """Difference of held-out losses, in squared floors, that the form of the model may cause: it decides nothing."""
 FEWEST_BLOCKS = 8
@@ -43,6 +45,8 @@ MOST_LOOKED = 2
 """Effects that take those steps, over the number wanted."""
 FAR_FROM_DECLARED = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
+MOST_NAMED = 2
+"""Effects that are named together; more only describe."""
 MOST_EFFECTS = 4
 ADDITIONS = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
@@ -87,10 +91,13 @@ class Selection:
 class Selector:
     """Selections on subsets of one problem's cells."""
 
-    def __init__(self, fitter: Fitter):
+    def __init__(self, fitter: Fitter, seen: Truth, most_effects: int = MOST_EFFECTS):
         self.fitter = fitter
         self.problem = fitter.problem
-        self.testable = {name: effect for name, effect in candidates().items() if not self.problem.why_not(effect)}
+        self.most_effects = most_effects
+        self.testable = {
+            name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, seen)
+        }
 
     def screen(self, cells: Truth, base: Fit) -> dict[str, Promise]:
         """What each further effect promises beside ``base``; also beside the declared scales where base is far off."""
@@ -100,6 +107,9 @@ class Selector:
             declared = Vector(nothing[0], base.unknowns.shares, nothing[1])
             bases.append(self.fitter.fit(base.model, cells, declared, 0))
         held = {effect.name for effect in base.model.effects}
+        held |= {name for name, simpler in NESTED.items() if simpler in held} | {
+            NESTED.get(name, name) for name in held
+        }
         return screened(self.fitter, cells, bases, [one for name, one in self.testable.items() if name not in held])
 
     def trial(self, fit: Fit, cells: Truth) -> Trial:
@@ -149,7 +159,7 @@ class Selector:
 
         What is left by the best model is screened for every other effect; an addition stays if it gains significantly.
         """
-        for _ in range(MOST_EFFECTS - 1):
+        for _ in range(self.most_effects - 1):
             if not selection.best or selection.chosen.rms <= selection.limit:
                 break
             now = selection.chosen.fit
@@ -163,16 +173,21 @@ class Selector:
         return selection
 
     def _without(self, selection: Selection, cells: Truth) -> dict[str, Trial]:
-        """Trials of the best model without one of its effects, from where it stands: the first may have been wrong."""
+        """Trials of the best model less one of its effects, or with a simpler one in its place, from where it stands.
+
+        The first effect that was taken may have been wrong.
+        """
         fit, found = selection.chosen.fit, {}
-        for number in range(fit.model.n_effects):
-            kept = [effect for k, effect in enumerate(fit.model.effects) if k != number]
-            parts = fit.model.split(fit.unknowns.shares.tolist())
-            shares = np.array([share for k, (_, own) in enumerate(parts) for share in own if k != number])
-            model = Model(tuple(kept))
-            again = self.trial(self.fitter.fit(model, cells, replace(fit.unknowns, shares=shares)), cells)
-            if model.name not in selection.trials or again.rms < selection.trials[model.name].rms:
-                found[model.name] = again
+        parts = fit.model.split(fit.unknowns.shares.tolist())
+        for number, (effect, shares) in enumerate(parts):
+            simpler = NESTED.get(effect.name)
+            for own in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
+                kept = [*parts[:number], *own, *parts[number + 1 :]]
+                model = Model(tuple(one for one, _ in kept))
+                start = replace(fit.unknowns, shares=np.array([share for _, some in kept for share in some]))
+                again = self.trial(self.fitter.fit(model, cells, start), cells)
+                if model.name not in selection.trials or again.rms < selection.trials[model.name].rms:
+                    found[model.name] = again
         return found
 
     def _judged(
@@ -205,23 +220,26 @@ class Selector:
     def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial]) -> str:
         """Least held-out loss; more effects only where they gain significantly over the best with fewer."""
         best = ""
-        for count in range(1, MOST_EFFECTS + 1):
+        for count in range(1, self.most_effects + 1):
             alike = [name for name in survivors if trials[name].fit.model.n_effects == count]
             if not alike:
                 continue
-            if best and not self._gains(trials[best], trials[alike[0]]):
-                continue
+            if best:
+                least = max(LEAST_GAIN, LEAST_SHARE * trials[best].rms ** 2)
+                if not self._gains(trials[best], trials[alike[0]], least, claimed=count <= MOST_NAMED):
+                    continue
             best = alike[0]
-            simpler = "+".join(NESTED.get(part, part) for part in best.split("+"))
+            simpler = "+".join(sorted(NESTED.get(part, part) for part in best.split("+")))
             if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], ALIKE):
                 best = simpler
         return best
 
     @staticmethod
-    def _gains(before: Trial, after: Trial, least: float = LEAST_GAIN) -> bool:
-        """Whether a model is better than a simpler one by more than chance, and by ``least`` in squared floors."""
+    def _gains(before: Trial, after: Trial, least: float, claimed: bool = True) -> bool:
+        """Whether a model is better than a simpler one by ``least`` in squared floors, if ``claimed`` not by chance."""
         _, p = max_t((before.scores - after.scores)[:, None], RESAMPLES, SEED)
-        return bool(p[0] <= FAMILYWISE and before.rms**2 - after.rms**2 >= least)
+        of_use = before.rms**2 - after.rms**2 >= least
+        return bool(of_use and (p[0] <= FAMILYWISE or not claimed))
 
     def _members(
         self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth

@@ -15,13 +15,14 @@ from pipeline.config.study import Study
 from pipeline.identification.branches import Blocks, Cells, History
 from pipeline.identification.forward import Course, Forward
 from pipeline.identification.noise import Noise
-from pipeline.identification.problem import Data, Problem, first_states, mean_gap, prior_modes
+from pipeline.identification.problem import FEWEST_CRANKS, Data, Problem, first_states, mean_gap, prior_modes
 from pipeline.identification.reading import Rows
 from pipeline.identification.unit import UnitFile
 from pipeline.model.clearance import Errors
+from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Drive
 from pipeline.model.effects import Conditions
-from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
 from pipeline.model.reducer import PIN
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors as SampledErrors
@@ -152,7 +153,7 @@ def build_problem(
         modes=modes,
         gap_limit=limit,
         conditions=tuple(conditions),
-        varied=_varied(rows, cells),
+        offered=_offered(unit, rows, cells),
         rated_torque=rated,
     )
 
@@ -239,7 +240,9 @@ def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
     torque_noise = np.nan_to_num(noise.torque_noise_Nm) / np.sqrt(cells.count)
     usual = np.median(cells.angle_spread[np.isfinite(cells.angle_spread)])
     jumps = np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual) ** 2, 0.0)
-    sigma = np.sqrt(floor**2 + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps)
+    white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(np.mean(1 / cells.count)))
+    own = floor**2 + white**2 * (1 / cells.count - np.mean(1 / cells.count))
+    sigma = np.sqrt(own + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps)
     return Data(
         position=cells.position,
         cycle=cells.cycle,
@@ -257,17 +260,21 @@ def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
     )
 
 
-def _varied(rows: Rows, cells: Cells) -> frozenset[str]:
-    varied = set()
-    if len(rows.cranks) >= 3:
-        varied.add(CRANKS)
+def _offered(unit: UnitFile, rows: Rows, cells: Cells) -> frozenset[str]:
+    offered = set()
+    gear = unit.study.design.cycloid
+    turned = max(np.ptp(cells.angle_mean[cells.position == p]) for p in range(len(rows.cranks))) * gear.lobes / ARCMIN
+    if unit.settings.locked == "input" or turned < np.pi / gear.pins:
+        offered.add(STILL)
+    if len(rows.cranks) >= FEWEST_CRANKS:
+        offered.add(CRANKS)
     if any(len(np.unique(cells.cycle[cells.position == p])) > 1 for p in range(len(rows.cranks))):
-        varied.add(CYCLES)
+        offered.add(CYCLES)
     if rows.time is not None and np.any(np.isfinite(cells.time_mean)) and np.nanstd(cells.time_mean) > 0:
-        varied.add(TIME)
+        offered.add(TIME)
     if rows.temperature is not None and np.nanstd(cells.temperature_mean) > 0.2:
-        varied.add(TEMPERATURE)
-    return frozenset(varied)
+        offered.add(TEMPERATURE)
+    return frozenset(offered)
 
 
 def _measured(errors: Errors) -> Errors:

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.fitting import Fit, Fitter, mapped
 from pipeline.identification.problem import candidates
-from pipeline.identification.selection import Selection
+from pipeline.identification.selection import MOST_NAMED, Selection
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -27,8 +27,6 @@ ADEQUATE, IDENTIFIED, EQUIVALENT, UNEXPLAINED, FAULT = (
 )
 LARGEST_CLASS = 3
 """Effects in a class beyond which it counts as unresolved."""
-MOST_NAMED = 2
-"""Effects that are named together; more only describe."""
 RESAMPLES = 400
 CONFIDENCE = 0.95
 SEED = 79
@@ -111,8 +109,8 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[FittedParameter, 
     """
     data, bounds = fitter.problem.data, fitter.bounds(fit.model)
     penalty = fitter.penalty(fit.unknowns)
-    rows = fit.jacobian[cells] / data.sigma[cells][:, None]
-    misfit = ((data.angle - fit.predicted) / data.sigma)[cells]
+    rows = fit.jacobian[cells] / fit.sigma[cells][:, None]
+    misfit = ((data.angle - fit.predicted) / fit.sigma)[cells]
     _, block = np.unique(data.branch[cells], return_inverse=True)
     n_blocks, k = int(block.max()) + 1, rows.shape[1]
     products = np.zeros((n_blocks, k, k + 1))

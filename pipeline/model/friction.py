@@ -1,8 +1,9 @@
 """Friction as elastic-slip elements in the equilibrium, so that loading and unloading part as on a bench.
 
 A slider resists a slip u = direction . q of the rigid motions q by tau = stiffness (u - anchor), held to
-+-(limit + coefficient F) with F the force of its contact; where it is held, the anchor follows. Sliders in parallel
-with different limits make a Maxwell-slip (presliding) element, those of contacts friction that grows with the load.
++-(limit + coefficient F) with F the force of its contact, or the torque that the reducer carries to its output where
+the slider has none; where it is held, the anchor follows. Sliders in parallel with different limits make a Maxwell-slip
+(presliding) element, those with a coefficient friction that grows with the load.
 
 Source: Jenkins' element and Iwan's parallel arrangement (J. Appl. Mech. 33 (1966) 893).
 """
@@ -28,7 +29,7 @@ class Sliders:
     direction : (n_sliders, n_motions) slip per rigid motion [mm/mm, mm/rad]; of a rotation [rad/rad].
     stiffness : [N/mm], [N mm/rad] of a rotation.
     limit : part of the largest resistance that does not depend on the load [N], [N mm].
-    coefficient : coefficient of friction [-].
+    coefficient : of friction [-]; of a slider without contact: friction torque over torque carried [-].
     contact : contact whose force presses on it, -1 for none.
     """
 
@@ -67,10 +68,23 @@ class Sliders:
 
 def output_sliders(reducer: Reducer, limit: Real, distance: Real) -> Sliders:
     """Friction torques ``limit`` (n,) [N mm] on the output, each fully raised after the ``distance`` (n,) [rad]."""
-    n = len(limit)
+    return _on_output(reducer, limit / distance, np.asarray(limit, float), np.zeros(len(limit)))
+
+
+def load_slider(reducer: Reducer, coefficient: float, rated_torque: float, distance: float) -> Sliders:
+    """Friction torque on the output of ``coefficient`` times the torque carried.
+
+    That of the ``rated_torque`` [N mm] is raised after the ``distance`` [rad].
+    """
+    stiffness = np.array([coefficient * rated_torque / distance])
+    return _on_output(reducer, stiffness, np.zeros(1), np.array([coefficient]))
+
+
+def _on_output(reducer: Reducer, stiffness: Real, limit: Real, coefficient: Real) -> Sliders:
+    n = len(stiffness)
     direction = np.zeros((n, len(reducer.motions)))
     direction[:, reducer.output_motion] = 1.0
-    return Sliders(direction, limit / distance, np.asarray(limit, float), np.zeros(n), np.full(n, -1))
+    return Sliders(direction, stiffness, limit, coefficient, np.full(n, -1))
 
 
 def pin_sliders(reducer: Reducer, laws: ContactLaws, coefficient: float, rated_torque: float) -> Sliders:

@@ -36,7 +36,7 @@ class Ripple:
 def _resistance(place, curve, slides, ripple, anchor):
     """Angle, torque of the backbone and all that sliders and ripple add, at a place along the backbone's nodes."""
     nodes, angles = curve
-    stiffness, limit = slides
+    stiffness, limit, coefficient = slides
     j = min(max(int(place), 0), nodes.shape[0] - 2)
     x = place - j
     angle = angles[j] + x * (angles[j + 1] - angles[j])
@@ -44,7 +44,8 @@ def _resistance(place, curve, slides, ripple, anchor):
     amplitude, waves, phase = ripple
     added = amplitude * np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
     for s in range(stiffness.shape[0]):
-        added += min(max(stiffness[s] * (angle - anchor[s]), -limit[s]), limit[s])
+        largest = limit[s] + coefficient[s] * abs(carried)
+        added += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
     return angle, carried, added
 
 
@@ -62,7 +63,7 @@ def _stride(place, angles, ripple):
 def _balanced(torques, curve, slides, ripple, angle_out, carried_out):
     """Angle and torque of the backbone along a history; see ``condensed_path``."""
     nodes, angles = curve
-    stiffness, limit = slides
+    stiffness, limit, coefficient = slides
     anchor = np.zeros(stiffness.shape[0])
     place = 0.5 * (nodes.shape[0] - 1)
     anchor[:], _, _ = _resistance(place, curve, slides, (0.0, 1.0, 0.0), anchor)
@@ -97,7 +98,7 @@ def _balanced(torques, curve, slides, ripple, angle_out, carried_out):
             else:
                 high, above, below = place, value, 0.5 * below
         for s in range(stiffness.shape[0]):
-            reach = limit[s] / stiffness[s]
+            reach = (limit[s] + coefficient[s] * abs(carried)) / stiffness[s]
             anchor[s] = min(max(anchor[s], angle - reach), angle + reach)
         angle_out[t], carried_out[t] = angle, carried
 
@@ -127,7 +128,7 @@ def condensed_path(torques: Real, nodes: Real, angles: Real, sliders: Sliders, r
     _balanced(
         np.asarray(torques, float),
         (nodes, rising),
-        (sliders.stiffness, sliders.limit),
+        (sliders.stiffness, sliders.limit, sliders.coefficient),
         (ripple.amplitude, ripple.waves, ripple.phase),
         angle,
         carried,

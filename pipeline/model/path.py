@@ -49,7 +49,18 @@ def _spring(system, clearance, x, y, spring):
 
 
 @part
-def _slide(sliders, anchor, q, force, balance, scale, right_block, columns, tangent):
+def _pressing(contact, output_closing, force):
+    """What presses on a slider: the force of its contact, or the torque that all of them carry to the output."""
+    if contact >= 0:
+        return force[contact]
+    carried = 0.0
+    for i in range(force.shape[0]):
+        carried += output_closing[i] * force[i]
+    return carried
+
+
+@part
+def _slide(sliders, output_closing, anchor, q, force, balance, scale, right_block, columns, tangent):
     """Add the sliders' resistances to the balance and their tangents to the blocks of Newton's matrix.
 
     ``columns`` gives the place of a contact's force among the unknowns, -1 for an open one.
@@ -61,7 +72,8 @@ def _slide(sliders, anchor, q, force, balance, scale, right_block, columns, tang
         for d in range(n_motions):
             slip += direction[s, d] * q[d]
         i = contact[s]
-        largest = limit[s] + (coefficient[s] * force[i] if i >= 0 else 0.0)
+        pressed = _pressing(i, output_closing, force) if coefficient[s] > 0.0 else 0.0
+        largest = limit[s] + coefficient[s] * abs(pressed)
         resisted = stiffness[s] * slip
         if abs(resisted) > largest:
             sense = 1.0 if resisted > 0.0 else -1.0
@@ -69,6 +81,12 @@ def _slide(sliders, anchor, q, force, balance, scale, right_block, columns, tang
             if i >= 0 and columns[i] >= 0:
                 for d in range(n_motions):
                     right_block[d, columns[i]] += sense * coefficient[s] * direction[s, d]
+            elif i < 0 and coefficient[s] > 0.0:
+                grown = sense * coefficient[s] * (1.0 if pressed > 0.0 else -1.0)
+                for other in range(force.shape[0]):
+                    if columns[other] >= 0:
+                        for d in range(n_motions):
+                            right_block[d, columns[other]] += grown * output_closing[other] * direction[s, d]
         else:
             for d in range(n_motions):
                 for e in range(n_motions):
@@ -80,15 +98,15 @@ def _slide(sliders, anchor, q, force, balance, scale, right_block, columns, tang
 
 
 @part
-def _anchor(sliders, anchor, q, force):
+def _anchor(sliders, output_closing, anchor, q, force):
     """Let the anchors follow where the resistance is at its limit."""
     direction, stiffness, limit, coefficient, contact = sliders
     for s in range(stiffness.shape[0]):
         slip = 0.0
         for d in range(q.shape[0]):
             slip += direction[s, d] * q[d]
-        largest = limit[s] + (coefficient[s] * force[contact[s]] if contact[s] >= 0 else 0.0)
-        reach = largest / stiffness[s]
+        pressed = _pressing(contact[s], output_closing, force) if coefficient[s] > 0.0 else 0.0
+        reach = (limit[s] + coefficient[s] * abs(pressed)) / stiffness[s]
         anchor[s] = min(max(anchor[s], slip - reach), slip + reach)
 
 
@@ -194,7 +212,7 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
         balance[0] += spring[0]
         balance[1] += spring[1]
         tangent[0, 0], tangent[0, 1], tangent[1, 0], tangent[1, 1] = spring[2], spring[3], spring[3], spring[4]
-        _slide(sliders, anchor, q, force, balance, scale, below, columns, tangent)
+        _slide(sliders, closing[output], anchor, q, force, balance, scale, below, columns, tangent)
         stiffest = _add_contacts(system, force, active, columns, miss, slope, balance, scale, matrix, right)
         unbalanced = 0.0
         for d in range(n_motions):
@@ -249,9 +267,11 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
     coupled = np.zeros(n, np.bool_)
     for i in range(n):
         coupled[i] = system.compliance[i, i] > 0.0
-    for i in sliders[4]:
-        if i >= 0:
-            coupled[i] = True
+    for s in range(n_sliders):
+        if sliders[4][s] >= 0:
+            coupled[sliders[4][s]] = True
+        elif sliders[3][s] > 0.0:
+            coupled[:] = True
     work = (
         coupled,
         np.empty(n, np.int64),
@@ -288,7 +308,7 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
                 share, depth = 0.5 * share, depth + 1
                 continue
             q[:], force[:] = trial_q, trial_force
-            _anchor(sliders, anchor, q, force)
+            _anchor(sliders, system.closing[system.output], anchor, q, force)
             worst = max(worst, residual)
             reached = goal
             if share == 1.0:

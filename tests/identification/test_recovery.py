@@ -33,6 +33,7 @@ CASES = {
     "torque_gain": ((0.1,), THREE, 0.2),
     "angle_drift": ((3.0,), replace(TWO, seconds=5.0), 0.03),
     "encoder_eccentricity": ((0.8, -0.6), replace(THREE, locked="output", common=True), 0.03),
+    "load_friction": ((0.1,), replace(TWO, cycles=1), 0.05),
     "motor_cogging": ((0.3, 0.2, 4.6), replace(TWO, rows=200), 0.1),
 }
 
@@ -46,7 +47,7 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
     values, bench, within = CASES[name]
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
     fitter, effect = Fitter(problem), candidates()[name]
-    selector = Selector(fitter)
+    selector = Selector(fitter, np.ones(len(problem.data), bool))
     selector.testable = {name: selector.testable[name]}
     everything = np.ones(len(problem.data), bool)
     base = fitter.fit(Model(), everything, fitter.start(Model()))

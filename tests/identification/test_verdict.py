@@ -50,7 +50,7 @@ class LinearFitter:
         predicted = jacobian @ np.append(found[:1], shares - start)
         values = BOUNDS[0] + width * shares
         vector = Vector(found[:1], shares, np.zeros(0))
-        return Fit(model, vector, values, predicted, 0.0, jacobian, self.penalty(vector), True)
+        return Fit(model, vector, values, predicted, 0.0, jacobian, data.sigma, True)
 
 
 EVERYTHING = np.ones(BLOCKS * CELLS, bool)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pipeline.model.drive import Drive
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import STILL, Conditions, Effect, Parameter
 from pipeline.model.friction import pin_sliders
 
 
@@ -16,12 +16,14 @@ def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Dri
 EFFECT = Effect(
     name="contact_friction",
     title="friction of the pins on the flank, proportional to the load",
-    physics="every pin resists sliding along the flank by the coefficient of friction times its force",
+    physics="every pin resists sliding along the flank by the coefficient of friction times its force; where a bench "
+    "turns the crank by pitches, all pins slide on and their friction is in proportion to the torque (load_friction)",
     source="Coulomb; tangential stiffness after Mindlin, J. Appl. Mech. 16 (1949) 259",
     parameters=(Parameter("coefficient", "1", "coefficient of friction"),),
     changes="a slider at every pin, pressed by its force",
     signature="branches part the further the higher the load; no width at zero torque of its own",
-    confused_with=("coulomb", "presliding"),
+    confused_with=("coulomb", "presliding", "load_friction"),
     bounds=lambda drive: ((0.0, 0.4),),
     apply=_apply,
+    needs=frozenset({STILL}),
 )

@@ -12,8 +12,9 @@ from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Drive
 from pipeline.model.profile import Real
 
-CRANKS, CYCLES, TIME, TEMPERATURE = "cranks", "cycles", "time", "temperature"
-"""What data must vary in for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, temperature."""
+CRANKS, CYCLES, TIME, TEMPERATURE, STILL = "cranks", "cycles", "time", "temperature", "still"
+"""What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
+varies, a crank that stays within half a pitch of the pins."""
 
 LARGEST_CLEARANCE = 1 / 3
 """Clearance that an effect may give, over the eccentricity."""
@@ -65,7 +66,7 @@ class Effect:
     confused_with : names of effects that curves alone hardly tell from it.
     bounds : of a drive: (low, high) of every parameter.
     apply : drive, values, conditions to the drive with the effect.
-    needs : what the data must vary in.
+    needs : what the data must offer.
     """
 
     name: str

@@ -1,0 +1,29 @@
+"""Friction of the turning train, in proportion to the torque that it carries."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.model.drive import Drive
+from pipeline.model.effects.coulomb import DISTANCE
+from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.friction import load_slider
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    rubbing = load_slider(drive.reducer, values[0], drive.rated_torque, DISTANCE)
+    return replace(drive, sliders=drive.sliders.joined(rubbing))
+
+
+EFFECT = Effect(
+    name="load_friction",
+    title="friction in proportion to the torque",
+    physics="bearings, and pins that slide all along, resist turning in proportion to their load, which is in "
+    "proportion to the torque: 1 - efficiency",
+    source="frictional moment M = mu P d / 2 with a constant coefficient, SKF, Rolling bearings (2018)",
+    parameters=(Parameter("coefficient", "1", "friction torque, referred to the output, over the torque carried"),),
+    changes="a slider on the rotation of the output, its limit in proportion to the torque in the reducer",
+    signature="branches part in proportion to the torque; after a reversal the angle stays where it is",
+    confused_with=("contact_friction", "presliding"),
+    bounds=lambda drive: ((0.0, 0.6),),
+    apply=_apply,
+)
