@@ -187,6 +187,7 @@ def _number(p: FittedParameter) -> str:
 DISTINGUISHING: Mapping[str, str] = {
     "coulomb": "a slow ramp to a tenth of the load: constant friction opens it as wide as the full one",
     "contact_friction": "loops to a quarter, half and all of the load: their width tells friction that grows with it",
+    "load_friction": "the same loop at two loads: its width is in proportion to the torque",
     "presliding": "minor loops about a constant load: presliding friction makes lenses of them",
     "bearing_clearance": "the radial play of the input bearing with a dial gauge",
     "pin_circle_error": "the diameter over the pins on a coordinate measuring machine",

@@ -88,7 +88,7 @@ def test_cells_follow_the_curve_without_bias(tmp_path, noise):
     assert np.all(taken_cells.count >= 3)
     assert taken_cells.count.sum() == usable.sum()
     assert np.all(np.diff(taken_cells.first_row) > 0)
-    assert np.bincount(taken_cells.block).tolist() == [24, 48, 24]
+    assert np.bincount(taken_cells.block).tolist() == [22 if noise else 24, 48, 24]  # at rest within the noise at first
     np.testing.assert_allclose(taken_cells.angle_mean, 0.2 * taken_cells.torque_mean, atol=0.02 + 0.02 * (noise > 0))
     narrow = np.abs(taken_cells.torque_mean) < 2
     assert np.median(taken_cells.count[narrow]) < np.median(taken_cells.count[~narrow])

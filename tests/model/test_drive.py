@@ -7,7 +7,8 @@ import pytest
 from drives import LINEAR, RATED, small_drive
 from reducers import MICROMETRE
 
-from pipeline.model.backlash import general_play, separated_play
+from pipeline.model import drive as of_drive
+from pipeline.model.backlash import general_play, rigid_play, separated_play
 from pipeline.model.drive import NO_LOAD, backbone, ladder
 from pipeline.model.reducer import Bearing
 
@@ -62,6 +63,41 @@ def test_ends_of_play_are_found_with_any_clearance_of_the_bearing(clearance_um):
         assert np.all(backbone(drive, SHARES).states.converged)
 
 
+STIFF = Bearing(4e6, 1.5)
+LOOSE = {
+    "loose": ({"play": 20 * MICROMETRE}, False),
+    "interfering": ({"play": 0.0}, False),
+    "interfering_and_stiff": ({"play": 0.0, "bearing": STIFF, "floats": True}, False),
+    "far": ({"play": 20 * MICROMETRE, "bearing": STIFF, "floats": True}, True),
+    "far_at_another_crank": ({"play": 20 * MICROMETRE, "bearing": STIFF, "floats": True, "crank": 3.5}, True),
+}
+
+
+@pytest.mark.parametrize("name", LOOSE)
+def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program(name, monkeypatch):
+    given, falls_back = LOOSE[name]
+    drive = small_drive(6, clearance=30 * MICROMETRE, **given)
+    drive = drive.shifted(np.full(drive.gap.shape, -5 * MICROMETRE))
+    assert np.any(separated_play(drive.reducer, drive.gap).preloaded) == name.startswith("interfering")
+    asked = []
+
+    def asking(reducer, gap, clearance):
+        asked.append(len(gap))
+        return rigid_play(reducer, gap, clearance)
+
+    monkeypatch.setattr(of_drive, "rigid_play", asking)
+    curve = backbone(drive, SHARES)
+    assert np.all(curve.states.converged)
+    assert len(asked) == falls_back
+    assert sum(asked) < len(drive.gap)  # only those that need it
+    loose = drive.bearing_clearance
+    monkeypatch.setattr(of_drive, "separated_play", lambda reducer, gap: rigid_play(reducer, gap, loose))
+    from_general = backbone(drive, SHARES)
+    assert np.all(from_general.states.converged)
+    np.testing.assert_allclose(curve.angle, from_general.angle, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(curve.states.force, from_general.states.force, atol=1e-5 * curve.states.force.max())
+
+
 def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
     curve = backbone(small_drive(3, play=-8 * MICROMETRE), SHARES)
     assert np.all(curve.states.converged)
@@ -71,6 +107,35 @@ def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
     stiffness = np.diff(curve.torque[[MIDDLE, -1]]) / np.diff(curve.angle[:, [MIDDLE, -1]], axis=1)
     loose = backbone(small_drive(3), SHARES)
     assert np.all(stiffness > np.diff(loose.torque[[MIDDLE, -1]]) / np.diff(loose.angle[:, [MIDDLE, -1]], axis=1))
+
+
+def test_shifted_drive_has_the_gaps_of_one_whose_shift_was_replaced():
+    drive = small_drive(3, seed=4)
+    before, rng = drive.gap.copy(), np.random.default_rng(1)
+    once, twice = (rng.uniform(-5, 5, drive.gap.shape) * MICROMETRE for _ in range(2))
+    made = drive.shifted(once).shifted(twice)
+    anew = replace(drive, shift=drive.shift + once + twice)
+    np.testing.assert_allclose(made.shift, anew.shift, atol=1e-16)
+    np.testing.assert_allclose(made.gap, anew.gap, atol=1e-15)
+    np.testing.assert_array_equal(drive.gap, before)
+    assert not np.any(drive.shift)
+    error = {"eccentricity": np.array(3 * MICROMETRE)}  # the gaps of a change after it are found anew
+    np.testing.assert_allclose(made.moved(**error).gap, anew.moved(**error).gap, atol=1e-15)
+    assert np.max(np.abs(made.moved(**error).gap - made.gap)) > MICROMETRE
+
+
+def test_first_is_the_drive_of_its_first_state():
+    drive = replace(small_drive(4, seed=3), bearing_clearance=np.array([2.0, 0.0, 5.0, 1.0]) * MICROMETRE, torsion=1e-8)
+    drive = drive.shifted(np.random.default_rng(2).uniform(0, 3, drive.gap.shape) * MICROMETRE)
+    first = drive.first
+    np.testing.assert_allclose(first.gap, drive.gap[:1], atol=1e-15)
+    np.testing.assert_array_equal(first.bearing_clearance, [2 * MICROMETRE])
+    np.testing.assert_array_equal(first.shift, drive.shift[:1])
+    for name, values in vars(drive.errors).items():
+        np.testing.assert_array_equal(getattr(first.errors, name), values[:1])
+    curve = backbone(drive, SHARES)
+    np.testing.assert_allclose(backbone(first, SHARES).angle, curve.angle[:1], atol=1e-12)
+    assert np.max(np.abs(curve.angle[1:] - curve.angle[0])) > 1e-6
 
 
 def difference(drive, contact, step):

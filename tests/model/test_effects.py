@@ -12,7 +12,7 @@ from pipeline.model.backlash import general_play, separated_play
 from pipeline.model.clearance import gaps
 from pipeline.model.drive import backbone, ladder
 from pipeline.model.effects import Conditions, library
-from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
 from pipeline.model.output_path import Ripple, condensed_path
 
 LIBRARY = library()
@@ -51,7 +51,7 @@ def test_texts_are_complete_and_names_are_known(name):
             assert parameter.name.endswith("_" + UNITS[parameter.unit])
     assert len({parameter.name for parameter in effect.parameters}) == len(effect.parameters)
     assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
-    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE}
+    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL}
 
 
 @EVERY
@@ -248,6 +248,25 @@ def test_presliding_slides_in_full_beyond_its_distance():
     np.testing.assert_allclose(resisted[:3], 1e3 * torque * parts.mean(axis=1), rtol=1e-12)
     full = np.sum(np.minimum(made.stiffness * distance / ARCMIN, made.limit))
     np.testing.assert_allclose(full, 1e3 * torque, rtol=1e-12)
+
+
+def test_load_friction_parts_the_branches_in_proportion_to_the_torque():
+    drive, share = small_drive(), 0.15
+    nodes = ladder(60, 1.2)
+    rubbing, torques = put(drive, "load_friction", share), legs(0.0, RATED, -RATED, RATED)
+    angle, curve = turned(rubbing, torques, nodes), backbone(drive, nodes)
+    loaded = np.abs(torques) > 0.01 * RATED
+    for first, last, sense in ((120, 201, -1), (220, 301, 1)):
+        mine = np.arange(first, last)
+        mine = mine[loaded[mine]]
+        carried = torques[mine] / (1 + share * sense * np.sign(torques[mine]))
+        np.testing.assert_allclose(angle[mine], np.interp(carried, curve.torque, curve.angle[0]), atol=1e-12)
+        assert np.sum(sense * torques[mine] < 0) > 20
+
+
+def test_friction_at_the_pins_alone_needs_pins_that_stand_still():
+    assert [name for name in LIBRARY if STILL in LIBRARY[name].needs] == ["contact_friction"]
+    assert not LIBRARY["load_friction"].needs
 
 
 def test_friction_of_contacts_is_at_the_pins_alone():

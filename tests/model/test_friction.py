@@ -11,7 +11,7 @@ from reducers import MICROMETRE, SMALL
 
 from pipeline.model.drive import backbone, ladder
 from pipeline.model.equilibrium import solve
-from pipeline.model.friction import Sliders, output_sliders, pin_sliders
+from pipeline.model.friction import Sliders, load_slider, output_sliders, pin_sliders
 from pipeline.model.output_path import Ripple, condensed_path
 from pipeline.model.path import solve_path
 
@@ -156,6 +156,72 @@ def test_steep_ripple_jumps_to_the_first_balance_on_the_way():
     assert np.all(np.diff(angle[60:401]) > 0)
 
 
+SHARE, STIFF = 0.2, 1e4 * STIFFNESS  # friction over the torque carried, [N mm/rad] of an all but rigid slider
+
+
+def load_share(stiffness, share=SHARE):
+    """Friction in proportion to the torque on a single motion, the output's."""
+    return Sliders(np.ones((1, 1)), np.array([stiffness]), np.zeros(1), np.array([share]), np.array([-1]))
+
+
+def test_load_slider_raises_the_friction_of_the_rated_torque_over_its_distance():
+    at = small_drive().reducer
+    slider_of = load_slider(at, SHARE, RATED, DISTANCE)
+    np.testing.assert_allclose(slider_of.stiffness * DISTANCE, SHARE * RATED, rtol=1e-15)
+    assert (slider_of.limit, slider_of.coefficient, slider_of.contact) == (0.0, SHARE, -1)
+    np.testing.assert_array_equal(slider_of.direction, np.eye(len(at.motions))[[at.output_motion]])
+
+
+@pytest.mark.parametrize("steps", [1, 7, 300])
+@pytest.mark.parametrize("stiffness", [2 * STIFFNESS, STIFF], ids=["elastic", "rigid"])
+def test_loop_of_friction_in_proportion_to_the_torque(stiffness, steps):
+    torques = history(0, RATED, 0, -RATED, 0, RATED, steps=steps)
+    angle, carried = on_line(torques, load_share(stiffness))
+    np.testing.assert_allclose(carried, STIFFNESS * angle, atol=1e-8)
+    own = SHARE * STIFFNESS
+    top = RATED / (STIFFNESS + own)
+    corner = top * (stiffness - own) / (stiffness + own)  # where the slider has been turned round
+    back = (STIFFNESS - own) * corner  # [N mm] at the corner
+    loading, size = np.abs(torques) / (STIFFNESS + own), np.abs(torques)
+    unloading = np.where(size > back, top - (RATED - size) / (STIFFNESS + stiffness), size / (STIFFNESS - own))
+    falls = (np.arange(len(torques)) - 1) // steps % 2 == 1
+    np.testing.assert_allclose(angle, np.sign(torques) * np.where(falls, unloading, loading), atol=1e-10 * top)
+
+
+def test_angle_stays_after_a_reversal_until_the_friction_is_turned_round():
+    held = RATED * (1 - SHARE) / (1 + SHARE)
+    minor = 0.5 * RATED
+    again = minor * (1 + SHARE) / (1 - SHARE)
+    torques = np.array([0, RATED, 0.9 * RATED, held, 0.9 * held, minor, 0.9 * again, again, 1.1 * again, RATED, 0.0])
+    angle, carried = on_line(torques, load_share(STIFF))
+    top = RATED / (1 + SHARE)
+    at_minor = minor / (1 - SHARE)
+    expected = [0, top, top, top, 0.9 * top, at_minor, at_minor, at_minor, 1.1 * at_minor, top, 0]
+    np.testing.assert_allclose(carried, expected, atol=1e-3 * RATED)  # the slider gives way by its stiffness
+    np.testing.assert_allclose(np.abs(np.diff(angle))[[1, 2, 5, 6]], 0.0, atol=1e-3 * top / STIFFNESS)
+    assert np.all(np.abs(np.diff(angle))[[0, 3, 4, 7, 8, 9]] > 0.02 * top / STIFFNESS)
+    assert abs(angle[-1]) < 1e-12  # no width without torque
+
+
+def test_loop_of_load_friction_dissipates_with_the_square_of_the_torque():
+    for top in (RATED, 0.5 * RATED):
+        torques = history(0, top, 0, steps=4000)
+        angle, _ = on_line(torques, load_share(STIFF))
+        turned_to = top / (1 + SHARE) / STIFFNESS
+        np.testing.assert_allclose(area(torques, angle), SHARE * STIFFNESS * turned_to**2, rtol=1e-3)
+
+
+def test_constant_friction_adds_to_that_of_the_load():
+    both = load_share(STIFF).joined(slider(LIMIT, LIMIT / STIFF))
+    torques = history(0, RATED, -RATED, RATED, steps=400)
+    angle, carried = on_line(torques, both)
+    for part, sense in ((slice(550, 801), -1), (slice(950, 1201), 1)):
+        net = torques[part] - sense * LIMIT
+        expected = net / np.where(net * sense > 0, 1 + SHARE, 1 - SHARE)
+        np.testing.assert_allclose(carried[part], expected, atol=1e-9 * RATED)
+        np.testing.assert_allclose(angle[part], expected / STIFFNESS, atol=1e-12)
+
+
 def test_sliders_at_contacts_are_refused_on_the_output():
     sliders = replace(slider(LIMIT, DISTANCE), contact=np.array([0]))
     with pytest.raises(ValueError, match="contact"):
@@ -212,19 +278,34 @@ def test_path_without_friction_is_the_equilibrium(given):
         np.testing.assert_allclose(force[mine], states.force[0], atol=1e-7 * force.max())
 
 
-def test_path_with_friction_on_the_output_is_the_condensed_one():
-    drive = small_drive(seed=2)
-    limit, distance = np.array([300.0, 500.0]), np.array([2e-5, 3e-4])
-    sliders = output_sliders(drive.reducer, limit, distance)
+def constant(reducer):
+    return output_sliders(reducer, np.array([300.0, 500.0]), np.array([2e-5, 3e-4]))
+
+
+ON_THE_OUTPUT = {
+    "constant": constant,
+    "load": lambda reducer: load_slider(reducer, 0.2, RATED, 1e-5),
+    "large_load": lambda reducer: load_slider(reducer, 0.5, RATED, 1e-4),
+    "both": lambda reducer: load_slider(reducer, 0.2, RATED, 1e-5).joined(constant(reducer)),
+}
+
+
+@pytest.mark.parametrize("floats", [False, True], ids=["fixed", "floats"])
+@pytest.mark.parametrize("kind", ON_THE_OUTPUT)
+def test_path_with_friction_on_the_output_is_the_condensed_one(kind, floats):
+    drive = small_drive(seed=2, floats=floats)
+    sliders = ON_THE_OUTPUT[kind](drive.reducer)
     torques = history(0, RATED, -RATED, RATED, 0.2 * RATED, 0.5 * RATED, steps=20)
-    motion, _ = followed(drive, torques, sliders)
+    motion, force = followed(drive, torques, sliders)
     curve = backbone(drive, ladder(800, 1.2))
-    angle, _ = condensed_path(torques, curve.torque, curve.angle[0], sliders, NO_RIPPLE)
+    angle, carried = condensed_path(torques, curve.torque, curve.angle[0], sliders, NO_RIPPLE)
     start = curve.angle[0, 799:801].mean()  # the middle of the play, where the condensed path rests at first
     away = np.abs(torques) > 0
     assert abs(start) < np.ptp(angle)
     loop = np.arange(len(torques)) >= 20  # the anchors have been dragged from wherever they rested
     np.testing.assert_allclose(of_output(drive, motion)[loop & away], angle[loop & away], atol=2e-5 * np.ptp(angle))
+    to_output = force @ drive.reducer.closing[:, drive.reducer.output_motion]
+    np.testing.assert_allclose(to_output[loop & away], carried[loop & away], atol=1e-4 * RATED)
 
 
 def rubbing(drive, coefficient):
