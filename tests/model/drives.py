@@ -1,4 +1,4 @@
-"""A drive of the small reducer for the tests: random errors, laws and compliance, and its play."""
+"""A drive of the small reducer for the tests: random errors, laws and compliance, its play, and load histories."""
 
 import numpy as np
 from reducers import MICROMETRE, SMALL, errors_of, laws_of, random_compliance, random_errors, reducer_at
@@ -43,3 +43,14 @@ def small_drive(
         sliders=Sliders.none() if sliders is None else sliders,
     )
     return drive.moved(pin_radius=np.array(-play), roller_diameter=np.array(-2 * play))
+
+
+def history(*turns, steps=60):
+    """Torques from turn to turn, every turn once."""
+    legs = [np.linspace(a, b, steps + 1)[1:] for a, b in zip(turns[:-1], turns[1:], strict=True)]
+    return np.concatenate([[turns[0]], *legs])
+
+
+def area(torques, angle):
+    """Work of the torques along a path of the angle [N mm]."""
+    return float(np.sum(0.5 * (torques[1:] + torques[:-1]) * np.diff(angle)))
