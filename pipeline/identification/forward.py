@@ -107,6 +107,24 @@ class Reading:
     sound: bool
 
 
+@dataclass(frozen=True)
+class Way:
+    """What a position went through.
+
+    Attributes
+    ----------
+    angle : (n_cells,) of the output [rad].
+    slope : (n_cells,) d angle / d torque [rad/(N mm)].
+    carried : (n_cells,) torque in the reducer [N mm].
+    at_turns : (n_turns,) the same at the turns.
+    """
+
+    angle: Real
+    slope: Real
+    carried: Real
+    at_turns: Real
+
+
 class Forward:
     """Predictions of drives on the courses of a unit; keeps the backbones of the drives that it has seen."""
 
@@ -137,21 +155,37 @@ class Forward:
         """Prediction at the cells of a position."""
         course = self.courses[position]
         curve = self.backbone(drive)
-        nodes = curve.torque
         torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
-        angle, carried, slope = np.empty(len(at)), np.empty(len(at)), np.empty(len(at))
-        at_turns = torque.copy()
         sound = float(np.mean(curve.states.residual > UNSOUND)) <= UNSOUND_SHARE
+        if len(drive.sliders.acting) or instrument.ripple.amplitude:
+            way, found = self._along(drive, course, curve, instrument.ripple, torque, at)
+            sound = sound and found
+        else:
+            way = _unhindered(drive, course, curve, torque, at)
+        angle, slope, carried, at_turns = way.angle, way.slope, way.carried, way.at_turns
+        if drive.creep is not None:
+            angle = angle + _crept(carried, course, at_turns, drive.creep)
+        turns = course.encoder_turns * angle + course.encoder_place
+        read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
+        read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
+        return Reading(read, ARCMIN * NMM_PER_NM * slope, carried, sound)
+
+    def _along(
+        self, drive: Drive, course: Course, curve: Backbone, ripple: Ripple, torque: Real, at: Real
+    ) -> tuple[Way, bool]:
+        """The way with friction through turns (n_turns,) and cells (n_cells, n_edges) [N mm]; whether it is sound."""
+        nodes, sound = curve.torque, True
+        way = Way(np.empty(len(at)), np.empty(len(at)), np.empty(len(at)), torque.copy())
         same = np.arange(len(torque) - 1)
-        slides = len(drive.sliders.acting) > 0 or instrument.ripple.amplitude != 0
-        steps, first = _steps(torque, nodes, self._bends(drive, course, nodes, torque, at) if slides else None)
         if drive.sliders.at_contacts:
             same = _repeats(torque)
             steps, first = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
+        else:
+            steps, first = _steps(torque, nodes, self._bends(drive, course, nodes, torque, at))
         for state in np.unique(course.state):
-            at_state = curve.angle[state] + drive.torsion * nodes
             if drive.sliders.at_contacts:
-                motions, forces, worst = solve_path(
+                seeds = (nodes, curve.states.motion[state], curve.states.force[state])
+                motions, _, worst = solve_path(
                     drive.reducer,
                     drive.bearing,
                     drive.laws,
@@ -160,28 +194,22 @@ class Forward:
                     drive.bearing_clearance[state],
                     drive.sliders,
                     steps,
-                    (nodes, curve.states.motion[state], curve.states.force[state]),
+                    seeds,
                 )
                 turned = motions[:, drive.reducer.output_motion] + drive.torsion * steps
                 inside, sound = steps, sound and worst <= UNSOUND
             else:
-                turned, inside = condensed_path(steps, nodes, at_state, drive.sliders, instrument.ripple)
+                alone = curve.angle[state] + drive.torsion * nodes
+                turned, inside = condensed_path(steps, nodes, alone, drive.sliders, ripple)
             for leg in np.flatnonzero(course.state == state):
-                cells = course.leg == leg
-                if not np.any(cells):
-                    continue
                 part = slice(first[same[leg]], first[same[leg] + 1] + 1)
                 order = slice(None) if torque[leg + 1] > torque[leg] else slice(None, None, -1)
-                x, y = steps[part][order], turned[part][order]
-                angle[cells], slope[cells] = _over_cells(at[cells], x, y)
-                carried[cells], _ = _over_cells(at[cells], x, inside[part][order])
-                at_turns[leg : leg + 2] = inside[[part.start, part.stop - 1]]
-        if drive.creep is not None:
-            angle = angle + _crept(carried, course, at_turns, drive.creep)
-        turns = course.encoder_turns * angle + course.encoder_place
-        read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
-        read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
-        return Reading(read, ARCMIN * NMM_PER_NM * slope, carried, sound)
+                x, cells = steps[part][order], course.leg == leg
+                way.at_turns[leg : leg + 2] = inside[[part.start, part.stop - 1]]
+                if np.any(cells):
+                    way.angle[cells], way.slope[cells] = _over_cells(at[cells], x, turned[part][order])
+                    way.carried[cells], _ = _over_cells(at[cells], x, inside[part][order])
+        return way, sound
 
     @staticmethod
     def _bends(drive: Drive, course: Course, nodes: Real, torque: Real, at: Real) -> list[Real]:
@@ -199,6 +227,17 @@ class Forward:
         j = np.clip(np.searchsorted(nodes, carried) - 1, 0, len(nodes) - 2)
         x = np.clip((carried - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
         return (1 - x) * effect[state, j] + x * effect[state, j + 1]
+
+
+def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, at: Real) -> Way:
+    """The way without friction: the backbone, wherever it is."""
+    angle, slope = np.empty(len(at)), np.empty(len(at))
+    state_of = course.state[course.leg]
+    for state in np.unique(state_of):
+        cells = state_of == state
+        alone = curve.angle[state] + drive.torsion * curve.torque
+        angle[cells], slope[cells] = _over_cells(at[cells], curve.torque, alone)
+    return Way(angle, slope, (0.5 * (at[:, 1:] + at[:, :-1])).mean(axis=1), torque)
 
 
 def _steps(torque: Real, nodes: Real, more: Sequence[Real] | None = None) -> tuple[Real, Whole]:

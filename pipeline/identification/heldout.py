@@ -30,13 +30,11 @@ class Trial:
     Attributes
     ----------
     fit : to all the cells.
-    held_out : (n_cells,) [arcmin] prediction of each cell by the fold that left it out; NaN outside the cells.
-    losses : (n_blocks,) mean square of the held-out residuals of each block, in sigmas, with what it takes of the
-        tolerances' uncertainty.
+    losses : (n_blocks,) of each block when its group is left out: Mahalanobis distance of the cells' residuals under
+        the covariance of their prediction, per cell; 1 where only noise is left.
     """
 
     fit: Fit
-    held_out: Real
     losses: Real
 
     @property
@@ -60,41 +58,71 @@ def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
 
     Notes
     -----
-    The folds start from the fit to all cells and keep its derivatives: the optimum moves little.
+    The cells seen tell only part of what the prediction of the others needs: of the offset, of tolerances, of a phase
+    over the crank angle. So the distance is taken under ``sigma^2 + J C J'`` with C the covariance of the unknowns that
+    the cells seen leave. By Woodbury's identity it is the residual of the fit to all cells, and on top of it the way
+    that the fit moves when the group is left out, over its uncertainty: nothing is predicted anew. Linear in that way.
     """
-    data = fitter.problem.data
-    group = groups(data, cells)
-    held, strain = np.full(len(data), np.nan), np.zeros(len(data))
+    data, group = fitter.problem.data, groups(fitter.problem.data, cells)
+    strain = np.zeros(len(data))
+    for one in np.unique(group[cells]):
+        left_out = cells & (group == one)
+        moved, precision = _moved(fitter, fit, cells & ~left_out)
+        strain[left_out] = moved @ precision @ moved / left_out.sum()
+    return Trial(fit, block_losses(data, fit.predicted, strain, cells))
+
+
+def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
+    """How the unknowns (n_unknowns,) move if only the cells seen are fitted, and the precision that these give them."""
+    data, now = fitter.problem.data, fit.unknowns.flat
+    penalty = fitter.penalty(fit.unknowns)
+    open_ones = np.concatenate(
+        [np.zeros(len(fit.unknowns.scales)), np.ones(len(fit.unknowns.shares)), np.zeros(len(fit.unknowns.modes))]
+    )
+    rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
+    misfit = ((data.angle - fit.predicted) / fit.sigma)[seen]
+    if data.common_offset:
+        rows = np.column_stack([rows, 1 / fit.sigma[seen]])
+        now, penalty, open_ones = np.append(now, 0.0), np.append(penalty, 0.0), np.append(open_ones, 0.0)
+    precision = rows.T @ rows + np.diag(penalty**2 + open_ones / OPEN_SHARE**2)
+    precision += 1e-12 * np.trace(precision) * np.eye(len(precision))
+    gradient = rows.T @ misfit - penalty**2 * now
+    free = np.ones(len(gradient), bool)
+    free[: len(fit.unknowns.flat)] = fit.unknowns.free(gradient[: len(fit.unknowns.flat)])
+    moved = np.zeros(len(gradient))
+    moved[free] = np.linalg.solve(precision[np.ix_(free, free)], gradient[free])
+    return moved, precision
+
+
+def predicted_by_folds(fitter: Fitter, fit: Fit, cells: Truth) -> Real:
+    """Prediction (n_cells,) [arcmin] of each cell by a fit that has not seen its group; NaN outside the cells."""
+    group = groups(fitter.problem.data, cells)
+    held = np.full(len(fitter.problem.data), np.nan)
     for one in np.unique(group[cells]):
         left_out = cells & (group == one)
         fold = fitter.fit(fit.model, cells & ~left_out, fit.unknowns, FOLD_ITERATIONS, fit, frozen=True)
-        held[left_out], strain[left_out] = conditioned(fitter, fold, cells & ~left_out, left_out)
-    return Trial(fit, held, block_losses(data, held, strain, cells))
+        held[left_out] = conditioned(fitter, fold, cells & ~left_out, left_out)
+    return held
 
 
-def conditioned(fitter: Fitter, fold: Fit, seen: Truth, left_out: Truth) -> tuple[Real, float]:
-    """Prediction of the cells left out, and what it costs per cell.
+def conditioned(fitter: Fitter, fold: Fit, seen: Truth, left_out: Truth) -> Real:
+    """Prediction [arcmin] of the cells left out, the unit's tolerances conditioned on them.
 
-    Notes
-    -----
-    The cells seen tell only part of what the prediction needs: of the offset, of unmeasured tolerances, of a phase
-    over the crank angle. Like the offset, all unknowns are conditioned on the cells left out, with what the others
-    leave open as their prior. With that prior's share in the loss this is the Mahalanobis distance of the residual
-    under the covariance of its prediction, ``sigma^2 + J covariance J'``.
-
-    Returns
-    -------
-    Angles (n_left_out,) [arcmin], and the square of the unknowns' shifts over their uncertainty, per cell.
+    Like the offset, tolerances that were not measured belong to the unit and not to the model: their modes are
+    conditioned on the cells left out, with what the cells seen leave open of them as their prior. Effects and
+    calibrated numbers stay as the cells seen gave them.
     """
-    data = fitter.problem.data
+    data, n_modes = fitter.problem.data, len(fold.unknowns.modes)
     predicted, sigma, penalty = fold.predicted[left_out], fold.sigma[left_out], fitter.penalty(fold.unknowns)
-    if not penalty.size or not np.all(np.isfinite(predicted)):
-        return predicted, 0.0
+    if not n_modes or not np.all(np.isfinite(predicted)):
+        return predicted
     rows = fold.jacobian[seen] / fold.sigma[seen][:, None]
-    precision = rows.T @ rows + np.diag(np.maximum(penalty, 1 / OPEN_SHARE) ** 2)
-    own = fold.jacobian[left_out] / sigma[:, None]
-    shift = np.linalg.solve(own.T @ own + precision, own.T @ ((data.angle[left_out] - predicted) / sigma))
-    return predicted + sigma * (own @ shift), float(shift @ precision @ shift) / len(sigma)
+    precision = rows.T @ rows + np.diag(penalty**2)
+    precision += 1e-12 * np.trace(precision) * np.eye(len(precision))
+    prior = np.linalg.inv(np.linalg.inv(precision)[-n_modes:, -n_modes:])
+    own = fold.jacobian[left_out, -n_modes:] / sigma[:, None]
+    shift = np.linalg.solve(own.T @ own + prior, own.T @ ((data.angle[left_out] - predicted) / sigma))
+    return predicted + sigma * (own @ shift)
 
 
 def block_losses(data: Data, predicted: Real, strain: Real, cells: Truth) -> Real:

@@ -12,7 +12,7 @@ from pipeline.config.study import Study
 from pipeline.identification.branches import Blocks, Cells, cells, find_blocks, history
 from pipeline.identification.faults import Fault, data_faults
 from pipeline.identification.fitting import Fitter
-from pipeline.identification.heldout import groups
+from pipeline.identification.heldout import conditioned, groups, predicted_by_folds
 from pipeline.identification.noise import Noise, measured_noise
 from pipeline.identification.problem import Model, Problem, candidates
 from pipeline.identification.reading import Rows, read_rows, training_rows
@@ -133,9 +133,10 @@ def _held_out(
         declared[left] = (plain + fitter.offsets(plain, ~left, data.sigma))[left]
         if nested:
             inner = selector.select(~left, tuple(selection.trials))
-            after[left] = inner.chosen.fit.predicted[left]
-    chosen = after if nested else selection.chosen.held_out
-    return everything, Curves(declared, selection.base.held_out, chosen)
+            after[left] = conditioned(fitter, inner.chosen.fit, ~left, left)
+    recalibrated = predicted_by_folds(fitter, selection.base.fit, everything)
+    chosen = after if nested else predicted_by_folds(fitter, selection.chosen.fit, everything)
+    return everything, Curves(declared, recalibrated, chosen)
 
 
 def _fault_verdict(faults: Sequence[Fault]) -> Verdict:

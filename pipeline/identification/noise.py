@@ -167,13 +167,15 @@ def _random(blocks: Blocks, cells: Cells, rng: np.random.Generator) -> Estimate:
         return Estimate(np.nan, np.nan, np.nan, 0, 0)
     keys = sorted(pairs)
     difference = np.array([pairs[key][0] for key in keys])
+    known = np.isfinite(difference)
+    everywhere = np.all(known, axis=0)  # offsets of pairs over other torques would not compare
+    difference -= np.nanmean(difference[:, everywhere if np.any(everywhere) else slice(None)], axis=1, keepdims=True)
     warmed = np.array([pairs[key][1] for key in keys])
     earlier = np.array([cycle for _, cycle in keys])
     design = (earlier[:, None] == np.unique(earlier)).astype(float)
     if np.all(np.isfinite(warmed)) and np.ptp(warmed) > 0:
         design = np.column_stack([design, warmed / np.ptp(warmed)])
     left, free = np.full_like(difference, np.nan), np.full_like(difference, np.nan)
-    known = np.isfinite(difference)
     for pattern in np.unique(known, axis=1).T:
         nodes = np.all(known == pattern[:, None], axis=0)
         basis, sizes, _ = np.linalg.svd(design[pattern], full_matrices=False)
@@ -188,7 +190,7 @@ def _random(blocks: Blocks, cells: Cells, rng: np.random.Generator) -> Estimate:
 
 def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
     """By position and cycle: difference (n_nodes,) [arcmin] of the next cycle from it, at the torques of the first
-    position's branches, NaN where not both reach, offset removed; and how much warmer the next cycle was [K]."""
+    position's branches, NaN where not both reach; and how much warmer the next cycle was [K]."""
     kinds: dict[tuple[int, int], Real] = {}
     found = {}
     for position in np.unique(blocks.position):
@@ -216,10 +218,7 @@ def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, fl
             ]
             joined = np.concatenate(parts)
             if np.any(np.isfinite(joined)):
-                found[int(position), int(earlier)] = (
-                    joined - np.nanmean(joined),
-                    temperature[later] - temperature[earlier],
-                )
+                found[int(position), int(earlier)] = joined, temperature[later] - temperature[earlier]
     return found
 
 

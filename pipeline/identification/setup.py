@@ -89,7 +89,9 @@ def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
     factor = np.where(drive.reducer.contacts.kind == PIN, pins, output)
     laws = drive.laws
     scaled = {name: factor * getattr(laws, name) for name in ("linear", "logarithmic", "power")}
-    return replace(drive, laws=replace(laws, **scaled))
+    changed = replace(drive, laws=replace(laws, **scaled))
+    vars(changed)["gap"] = drive.gap
+    return changed
 
 
 def _repeated(errors: Errors, n: int) -> Errors:
@@ -120,12 +122,11 @@ def build_problem(
     sampled = draw(own, 0, 1) if unit.dimensions is not None else _usual(_population(study))
     errors = assembly.errors(sampled)
 
-    @lru_cache(maxsize=256)
-    def drives(scales: tuple[float, ...]) -> tuple[Drive, ...]:
-        numbers, laws = scales[: len(keys)], scales[len(keys) :]
+    @lru_cache(maxsize=64)
+    def with_numbers(numbers: tuple[float, ...]) -> tuple[Drive, ...]:
         scaled = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
         factor = _softness(scaled.design) / _softness(study.design)
-        made = (
+        return tuple(
             drive_of(
                 scaled,
                 float(crank),
@@ -135,7 +136,11 @@ def build_problem(
             )
             for crank, compliance, at in zip(rows.cranks, compliances, conditions, strict=True)
         )
-        return tuple(_with_laws(drive, *laws) for drive in made)
+
+    @lru_cache(maxsize=256)
+    def drives(scales: tuple[float, ...]) -> tuple[Drive, ...]:
+        laws = scales[len(keys) :]
+        return tuple(_with_laws(drive, *laws) for drive in with_numbers(scales[: len(keys)]))
 
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated

@@ -14,7 +14,7 @@ from pipeline.identification.fitting import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.loops import STAGES
 from pipeline.identification.problem import candidates
-from pipeline.identification.selection import FEWEST_BLOCKS, Trial
+from pipeline.identification.selection import FEWEST_BLOCKS
 from pipeline.identification.signatures import Signature
 
 Real = NDArray[np.float64]
@@ -73,7 +73,9 @@ CANDIDATES = Table(
         Column("effect", "label", "", "name in the library; + joins effects that act together"),
         Column("title", "label", "", "what it is"),
         Column("parameters", "label", "", "fitted parameters as JSON; empty where it was not fitted in full"),
-        Column("rms_before_arcmin", "float64", "arcmin", "held-out error of the recalibrated model, offsets removed"),
+        Column(
+            "rms_before_arcmin", "float64", "arcmin", "held-out error of the recalibrated model, noise included"
+        ),
         Column("rms_after_arcmin", "float64", "arcmin", "the same with the effect"),
         Column("rms_before_floors", "float64", "1", "the same in noise of the cells, mean over the blocks"),
         Column("rms_after_floors", "float64", "1", "the same with the effect"),
@@ -162,6 +164,7 @@ def _candidate(found: Identification, name: str, few: bool) -> dict[str, Any]:
     selection, why_not = found.selection, found.why_not
     assert selection is not None
     assert why_not is not None
+    assert found.problem is not None
     trial = selection.trials.get(name)
     reason = why_not.get(name, "" if trial else NOT_SHORTLISTED)
     if trial and few:
@@ -170,8 +173,8 @@ def _candidate(found: Identification, name: str, few: bool) -> dict[str, Any]:
         "effect": name,
         "title": title_of(name),
         "parameters": json.dumps(parameters_of(trial.fit)) if trial else "",
-        "rms_before_arcmin": _rms(found, selection.base) if trial else np.nan,
-        "rms_after_arcmin": _rms(found, trial) if trial else np.nan,
+        "rms_before_arcmin": selection.base.rms * found.problem.data.noise if trial else np.nan,
+        "rms_after_arcmin": trial.rms * found.problem.data.noise if trial else np.nan,
         "rms_before_floors": selection.base.rms if trial else np.nan,
         "rms_after_floors": trial.rms if trial else np.nan,
         "t": selection.t.get(name, np.nan),
@@ -181,9 +184,3 @@ def _candidate(found: Identification, name: str, few: bool) -> dict[str, Any]:
         "screened_share": selection.screened.get(name, np.nan),
         "why_not": reason,
     }
-
-
-def _rms(found: Identification, trial: Trial) -> float:
-    assert found.problem is not None
-    misfit = found.problem.data.angle - trial.held_out
-    return float(np.sqrt(np.nanmean(misfit**2))) if np.any(np.isfinite(misfit)) else np.nan

@@ -79,7 +79,9 @@ class Drive:
     def first(self) -> "Drive":
         """The drive in its first state alone."""
         errors = Errors(**{name: values[:1] for name, values in vars(self.errors).items()})
-        return replace(self, errors=errors, shift=self.shift[:1], bearing_clearance=self.bearing_clearance[:1])
+        one = replace(self, errors=errors, shift=self.shift[:1], bearing_clearance=self.bearing_clearance[:1])
+        vars(one)["gap"] = self.gap[:1]
+        return one
 
     def shifted(self, more: Real) -> "Drive":
         """The drive with every gap larger by ``more`` (n, n_contacts) [mm]; those of its errors are not found anew."""
