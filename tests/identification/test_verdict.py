@@ -11,7 +11,7 @@ from pipeline.identification.fitting import Fit, Vector
 from pipeline.identification.heldout import Trial
 from pipeline.identification.identify import identify
 from pipeline.identification.problem import Model, candidates
-from pipeline.identification.selection import STRUCTURE, Selection
+from pipeline.identification.selection import FORM, STRUCTURE, Selection
 from pipeline.identification.unit import load_measured_unit
 from pipeline.identification.verdict import DISTINGUISHING, intervals, judge
 
@@ -106,7 +106,7 @@ CASES = {
     "two alike": (5.0, dict.fromkeys(SINGLES[:2], 1.0), SINGLES[:2], "coulomb", "equivalent", SINGLES[:2]),
     "four alike": (5.0, dict.fromkeys(SINGLES, 1.0), SINGLES, "coulomb", "equivalent", SINGLES),
     "nothing in the library": (5.0, {"coulomb": 4.9}, (), "", "unexplained", ()),
-    "not enough": (5.0, {"coulomb": 1.05 * STRUCTURE}, ("coulomb",), "coulomb", "unexplained", ()),
+    "not enough": (5.0, {"coulomb": 1.05 * np.hypot(STRUCTURE, FORM * 5.0)}, ("coulomb",), "coulomb", "unexplained", ()),
     "three together": (
         *(5.0, {"coulomb+preload+flank_wear": 1.0}, ("coulomb+preload+flank_wear",), "coulomb+preload+flank_wear"),
         *("unexplained", ()),
