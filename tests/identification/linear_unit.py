@@ -38,28 +38,30 @@ def linear_data(positions=2, cycles=2, branches=2, cells=10, sigma=0.1, count=4)
 
 
 class LinearFitter(Fitter):
-    """Angle = design x (scales, shares, modes); parameters are bounded by 0 and 1."""
+    """Angle = design x (scales, shares, modes), of shares that a model lacks zero; parameters lie between 0 and 1."""
 
     def __init__(self, data: Data, design: np.ndarray, scale_spread=(), n_modes: int = 0):
         self.design, self.looks = design, 0
+        self.shares = design.shape[1] - len(scale_spread) - n_modes
         modes = [np.zeros((n_modes, 1))] * len(np.unique(data.position))
         super().__init__(
-            SimpleNamespace(data=data, modes=modes, n_modes=n_modes, scale_spread=np.array(scale_spread, float))
+            SimpleNamespace(
+                data=data,
+                modes=modes,
+                n_modes=n_modes,
+                scale_spread=np.array(scale_spread, float),
+                bounds=lambda candidate: ((0.0, 1.0),) * len(candidate.parameters),
+            )
         )
-
-    def bounds(self, model):
-        return [(0.0, 1.0)] * model.n_parameters
 
     def predict(self, model, unknowns, positions=None, modes=False):
         self.looks += 1
         data, n_modes = self.problem.data, self.problem.n_modes
         there = np.isin(data.position, list(self.positions if positions is None else positions))
-        columns = self.design[:, len(self.design.T) - n_modes :]
-        return (
-            np.where(there, self.design @ unknowns.flat, np.nan),
-            columns * there[:, None] if modes else np.zeros((len(data), n_modes)),
-            True,
-        )
+        lacking = np.zeros(self.shares - len(unknowns.shares))
+        flat = np.concatenate([unknowns.scales, unknowns.shares, lacking, unknowns.modes])
+        influence = self.design[:, self.design.shape[1] - n_modes :] if modes else np.zeros((len(data), n_modes))
+        return np.where(there, self.design @ flat, np.nan), influence * there[:, None], True
 
 
 def stood(fitter: LinearFitter, model: Model, unknowns, sigma) -> Fit:
