@@ -4,15 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import CRANKS
 from linear_unit import LinearFitter, linear_data, model_of
-from synthetic_unit import exactly_known, make_unit, problem_of
-from test_recovery import CASES, THREE, TWO
+from synthetic_unit import Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.fitting import Fitter, mapped
 from pipeline.identification.problem import Model, candidates
 from pipeline.identification.screening import REACH, STEPS, Screening, screened
 from pipeline.identification.selection import Selector
 
+TWO, THREE = Bench(), Bench(cranks=CRANKS)
 UNITS = {
     "coulomb": ((0.3,), TWO, ("preload", "seat_compliance", "torque_gain", "flank_wear")),
     "pin_radius_error": ((-5.0,), THREE, ("coulomb", "bearing_clearance")),
@@ -92,13 +93,18 @@ def test_effects_without_an_equilibrium_promise_nothing_at_all():
 
 
 def test_promises_beside_several_bases_are_shares_of_the_first():
-    fitter, look, base = looked(0.3)
+    fitter, _, base = looked(0.3)
     cells = np.ones(len(fitter.problem.data), bool)
-    there = fitter.start(model_of(0))
-    far = fitter.fit(model_of(0), cells, replace(there, scales=np.array([3.0])), 0)
+    far = fitter.fit(base.model, cells, replace(base.unknowns, scales=np.array([1.5])), 0)
+    stiff = replace(far, jacobian=0.0 * base.jacobian, sigma=base.sigma)  # cannot move back: it leaves more
     (alone,) = screened(fitter, cells, [base], [EFFECT]).values()
-    (both,) = screened(fitter, cells, [base, far], [EFFECT]).values()
-    assert both.misfit <= alone.misfit
-    assert both.misfit == pytest.approx(alone.misfit, rel=1e-6)  # linear: the base's unknowns move as they can
-    (only,) = screened(fitter, cells, [far], [EFFECT]).values()
-    assert only.start.shares[0] == pytest.approx(alone.start.shares[0], abs=0.01)
+    (worst,) = screened(fitter, cells, [stiff], [EFFECT]).values()
+    (both,) = screened(fitter, cells, [stiff, base], [EFFECT]).values()
+    left = [Screening(fitter, cells, one, base.sigma).nothing for one in (base, stiff)]
+    assert left[1] > 1.01 * left[0]
+    assert both.misfit < worst.misfit
+    assert both.misfit == pytest.approx(alone.misfit * left[0] / left[1])
+    np.testing.assert_array_equal(both.start.flat, alone.start.flat)
+    lost = replace(base, cost=np.inf)
+    (again,) = screened(fitter, cells, [base, lost], [EFFECT]).values()
+    assert again.misfit == alone.misfit
