@@ -94,7 +94,7 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
         at_input = bench.locked == "output"
         place, lobes = np.radians(crank), study.design.cycloid.lobes
         course = Course(
-            *(bench.turns, leg, bench.state, torque[:, None], time),
+            *(bench.turns, leg, bench.state, np.column_stack([torque, torque]), time),
             *((float(lobes), place) if at_input else (1.0, -place / lobes)),
         )
         reading = Forward([course], made.rated_torque).read(made, 0, instrument)

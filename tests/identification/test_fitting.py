@@ -75,7 +75,7 @@ def test_offsets_are_of_the_cells_fitted_in_their_group(known):
         fitter = Fitter(replace(known, data=replace(data, common_offset=common)))
         predicted = data.angle - np.where(data.position == 0, 5.0, -2.0) - np.where(data.position == 2, 7.0, 0.0)
         disturbed = np.where(fitted | (data.position == 2), predicted, predicted + 100.0)
-        found = fitter.offsets(disturbed, fitted)
+        found = fitter.offsets(disturbed, fitted, data.sigma)
         if not common:
             np.testing.assert_allclose(found, np.array([5.0, -2.0, 5.0])[data.position])
         else:
@@ -131,7 +131,7 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
     start = fitter.start(Model())
     fit = fitter.fit(Model(), everything(unknown), start)
     declared = fitter.predict(Model(), start)[0]
-    before = rms(unknown, declared + fitter.offsets(declared, everything(unknown)))[0]
+    before = rms(unknown, declared + fitter.offsets(declared, everything(unknown), unknown.data.sigma))[0]
     assert before > 10 * unknown.data.noise
     assert rms(unknown, fit.predicted)[1] < 1.5
     assert np.max(np.abs(fit.unknowns.modes)) <= TOLERANCE
@@ -200,9 +200,12 @@ def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatc
         assert np.all(np.isfinite(one.curves.after[left]))
     first, second = (one.selection.chosen.fit for one in found)
     np.testing.assert_allclose(second.values, first.values, rtol=0.02)
-    before, after = (np.sqrt(np.mean((one.problem.data.angle - one.curves.after)[one.held_out] ** 2)) for one in found)
-    assert before < 0.04
-    assert after > 10 * before
+    before, after = (
+        np.sqrt(np.mean(((one.problem.data.angle - one.curves.after) / one.problem.data.sigma)[one.held_out] ** 2))
+        for one in found
+    )
+    assert before < 1.0
+    assert after > 10.0
 
 
 def test_folds_leave_out_positions_else_cycles(known):

@@ -108,6 +108,33 @@ def test_creep_after_a_step_is_that_of_spring_and_damper(drive):
     np.testing.assert_allclose(found, expected, atol=1e-9 + 1e-4 * expected.max())
 
 
+def delayed(torque, time, creep):
+    """Rotation [rad] of spring and damper under a torque [N mm], by fine trapezoids."""
+    passed = np.exp((time - time[-1]) / creep.time_constant)
+    rate = creep.compliance * torque / creep.time_constant
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (passed[1:] * rate[1:] + passed[:-1] * rate[:-1]))])
+    return sums / passed
+
+
+@pytest.mark.parametrize("time_constant", [8.0, 40.0, 300.0])
+@pytest.mark.parametrize("per_leg", [2, 3, 5])
+def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, time_constant):
+    """No cell is at a turn: the turns lie between the cells."""
+    period, creep = 60.0, Creep(2e-9, time_constant)
+    leg = np.repeat(np.arange(len(TURNS) - 1), per_leg)
+    shares = np.tile((np.arange(per_leg) + 0.5) / per_leg, len(TURNS) - 1)
+    start, end = TURNS[leg], TURNS[leg + 1]
+    length = np.where(np.abs(end - start) > 12, 2.0, 1.0)  # one speed of the torque
+    begun = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(TURNS)) / 12.0)]) * period
+    time = begun[leg] + period * length * shares
+    torque = start + shares * (end - start)
+    course = Course(TURNS, leg, np.zeros(len(TURNS) - 1, np.int64), points(torque), time, 1.0, 0.0)
+    found = read(replace(drive, creep=creep), course=course).angle - read(drive, course=course).angle
+    fine = np.linspace(0.0, begun[-1], 40001)
+    whole = ARCMIN * delayed(1e3 * np.interp(fine, begun, TURNS), fine, creep)
+    np.testing.assert_allclose(found, np.interp(time, fine, whole), atol=0.01 * np.ptp(whole))
+
+
 def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive):
     usual = Conditions.usual(1)
     rubbing = library()["contact_friction"].apply(drive, [0.02], usual)

@@ -11,7 +11,7 @@ from pipeline.identification.fitting import Fit, Vector
 from pipeline.identification.heldout import Trial
 from pipeline.identification.identify import identify
 from pipeline.identification.problem import Model, candidates
-from pipeline.identification.selection import STRUCTURE, Selection
+from pipeline.identification.selection import FORM, STRUCTURE, Selection
 from pipeline.identification.unit import load_measured_unit
 from pipeline.identification.verdict import DISTINGUISHING, intervals, judge
 
@@ -20,14 +20,19 @@ BOUNDS = (-4.0, 6.0)
 
 
 class LinearFitter:
-    """Angle = slope x value: one number of an effect, and one calibrated number that the prior holds."""
+    """Angle = slope x value: one number of an effect, and one calibrated number that the prior holds.
 
-    def __init__(self, truth, noise, rng, effects=1):
+    With ``confused`` the calibrated number, ``scale`` in truth, shows mostly as so much of the first effect.
+    """
+
+    def __init__(self, truth, noise, rng, effects=1, confused=None, scale=0.0):
         n = BLOCKS * CELLS
         self.design = rng.normal(size=(n, effects + 1))
+        if confused is not None:
+            self.design[:, 0] = confused * self.design[:, 1] + 1e-3 * self.design[:, 0]
         block = np.repeat(np.arange(BLOCKS), CELLS)
         shared = 0.5 * noise * rng.normal(size=BLOCKS)[block]  # what the cells of a block have in common
-        angle = self.design[:, 1:] @ np.atleast_1d(truth) + shared + noise * rng.normal(size=n)
+        angle = self.design @ np.append(scale, truth) + shared + noise * rng.normal(size=n)
         data = SimpleNamespace(angle=angle, sigma=np.full(n, noise), block=block, branch=block)
         self.problem = SimpleNamespace(data=data)
 
@@ -76,6 +81,20 @@ def test_intervals_cover_the_truth_as_often_as_they_say(truth):
     assert 0.8 * usual < np.median(widths) < 1.3 * usual
 
 
+def test_intervals_hold_what_a_calibrated_number_may_be():
+    """Its truth is drawn from its prior, which alone tells it from the parameter."""
+    runs, covered, widths, truth = 200, 0, [], 1.0
+    for seed in range(runs):
+        rng = np.random.default_rng(1000 + seed)
+        fitter = LinearFitter(truth, 0.1, rng, confused=0.5, scale=rng.standard_normal())
+        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING)
+        covered += found.ci_low <= truth <= found.ci_high
+        widths.append(found.ci_high - found.ci_low)
+    low, high = binom.ppf([1e-3, 1 - 1e-3], runs, 0.95)
+    assert low <= covered <= high
+    assert np.median(widths) == pytest.approx(2 * 1.96 * 0.5, rel=0.15)
+
+
 def test_parameter_at_its_bound_has_no_interval_and_says_so():
     fitter = fitter_at(9.0)
     (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING)
@@ -106,7 +125,14 @@ CASES = {
     "two alike": (5.0, dict.fromkeys(SINGLES[:2], 1.0), SINGLES[:2], "coulomb", "equivalent", SINGLES[:2]),
     "four alike": (5.0, dict.fromkeys(SINGLES, 1.0), SINGLES, "coulomb", "equivalent", SINGLES),
     "nothing in the library": (5.0, {"coulomb": 4.9}, (), "", "unexplained", ()),
-    "not enough": (5.0, {"coulomb": 1.05 * STRUCTURE}, ("coulomb",), "coulomb", "unexplained", ()),
+    "not enough": (
+        5.0,
+        {"coulomb": 1.05 * np.hypot(STRUCTURE, FORM * 5.0)},
+        ("coulomb",),
+        "coulomb",
+        "unexplained",
+        (),
+    ),
     "three together": (
         *(5.0, {"coulomb+preload+flank_wear": 1.0}, ("coulomb+preload+flank_wear",), "coulomb+preload+flank_wear"),
         *("unexplained", ()),

@@ -1,0 +1,110 @@
+"""What effects promise before they are fitted: the one that is there, where it starts, and those that are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import CRANKS
+from linear_unit import LinearFitter, linear_data, model_of
+from synthetic_unit import Bench, exactly_known, make_unit, problem_of
+
+from pipeline.identification.fitting import Fitter, mapped
+from pipeline.identification.problem import Model, candidates
+from pipeline.identification.screening import REACH, STEPS, Screening, screened
+from pipeline.identification.selection import Selector
+
+TWO, THREE = Bench(), Bench(cranks=CRANKS)
+UNITS = {
+    "coulomb": ((0.3,), TWO, ("preload", "seat_compliance", "torque_gain", "flank_wear")),
+    "pin_radius_error": ((-5.0,), THREE, ("coulomb", "bearing_clearance")),
+    "ovality_2": ((3.0, -2.0), THREE, ("coulomb", "output_torsion", "bearing_clearance")),
+    "ovality_3": ((2.0, 3.0), THREE, ("coulomb", "output_torsion", "bearing_clearance")),
+}
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_the_effect_of_a_unit_promises_most_and_starts_near_the_truth(name, tmp_path, condensed):
+    values, bench, others = UNITS[name]
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
+    fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
+    selector = Selector(fitter, everything)
+    selector.testable = {one: selector.testable[one] for one in (name, *others)}
+    base = fitter.fit(Model(), everything, fitter.start(Model()))
+    promises = selector.screen(everything, base)
+    start = mapped(problem.bounds(candidates()[name]), promises[name].start.shares)
+    assert np.linalg.norm(start - values) < 0.5 * np.linalg.norm(values)
+    assert promises[name].misfit < 0.2
+    assert all(promises[other].misfit > 0.9 for other in others)
+
+
+SCALE, EFFECT = 0.2, candidates()["coulomb"]
+SPREAD = 0.5
+
+
+def looked(share, confused=0.6, seed=0):
+    """A linear unit with an effect of some size, of which a scale explains a part, and its screening."""
+    rng, data = np.random.default_rng(seed), linear_data(sigma=0.1)
+    design = rng.normal(size=(len(data), 2))
+    design[:, 1] = confused * design[:, 0] + np.sqrt(1 - confused**2) * design[:, 1]
+    angle = design @ [SCALE, share] + 4.0 * data.position + 0.1 * rng.normal(size=len(data))
+    fitter = LinearFitter(replace(data, angle=angle), design, (SPREAD,))
+    everything = np.ones(len(data), bool)
+    base = fitter.fit(model_of(0), everything, fitter.start(model_of(0)))
+    return fitter, Screening(fitter, everything, base, data.sigma), base
+
+
+def least(fitter, columns):
+    """Least sum of squares over the scale, effects and offsets, the scale held by its prior."""
+    data = fitter.problem.data
+    offsets = (data.position[:, None] == [0, 1]).astype(float)
+    rows = np.hstack([fitter.design[:, :columns], offsets]) / data.sigma[:, None]
+    rows = np.vstack([rows, np.eye(1, columns + 2) / SPREAD])
+    right = np.append(data.angle / data.sigma, 0.0)
+    return np.sum((right - rows @ np.linalg.lstsq(rows, right, rcond=None)[0]) ** 2)
+
+
+def test_promise_of_a_linear_effect_is_what_its_fit_leaves():
+    fitter, look, _ = looked(0.3)
+    promise = look.promise(EFFECT)
+    assert look.nothing == pytest.approx(least(fitter, 1), rel=1e-6)
+    assert promise.misfit * look.nothing == pytest.approx(least(fitter, 2), rel=1e-6)
+    assert promise.start.shares[0] == pytest.approx(0.3, abs=0.03)
+
+
+def test_what_the_base_can_follow_or_goes_the_other_way_promises_nothing():
+    assert looked(0.3, confused=1.0)[1].promise(EFFECT).misfit > 0.99
+    assert looked(-0.3)[1].promise(EFFECT).misfit > 0.99
+    assert looked(0.0)[1].promise(EFFECT).misfit > 0.9
+
+
+def test_secants_reach_no_further_than_they_may():
+    start = looked(0.9)[1].promise(EFFECT).start
+    assert start.shares[0] == pytest.approx(REACH * max(STEPS))
+
+
+def test_effects_without_an_equilibrium_promise_nothing_at_all():
+    fitter, look, base = looked(0.3)
+    cells = np.ones(len(fitter.problem.data), bool)
+    assert screened(fitter, cells, [base], [EFFECT]).keys() == {EFFECT.name}
+    plain = fitter.predict
+    fitter.predict = lambda model, *more, **named: (*plain(model, *more, **named)[:2], model.n_effects == 0)
+    assert look.promise(EFFECT) is None
+    assert screened(fitter, cells, [base], [EFFECT]) == {}
+
+
+def test_promises_beside_several_bases_are_shares_of_the_first():
+    fitter, _, base = looked(0.3)
+    cells = np.ones(len(fitter.problem.data), bool)
+    far = fitter.fit(base.model, cells, replace(base.unknowns, scales=np.array([1.5])), 0)
+    stiff = replace(far, jacobian=0.0 * base.jacobian, sigma=base.sigma)  # cannot move back: it leaves more
+    (alone,) = screened(fitter, cells, [base], [EFFECT]).values()
+    (worst,) = screened(fitter, cells, [stiff], [EFFECT]).values()
+    (both,) = screened(fitter, cells, [stiff, base], [EFFECT]).values()
+    left = [Screening(fitter, cells, one, base.sigma).nothing for one in (base, stiff)]
+    assert left[1] > 1.01 * left[0]
+    assert both.misfit < worst.misfit
+    assert both.misfit == pytest.approx(alone.misfit * left[0] / left[1])
+    np.testing.assert_array_equal(both.start.flat, alone.start.flat)
+    lost = replace(base, cost=np.inf)
+    (again,) = screened(fitter, cells, [base, lost], [EFFECT]).values()
+    assert again.misfit == alone.misfit
