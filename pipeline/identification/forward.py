@@ -32,6 +32,8 @@ UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
 """Relative residual of an equilibrium that is none, and the share of them that a fit may pass through."""
 APART = 1e-6
 """Share of the range of torque by which steps differ."""
+DIVISIONS = 8
+"""Steps in each part of a cell along a ripple."""
 NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
 
@@ -181,7 +183,9 @@ class Forward:
             same = _repeats(torque)
             steps, first = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
         else:
-            steps, first = _steps(torque, nodes, self._bends(drive, course, nodes, torque, at))
+            steps, first = _steps(
+                torque, nodes, self._bends(drive, course, nodes, torque, _divided(at) if ripple.amplitude else at)
+            )
         for state in np.unique(course.state):
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
@@ -268,6 +272,13 @@ def _repeats(torque: Real) -> Whole:
         else:
             same[: leg + 1] = np.arange(leg + 1)  # its history must be followed
     return same
+
+
+def _divided(at: Real) -> Real:
+    """Torques (n_cells, n_finer) between the edges of the parts of cells: a ripple may be shorter than a part."""
+    shares = np.arange(DIVISIONS) / DIVISIONS
+    between = at[:, :-1, None] + shares * np.diff(at, axis=1)[:, :, None]
+    return np.column_stack([between.reshape(len(at), -1), at[:, -1]])
 
 
 def _over_cells(at: Real, x: Real, y: Real) -> tuple[Real, Real]:

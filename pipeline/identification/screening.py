@@ -23,8 +23,10 @@ SHAPES = (0.1, 0.35, 0.6, 0.85)
 """Shares of the bounds at which parameters that leave no trace of an absent effect are looked at."""
 REACH = 4.0
 """Lengths of its secant up to which an effect is extrapolated."""
-CONFIRMED = 2
-"""Best secants whose end is predicted."""
+STARTS = 3
+"""Most starts from which an effect is fitted: senses of its parameters, and bases."""
+RIVAL = 3.0
+"""Misfit of a further start in that of the best beyond which it is left out."""
 WAVES = 160
 """Periods of a ripple that are looked at."""
 
@@ -36,11 +38,11 @@ class Promise:
     Attributes
     ----------
     misfit : sum of squares left, in shares of the base's.
-    start : where a fit with the effect starts.
+    starts : where fits with the effect start, the best first.
     """
 
     misfit: float
-    start: Vector
+    starts: tuple[Vector, ...]
 
 
 class Screening:
@@ -81,37 +83,37 @@ class Screening:
     def _misfit(values: Real) -> float:
         return max(float(values @ values), 1e-300)
 
-    def promise(self, effect: Candidate) -> Promise | None:
-        """The best start for an effect beside the base; None where no equilibrium was found with it."""
+    def starts(self, effect: Candidate) -> list[tuple[float, Vector]]:
+        """Starts for an effect beside the base with their sums of squares, where an equilibrium was found."""
         if effect.name == "motor_cogging":
-            return self._ripple(effect)
+            return [self._ripple(effect)]
         model = Model((*self.base.model.effects, effect))
         bounds = np.array(self.fitter.problem.bounds(effect))
         grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
         zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
-        found: list[tuple[float, Real, Real]] = []
+        found: dict[int, tuple[float, Real, Real]] = {}
         for shape, length in product(product(*(((0.0,) if own else SHAPES) for own in grows)), STEPS):
-            found += self._looks(model, np.where(grows, zero, shape), grows, length)
-        best: Promise | None = None
-        for _, shares, unknowns in sorted(found, key=lambda one: one[0])[: CONFIRMED * int(grows.sum())]:
-            for start in self._starts(shares, unknowns):
-                angle, _, sound = self.fitter.predict(model, start, self.positions)
-                misfit = self._at(angle, start) / self.nothing
-                if sound and (best is None or misfit < best.misfit):
-                    best = Promise(misfit, start)
-        return best
+            for sense, look in enumerate(self._looks(model, np.where(grows, zero, shape), grows, length)):
+                if sense not in found or look[0] < found[sense][0]:
+                    found[sense] = look
+        confirmed = []
+        for _, shares, unknowns in found.values():
+            looks = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
+            confirmed.append(min(looks, key=lambda one: one[0]))
+        return [one for one in confirmed if np.isfinite(one[0])]
 
-    def _starts(self, shares: Real, moved: Real) -> list[Vector]:
+    def _beside(self, shares: Real, moved: Real) -> list[Vector]:
         """The effect beside the base as it stands, and as it would move."""
         base = self.base.unknowns
         there = base.like(base.flat + moved)
         return [Vector(one.scales, np.concatenate([one.shares, shares]), one.modes) for one in (there, base)]
 
-    def _at(self, angle: Real, start: Vector) -> float:
-        """Misfit of a prediction at unknowns of the base."""
+    def _at(self, model: Model, start: Vector) -> float:
+        """Misfit of a model's prediction; infinite where an equilibrium was not found."""
+        angle, _, sound = self.fitter.predict(model, start, self.positions)
         flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
         data = self.fitter.problem.data
-        return self._misfit(self._free(self._scaled(data.angle - angle) - self._pulled(flat)))
+        return self._misfit(self._free(self._scaled(data.angle - angle) - self._pulled(flat))) if sound else np.inf
 
     def _looks(self, model: Model, at: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
         """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``at``.
@@ -144,35 +146,33 @@ class Screening:
         moved = np.linalg.lstsq(self.triangle, self.basis.T @ rest, rcond=None)[0]
         return self._misfit(self._free(rest)), shares, moved
 
-    def _ripple(self, effect: Candidate) -> Promise:
+    def _ripple(self, effect: Candidate) -> tuple[float, Vector]:
         """Best period of a small ripple: its torque moves the angle by the slope of the curve."""
         bounds = self.fitter.problem.bounds(effect)
         slope = self.fitter.slopes(self.base)
         plain = self.fitter.predict(self.base.model, self.base.unknowns)[0]
-        left, best = self._free(self.left), (1.0, np.array([0.5, 0.5, 0.5]))
+        left, best = self._free(self.left), (self.nothing, np.array([0.5, 0.5, 0.5]))
         for share in np.linspace(0, 1, WAVES):
             turned = 10 ** (bounds[2][0] + share * (bounds[2][1] - bounds[2][0])) * plain / ARCMIN
             waves = (-slope * np.cos(turned), -slope * np.sin(turned))
             columns = np.column_stack([self._free(self._scaled(wave)) for wave in waves])
             found = np.linalg.lstsq(columns, left, rcond=None)[0]
-            misfit = self._misfit(left - columns @ found) / self.nothing
+            misfit = self._misfit(left - columns @ found)
             if misfit < best[0]:
                 shares = [(value - low) / (high - low) for value, (low, high) in zip(found, bounds[:2], strict=True)]
                 best = misfit, np.array([*np.clip(shares, 0.02, 0.98), share])
         base = self.base.unknowns
-        return Promise(best[0], Vector(base.scales, np.concatenate([base.shares, best[1]]), base.modes))
+        return best[0], Vector(base.scales, np.concatenate([base.shares, best[1]]), base.modes)
 
 
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
-    """The best promise of every effect over the bases, their misfit in shares of the first base's."""
-    found: dict[str, Promise] = {}
+    """Promises of effects over the bases, misfits in shares of the first base's; of those that have an equilibrium."""
     looks = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
-    for look in looks:
-        for effect in effects:
-            promise = look.promise(effect)
-            if promise is None:
-                continue
-            misfit = promise.misfit * look.nothing / looks[0].nothing
-            if effect.name not in found or misfit < found[effect.name].misfit:
-                found[effect.name] = Promise(misfit, promise.start)
-    return found
+    promises = {}
+    for effect in effects:
+        found = sorted((one for look in looks for one in look.starts(effect)), key=lambda one: one[0])
+        if found:
+            least = found[0][0]
+            kept = [start for misfit, start in found[:STARTS] if misfit <= RIVAL * least]
+            promises[effect.name] = Promise(least / looks[0].nothing, tuple(kept))
+    return promises

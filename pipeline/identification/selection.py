@@ -17,7 +17,7 @@ from pipeline.statistics.blocks import confidence_set, max_t
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-SHORTLIST = 7
+SHORTLIST = 6
 """Effects that are fitted in full, the best after a few steps."""
 NEAR = 1.5
 """Further ones are fitted where their misfit is within this ratio of the best."""
@@ -35,14 +35,14 @@ ALIKE = 0.05
 """Difference of held-out losses, in squared floors, that the form of the model may cause: it decides nothing."""
 FEWEST_BLOCKS = 8
 RESAMPLES = 2000
-FAR = 4.0
+FAR = 3.0
 """The first steps alone are taken of those whose misfit is beyond this ratio of the best."""
 FIRST_ITERATIONS = 3
 """Steps of a fit that rank the effects before the best are fitted in full."""
 HOPELESS = 0.98
 """Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
-MOST_LOOKED = 2
-"""Effects that take those steps, over the number wanted."""
+MORE_LOOKED = 4
+"""Effects that take those steps beyond the number wanted."""
 FAR_FROM_DECLARED = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 MOST_NAMED = 2
@@ -126,20 +126,20 @@ class Selector:
         if only:
             fits = [self._joint_fit(name, cells, promises) for name in only]
         else:
-            fits = self._fits(base_fit, cells, promises, SHORTLIST)
+            fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
         return self._judged(base, trials, {name: one.misfit for name, one in promises.items()}, cells)
 
-    def _fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise], count: int) -> list[Fit]:
+    def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise], count: int) -> list[Fit]:
         """Fits of the ``count`` best additions to a base, and of those that come near: a few steps of all rank them."""
         hopeful = [name for name in promises if promises[name].misfit < HOPELESS]
-        hopeful = sorted(hopeful, key=lambda name: promises[name].misfit)[: MOST_LOOKED * count]
+        hopeful = sorted(hopeful, key=lambda name: promises[name].misfit)[: count + MORE_LOOKED]
         first = []
         for name in hopeful:
             model = Model((*base.model.effects, self.testable[name]))
-            fit = self.fitter.fit(model, cells, promises[name].start, FIRST_ITERATIONS, base)
-            if np.isfinite(fit.cost) and fit.sound:
-                first.append(fit)
+            starts = promises[name].starts
+            tried = [self.fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
+            first += sorted((fit for fit in tried if np.isfinite(fit.cost) and fit.sound), key=lambda fit: fit.cost)[:1]
         first.sort(key=lambda fit: fit.cost)
         near = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
         return [
@@ -151,8 +151,8 @@ class Selector:
         """Fit of a model by the names of its effects, from what the screening found of each."""
         parts = name.split("+")
         model = Model(tuple(self.testable[part] for part in parts))
-        shares = np.concatenate([promises[part].start.shares for part in parts])
-        return self.fitter.fit(model, cells, replace(promises[parts[0]].start, shares=shares))
+        shares = np.concatenate([promises[part].starts[0].shares for part in parts])
+        return self.fitter.fit(model, cells, replace(promises[parts[0]].starts[0], shares=shares))
 
     def extended(self, selection: Selection, cells: Truth) -> Selection:
         """The selection with effects added to its best, one at a time, until nothing structured is left.
@@ -163,7 +163,7 @@ class Selector:
             if not selection.best or selection.chosen.rms <= selection.limit:
                 break
             now = selection.chosen.fit
-            fits = self._fits(now, cells, self.screen(cells, now), ADDITIONS)
+            fits = self.fits(now, cells, self.screen(cells, now), ADDITIONS)
             trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
             before, selection = selection.best, self._judged(selection.base, trials, selection.screened, cells)
             if selection.best == before:
@@ -229,7 +229,7 @@ class Selector:
                 if not self._gains(trials[best], trials[alike[0]], least, claimed=count <= MOST_NAMED):
                     continue
             best = alike[0]
-            simpler = "+".join(sorted(NESTED.get(part, part) for part in best.split("+")))
+            simpler = _simplest(best)
             if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], ALIKE):
                 best = simpler
         return best
@@ -258,12 +258,13 @@ class Selector:
             behind = trials[name].rms ** 2 - trials[best].rms ** 2
             if name == best or ((inside or behind < ALIKE) and np.sqrt(np.mean(apart**2)) < 1):
                 members.append(name)
-        return tuple(name for name in members if not _needless(name, members))
+        return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
 
 
 NESTED: Mapping[str, str] = {"presliding": "coulomb"}
 """Effects that become a simpler one at a limit of their parameters: not needed where that one does as well."""
 
 
-def _needless(name: str, members: Sequence[str]) -> bool:
-    return NESTED.get(name, "") in members
+def _simplest(name: str) -> str:
+    """Name of a model with the simpler of nested effects in their place."""
+    return "+".join(sorted(NESTED.get(part, part) for part in name.split("+")))

@@ -212,16 +212,18 @@ def _course(
 
 
 def _within(rows: Rows, usable: NDArray[np.bool_], cells: Cells, numbers: NDArray[np.intp]) -> Real:
-    """Torques within cells (n, PARTS + 1) [N m]: quantiles of their rows, from the least to the largest."""
+    """Torques within cells (n, PARTS + 1) [N m], as many rows between any two; each row stands for its surroundings."""
     kept = np.flatnonzero(usable)
     first = np.searchsorted(kept, cells.first_row[numbers])
     shares = np.arange(PARTS + 1) / PARTS
-    return np.array(
-        [
-            np.quantile(rows.torque[kept[start : start + count]], shares)
-            for start, count in zip(first, cells.count[numbers], strict=True)
-        ]
-    )
+    found = []
+    for start, count in zip(first, cells.count[numbers], strict=True):
+        torque = np.sort(rows.torque[kept[start : start + count]])
+        low, high = 0.5 * (torque[1] - torque[0]), 0.5 * (torque[-1] - torque[-2])
+        known = np.concatenate([[torque[0] - low], torque, [torque[-1] + high]])
+        places = np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
+        found.append(np.interp(shares, places, known))
+    return np.array(found)
 
 
 def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:

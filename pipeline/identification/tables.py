@@ -73,9 +73,7 @@ CANDIDATES = Table(
         Column("effect", "label", "", "name in the library; + joins effects that act together"),
         Column("title", "label", "", "what it is"),
         Column("parameters", "label", "", "fitted parameters as JSON; empty where it was not fitted in full"),
-        Column(
-            "rms_before_arcmin", "float64", "arcmin", "held-out error of the recalibrated model, noise included"
-        ),
+        Column("rms_before_arcmin", "float64", "arcmin", "held-out error of the recalibrated model, noise included"),
         Column("rms_after_arcmin", "float64", "arcmin", "the same with the effect"),
         Column("rms_before_floors", "float64", "1", "the same in noise of the cells, mean over the blocks"),
         Column("rms_after_floors", "float64", "1", "the same with the effect"),

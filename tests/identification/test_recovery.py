@@ -14,11 +14,11 @@ from pipeline.identification.selection import HOPELESS, Selector
 TWO, THREE = Bench(), Bench(cranks=CRANKS)
 CASES = {
     "bearing_clearance": ((8.0,), THREE, 0.05),
-    "contact_friction": ((0.1,), replace(TWO, cycles=1), 0.05),
+    "contact_friction": ((0.1,), replace(TWO, cycles=1, rows=160), 0.05),
     "coulomb": ((0.3,), TWO, 0.03),
     "creep": ((0.02, 40.0), replace(TWO, rows=100), 0.1),
     "eccentricity_error": ((6.0,), THREE, 0.03),
-    "flank_wear": ((5.0,), TWO, 0.03),
+    "flank_wear": ((5.0,), replace(TWO, rows=160), 0.03),
     "output_torsion": ((0.05,), THREE, 0.05),
     "ovality_2": ((6.0, -4.0), THREE, 0.05),
     "ovality_3": ((4.0, 6.0), THREE, 0.05),
@@ -34,7 +34,7 @@ CASES = {
     "angle_drift": ((3.0,), replace(TWO, seconds=5.0), 0.03),
     "encoder_eccentricity": ((0.8, -0.6), replace(THREE, locked="output", common=True), 0.03),
     "load_friction": ((0.1,), replace(TWO, cycles=1), 0.05),
-    "motor_cogging": ((0.3, 0.2, 4.6), replace(TWO, rows=200), 0.1),
+    "motor_cogging": ((0.3, 0.2, 4.6), replace(THREE, rows=400, noise=0.03), 0.1),
 }
 
 
@@ -46,14 +46,14 @@ def test_every_effect_has_a_case():
 def test_an_effect_is_found_again(name, tmp_path, condensed):
     values, bench, within = CASES[name]
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
-    fitter, effect = Fitter(problem), candidates()[name]
+    fitter = Fitter(problem)
     selector = Selector(fitter, np.ones(len(problem.data), bool))
     selector.testable = {name: selector.testable[name]}
     everything = np.ones(len(problem.data), bool)
     base = fitter.fit(Model(), everything, fitter.start(Model()))
-    promise = selector.screen(everything, base)[name]
-    assert promise.misfit < HOPELESS
-    fit = fitter.fit(Model((effect,)), everything, promise.start)
+    promises = selector.screen(everything, base)
+    assert promises[name].misfit < HOPELESS
+    (fit,) = selector.fits(base, everything, promises, 1)
     assert fit.sound
     assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.2
     np.testing.assert_allclose(fit.values, values, rtol=within)

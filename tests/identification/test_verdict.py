@@ -108,7 +108,7 @@ def selection_of(fitter, base_rms, trials, members, best):
 
     def trial(name, rms):
         model = Model(tuple(candidates()[part] for part in name.split("+") if part))
-        return Trial(fitter.fit(model), np.zeros(BLOCKS * CELLS), np.full(BLOCKS, rms**2))
+        return Trial(fitter.fit(model), np.full(BLOCKS, rms**2))
 
     made = {name: trial(name, rms) for name, rms in trials.items()}
     return Selection(trial("", base_rms), made, {}, {}, {}, tuple(made) if best else (), best, members)
