@@ -27,6 +27,8 @@ STARTS = 3
 """Most starts from which an effect is fitted: senses of its parameters, and bases."""
 RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
+RADII, PHASES = (0.05, 0.2), 8
+"""Where an effect with a phase is looked at besides, in shares of its bounds: it bends with its size."""
 WAVES = 160
 """Periods of a ripple that are looked at."""
 
@@ -100,6 +102,12 @@ class Screening:
         for _, shares, unknowns in found.values():
             looks = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
             confirmed.append(min(looks, key=lambda one: one[0]))
+        if grows.sum() == 2:
+            base = self.base.unknowns
+            for radius, phase in product(RADII, 2 * np.pi * np.arange(PHASES) / PHASES):
+                around = zero + radius * np.array([np.cos(phase), np.sin(phase)])
+                start = Vector(base.scales, np.concatenate([base.shares, around]), base.modes)
+                confirmed.append((self._at(model, start), start))
         return [one for one in confirmed if np.isfinite(one[0])]
 
     def _beside(self, shares: Real, moved: Real) -> list[Vector]:
