@@ -29,7 +29,7 @@ RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
 RADII, PHASES = (0.05, 0.2), 8
 """Where an effect with a phase is looked at besides, in shares of its bounds: it bends with its size."""
-WAVES = 160
+WAVES = 800
 """Periods of a ripple that are looked at."""
 
 
