@@ -27,10 +27,20 @@ NO_LOSS = "a measured loop alone does not part friction from play; branch_separa
 
 @dataclass(frozen=True)
 class AngleError:
-    """Of predictions on held-out cells; ``to_noise`` is the rms over the noise floor, ``cells`` their number."""
+    """Of predictions on held-out cells.
+
+    Attributes
+    ----------
+    rms_arcmin, max_arcmin : over the cells, each counted by its rows, and the largest.
+    by_crank_deg : the same rms at each held-out crank angle [deg].
+    to_noise : rms over the noise floor.
+    in_sigmas : rms of the cells over their own noise.
+    cells : their number.
+    """
 
     rms_arcmin: float
     max_arcmin: float
+    by_crank_deg: Mapping[float, float]
     to_noise: float
     in_sigmas: float
     cells: int
@@ -56,15 +66,26 @@ def angle_errors(found: Identification) -> dict[str, AngleError]:
     for stage in STAGES:
         misfit = np.where(found.held_out, data.angle - getattr(found.curves, stage), np.nan)
         kept = np.isfinite(misfit)
-        rms = float(np.sqrt(np.mean(misfit[kept] ** 2))) if kept.any() else np.nan
+        rms = _rms(misfit, data.count, kept)
+        cranks = {
+            float(crank): _rms(misfit, data.count, kept & (data.position == position))
+            for position, crank in enumerate(found.rows.cranks)
+            if np.any(kept & (data.position == position))
+        }
         errors[stage] = AngleError(
             rms,
             float(np.max(np.abs(misfit[kept]), initial=0.0)),
+            cranks,
             rms / data.noise,
             float(np.sqrt(np.mean((misfit[kept] / data.sigma[kept]) ** 2))) if kept.any() else np.nan,
             int(kept.sum()),
         )
     return errors
+
+
+def _rms(misfit: Real, rows: NDArray[np.int64], kept: NDArray[np.bool_]) -> float:
+    """Rms over cells, each counted by its rows; NaN without any."""
+    return float(np.sqrt(np.average(misfit[kept] ** 2, weights=rows[kept]))) if kept.any() else np.nan
 
 
 def loop_errors(found: Identification) -> dict[str, LoopError]:

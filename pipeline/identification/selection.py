@@ -32,7 +32,8 @@ LEAST_GAIN = 0.3
 LEAST_SHARE = 0.1
 """The same as a share of what a model leaves."""
 ALIKE = 0.05
-"""Difference of held-out losses, in squared floors, that the form of the model may cause: it decides nothing."""
+"""Difference of held-out losses, in squared floors and as a share of what is left, that decides nothing: the form of
+the model may cause it."""
 FEWEST_BLOCKS = 8
 RESAMPLES = 2000
 FAR = 3.0
@@ -230,7 +231,8 @@ class Selector:
                     continue
             best = alike[0]
             simpler = _simplest(best)
-            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], ALIKE):
+            least = _alike(trials[best])
+            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], least):
                 best = simpler
         return best
 
@@ -256,13 +258,18 @@ class Selector:
         for name, inside in zip(alike, kept, strict=True):
             apart = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
             behind = trials[name].rms ** 2 - trials[best].rms ** 2
-            if name == best or ((inside or behind < ALIKE) and np.sqrt(np.mean(apart**2)) < 1):
+            if name == best or ((inside or behind < _alike(trials[best])) and np.sqrt(np.mean(apart**2)) < 1):
                 members.append(name)
         return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
 
 
 NESTED: Mapping[str, str] = {"presliding": "coulomb"}
 """Effects that become a simpler one at a limit of their parameters: not needed where that one does as well."""
+
+
+def _alike(trial: Trial) -> float:
+    """Difference of mean losses that decides nothing, in squared floors."""
+    return float(ALIKE * max(1.0, trial.rms**2))
 
 
 def _simplest(name: str) -> str:

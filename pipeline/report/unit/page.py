@@ -136,12 +136,14 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
             {
                 "title": STAGE_TITLES[stage],
                 "rms": digits(error.rms_arcmin),
+                "by_crank": [digits(rms) for rms in error.by_crank_deg.values()],
                 "largest": digits(error.max_arcmin),
                 "to_noise": digits(error.to_noise),
                 "in_sigmas": digits(error.in_sigmas),
             }
             for stage, error in of.angle.items()
         ],
+        "held_out_cranks": [digits(crank) for crank in of.angle["after"].by_crank_deg],
         "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
         "calibrated": _calibrated(of, verdict["calibrated"]),
         "tolerances": "All tolerances are as measured."
