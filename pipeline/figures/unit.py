@@ -118,7 +118,7 @@ def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
         for member, good in zip(fitted["member_of_class"], fitted["significant"], strict=True)
     ]
     axes.barh(place, fitted["rms_after_floors"], color=colours, height=0.62)
-    axes.set_yticks(place, [_short(title) for title in fitted["title"]])
+    axes.set_yticks(place, [_label(*one) for one in zip(fitted["effect"], fitted["title"], strict=True)])
     axes.axvline(before, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
     axes.axvline(1.0, color=INK, linewidth=1.0, linestyle=":", label="noise of the cells")
     axes.set_xlabel("held-out error (noise of the cells)")
@@ -128,8 +128,9 @@ def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
     return figure
 
 
-def _short(title: str, width: int = 62) -> str:
-    return title if len(title) <= width else title[: width - 1] + "…"
+def _label(name: str, title: str) -> str:
+    """The title of one effect; of several their names in the library, whose titles together are too long."""
+    return " + ".join(part.replace("_", " ") for part in name.split("+")) if "+" in name else title
 
 
 def _zero_line(axes: Axes, cells: pd.DataFrame) -> None:
