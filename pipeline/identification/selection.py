@@ -25,7 +25,7 @@ FAMILYWISE = 0.05
 SET_LEVEL = 0.9
 STRUCTURE = 1.25
 """Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
-FORM = 0.1
+FORM = 0.05
 """Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave."""
 LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""

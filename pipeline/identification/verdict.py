@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.fitting import Fit, Fitter, mapped
 from pipeline.identification.problem import candidates
-from pipeline.identification.selection import MOST_NAMED, Selection
+from pipeline.identification.selection import FORM, MOST_NAMED, Selection
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -82,7 +82,9 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     else:
         verdict = ADEQUATE
     named = () if verdict in (UNEXPLAINED, ADEQUATE) else members
-    parameters = tuple(p for name in named for p in intervals(fitter, selection.trials[name].fit, cells))
+    parameters = tuple(
+        p for name in named for p in intervals(fitter, selection.trials[name].fit, cells, selection.base.rms)
+    )
     return Verdict(
         verdict,
         named,
@@ -99,7 +101,7 @@ def _traced(selection: Selection) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*filter(None, selection.best.split("+")), *alone]))
 
 
-def intervals(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[FittedParameter, ...]:
+def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[FittedParameter, ...]:
     """Parameters of a fit with intervals of a bootstrap of the score, each resample one Newton step from the optimum.
 
     Notes
@@ -128,7 +130,12 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[FittedParameter, 
     # about the median step, which is not zero where a bound or the last steps of the fit hold it;
     # few branches: their spread is widened as Student's t is over the normal distribution
     spread = (steps - np.median(steps, axis=0))[:, own] * _student(n_blocks)
-    low, high = (fit.unknowns.shares + np.percentile(spread, tail, axis=0) for tail in tails)
+    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * FORM * before
+    form = form * np.sqrt(len(misfit) * np.diag(np.linalg.inv(hessian))[own])
+    low, high = (
+        fit.unknowns.shares + sense * np.hypot(np.percentile(spread, tail, axis=0), form)
+        for sense, tail in zip((-1, 1), tails, strict=True)
+    )
     values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
     found = []
     number = -1

@@ -71,7 +71,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(truth):
     runs, covered, widths = 200, 0, []
     for seed in range(runs):
         fitter = fitter_at(truth, seed=seed)
-        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING)
+        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
         covered += found.ci_low <= truth <= found.ci_high
         widths.append(found.ci_high - found.ci_low)
         assert found.ci_low < found.value < found.ci_high
@@ -87,7 +87,7 @@ def test_intervals_hold_what_a_calibrated_number_may_be():
     for seed in range(runs):
         rng = np.random.default_rng(1000 + seed)
         fitter = LinearFitter(truth, 0.1, rng, confused=0.5, scale=rng.standard_normal())
-        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING)
+        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
         covered += found.ci_low <= truth <= found.ci_high
         widths.append(found.ci_high - found.ci_low)
     low, high = binom.ppf([1e-3, 1 - 1e-3], runs, 0.95)
@@ -95,9 +95,20 @@ def test_intervals_hold_what_a_calibrated_number_may_be():
     assert np.median(widths) == pytest.approx(2 * 1.96 * 0.5, rel=0.15)
 
 
+def test_intervals_hold_what_the_form_of_the_model_may_miss():
+    fitter = fitter_at(2.0)
+    fit = fitter.fit(COULOMB)
+    (plain,), (wide,) = intervals(fitter, fit, EVERYTHING, 0.0), intervals(fitter, fit, EVERYTHING, 8.0)
+    rows = np.vstack([fit.jacobian / fit.sigma[:, None], np.eye(1, 2)])
+    variance = np.linalg.inv(rows.T @ rows)[1, 1]
+    form = norm.ppf(0.975) * FORM * 8.0 * np.sqrt(len(EVERYTHING) * variance) * (BOUNDS[1] - BOUNDS[0])
+    for near, far in ((plain.ci_low, wide.ci_low), (plain.ci_high, wide.ci_high)):
+        assert abs(far - plain.value) == pytest.approx(np.hypot(near - plain.value, form), rel=1e-6)
+
+
 def test_parameter_at_its_bound_has_no_interval_and_says_so():
     fitter = fitter_at(9.0)
-    (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING)
+    (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
     assert found.value == BOUNDS[1]
     assert np.isnan(found.ci_low)
     assert "bound" in found.note
@@ -144,7 +155,7 @@ CASES = {
 def test_words_of_the_verdict(name):
     before, trials, members, best, word, named = CASES[name]
     fitter = fitter_at([1.0, 0.5, -0.5], effects=3)
-    verdict = judge(fitter, selection_of(fitter, before, trials, members, best), EVERYTHING)
+    verdict = judge(fitter, selection_of(fitter, before, trials, members, best), EVERYTHING, 0.0)
     assert verdict.verdict == word
     assert verdict.named == named
     titles = {candidates()[part].title for one in named for part in one.split("+")}
