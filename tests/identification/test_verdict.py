@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from measured_bench import ROOT, measured, write_unit
-from scipy.stats import binom
+from scipy.stats import binom, norm
 
 from pipeline.identification.fitting import Fit, Vector
 from pipeline.identification.heldout import Trial
@@ -155,7 +155,7 @@ CASES = {
 def test_words_of_the_verdict(name):
     before, trials, members, best, word, named = CASES[name]
     fitter = fitter_at([1.0, 0.5, -0.5], effects=3)
-    verdict = judge(fitter, selection_of(fitter, before, trials, members, best), EVERYTHING, 0.0)
+    verdict = judge(fitter, selection_of(fitter, before, trials, members, best), EVERYTHING)
     assert verdict.verdict == word
     assert verdict.named == named
     titles = {candidates()[part].title for one in named for part in one.split("+")}
