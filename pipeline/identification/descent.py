@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from pipeline.identification.fitting import Fit, Fitter, Vector
-    from pipeline.identification.problem import Data, Model
+from pipeline.identification.problem import Data, Model, Problem
+from pipeline.identification.unknowns import Fit, Vector
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -21,6 +21,32 @@ EASED, STIFFENED = 5.0, 8.0
 """Factors of the damping after a step that falls, and after one that does not."""
 TRIES = 6
 BISECTIONS = 30
+
+
+class Predicting(Protocol):
+    """What a descent asks of whoever knows the problem (``fitting.Fitter``)."""
+
+    @property
+    def problem(self) -> Problem: ...
+
+    def penalty(self, like: Vector) -> Real: ...
+
+    def centred(self, values: Real, weight: Real) -> Real: ...
+
+    def predict(
+        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
+    ) -> tuple[Real, Real, bool]: ...
+
+    def jacobian(
+        self,
+        model: Model,
+        now: Vector,
+        angle: Real,
+        influence: Real,
+        positions: Sequence[int],
+        weight: Real,
+        known: tuple[Real, Real] | None,
+    ) -> tuple[Real, tuple[Real, Real]]: ...
 
 
 class Descent:
@@ -35,7 +61,7 @@ class Descent:
     penalty : (n_unknowns,) inverse standard deviations by which the unknowns are held.
     """
 
-    def __init__(self, fitter: Fitter, model: Model, fitted: Truth, start: Vector, near: Fit | None, frozen: bool):
+    def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, near: Fit | None, frozen: bool):
         self.fitter, self.model, self.fitted, self.near = fitter, model, fitted, near
         self.frozen = frozen and near is not None
         data = fitter.problem.data

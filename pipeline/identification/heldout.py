@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.fitting import Fit, Fitter
+from pipeline.identification.fitting import Fitter
 from pipeline.identification.problem import Data
+from pipeline.identification.unknowns import Fit
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]

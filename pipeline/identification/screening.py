@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from pipeline.identification.fitting import Fit, Fitter, Vector
+from pipeline.identification.fitting import Fitter
 from pipeline.identification.problem import Candidate, Model
+from pipeline.identification.unknowns import Fit, Vector
 from pipeline.model.cycle import ARCMIN
 
 Real = NDArray[np.float64]

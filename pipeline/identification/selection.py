@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.fitting import Fit, Fitter, Vector
+from pipeline.identification.fitting import Fitter
 from pipeline.identification.heldout import Trial, trial
 from pipeline.identification.problem import Model, candidates
 from pipeline.identification.screening import Promise, screened
+from pipeline.identification.unknowns import Fit, Vector
 from pipeline.statistics.blocks import confidence_set, max_t
 
 Real = NDArray[np.float64]

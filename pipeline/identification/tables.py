@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.identification.fitting import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.loops import STAGES
 from pipeline.identification.problem import candidates
 from pipeline.identification.selection import FEWEST_BLOCKS
 from pipeline.identification.signatures import Signature
+from pipeline.identification.unknowns import Fit
 
 Real = NDArray[np.float64]
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from pipeline.identification.fitting import Fit, Fitter, mapped
+from pipeline.identification.fitting import Fitter
 from pipeline.identification.problem import candidates
 from pipeline.identification.selection import FORM, MOST_NAMED, Selection
+from pipeline.identification.unknowns import Fit, mapped
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]

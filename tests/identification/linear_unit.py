@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pipeline.identification.fitting import Fit, Fitter
+from pipeline.identification.fitting import Fitter
 from pipeline.identification.problem import Data, Model, candidates
+from pipeline.identification.unknowns import Fit
 
 MODELS = {k: tuple(candidates()[name] for name in names) for k, names in enumerate([(), ("coulomb",), ("ovality_2",)])}
 

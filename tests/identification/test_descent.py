@@ -8,7 +8,7 @@ from linear_unit import LinearFitter, linear_data, model_of, stood
 from scipy.optimize import lsq_linear
 
 from pipeline.identification.descent import FIRST_DAMPING
-from pipeline.identification.fitting import Vector
+from pipeline.identification.unknowns import Vector
 
 SIGMA = 0.1
 

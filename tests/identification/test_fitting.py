@@ -10,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_unit import ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
-from pipeline.identification.fitting import TOLERANCE, WIDE, Fitter, mapped, unmapped
+from pipeline.identification.fitting import Fitter
 from pipeline.identification.heldout import groups
 from pipeline.identification.identify import identify
 from pipeline.identification.problem import Model, candidates, prior_modes
 from pipeline.identification.setup import POPULATION
 from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.unknowns import TOLERANCE, WIDE, mapped, unmapped
 from pipeline.model.cycle import ARCMIN
 
 TWO = Bench()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of, stood
 
-from pipeline.identification.fitting import Vector
 from pipeline.identification.heldout import (
     FAILED,
     LEAST_LOSS,
@@ -17,6 +16,7 @@ from pipeline.identification.heldout import (
     predicted_by_folds,
     trial,
 )
+from pipeline.identification.unknowns import Vector
 
 DATA = linear_data(positions=3, cells=6)
 SEEN = DATA.position < 2

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.identification.fitting import Fit, Vector
 from pipeline.identification.heldout import Trial
 from pipeline.identification.problem import Model, candidates
 from pipeline.identification.selection import (
@@ -19,6 +18,7 @@ from pipeline.identification.selection import (
     Selection,
     Selector,
 )
+from pipeline.identification.unknowns import Fit, Vector
 from pipeline.statistics.blocks import confidence_set
 
 BRANCHES, CYCLES, CELLS = 8, 3, 5

@@ -7,12 +7,12 @@ import pytest
 from measured_bench import ROOT, measured, write_unit
 from scipy.stats import binom, norm
 
-from pipeline.identification.fitting import Fit, Vector
 from pipeline.identification.heldout import Trial
 from pipeline.identification.identify import identify
 from pipeline.identification.problem import Model, candidates
 from pipeline.identification.selection import FORM, STRUCTURE, Selection
 from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.unknowns import Fit, Vector
 from pipeline.identification.verdict import DISTINGUISHING, intervals, judge
 
 BLOCKS, CELLS = 24, 20

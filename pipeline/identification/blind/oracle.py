@@ -18,10 +18,11 @@ from pipeline.identification.blind.designs import Condensed
 from pipeline.identification.blind.files import DIMENSIONS
 from pipeline.identification.blind.generate import OUTSIDE_KIND, Made
 from pipeline.identification.blind.sizes import problem_of
-from pipeline.identification.fitting import Fit, Fitter, unmapped
+from pipeline.identification.fitting import Fitter
 from pipeline.identification.problem import Candidate, Model, candidates
 from pipeline.identification.selection import NESTED
 from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.unknowns import Fit, unmapped
 
 Real = NDArray[np.float64]
 
