@@ -216,7 +216,11 @@ def test_residuals_and_errors_are_those_of_the_table(folder: Path) -> None:
     for stage, error in verdict["held_out_errors"].items():
         residual = cells["angle_arcmin"] - cells[f"{stage}_arcmin"]
         np.testing.assert_allclose(cells[f"residual_{stage}_arcmin"], residual)
-        assert error["rms_arcmin"] == pytest.approx(float(np.sqrt(np.mean(residual**2))))
+        assert error["rms_arcmin"] == pytest.approx(float(np.sqrt(np.average(residual**2, weights=cells["rows"]))))
+        assert error["by_crank_deg"].keys() == {str(crank) for crank in CRANKS}
+        for crank, rms in error["by_crank_deg"].items():
+            mine = cells["crank_deg"] == float(crank)
+            assert rms == pytest.approx(float(np.sqrt(np.average(residual[mine] ** 2, weights=cells["rows"][mine]))))
         assert error["max_arcmin"] == pytest.approx(float(residual.abs().max()))
     errors = {stage: error["rms_arcmin"] for stage, error in verdict["held_out_errors"].items()}
     assert errors["after"] < errors["recalibrated"]
