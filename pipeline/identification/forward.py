@@ -32,7 +32,7 @@ UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
 """Relative residual of an equilibrium that is none, and the share of them that a fit may pass through."""
 APART = 1e-6
 """Share of the range of torque by which steps differ."""
-DIVISIONS = 5
+DIVISIONS = 3
 """Steps in each part of a cell along a ripple."""
 NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
