@@ -15,6 +15,7 @@ from pipeline.model.newton import OPEN, REGULAR
 from pipeline.model.profile import Real
 from pipeline.model.reducer import Bearing, Reducer
 from pipeline.model.residual import System, closing_force, law
+from pipeline.model.slip import anchor_on, slide
 
 SETTLED = 1e-9
 """A step is solved when neither a deflection nor a balance is off by more than this share of its largest term."""
@@ -46,68 +47,6 @@ def _spring(system, clearance, x, y, spring):
     spring[2] = radial * ux * ux + across * uy * uy
     spring[3] = (radial - across) * ux * uy
     spring[4] = radial * uy * uy + across * ux * ux
-
-
-@part
-def _pressing(contact, output_closing, force):
-    """What presses on a slider: the force of its contact, or the torque that all of them carry to the output."""
-    if contact >= 0:
-        return force[contact]
-    carried = 0.0
-    for i in range(force.shape[0]):
-        carried += output_closing[i] * force[i]
-    return carried
-
-
-@part
-def _slide(sliders, output_closing, anchor, q, force, balance, scale, right_block, columns, tangent):
-    """Add the sliders' resistances to the balance and their tangents to the blocks of Newton's matrix.
-
-    ``columns`` gives the place of a contact's force among the unknowns, -1 for an open one.
-    """
-    direction, stiffness, limit, coefficient, contact = sliders
-    n_motions = q.shape[0]
-    for s in range(stiffness.shape[0]):
-        slip = -anchor[s]
-        for d in range(n_motions):
-            slip += direction[s, d] * q[d]
-        i = contact[s]
-        pressed = _pressing(i, output_closing, force) if coefficient[s] > 0.0 else 0.0
-        largest = limit[s] + coefficient[s] * abs(pressed)
-        resisted = stiffness[s] * slip
-        if abs(resisted) > largest:
-            sense = 1.0 if resisted > 0.0 else -1.0
-            resisted = sense * largest
-            if i >= 0 and columns[i] >= 0:
-                for d in range(n_motions):
-                    right_block[d, columns[i]] += sense * coefficient[s] * direction[s, d]
-            elif i < 0 and coefficient[s] > 0.0:
-                grown = sense * coefficient[s] * (1.0 if pressed > 0.0 else -1.0)
-                for other in range(force.shape[0]):
-                    if columns[other] >= 0:
-                        for d in range(n_motions):
-                            right_block[d, columns[other]] += grown * output_closing[other] * direction[s, d]
-        else:
-            for d in range(n_motions):
-                for e in range(n_motions):
-                    tangent[d, e] += stiffness[s] * direction[s, d] * direction[s, e]
-        for d in range(n_motions):
-            term = direction[s, d] * resisted
-            balance[d] += term
-            scale[d] += abs(term)
-
-
-@part
-def _anchor(sliders, output_closing, anchor, q, force):
-    """Let the anchors follow where the resistance is at its limit."""
-    direction, stiffness, limit, coefficient, contact = sliders
-    for s in range(stiffness.shape[0]):
-        slip = 0.0
-        for d in range(q.shape[0]):
-            slip += direction[s, d] * q[d]
-        pressed = _pressing(contact[s], output_closing, force) if coefficient[s] > 0.0 else 0.0
-        reach = (limit[s] + coefficient[s] * abs(pressed)) / stiffness[s]
-        anchor[s] = min(max(anchor[s], slip - reach), slip + reach)
 
 
 @part
@@ -212,7 +151,7 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
         balance[0] += spring[0]
         balance[1] += spring[1]
         tangent[0, 0], tangent[0, 1], tangent[1, 0], tangent[1, 1] = spring[2], spring[3], spring[3], spring[4]
-        _slide(sliders, closing[output], anchor, q, force, balance, scale, below, columns, tangent)
+        slide(sliders, closing[output], anchor, q, force, balance, scale, below, columns, tangent)
         stiffest = _add_contacts(system, force, active, columns, miss, slope, balance, scale, matrix, right)
         unbalanced = 0.0
         for d in range(n_motions):
@@ -308,7 +247,7 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
                 share, depth = 0.5 * share, depth + 1
                 continue
             q[:], force[:] = trial_q, trial_force
-            _anchor(sliders, system.closing[system.output], anchor, q, force)
+            anchor_on(sliders, system.closing[system.output], anchor, q, force)
             worst = max(worst, residual)
             reached = goal
             if share == 1.0:

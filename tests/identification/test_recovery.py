@@ -65,5 +65,5 @@ def test_an_effect_is_found_again(name, tmp_path, condensed):
     else:
         (fit,) = selector.fits(base, everything, promises, 1)
     assert fit.sound
-    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.3
+    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.2
     np.testing.assert_allclose(fit.values, values, rtol=within)
