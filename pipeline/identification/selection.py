@@ -27,7 +27,8 @@ SET_LEVEL = 0.9
 STRUCTURE = 1.25
 """Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
 FORM = 0.05
-"""Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave."""
+"""Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave. Calibrated: the
+parameters of blind units came out 1 to 6 % off."""
 LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
 LEAST_SHARE = 0.1
