@@ -164,8 +164,3 @@ OUTSIDE = (
         _loose_flange,
     ),
 )
-
-
-def outside_effects() -> Mapping[str, OutsideEffect]:
-    """All of them by name."""
-    return {effect.name: effect for effect in OUTSIDE}
