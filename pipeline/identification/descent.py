@@ -14,11 +14,13 @@ from pipeline.identification.unknowns import Fit, Vector
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-SETTLED = 1e-6
-"""Relative fall of the sum of squares at which a fit has settled."""
+SETTLED = 0.02
+"""Fall of the sum of squares, in mean squares of a cell, at which a fit has settled: 0.14 standard deviations."""
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
 EASED, STIFFENED = 5.0, 8.0
 """Factors of the damping after a step that falls, and after one that does not."""
+SMALL = 1e-6
+"""Mean square of a cell, in noise, that only rounding leaves."""
 TRIES = 6
 BISECTIONS = 30
 
@@ -82,14 +84,19 @@ class Descent:
         for _ in range(iterations if np.isfinite(self.cost) else 0):
             self._weigh(self._with_form())
             fall = self._step()
-            if fall == 0.0 and self.stale:
+            if fall < self.little and self.stale:
                 self.known = None
                 self._derive()
                 fall = self._step()
             if fall > 0.0:
                 self._derive()
-            if fall < SETTLED * max(self.cost, 1.0):
+            if fall < self.little:
                 break
+
+    @property
+    def little(self) -> float:
+        """Fall of the sum of squares that is none."""
+        return SETTLED * max(self.cost / max(len(self.misfit), 1), SMALL)
 
     def _with_form(self) -> Real:
         """Standard deviation of every cell with what the form of the model misses, alike over the rows of the cells.
@@ -134,7 +141,10 @@ class Descent:
         gradient = rows.T @ self.misfit - self.penalty**2 * self.now.flat
         free = self.now.free(gradient)
         for _ in range(TRIES):
-            trial = self.now.like(self.now.flat + damped_step(hessian, gradient, free, self.damping))
+            step = damped_step(hessian, gradient, free, self.damping, self.now.room)
+            if step @ (2 * gradient - hessian @ step) < self.little:
+                return 0.0
+            trial = self.now.like(self.now.flat + step)
             angle, influence, _ = self._predicted(trial)
             misfit = self._misfit(angle)
             cost = self._cost(misfit, trial)
@@ -173,10 +183,21 @@ def _repeats(data: Data, fitted: Truth) -> Real:
     return np.maximum(np.bincount(pairs[:, 0], minlength=int(data.branch.max()) + 1)[data.branch], 1.0)
 
 
-def damped_step(hessian: Real, gradient: Real, free: Truth, damping: float) -> Real:
-    """Levenberg and Marquardt's step (n_unknowns,) of the ``free`` unknowns; the others stay."""
-    step = np.zeros_like(gradient)
-    own = hessian[np.ix_(free, free)]
-    scaled = own + damping * np.diag(np.maximum(np.diag(own), 1e-12))
-    step[free] = np.linalg.lstsq(scaled, gradient[free], rcond=None)[0]
+def damped_step(hessian: Real, gradient: Real, free: Truth, damping: float, room: tuple[Real, Real]) -> Real:
+    """Levenberg and Marquardt's step (n_unknowns,) of the ``free`` unknowns; the others stay.
+
+    An unknown that would leave its ``room`` (least and largest step, each (n_unknowns,)) stops there, and the others
+    step on with it.
+    """
+    step, free = np.zeros_like(gradient), free.copy()
+    scaled = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1e-12))
+    while np.any(free):
+        right = gradient[free] - scaled[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], right, rcond=None)[0]
+        held = np.clip(step, *room)
+        beyond = free & (held != step)
+        step = held
+        if not np.any(beyond):
+            break
+        free &= ~beyond
     return step

@@ -12,10 +12,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.model.creep import crept
 from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Backbone, Creep, Drive, backbone, ladder
+from pipeline.model.drive import Backbone, Drive, backbone, ladder
 from pipeline.model.output_path import Ripple, condensed_path
 from pipeline.model.path import solve_path
+from pipeline.model.polyline import APART, means
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -30,8 +32,6 @@ REPEATED = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
 """Relative residual of an equilibrium that is none, and the share of them that a fit may pass through."""
-APART = 1e-6
-"""Share of the range of torque by which steps differ."""
 DIVISIONS = 3
 """Steps in each part of a cell along a ripple."""
 NMM_PER_NM = 1e3
@@ -150,7 +150,7 @@ class Forward:
         if key not in self._kept:
             if len(self._kept) > 400:
                 self._kept.clear()
-            self._kept[key] = backbone(replace(drive, torsion=0.0), self.shares)
+            self._kept[key] = backbone(replace(drive, torsion=0.0, known=drive.gap_of_errors), self.shares)
         return self._kept[key]
 
     def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:
@@ -166,7 +166,8 @@ class Forward:
             way = _unhindered(drive, course, curve, torque, at)
         angle, slope, carried, at_turns = way.angle, way.slope, way.carried, way.at_turns
         if drive.creep is not None:
-            angle = angle + _crept(carried, course, at_turns, drive.creep)
+            delayed = drive.creep.compliance, drive.creep.time_constant
+            angle = angle + crept(carried, course.time, course.leg, at_turns, *delayed)
         turns = course.encoder_turns * angle + course.encoder_place
         read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
         read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
@@ -211,8 +212,8 @@ class Forward:
                 x, cells = steps[part][order], course.leg == leg
                 way.at_turns[leg : leg + 2] = inside[[part.start, part.stop - 1]]
                 if np.any(cells):
-                    way.angle[cells], way.slope[cells] = _over_cells(at[cells], x, turned[part][order])
-                    way.carried[cells], _ = _over_cells(at[cells], x, inside[part][order])
+                    way.angle[cells], way.slope[cells] = means(at[cells], x, turned[part][order])
+                    way.carried[cells], _ = means(at[cells], x, inside[part][order])
         return way, sound
 
     @staticmethod
@@ -240,7 +241,7 @@ def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, at:
     for state in np.unique(state_of):
         cells = state_of == state
         alone = curve.angle[state] + drive.torsion * curve.torque
-        angle[cells], slope[cells] = _over_cells(at[cells], curve.torque, alone)
+        angle[cells], slope[cells] = means(at[cells], curve.torque, alone)
     return Way(angle, slope, (0.5 * (at[:, 1:] + at[:, :-1])).mean(axis=1), torque)
 
 
@@ -279,59 +280,3 @@ def _divided(at: Real) -> Real:
     shares = np.arange(DIVISIONS) / DIVISIONS
     between = at[:, :-1, None] + shares * np.diff(at, axis=1)[:, :, None]
     return np.column_stack([between.reshape(len(at), -1), at[:, -1]])
-
-
-def _over_cells(at: Real, x: Real, y: Real) -> tuple[Real, Real]:
-    """Mean and slope over cells (n_cells, n_edges) of the polyline (x ascending, y), its ends continued."""
-    j = np.clip(np.searchsorted(x, at) - 1, 0, len(x) - 2)
-    width = np.maximum(np.diff(x), 1e-12)
-    slope = np.diff(y) / width
-    area = np.concatenate([[0.0], np.cumsum(width * 0.5 * (y[1:] + y[:-1]))])
-    along = at - x[j]
-    value, under = y[j] + slope[j] * along, area[j] + along * (y[j] + 0.5 * slope[j] * along)
-    step = np.diff(at, axis=1)
-    least = APART * (x[-1] - x[0])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        means = np.where(step > least, np.diff(under, axis=1) / step, 0.5 * (value[:, 1:] + value[:, :-1]))
-        whole = (value[:, -1] - value[:, 0]) / (at[:, -1] - at[:, 0])
-    return means.mean(axis=1), np.where(at[:, -1] - at[:, 0] > least, whole, slope[j[:, 0]])
-
-
-def _crept(carried: Real, course: Course, at_turns: Real, creep: Creep) -> Real:
-    """Delayed rotation [rad] at each cell: exact for a torque that is linear in time between cells and turns.
-
-    Parameters
-    ----------
-    carried : (n_cells,) torque in the reducer [N mm].
-    at_turns : (n_turns,) the same at the turns; the first is that of rest.
-    """
-    crept, now = np.empty_like(carried), 0.0
-    leg, time = course.leg, course.time
-    here = _begun(carried, course, at_turns), at_turns[leg[0]]
-    for k, (when, torque) in enumerate(zip(time, carried, strict=True)):
-        between = at_turns[leg[k - 1] + 1 : leg[k] + 1] if k else at_turns[:0]
-        for place in _timed(here, between, (when, torque)):
-            passed = max(place[0] - here[0], 0.0) / creep.time_constant
-            left, mean = np.exp(-passed), -np.expm1(-passed) / passed if passed > 0 else 1.0
-            now = now * left + creep.compliance * (place[1] * (1 - mean) + here[1] * (mean - left))
-            here = place
-        crept[k] = now
-    return crept
-
-
-def _begun(carried: Real, course: Course, at_turns: Real) -> float:
-    """Time at which the first leg left its start, its torque as fast as between its first two cells [s]."""
-    if len(carried) < 2 or course.leg[1] != course.leg[0] or carried[1] == carried[0]:
-        return float(course.time[0])  # a load that was put on at once
-    rate = (course.time[1] - course.time[0]) / (carried[1] - carried[0])
-    return float(course.time[0] - max((carried[0] - at_turns[course.leg[0]]) * rate, 0.0))
-
-
-def _timed(here: tuple[float, float], turns: Real, there: tuple[float, float]) -> list[tuple[float, float]]:
-    """Turns between two places (time, torque) and the later place, passed at one speed of the torque."""
-    way = np.abs(np.diff(np.concatenate([[here[1]], turns, [there[1]]])))
-    share = np.cumsum(way) / way.sum() if way.sum() > 0 else np.ones(len(way))
-    return [
-        *((here[0] + s * (there[0] - here[0]), turn) for s, turn in zip(share[:-1], turns, strict=True)),
-        there,
-    ]

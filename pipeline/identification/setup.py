@@ -89,9 +89,7 @@ def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
     factor = np.where(drive.reducer.contacts.kind == PIN, pins, output)
     laws = drive.laws
     scaled = {name: factor * getattr(laws, name) for name in ("linear", "logarithmic", "power")}
-    changed = replace(drive, laws=replace(laws, **scaled))
-    vars(changed)["gap"] = drive.gap
-    return changed
+    return replace(drive, laws=replace(laws, **scaled), known=drive.gap_of_errors)
 
 
 def _repeated(errors: Errors, n: int) -> Errors:
@@ -299,7 +297,7 @@ def _measured(errors: Errors) -> Errors:
 def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: float) -> tuple[tuple[Real, ...], float]:
     """Modes of the tolerances that were not measured, or of what their measurement leaves uncertain."""
     errors = _measured(drives[0].errors) if unit.dimensions is not None else assembly.errors(_population(unit.study))
-    gaps = [replace(drive, errors=errors).gap for drive in drives]
+    gaps = [drive.with_errors(errors).gap for drive in drives]
     influences = [forward.backbone(drive).influence[0] for drive in drives]
     limit = LIMIT * max(float(np.std(mean_gap(drive, gap))) for drive, gap in zip(drives, gaps, strict=True))
     return prior_modes(gaps, influences, RESOLUTION * noise), limit

@@ -40,6 +40,12 @@ class Vector:
             np.clip(scales, -SCALE_REACH, SCALE_REACH), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE)
         )
 
+    @property
+    def room(self) -> tuple[Real, Real]:
+        """Least and largest step to the bounds, each (n_unknowns,)."""
+        far = np.full(len(self.flat), np.inf)
+        return self.like(-far).flat - self.flat, self.like(far).flat - self.flat
+
     def free(self, gradient: Real) -> Truth:
         """Unknowns (n_unknowns,) that do not stand at a bound that the gradient of a descent pushes against."""
         reach = self.flat + np.sign(gradient) * 1e-9

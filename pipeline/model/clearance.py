@@ -110,7 +110,7 @@ def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_r
     """
     pins = reducer.pins
     before, behind = pin_lobes(profile, reducer)
-    nominal = valleys(profile, pins, reducer.crank)
+    nominal = valleys(profile, reducer.crank)
     reading = DISK_READINGS[disk_reading]
     distance = pin_distances(
         nominal.pins,

@@ -54,6 +54,7 @@ class Drive:
     sliders : friction.
     torsion : compliance between the reducer's output and the torque [rad/(N mm)].
     creep : delayed part of it, or None.
+    known : gap of the errors alone (n, n_contacts) [mm], where it was found before.
     """
 
     profile: CycloidProfile
@@ -69,32 +70,48 @@ class Drive:
     sliders: Sliders = field(default_factory=Sliders.none)
     torsion: float = 0.0
     creep: Creep | None = None
+    known: Real | None = None
+
+    @cached_property
+    def gap_of_errors(self) -> Real:
+        """Gap that the errors alone leave (n, n_contacts) [mm]."""
+        if self.known is not None:
+            return self.known
+        return gaps(self.profile, self.reducer, self.errors, **vars(self.reading))
 
     @cached_property
     def gap(self) -> Real:
         """Gap of every contact at the nominal pose (n, n_contacts) [mm]."""
-        return gaps(self.profile, self.reducer, self.errors, **vars(self.reading)) + self.shift
+        return self.gap_of_errors + self.shift
 
     @cached_property
     def first(self) -> "Drive":
         """The drive in its first state alone."""
-        errors = Errors(**{name: values[:1] for name, values in vars(self.errors).items()})
-        one = replace(self, errors=errors, shift=self.shift[:1], bearing_clearance=self.bearing_clearance[:1])
-        vars(one)["gap"] = self.gap[:1]
-        return one
+        return self.some(slice(1))
+
+    def some(self, states: np.ndarray | slice) -> "Drive":
+        """The drive in some of its states."""
+        return replace(
+            self,
+            errors=Errors(**{name: values[states] for name, values in vars(self.errors).items()}),
+            shift=self.shift[states],
+            bearing_clearance=self.bearing_clearance[states],
+            known=self.gap_of_errors[states],
+        )
 
     def shifted(self, more: Real) -> "Drive":
-        """The drive with every gap larger by ``more`` (n, n_contacts) [mm]; those of its errors are not found anew."""
-        drive = replace(self, shift=self.shift + more)
-        vars(drive)["gap"] = self.gap + more
-        return drive
+        """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
+        return replace(self, shift=self.shift + more, known=self.gap_of_errors)
 
     def moved(self, **errors: Real) -> "Drive":
         """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
-        return replace(
-            self,
-            errors=replace(self.errors, **{name: getattr(self.errors, name) + more for name, more in errors.items()}),
+        return self.with_errors(
+            replace(self.errors, **{name: getattr(self.errors, name) + more for name, more in errors.items()})
         )
+
+    def with_errors(self, errors: Errors) -> "Drive":
+        """The drive with other errors."""
+        return replace(self, errors=errors, known=None)
 
 
 @dataclass(frozen=True)
@@ -134,11 +151,36 @@ def ladder(levels: int, reach: float) -> Real:
     return np.concatenate([[NO_LOAD, 2 * NO_LOAD], reach * steps**2])
 
 
-def _solved(drive: Drive, pose: Real, levels: Real, states: np.ndarray | slice = slice(None)) -> Equilibria:
-    """Equilibria of some states at torques [N mm] of one sense, from their poses at an end of play."""
-    gap, loose = drive.gap[states], drive.bearing_clearance[states]
+def _raised(drive: Drive, pose: Real, levels: Real) -> Equilibria:
+    """Equilibria at torques [N mm] of one sense, the least first, from poses at an end of the play."""
     start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, levels[0])
-    return solve(drive.reducer, drive.bearing, drive.laws, drive.compliance, gap, loose, start, levels)
+    parts = drive.reducer, drive.bearing, drive.laws, drive.compliance
+    return solve(*parts, drive.gap, drive.bearing_clearance, start, levels)
+
+
+def _lowered(drive: Drive, pose: Real, levels: Real) -> Equilibria:
+    """The same from the last torque down: a loose disk is easily found under load, from where a tight one stands."""
+    loose = drive.bearing_clearance
+    if not np.any(loose):
+        return _raised(drive, pose, levels)
+    tight = _raised(replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(loose)), pose, levels)
+    start = _loosened(drive.reducer, tight.motion[:, -1], tight.force[:, -1], loose)
+    down = solve(drive.reducer, drive.bearing, drive.laws, drive.compliance, drive.gap, loose, start, levels[::-1])
+    return Equilibria(**{name: values[:, ::-1] for name, values in vars(down).items()})
+
+
+def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
+    """Poses (n, n_motions) once a bearing without clearance gets one: its disk falls on by it.
+
+    The rotations follow so that the contacts, weighted by their forces (n, n_contacts), stay as deep as they can.
+    """
+    planar, rotations = reducer.closing[:, :2], reducer.closing[:, 2:]
+    moved = motion.copy()
+    fall = motion[:, :2] * (clearance / np.maximum(np.hypot(*motion[:, :2].T), 1e-300))[:, None]
+    moved[:, :2] += fall
+    for k, own in enumerate(np.sqrt(np.maximum(force, 0.0))):
+        moved[k, 2:] -= np.linalg.lstsq(own[:, None] * rotations, own * (planar @ fall[k]), rcond=None)[0]
+    return moved
 
 
 def backbone(drive: Drive, shares: Real) -> Backbone:
@@ -150,15 +192,17 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
     takes 15 ms a state and is left to the states that find no equilibrium from there.
     """
     separated = separated_play(drive.reducer, drive.gap)
+    torque = drive.rated_torque * shares
     senses = [
-        _solved(drive, pose, sense * drive.rated_torque * shares)
+        _lowered(drive, pose, sense * torque)
         for sense, pose in ((-1.0, separated.pose_minus), (1.0, separated.pose_plus))
     ]
     hard = (drive.bearing_clearance > 0) & ~np.all([np.all(one.converged, axis=1) for one in senses], axis=0)
     if np.any(hard):
-        coupled = rigid_play(drive.reducer, drive.gap[hard], drive.bearing_clearance[hard])
+        left = drive.some(hard)
+        coupled = rigid_play(drive.reducer, left.gap, left.bearing_clearance)
         for one, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
-            again = _solved(drive, pose, sense * drive.rated_torque * shares, hard)
+            again = _raised(left, pose, sense * torque)
             for name, values in vars(one).items():
                 values[hard] = getattr(again, name)
     falling, rising = senses
@@ -168,5 +212,5 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
             for name in vars(falling)
         }
     )
-    torque = drive.rated_torque * np.concatenate([-shares[::-1], shares])
-    return Backbone(torque, states.motion[..., drive.reducer.output_motion] + drive.torsion * torque, states)
+    both = np.concatenate([-torque[::-1], torque])
+    return Backbone(both, states.motion[..., drive.reducer.output_motion] + drive.torsion * both, states)

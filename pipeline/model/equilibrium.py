@@ -30,7 +30,8 @@ from pipeline.model.reducer import Bearing, Reducer
 from pipeline.model.residual import System, room
 
 LARGEST_RISE = 2.5
-"""Ratio of a load step's torque to the last one's beyond which steps are put in between: contacts close one by one."""
+"""Ratio of a load step's torque to the last one's, or its inverse, beyond which steps are put in between: contacts
+close and open one by one."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
         for t in range(torques.shape[0]):
             _extrapolate(torques, t, motion[s], force[s], work)
             rise = torques[t] / torques[t - 1] if t > 0 else 1.0
-            between = int(np.log(rise) / np.log(LARGEST_RISE)) if rise > LARGEST_RISE else 0
+            between = int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0
             iterations[s, t] = 0
             for attempt in range(between + 2):  # stations to a far torque, it, and it again
                 torque = torques[t]

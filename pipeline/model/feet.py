@@ -8,11 +8,12 @@ Compiled code works on real numbers: products of complex ones are checked for in
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from pipeline.model.compiled import entry, part
-from pipeline.model.profile import CycloidProfile, PinContacts, Real, disk_rotation
+from pipeline.model.profile import CycloidProfile, Real, disk_rotation, pin_contacts
 
 BEYOND_THE_TIP = 1.25
 """Reach of a valley's points, squared in units of half a lobe: well over the tips, and within the lobes."""
@@ -53,8 +54,10 @@ class Valleys:
     eccentric: complex
 
 
-def valleys(profile: CycloidProfile, pins: PinContacts, crank: float) -> Valleys:
-    """What ``_distances`` needs of the nominal reducer at the crank angle ``crank`` [rad]."""
+@lru_cache(maxsize=64)
+def valleys(profile: CycloidProfile, crank: float) -> Valleys:
+    """What ``_distances`` needs of the nominal reducer at the crank angle ``crank`` [rad]; kept from call to call."""
+    pins = pin_contacts(profile, crank)
     turn = np.exp(-1j * disk_rotation(profile, crank))
     radial = pins.centre / np.abs(pins.centre)
     root = pins.flank_parameter + pins.phase / profile.lobes
