@@ -6,7 +6,6 @@ made of it, not itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,9 +14,10 @@ from numpy.typing import NDArray
 from pipeline.model.creep import crept
 from pipeline.model.cycle import ARCMIN
 from pipeline.model.drive import Backbone, Drive, backbone, ladder
-from pipeline.model.output_path import Ripple, condensed_path
+from pipeline.model.output_path import Ripple
+from pipeline.model.output_walk import walked
 from pipeline.model.path import solve_path
-from pipeline.model.polyline import APART, means
+from pipeline.model.polyline import means
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -32,8 +32,6 @@ REPEATED = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
 """Relative residual of an equilibrium that is none, and the share of them that a fit may pass through."""
-DIVISIONS = 3
-"""Steps in each part of a cell along a ripple."""
 NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
 
@@ -182,11 +180,7 @@ class Forward:
         same = np.arange(len(torque) - 1)
         if drive.sliders.at_contacts:
             same = _repeats(torque)
-            steps, first = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
-        else:
-            steps, first = _steps(
-                torque, nodes, self._bends(drive, course, nodes, torque, _divided(at) if ripple.amplitude else at)
-            )
+            steps, turns = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
         for state in np.unique(course.state):
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
@@ -202,27 +196,19 @@ class Forward:
                     seeds,
                 )
                 turned = motions[:, drive.reducer.output_motion] + drive.torsion * steps
-                inside, sound = steps, sound and worst <= UNSOUND
+                corners, sound = np.array([steps, turned, steps]), sound and worst <= UNSOUND
             else:
                 alone = curve.angle[state] + drive.torsion * nodes
-                turned, inside = condensed_path(steps, nodes, alone, drive.sliders, ripple)
+                corners, turns = walked(torque, nodes, alone, drive.sliders, ripple)
             for leg in np.flatnonzero(course.state == state):
-                part = slice(first[same[leg]], first[same[leg] + 1] + 1)
-                order = slice(None) if torque[leg + 1] > torque[leg] else slice(None, None, -1)
-                x, cells = steps[part][order], course.leg == leg
-                way.at_turns[leg : leg + 2] = inside[[part.start, part.stop - 1]]
+                part = corners[:, turns[same[leg]] : turns[same[leg] + 1] + 1]
+                x, turned, inside = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
+                cells = course.leg == leg
+                way.at_turns[leg : leg + 2] = part[2, [0, -1]]
                 if np.any(cells):
-                    way.angle[cells], way.slope[cells] = means(at[cells], x, turned[part][order])
-                    way.carried[cells], _ = means(at[cells], x, inside[part][order])
+                    way.angle[cells], way.slope[cells] = means(at[cells], x, turned)
+                    way.carried[cells], _ = means(at[cells], x, inside)
         return way, sound
-
-    @staticmethod
-    def _bends(drive: Drive, course: Course, nodes: Real, torque: Real, at: Real) -> list[Real]:
-        """Torques of each leg at which a slip or a ripple may bend the curve, beside the backbone's nodes."""
-        acting = drive.sliders.acting
-        slid = np.sum(acting.limit) + np.sum(acting.coefficient) * np.abs(nodes)
-        sense = np.sign(np.diff(torque))
-        return [np.concatenate([at[course.leg == leg].ravel(), nodes + sense[leg] * slid]) for leg in range(len(sense))]
 
     def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
         """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
@@ -245,18 +231,13 @@ def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, at:
     return Way(angle, slope, (0.5 * (at[:, 1:] + at[:, :-1])).mean(axis=1), torque)
 
 
-def _steps(torque: Real, nodes: Real, more: Sequence[Real] | None = None) -> tuple[Real, Whole]:
-    """Torques from turn to turn over the nodes and ``more`` of each leg, and the step at which each turn stands."""
+def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
+    """Torques from turn to turn over the nodes, and the step at which each turn stands."""
     parts, first, count = [torque[:1]], [0], 1
-    apart = APART * (nodes[-1] - nodes[0])
-    for leg, (start, end) in enumerate(zip(torque[:-1], torque[1:], strict=True)):
-        among = nodes if more is None else np.sort(np.concatenate([nodes, more[leg]]))
-        between = among[(among > min(start, end)) & (among < max(start, end))]
-        if more is not None:
-            between = between[np.diff(between, prepend=-np.inf) > apart]
-        part = np.append(between if end > start else between[::-1], end)
-        parts.append(part)
-        count += len(part)
+    for start, end in zip(torque[:-1], torque[1:], strict=True):
+        between = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
+        parts.append(np.append(between if end > start else between[::-1], end))
+        count += len(parts[-1])
         first.append(count - 1)
     return np.concatenate(parts), np.array(first)
 
@@ -273,10 +254,3 @@ def _repeats(torque: Real) -> Whole:
         else:
             same[: leg + 1] = np.arange(leg + 1)  # its history must be followed
     return same
-
-
-def _divided(at: Real) -> Real:
-    """Torques (n_cells, n_finer) between the edges of the parts of cells: a ripple may be shorter than a part."""
-    shares = np.arange(DIVISIONS) / DIVISIONS
-    between = at[:, :-1, None] + shares * np.diff(at, axis=1)[:, :, None]
-    return np.column_stack([between.reshape(len(at), -1), at[:, -1]])

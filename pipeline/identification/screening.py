@@ -32,6 +32,8 @@ RADII, PHASES = (0.05, 0.2), 8
 """Where an effect with a phase is looked at besides, in shares of its bounds: it bends with its size."""
 WAVES = 800
 """Periods of a ripple that are looked at."""
+PERIODS, SIZES = 6, (0.5, 1.0, 2.0)
+"""The best of them at which sizes, in what a small ripple would have, and phases are looked at."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class Screening:
     def starts(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts for an effect beside the base with their sums of squares, where an equilibrium was found."""
         if effect.name == "motor_cogging":
-            return [self._ripple(effect)]
+            return self._ripples(effect)
         model = Model((*self.base.model.effects, effect))
         bounds = np.array(self.fitter.problem.bounds(effect))
         grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
@@ -155,23 +157,38 @@ class Screening:
         moved = np.linalg.lstsq(self.triangle, self.basis.T @ rest, rcond=None)[0]
         return self._misfit(self._free(rest)), shares, moved
 
-    def _ripple(self, effect: Candidate) -> tuple[float, Vector]:
-        """Best period of a small ripple: its torque moves the angle by the slope of the curve."""
-        bounds = self.fitter.problem.bounds(effect)
-        slope = self.fitter.slopes(self.base)
-        plain = self.fitter.predict(self.base.model, self.base.unknowns)[0]
-        left, best = self._free(self.left), (self.nothing, np.array([0.5, 0.5, 0.5]))
+    def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
+        """Starts of a ripple: the periods that explain most if it is small, and there the best phase and size.
+
+        The torque of a small ripple moves the angle by the slope of the curve; a large one makes stairs of it.
+        """
+        low, high = np.array(self.fitter.problem.bounds(effect)).T
+        slope, base = self.fitter.slopes(self.base), self.base.unknowns
+        left, found = self._free(self.left), []
         for share in np.linspace(0, 1, WAVES):
-            turned = 10 ** (bounds[2][0] + share * (bounds[2][1] - bounds[2][0])) * plain / ARCMIN
-            waves = (-slope * np.cos(turned), -slope * np.sin(turned))
-            columns = np.column_stack([self._free(self._scaled(wave)) for wave in waves])
-            found = np.linalg.lstsq(columns, left, rcond=None)[0]
-            misfit = self._misfit(left - columns @ found)
-            if misfit < best[0]:
-                shares = [(value - low) / (high - low) for value, (low, high) in zip(found, bounds[:2], strict=True)]
-                best = misfit, np.array([*np.clip(shares, 0.02, 0.98), share])
-        base = self.base.unknowns
-        return best[0], Vector(base.scales, np.concatenate([base.shares, best[1]]), base.modes)
+            turned = 10 ** (low[2] + share * (high[2] - low[2])) * self.plain / ARCMIN
+            waves = np.column_stack(
+                [self._free(self._scaled(-slope * wave)) for wave in (np.cos(turned), np.sin(turned))]
+            )
+            amounts = np.linalg.lstsq(waves, left, rcond=None)[0]
+            found.append((self._misfit(left - waves @ amounts), share, complex(*amounts)))
+        model, starts = Model((*self.base.model.effects, effect)), []
+        for _, share, amount in _valleys(found)[:PERIODS]:
+            looks = []
+            for size, phase in product(SIZES, 2 * np.pi * np.arange(PHASES) / PHASES):
+                now = size * amount * np.exp(1j * phase)
+                values = np.clip((np.array([now.real, now.imag]) - low[:2]) / (high - low)[:2], 0.02, 0.98)
+                start = Vector(base.scales, np.concatenate([base.shares, values, [share]]), base.modes)
+                looks.append((self._at(model, start), start))
+            starts.append(min(looks, key=lambda one: one[0]))
+        return [one for one in starts if np.isfinite(one[0])]
+
+
+def _valleys(found: Sequence[tuple[float, float, complex]]) -> list[tuple[float, float, complex]]:
+    """Looks whose misfit is less than that of their neighbours, the best first."""
+    misfit = np.array([np.inf, *(one[0] for one in found), np.inf])
+    least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] <= misfit[2:])
+    return sorted((one for one, here in zip(found, least, strict=True) if here), key=lambda one: one[0])
 
 
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:

@@ -50,13 +50,15 @@ def _resistance(place, curve, slides, ripple, anchor):
 
 
 @part
-def _stride(place, angles, ripple):
-    """How far the first balance is looked for at once: a node, and less where a ripple is shorter."""
-    j = min(max(int(place), 0), angles.shape[0] - 2)
+def _beyond(place, sense, angles, ripple):
+    """Where the first balance is looked for next: the next node, or nearer where a ripple is shorter."""
+    node = np.floor(place) + 1.0 if sense > 0.0 else np.ceil(place) - 1.0
+    j = min(max(int(np.floor(0.5 * (place + node))), 0), angles.shape[0] - 2)
     width = abs(angles[j + 1] - angles[j])
     if ripple[0] == 0.0 or width == 0.0:
-        return 1.0
-    return min(1.0, 2.0 * np.pi / (abs(ripple[1]) * RIPPLE_SCAN * width))
+        return node
+    stride = 2.0 * np.pi / (abs(ripple[1]) * RIPPLE_SCAN * width)
+    return place + sense * stride if stride < abs(node - place) else node
 
 
 @entry
@@ -75,12 +77,12 @@ def _balanced(torques, curve, slides, ripple, angle_out, carried_out):
         # on to the first balance in the sense of the excess
         while above < 0.0 and looks < MOST_LOOKS and high < FAR * nodes.shape[0]:
             low, below, looks = high, above, looks + 1
-            high += _stride(high, angles, ripple)
+            high = _beyond(high, 1.0, angles, ripple)
             angle, carried, added = _resistance(high, curve, slides, ripple, anchor)
             above = carried + added - torques[t]
         while below > 0.0 and looks < MOST_LOOKS and low > -FAR * nodes.shape[0]:
             high, above, looks = low, below, looks + 1
-            low -= _stride(low, angles, ripple)
+            low = _beyond(low, -1.0, angles, ripple)
             angle, carried, added = _resistance(low, curve, slides, ripple, anchor)
             below = carried + added - torques[t]
         for _ in range(ROOT_STEPS):
