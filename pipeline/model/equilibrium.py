@@ -98,17 +98,16 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
             rise = torques[t] / torques[t - 1] if t > 0 else 1.0
             between = int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0
             iterations[s, t] = 0
-            for attempt in range(between + 2):  # stations to a far torque, it, and it again
+            for station in range(between + 1):  # on the way to a far torque, and it
                 torque = torques[t]
-                if attempt < between:
-                    torque = torques[t - 1] * rise ** ((attempt + 1.0) / (between + 1.0))
-                elif attempt > between:
-                    start_within(system, torque, gap[s], clearance[s], work)
-                    iterations[s, t] += INTERIOR_STEPS
+                if station < between:
+                    torque = torques[t - 1] * rise ** ((station + 1.0) / (between + 1.0))
                 taken, residual[s, t] = converge(system, torque, gap[s], clearance[s], work)
                 iterations[s, t] += taken
-                if attempt == between and residual[s, t] <= ACCEPTED:
-                    break
+                if not residual[s, t] <= ACCEPTED:
+                    start_within(system, torque, gap[s], clearance[s], work)
+                    taken, residual[s, t] = converge(system, torque, gap[s], clearance[s], work)
+                    iterations[s, t] += taken + INTERIOR_STEPS
             for d in range(motion.shape[2]):
                 motion[s, t, d] = work.motion[d]
             for i in range(force.shape[2]):

@@ -12,7 +12,7 @@ BALANCE_TOLERANCE = 1e-12
 """... and no rigid motion's balance by more than this share of the sum of its terms."""
 ACCEPTED = 1e-9
 """A step that ends above this residual (of either kind) is a failed one."""
-STEP_LIMIT = 100
+STEP_LIMIT = 60
 """Newton steps from one start before it is given up."""
 ROUNDING = 30
 """Newton steps after which ``ACCEPTED`` is enough: near no load the disk's way beyond the bearing's clearance is a

@@ -15,7 +15,7 @@ from pipeline.model.profile import Real
 WAVE = 32
 """Corners of a ripple's period: a chord is off by 0.5 % of the amplitude at most."""
 STARTED = 1e-9
-"""Share of a slider's reach nearer than which it slides already."""
+"""Share of a slider's reach, and of a segment of the backbone, nearer than which it slides already."""
 FAR = 3
 """Lengths of the backbone beyond its ends after which no balance is looked for."""
 
@@ -42,17 +42,17 @@ def _follow_on(angle, carried, slides, anchor):
 
 
 @part
-def _free_way(sense, angle, carried, slope, slides, ripple, anchor):
-    """Angle up to the next bend of the resistance, the backbone rising by ``slope`` over it."""
+def _free_way(sense, angle, carried, width, height, slides, ripple, anchor):
+    """Angle up to the next bend of the resistance on a segment of the backbone of some width and height."""
     stiffness, limit, coefficient = slides
     way = np.inf
     if ripple[0] != 0.0:
         way = 2.0 * np.pi / (abs(ripple[1]) * WAVE)
     for s in range(stiffness.shape[0]):
-        grows = coefficient[s] * slope * sense * (1.0 if carried >= 0.0 else -1.0)
+        grows = coefficient[s] * height / width * sense * (1.0 if carried >= 0.0 else -1.0)
         largest = limit[s] + coefficient[s] * abs(carried)
         left = (largest - sense * stiffness[s] * (angle - anchor[s])) / max(stiffness[s] - grows, 1e-300)
-        if left > STARTED * largest / stiffness[s]:
+        if left > STARTED * max(largest / stiffness[s], width):
             way = min(way, left)
     return way
 
@@ -82,7 +82,7 @@ def _walked(turns, curve, slides, ripple, corners, first):
             if step <= 0.0:
                 step = 1.0  # beyond the end
             if width > 0.0:
-                way = _free_way(sense, angle, carried, height / width, slides, ripple, anchor)
+                way = _free_way(sense, angle, carried, width, height, slides, ripple, anchor)
                 step = min(step, way / width)
             there = x + sense * step
             if abs(there - 1.0) < 1e-14:
