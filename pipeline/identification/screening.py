@@ -30,10 +30,10 @@ RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
 RADII, PHASES = (0.05, 0.2), 8
 """Where an effect with a phase is looked at besides, in shares of its bounds: it bends with its size."""
-WAVES = 800
-"""Periods of a ripple that are looked at."""
-PERIODS, SIZES = 6, (0.5, 1.0, 2.0)
-"""The best of them at which sizes, in what a small ripple would have, and phases are looked at."""
+WAVE_STEP, WAVE_PHASES = 0.5, 6
+"""Periods of a ripple that are looked at: steps of their number over the range of the angle; and phases of each."""
+PERIODS, PERIOD_STEPS = 8, 3
+"""The best of them, and steps of the fits that tell which are true."""
 
 
 @dataclass(frozen=True)
@@ -158,37 +158,29 @@ class Screening:
         return self._misfit(self._free(rest)), shares, moved
 
     def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
-        """Starts of a ripple: the periods that explain most if it is small, and there the best phase and size.
+        """Starts of a ripple: its phase bends with the angle, so many periods are looked at, and the best fitted on.
 
-        The torque of a small ripple moves the angle by the slope of the curve; a large one makes stairs of it.
+        Its size is what it takes to move the angle, by the slope of the curve, as far as the base is off.
         """
         low, high = np.array(self.fitter.problem.bounds(effect)).T
-        slope, base = self.fitter.slopes(self.base), self.base.unknowns
-        left, found = self._free(self.left), []
-        for share in np.linspace(0, 1, WAVES):
-            turned = 10 ** (low[2] + share * (high[2] - low[2])) * self.plain / ARCMIN
-            waves = np.column_stack(
-                [self._free(self._scaled(-slope * wave)) for wave in (np.cos(turned), np.sin(turned))]
-            )
-            amounts = np.linalg.lstsq(waves, left, rcond=None)[0]
-            found.append((self._misfit(left - waves @ amounts), share, complex(*amounts)))
-        model, starts = Model((*self.base.model.effects, effect)), []
-        for _, share, amount in _valleys(found)[:PERIODS]:
-            looks = []
-            for size, phase in product(SIZES, 2 * np.pi * np.arange(PHASES) / PHASES):
-                now = size * amount * np.exp(1j * phase)
-                values = np.clip((np.array([now.real, now.imag]) - low[:2]) / (high - low)[:2], 0.02, 0.98)
-                start = Vector(base.scales, np.concatenate([base.shares, values, [share]]), base.modes)
-                looks.append((self._at(model, start), start))
-            starts.append(min(looks, key=lambda one: one[0]))
-        return [one for one in starts if np.isfinite(one[0])]
-
-
-def _valleys(found: Sequence[tuple[float, float, complex]]) -> list[tuple[float, float, complex]]:
-    """Looks whose misfit is less than that of their neighbours, the best first."""
-    misfit = np.array([np.inf, *(one[0] for one in found), np.inf])
-    least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] <= misfit[2:])
-    return sorted((one for one, here in zip(found, least, strict=True) if here), key=lambda one: one[0])
+        off = self.fitter.problem.data.angle - self.base.predicted
+        size = np.sqrt(2 * np.sum(self.weight * off**2) / np.sum(self.weight * self.fitter.slopes(self.base) ** 2))
+        turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
+        waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
+        model, base, looks = Model((*self.base.model.effects, effect)), self.base.unknowns, []
+        for wave in waves:
+            around = []
+            for phase in 2 * np.pi * np.arange(WAVE_PHASES) / WAVE_PHASES:
+                values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
+                shares = np.clip((values - low) / (high - low), 0.02, 0.98)
+                start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
+                around.append((self._at(model, start), start))
+            looks.append(min(around, key=lambda one: one[0]))
+        misfit = np.array([np.inf, *(one[0] for one in looks), np.inf])
+        least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] <= misfit[2:])
+        best = sorted((one for one, here in zip(looks, least, strict=True) if here), key=lambda one: one[0])[:PERIODS]
+        fits = [self.fitter.fit(model, self.cells, start, PERIOD_STEPS, self.base) for _, start in best]
+        return [(self._at(model, fit.unknowns), fit.unknowns) for fit in fits if fit.sound]
 
 
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
