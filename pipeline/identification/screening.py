@@ -28,8 +28,8 @@ STARTS = 3
 """Most starts from which an effect is fitted: senses of its parameters, and bases."""
 RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
-RADII, PHASES = (0.05, 0.2), 8
-"""Where an effect with a phase is looked at besides, in shares of its bounds: it bends with its size."""
+RADII, PHASES = (0.05, 0.15, 0.35), 8
+"""Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
 WAVE_STEP, WAVE_PHASES = 0.5, 6
 """Periods of a ripple that are looked at: steps of their number over the range of the angle; and phases of each."""
 PERIODS, PERIOD_STEPS = 8, 3
@@ -105,12 +105,10 @@ class Screening:
         for _, shares, unknowns in found.values():
             looks = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
             confirmed.append(min(looks, key=lambda one: one[0]))
-        if grows.sum() == 2:
-            base = self.base.unknowns
-            for radius, phase in product(RADII, 2 * np.pi * np.arange(PHASES) / PHASES):
-                around = zero + radius * np.array([np.cos(phase), np.sin(phase)])
-                start = Vector(base.scales, np.concatenate([base.shares, around]), base.modes)
-                confirmed.append((self._at(model, start), start))
+        base = self.base.unknowns
+        for around in _ring(zero, grows):
+            start = Vector(base.scales, np.concatenate([base.shares, around]), base.modes)
+            confirmed.append((self._at(model, start), start))
         return [one for one in confirmed if np.isfinite(one[0])]
 
     def _beside(self, shares: Real, moved: Real) -> list[Vector]:
@@ -181,6 +179,15 @@ class Screening:
         best = sorted((one for one, here in zip(looks, least, strict=True) if here), key=lambda one: one[0])[:PERIODS]
         fits = [self.fitter.fit(model, self.cells, start, PERIOD_STEPS, self.base) for _, start in best]
         return [(self._at(model, fit.unknowns), fit.unknowns) for fit in fits if fit.sound]
+
+
+def _ring(zero: Real, grows: Truth) -> list[Real]:
+    """Shares of the bounds (n_parameters,) about no effect: in both senses of one parameter, in phases of two."""
+    if not np.all(grows) or len(grows) > 2:
+        return []
+    directions = np.exp(2j * np.pi * np.arange(PHASES) / PHASES) if len(grows) == 2 else np.array([1, -1])
+    places = [zero + radius * np.array([one.real, one.imag][: len(grows)]) for radius in RADII for one in directions]
+    return [place for place in places if np.all((place > 0) & (place < 1))]
 
 
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
