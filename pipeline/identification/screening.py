@@ -30,8 +30,9 @@ RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
 RADII, PHASES = (0.05, 0.15, 0.35), 8
 """Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
-WAVE_STEP, WAVE_PHASES = 0.5, 6
-"""Periods of a ripple that are looked at: steps of their number over the range of the angle; and phases of each."""
+WAVE_STEP, WAVE_PHASES, WAVE_POSITIONS = 0.5, 6, 2
+"""Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each; positions
+that are asked."""
 PERIODS, PERIOD_STEPS = 8, 3
 """The best of them, and steps of the fits that tell which are true."""
 
@@ -58,7 +59,7 @@ class Screening:
     """
 
     def __init__(self, fitter: Fitter, cells: Truth, base: Fit, sigma: Real):
-        self.fitter, self.cells, self.base = fitter, cells, base
+        self.fitter, self.cells, self.base, self.sigma = fitter, cells, base, sigma
         data = fitter.problem.data
         self.positions = np.unique(data.position[cells]).tolist()
         self.weight = np.where(cells, 1 / sigma**2, 0.0)
@@ -161,6 +162,8 @@ class Screening:
         Its size is what it takes to move the angle, by the slope of the curve, as far as the base is off.
         """
         low, high = np.array(self.fitter.problem.bounds(effect)).T
+        at_few = self.cells & np.isin(self.fitter.problem.data.position, self.positions[:WAVE_POSITIONS])
+        few = Screening(self.fitter, at_few, self.base, self.sigma)
         off = self.fitter.problem.data.angle - self.base.predicted
         size = np.sqrt(2 * np.sum(self.weight * off**2) / np.sum(self.weight * self.fitter.slopes(self.base) ** 2))
         turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
@@ -172,7 +175,7 @@ class Screening:
                 values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
                 shares = np.clip((values - low) / (high - low), 0.02, 0.98)
                 start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
-                around.append((self._at(model, start), start))
+                around.append((few._at(model, start), start))
             looks.append(min(around, key=lambda one: one[0]))
         misfit = np.array([np.inf, *(one[0] for one in looks), np.inf])
         least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] <= misfit[2:])
@@ -183,7 +186,7 @@ class Screening:
 
 def _ring(zero: Real, grows: Truth) -> list[Real]:
     """Shares of the bounds (n_parameters,) about no effect: in both senses of one parameter, in phases of two."""
-    if not np.all(grows) or len(grows) > 2:
+    if not np.all(grows & (zero > 0)) or len(grows) > 2:
         return []
     directions = np.exp(2j * np.pi * np.arange(PHASES) / PHASES) if len(grows) == 2 else np.array([1, -1])
     places = [zero + radius * np.array([one.real, one.imag][: len(grows)]) for radius in RADII for one in directions]

@@ -27,6 +27,8 @@ HALVINGS = 4
 DRAG = 5.0
 """Springs, in shares of the bearing's stiffness, that let the disk only crawl to where Newton does not find at once."""
 CRAWLS = 12
+LOST = 1e-3
+"""Relative residual of a step after which the path is not followed: its friction would start from nowhere."""
 NO_TORQUE = 1e-7
 """Share of the largest torque that stands for none where there is play."""
 
@@ -246,6 +248,9 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
             if not residual <= SETTLED and depth < HALVINGS:
                 share, depth = 0.5 * share, depth + 1
                 continue
+            if not residual <= LOST:
+                q_out[t:], f_out[t:] = np.nan, np.nan
+                return np.inf
             q[:], force[:] = trial_q, trial_force
             anchor_on(sliders, system.closing[system.output], anchor, q, force)
             worst = max(worst, residual)
@@ -288,7 +293,7 @@ def solve_path(
     Notes
     -----
     Newton on active contacts, sticking and slipping sliders and motions; a step that does not converge is
-    halved. A residual above 1e-9 says that some step did not.
+    halved. A residual above 1e-9 says that some step did not; beyond ``LOST`` it is infinite, and what follows NaN.
     """
     sliders = sliders.acting
     motion, force = np.empty((len(torques), reducer.closing.shape[1])), np.empty((len(torques), len(gap)))
