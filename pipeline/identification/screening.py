@@ -30,10 +30,10 @@ RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
 RADII, PHASES = (0.05, 0.15, 0.35), 8
 """Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
-WAVE_STEP, WAVE_PHASES, WAVE_POSITIONS = 0.5, 6, 2
+WAVE_STEP, WAVE_PHASES, WAVE_POSITIONS = 0.75, 5, 2
 """Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each; positions
 that are asked."""
-PERIODS, PERIOD_STEPS = 8, 3
+PERIODS, PERIOD_STEPS = 6, 3
 """The best of them, and steps of the fits that tell which are true."""
 
 
