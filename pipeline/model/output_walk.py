@@ -16,6 +16,8 @@ WAVE = 32
 """Corners of a ripple's period: a chord is off by 0.5 % of the amplitude at most."""
 STARTED = 1e-9
 """Share of a slider's reach, and of a segment of the backbone, nearer than which it slides already."""
+MOST_STEPS = 1_000_000
+"""Steps after which a way is given up: a backbone that was not solved may be of any length."""
 FAR = 3
 """Lengths of the backbone beyond its ends after which no balance is looked for."""
 
@@ -68,7 +70,7 @@ def _walked(turns, curve, slides, ripple, corners, first):
     angle, carried = angles[j] + x * (angles[j + 1] - angles[j]), nodes[j] + x * (nodes[j + 1] - nodes[j])
     anchor[:] = angle
     total = carried + _resists(angle, carried, slides, ripple, anchor)
-    count = 0
+    count, steps = 0, 0
     for t in range(turns.shape[0]):
         sense = 1.0 if turns[t] >= total else -1.0
         most, goal = sense * total, sense * turns[t]
@@ -92,7 +94,8 @@ def _walked(turns, curve, slides, ripple, corners, first):
             next_angle, next_carried = angles[j] + there * width, nodes[j] + there * height
             after = next_carried + _resists(next_angle, next_carried, slides, ripple, anchor)
             low, high = sense * total, sense * after
-            if count + 3 > corners.shape[1]:
+            steps += 1
+            if count + 3 > corners.shape[1] or steps > MOST_STEPS:
                 return -1
             if low < most < high:  # thrown back before: the jump ends here
                 share = (most - low) / (high - low)
@@ -134,14 +137,18 @@ def walked(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Rip
     Returns
     -------
     And the corner at which each turn stands (n_turns,). Between two turns the torque is monotone, and equal at two
-    corners where the angle jumps. Exact for the backbone as a polyline but for the chords of a ripple.
+    corners where the angle jumps. Exact for the backbone as a polyline but for the chords of a ripple. NaN where the
+    backbone is not finite or the way has more steps than ``MOST_STEPS``.
     """
     sliders = sliders.acting
     rising = np.maximum.accumulate(angles)
+    nowhere = np.full((3, len(turns)), np.nan), np.arange(len(turns))
+    if not np.all(np.isfinite(rising)):
+        return nowhere
     waves = WAVE * np.ptp(rising) * abs(ripple.waves) / (2 * np.pi) if ripple.amplitude else 0.0
-    room = int(len(turns) * (2 * len(nodes) + 4 * len(sliders) + 2 * waves + 8))
+    room = int(min(len(turns) * (2 * len(nodes) + 4 * len(sliders) + 2 * waves + 8), MOST_STEPS))
     first = np.empty(len(turns), np.int64)
-    while True:
+    while room <= MOST_STEPS:
         corners = np.empty((3, room))
         count = _walked(
             np.asarray(turns, float),
@@ -154,3 +161,4 @@ def walked(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Rip
         if count >= 0:
             return corners[:, :count], first
         room *= 2
+    return nowhere

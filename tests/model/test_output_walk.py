@@ -99,6 +99,13 @@ def test_a_torque_beyond_the_backbone_is_found_on_its_continuation():
 
 def test_room_for_corners_grows_with_what_the_way_asks():
     gentle = Ripple(1e-3, 3e6, 0.0)
-    corners, first = walked(np.tile(TURNS, 3), NODES, ANGLES, NONE, gentle)
+    corners, first = walked(TURNS, NODES, ANGLES, NONE, gentle)
     waves = (np.ptp(corners[1]) - 2 * PLAY) * gentle.waves / (2 * np.pi)
     assert np.max(np.diff(first)) > 0.9 * WAVE * waves
+
+
+@pytest.mark.parametrize("backbone", [np.where(NODES > 900, np.nan, ANGLES), 1e9 * ANGLES])
+def test_a_backbone_that_was_not_solved_leads_nowhere(backbone):
+    corners, first = walked(TURNS, NODES, backbone, NONE, FAST)
+    assert np.all(np.isnan(corners))
+    np.testing.assert_array_equal(first, np.arange(len(TURNS)))
