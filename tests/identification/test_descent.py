@@ -7,7 +7,7 @@ import pytest
 from linear_unit import LinearFitter, linear_data, model_of, stood
 from scipy.optimize import lsq_linear
 
-from pipeline.identification.descent import FIRST_DAMPING
+from pipeline.identification.descent import FIRST_DAMPING, damped_step
 from pipeline.identification.unknowns import Vector
 
 SIGMA = 0.1
@@ -101,7 +101,7 @@ def test_scales_parameters_and_modes_settle_at_the_optimum_with_their_priors():
     rows = np.vstack([np.hstack([design, offsets]) / SIGMA, np.diag([*(1 / spread), 0, 1, 1, 0, 0])])
     right = np.concatenate([angle / SIGMA, np.zeros(7)])
     best = np.linalg.lstsq(rows, right, rcond=None)[0]
-    np.testing.assert_allclose(fit.unknowns.flat, best[:5], atol=2e-3)  # settled to 1e-6 of the sum of squares
+    np.testing.assert_allclose(fit.unknowns.flat, best[:5], atol=2e-3)
     least = np.sum((rows @ best - right) ** 2)
     assert least * (1 - 1e-12) <= fit.cost < least + 1e-3
 
@@ -123,6 +123,45 @@ def test_an_unknown_at_its_bound_stays_there_and_the_others_settle_beside_it():
     inward = LinearFitter(replace(data, angle=values @ [0.4, 0.2]), values)
     fit = inward.fit(model_of(2), everything(data), inward.start(model_of(2), [1.0, 0.0]))
     np.testing.assert_allclose(fit.values, [0.4, 0.2], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_step_that_meets_bounds_is_the_best_within_them(seed):
+    rng = np.random.default_rng(seed)
+    rows, right = rng.normal(size=(30, 4)) @ rng.normal(size=(4, 4)), rng.normal(size=30)
+    low, high = -np.array([0.02, 0.5, 10.0, 10.0]), np.array([0.02, 0.5, 10.0, 10.0])
+    step = damped_step(rows.T @ rows, rows.T @ right, np.ones(4, bool), 0.0, (low, high))
+    best = lsq_linear(rows, right, (low, high), tol=1e-12).x
+    assert np.any(np.isin(best.round(6), [-0.02, 0.02]))
+    np.testing.assert_allclose(step, best, atol=1e-6)
+
+
+def test_bounds_that_are_met_do_not_end_the_way():
+    """Two tolerances that would go far beyond what a drawing allows, and a scale that must follow them there."""
+    data = linear_data(sigma=SIGMA)
+    design = 0.5 * orthogonal(data, 3) @ np.array([[1.0, 0.9, 0.9], [0.0, 0.5, 0.1], [0.0, 0.0, 0.5]])
+    fitter = LinearFitter(replace(data, angle=design @ [2.0, 9.0, -9.0]), design, (10.0,), n_modes=2)
+    fit = fitter.fit(model_of(0), everything(data), fitter.start(model_of(0)))
+    assert np.all(np.abs(fit.unknowns.modes) <= 3.0)
+    rows = design / fit.sigma[:, None]
+    penalty = np.diag([0.1, 1.0, 1.0])
+    best = lsq_linear(
+        np.vstack([rows, penalty]),
+        np.concatenate([fitter.problem.data.angle / fit.sigma, np.zeros(3)]),
+        ([-4.4, -3, -3], [4.4, 3, 3]),
+        tol=1e-12,
+    ).x
+    np.testing.assert_allclose(fit.unknowns.flat, best, atol=0.02)
+
+
+def test_a_fit_that_stands_at_its_optimum_predicts_nothing_more():
+    data = linear_data(sigma=SIGMA)
+    design = 5 * orthogonal(data, 2)
+    fitter = LinearFitter(replace(data, angle=design @ [0.8, 0.3]), design)
+    fit = fitter.fit(model_of(2), everything(data), fitter.start(model_of(2), [0.5, 0.5]))
+    fitter.looks = 0
+    fitter.fit(model_of(2), everything(data), fit.unknowns)
+    assert fitter.looks == 1 + 2 + 1  # as it stands, by each parameter, and the whole curve
 
 
 def stale_unit(change):

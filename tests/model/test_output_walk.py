@@ -98,7 +98,7 @@ def test_a_torque_beyond_the_backbone_is_found_on_its_continuation():
 
 
 def test_room_for_corners_grows_with_what_the_way_asks():
-    gentle = Ripple(1e-3, 3e6, 0.0)
+    gentle = Ripple(1e-3, 1e6, 0.0)
     corners, first = walked(TURNS, NODES, ANGLES, NONE, gentle)
     waves = (np.ptp(corners[1]) - 2 * PLAY) * gentle.waves / (2 * np.pi)
     assert np.max(np.diff(first)) > 0.9 * WAVE * waves
