@@ -59,11 +59,30 @@ def _free_way(sense, angle, carried, width, height, slides, ripple, anchor):
     return way
 
 
+@part
+def _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor):
+    """Segment of the backbone and place on it from where the way goes on, and the place up to which it has no bend."""
+    nodes, angles = curve
+    if sense > 0.0 and x >= 1.0 and j < nodes.shape[0] - 2:
+        j, x = j + 1, 0.0
+    elif sense < 0.0 and x <= 0.0 and j > 0:
+        j, x = j - 1, 1.0
+    width, height = angles[j + 1] - angles[j], nodes[j + 1] - nodes[j]
+    step = 1.0 - x if sense > 0.0 else x
+    if step <= 0.0:
+        step = 1.0  # beyond the end
+    if width > 0.0:
+        step = min(step, _free_way(sense, angle, carried, width, height, slides, ripple, anchor) / width)
+    there = x + sense * step
+    if abs(there - np.rint(there)) < 1e-14:
+        there = np.rint(there)
+    return j, x, there
+
+
 @entry
 def _walked(turns, curve, slides, ripple, corners, first):
     """Corners (torque, angle, carried) of the way from turn to turn, and the first of each; -1 if there is no room."""
     nodes, angles = curve
-    last = nodes.shape[0] - 2
     anchor = np.empty(slides[0].shape[0])
     j = (nodes.shape[0] - 1) // 2
     x = 0.5 * (nodes.shape[0] - 1) - j
@@ -75,22 +94,8 @@ def _walked(turns, curve, slides, ripple, corners, first):
         sense = 1.0 if turns[t] >= total else -1.0
         most, goal = sense * total, sense * turns[t]
         while sense * total < goal and -FAR < x < 1 + FAR:
-            if sense > 0.0 and x >= 1.0 and j < last:
-                j, x = j + 1, 0.0
-            elif sense < 0.0 and x <= 0.0 and j > 0:
-                j, x = j - 1, 1.0
+            j, x, there = _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor)
             width, height = angles[j + 1] - angles[j], nodes[j + 1] - nodes[j]
-            step = 1.0 - x if sense > 0.0 else x
-            if step <= 0.0:
-                step = 1.0  # beyond the end
-            if width > 0.0:
-                way = _free_way(sense, angle, carried, width, height, slides, ripple, anchor)
-                step = min(step, way / width)
-            there = x + sense * step
-            if abs(there - 1.0) < 1e-14:
-                there = 1.0
-            elif abs(there) < 1e-14:
-                there = 0.0
             next_angle, next_carried = angles[j] + there * width, nodes[j] + there * height
             after = next_carried + _resists(next_angle, next_carried, slides, ripple, anchor)
             low, high = sense * total, sense * after
