@@ -184,3 +184,16 @@ def test_influence_at_the_ends_of_play_is_that_of_the_first_pin():
         found = influence[np.arange(5), first]
         np.testing.assert_allclose(found, sense / np.abs(arm[first]), rtol=1e-3)
         np.testing.assert_allclose(np.abs(influence).sum(axis=1), np.abs(found), rtol=1e-2)
+
+
+def test_a_tight_disk_that_gets_play_falls_by_it_and_its_contacts_stay_as_deep_as_they_can():
+    drive, loose = small_drive(5), np.full(5, 12 * MICROMETRE)
+    states = backbone(drive, SHARES).states
+    motion, force = states.motion[:, -1], states.force[:, -1]
+    moved = of_drive._loosened(drive.reducer, motion, force, loose) - motion
+    np.testing.assert_allclose(np.hypot(*moved[:, :2].T), loose)
+    np.testing.assert_allclose(np.sum(moved[:, :2] * motion[:, :2], axis=1), loose * np.hypot(*motion[:, :2].T))
+    deeper, rotations = moved @ drive.reducer.closing.T, drive.reducer.closing[:, 2:]
+    fallen = moved[:, :2] @ drive.reducer.closing[:, :2].T
+    left = np.abs((force * deeper) @ rotations)
+    assert np.all(left < 1e-9 * np.max(np.abs(force * fallen) @ np.abs(rotations)))
