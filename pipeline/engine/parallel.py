@@ -202,10 +202,9 @@ def solved_chunks(
             for start, stop in chunks:
                 yield solve_chunk(stage, Value(shared), read(start, stop))
         return
-    handle = _dumped(shared, scratch) if backend.name == "loky" else Value(shared)
-    once = {"scatter": [handle]} if backend.name == "dask" else {}  # else Dask would send it with every chunk
+    handle = _handle(shared, scratch, backend)
     waiting = iter(chunks)
-    with joblib.parallel_config(backend=backend.name, n_jobs=jobs, **backend.options, **once):
+    with joblib.parallel_config(backend=backend.name, n_jobs=jobs, **backend.options):
         wave = WAVE * joblib.effective_n_jobs()
         while batch := list(islice(waiting, wave)):
             yield from _wave(stage, handle, batch, read)
@@ -241,7 +240,16 @@ def _wave(
         raise errors[0]
 
 
-def _dumped(shared: Any, scratch: Path) -> Dumped:
+def _handle(shared: Any, scratch: Path, backend: Backend) -> Any:
+    """What stands for the shared value in a task; a worker finds a `Value` or `Dumped` in its place."""
+    if backend.name == "dask":
+        from distributed import get_client
+
+        # a task's result: sent once to a worker, and made again if the only worker that had it is lost, where
+        # scattered data would be gone and a scatter that meets a dying worker fails or never returns
+        return get_client().submit(Value, shared, pure=False)
+    if backend.name != "loky":
+        return Value(shared)
     path = scratch / "shared.joblib"
     joblib.dump(shared, path)
     return Dumped(path, f"{path}@{path.stat().st_mtime_ns}")
