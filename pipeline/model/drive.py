@@ -151,22 +151,29 @@ def ladder(levels: int, reach: float) -> Real:
     return np.concatenate([[NO_LOAD, 2 * NO_LOAD], reach * steps**2])
 
 
-def _raised(drive: Drive, pose: Real, levels: Real) -> Equilibria:
-    """Equilibria at torques [N mm] of one sense, the least first, from poses at an end of the play."""
-    start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, levels[0])
+def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
+    """Equilibria at torques [N mm] of one sense, the least first, from poses at an end of the play.
+
+    Notes
+    -----
+    Contacts that interfere (``preloaded``) are many at no load and few at the last torque, and a loose disk is easily
+    found under load, from where one without clearance stands: both are solved from the last torque down.
+    """
+    loose = drive.bearing_clearance
+    start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, levels[-1 if preloaded else 0])
+    if np.any(loose):
+        held = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(loose))
+        tight = _way(held, pose, levels, preloaded)
+        start = _loosened(drive.reducer, tight.motion[:, -1], tight.force[:, -1], loose)
+    down = preloaded or bool(np.any(loose))
+    found = _solved(drive, start, levels[::-1] if down else levels)
+    return Equilibria(**{name: values[:, ::-1] for name, values in vars(found).items()}) if down else found
+
+
+def _solved(drive: Drive, start: Real, levels: Real) -> Equilibria:
+    """Equilibria at torques [N mm] one after the other from poses (n, n_motions)."""
     parts = drive.reducer, drive.bearing, drive.laws, drive.compliance
     return solve(*parts, drive.gap, drive.bearing_clearance, start, levels)
-
-
-def _lowered(drive: Drive, pose: Real, levels: Real) -> Equilibria:
-    """The same from the last torque down: a loose disk is easily found under load, from where a tight one stands."""
-    loose = drive.bearing_clearance
-    if not np.any(loose):
-        return _raised(drive, pose, levels)
-    tight = _raised(replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(loose)), pose, levels)
-    start = _loosened(drive.reducer, tight.motion[:, -1], tight.force[:, -1], loose)
-    down = solve(drive.reducer, drive.bearing, drive.laws, drive.compliance, drive.gap, loose, start, levels[::-1])
-    return Equilibria(**{name: values[:, ::-1] for name, values in vars(down).items()})
 
 
 def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
@@ -193,8 +200,9 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
     """
     separated = separated_play(drive.reducer, drive.gap)
     torque = drive.rated_torque * shares
+    preloaded = bool(np.any(separated.preloaded))
     senses = [
-        _lowered(drive, pose, sense * torque)
+        _way(drive, pose, sense * torque, preloaded)
         for sense, pose in ((-1.0, separated.pose_minus), (1.0, separated.pose_plus))
     ]
     hard = (drive.bearing_clearance > 0) & ~np.all([np.all(one.converged, axis=1) for one in senses], axis=0)
@@ -202,7 +210,8 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
         left = drive.some(hard)
         coupled = rigid_play(drive.reducer, left.gap, left.bearing_clearance)
         for one, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
-            again = _raised(left, pose, sense * torque)
+            start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, sense * torque[0])
+            again = _solved(left, start, sense * torque)
             for name, values in vars(one).items():
                 values[hard] = getattr(again, name)
     falling, rising = senses

@@ -19,6 +19,8 @@ ROUNDING = 30
 difference whose rounding alone unbalances it."""
 ALTERNATING = 5
 """Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
+HOPELESS = 10
+"""Times after which the start is given up: steps of many contacts that alternate cost more than an interior point."""
 PATIENCE = 2.5
 """Steps with an old inverse that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
@@ -199,6 +201,8 @@ def converge(system, torque, gap, clearance, work):
         length = 1.0
         if closed > 0 or pushed != (work.thrust[0] > 0.0):
             changes += 1
+            if changes > HOPELESS:
+                break
             length = 0.5 if changes > ALTERNATING else 1.0
         move(system, length, work)
         _advance(length, work)

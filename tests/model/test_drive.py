@@ -9,6 +9,7 @@ from reducers import MICROMETRE
 
 from pipeline.model import drive as of_drive
 from pipeline.model.backlash import general_play, rigid_play, separated_play
+from pipeline.model.cycle import first_poses
 from pipeline.model.drive import NO_LOAD, backbone, ladder
 from pipeline.model.reducer import Bearing
 
@@ -85,26 +86,44 @@ def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program
         asked.append(len(gap))
         return rigid_play(reducer, gap, clearance)
 
-    lowered = of_drive._lowered
+    way = of_drive._way
 
-    def failing(drive, pose, levels):
-        found = lowered(drive, pose, levels)
+    def failing(drive, pose, levels, preloaded):
+        found = way(drive, pose, levels, preloaded)
         found.motion[2], found.converged[2, 1] = np.nan, False
         return found
 
     monkeypatch.setattr(of_drive, "rigid_play", asking)
     if falls_back:
-        monkeypatch.setattr(of_drive, "_lowered", failing)
+        monkeypatch.setattr(of_drive, "_way", failing)
     curve = backbone(drive, SHARES)
     assert np.all(curve.states.converged)
     assert asked == [1] * falls_back  # only those that need it
     general = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     monkeypatch.setattr(of_drive, "separated_play", lambda reducer, gap: general)
-    monkeypatch.setattr(of_drive, "_lowered", of_drive._raised)
+    monkeypatch.setattr(of_drive, "_way", raised)
     from_general = backbone(drive, SHARES)
     assert np.all(from_general.states.converged)
     np.testing.assert_allclose(curve.angle, from_general.angle, rtol=0, atol=1e-9)
     np.testing.assert_allclose(curve.states.force, from_general.states.force, atol=1e-5 * curve.states.force.max())
+
+
+def raised(drive, pose, levels, preloaded):
+    """Equilibria from no load up, however many contacts interfere there."""
+    parts = drive.reducer, drive.laws, drive.compliance
+    return of_drive._solved(drive, first_poses(*parts, pose, levels[0]), levels)
+
+
+@pytest.mark.parametrize("depth", [2, 10, 30])
+def test_preloaded_curve_is_the_same_from_either_end(depth, monkeypatch):
+    drive = small_drive(4, seed=depth, play=-2 * depth * MICROMETRE)
+    drive = drive.shifted(np.random.default_rng(depth).uniform(-depth, depth, drive.gap.shape) * MICROMETRE)
+    down = backbone(drive, SHARES)
+    assert np.all(down.states.converged)
+    monkeypatch.setattr(of_drive, "_way", raised)
+    up = backbone(drive, SHARES)
+    found = up.states.converged
+    np.testing.assert_allclose(down.angle[found], up.angle[found], rtol=0, atol=1e-10)
 
 
 def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
