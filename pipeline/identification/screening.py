@@ -30,6 +30,8 @@ RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
 RADII, PHASES = (0.05, 0.15, 0.35), 8
 """Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
+RIPPLE = "motor_cogging"
+"""The effect whose starts are periods; looked at beside the first base alone, since there are many of them."""
 WAVE_STEP, WAVE_PHASES, WAVE_POSITIONS = 0.75, 5, 2
 """Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each; positions
 that are asked."""
@@ -91,7 +93,7 @@ class Screening:
 
     def starts(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts for an effect beside the base with their sums of squares, where an equilibrium was found."""
-        if effect.name == "motor_cogging":
+        if effect.name == RIPPLE:
             return self._ripples(effect)
         model = Model((*self.base.model.effects, effect))
         bounds = np.array(self.fitter.problem.bounds(effect))
@@ -198,7 +200,8 @@ def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequen
     looks = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
     promises = {}
     for effect in effects:
-        found = sorted((one for look in looks for one in look.starts(effect)), key=lambda one: one[0])
+        around = looks[:1] if effect.name == RIPPLE else looks
+        found = sorted((one for look in around for one in look.starts(effect)), key=lambda one: one[0])
         if found:
             least = found[0][0]
             kept = [start for misfit, start in found[:STARTS] if misfit <= RIVAL * least]

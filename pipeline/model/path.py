@@ -19,9 +19,10 @@ from pipeline.model.slip import anchor_on, slide
 
 SETTLED = 1e-9
 """A step is solved when neither a deflection nor a balance is off by more than this share of its largest term."""
-NEWTON_STEPS = 30
-UNDAMPED = 12
-"""Newton steps after which only half of each is taken: sticking and slipping may alternate."""
+NEWTON_STEPS = 14
+UNDAMPED, DAMPED, PERIOD = 6, 3, 5
+"""Newton steps after which sticking and slipping may alternate: of each so many further ones the first are halved, and
+the others, whole, settle what these have found."""
 HALVINGS = 4
 """A step that does not converge is reached in two, each of them again, up to this depth."""
 DRAG = 5.0
@@ -171,7 +172,7 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
         if not np.isfinite(np.sum(matrix)) or not np.isfinite(np.sum(right)):
             return np.inf
         step = np.linalg.solve(matrix, right)
-        length = 1.0 if iteration < UNDAMPED else 0.5
+        length = 0.5 if iteration >= UNDAMPED and (iteration - UNDAMPED) % PERIOD < DAMPED else 1.0
         for d in range(n_motions):
             q[d] += length * step[first + d]
         for i in active:
