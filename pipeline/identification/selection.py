@@ -44,9 +44,9 @@ FIRST_ITERATIONS = 3
 """Steps of a fit that rank the effects before the best are fitted in full."""
 HOPELESS = 0.98
 """Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
-UNPROMISING = 10.0
-"""Ratio of a screened misfit to the least that was reached beyond which an effect is not fitted either: three steps
-reached less than a tenth of what was promised in 2 of 1400 fits of blind units."""
+ALWAYS, UNPROMISING = 4, 10.0
+"""Effects that are fitted in any case, and ratio of a screened misfit to the least that was reached beyond which a
+further one is not: three steps reached less than a tenth of what was promised in 2 of 1400 fits of blind units."""
 MORE_LOOKED = 4
 """Effects that take those steps beyond the number wanted."""
 FAR_FROM_DECLARED = 0.3
@@ -141,9 +141,9 @@ class Selector:
         hopeful = [name for name in promises if promises[name].misfit < HOPELESS]
         hopeful = sorted(hopeful, key=lambda name: promises[name].misfit)[: count + MORE_LOOKED]
         first: list[Fit] = []
-        for name in hopeful:
+        for rank, name in enumerate(hopeful):
             reached = min((fit.cost for fit in first), default=np.inf)
-            if promises[name].misfit * base.cost > UNPROMISING * reached:
+            if rank >= ALWAYS and promises[name].misfit * base.cost > UNPROMISING * reached:
                 break
             model = Model((*base.model.effects, self.testable[name]))
             starts = promises[name].starts
