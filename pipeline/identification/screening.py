@@ -32,9 +32,10 @@ RADII, PHASES = (0.05, 0.15, 0.35), 8
 """Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
 RIPPLE = "motor_cogging"
 """The effect whose starts are periods; looked at beside the first base alone, since there are many of them."""
-WAVE_STEP, WAVE_PHASES, WAVE_POSITIONS = 0.75, 5, 2
-"""Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each; positions
-that are asked."""
+WAVE_STEP, WAVE_PHASES = 0.75, 5
+"""Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each."""
+SIZES, COARSER = (0.75, 1.0, 1.3, 1.6, 2.0), 5
+"""Sizes of a ripple, in those that the residual asks; so many times fewer periods tell which is nearest."""
 PERIODS, PERIOD_STEPS = 6, 3
 """The best of them, and steps of the fits that tell which are true."""
 
@@ -161,26 +162,31 @@ class Screening:
     def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts of a ripple: its phase bends with the angle, so many periods are looked at, and the best fitted on.
 
-        Its size is what it takes to move the angle, by the slope of the curve, as far as the base is off.
+        Its size is about what it takes to move the angle, by the slope of the curve, as far as the base is off. How
+        wide the loop becomes tells it better, whatever the period: the right period stands out at the right size alone.
         """
+        data = self.fitter.problem.data
         low, high = np.array(self.fitter.problem.bounds(effect)).T
-        at_few = self.cells & np.isin(self.fitter.problem.data.position, self.positions[:WAVE_POSITIONS])
-        few = Screening(self.fitter, at_few, self.base, self.sigma)
-        off = self.fitter.problem.data.angle - self.base.predicted
+        model, base = Model((*self.base.model.effects, effect)), self.base.unknowns
+        one = Screening(self.fitter, self.cells & (data.position == self.positions[0]), self.base, self.sigma)
+        off = data.angle - self.base.predicted
         size = np.sqrt(2 * np.sum(self.weight * off**2) / np.sum(self.weight * self.fitter.slopes(self.base) ** 2))
         turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
         waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
-        model, base, looks = Model((*self.base.model.effects, effect)), self.base.unknowns, []
-        for wave in waves:
+
+        def look(size: float, wave: float, phases: int) -> tuple[float, Vector]:
             around = []
-            for phase in 2 * np.pi * np.arange(WAVE_PHASES) / WAVE_PHASES:
+            for phase in 2 * np.pi * np.arange(phases) / phases:
                 values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
-                shares = np.clip((values - low) / (high - low), 0.02, 0.98)
-                start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
-                around.append((few._at(model, start), start))
-            looks.append(min(around, key=lambda one: one[0]))
+                shares = np.concatenate([base.shares, np.clip((values - low) / (high - low), 0.0, 1.0)])
+                start = Vector(base.scales, shares, base.modes)
+                around.append((one._at(model, start), start))
+            return min(around, key=lambda one: one[0])
+
+        coarse = [min(look(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]
+        looks = [look(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
         misfit = np.array([np.inf, *(one[0] for one in looks), np.inf])
-        least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] <= misfit[2:])
+        least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
         best = sorted((one for one, here in zip(looks, least, strict=True) if here), key=lambda one: one[0])[:PERIODS]
         fits = [self.fitter.fit(model, self.cells, start, PERIOD_STEPS, self.base) for _, start in best]
         return [(self._at(model, fit.unknowns), fit.unknowns) for fit in fits if fit.sound]
