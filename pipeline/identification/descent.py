@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.problem import Data, Model, Problem
-from pipeline.identification.unknowns import Fit, Vector
+from pipeline.identification.unknowns import Fit, Prediction, Vector
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -37,14 +37,13 @@ class Predicting(Protocol):
 
     def predict(
         self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
-    ) -> tuple[Real, Real, bool]: ...
+    ) -> Prediction: ...
 
     def jacobian(
         self,
         model: Model,
         now: Vector,
-        angle: Real,
-        influence: Real,
+        at: Prediction,
         positions: Sequence[int],
         weight: Real,
         known: tuple[Real, Real] | None,
@@ -57,6 +56,7 @@ class Descent:
     Attributes
     ----------
     now : unknowns.
+    at : prediction there.
     sigma : (n_cells,) [arcmin] of the noise, and of what the form of the model misses.
     misfit : (n_fitted,) residuals of the cells fitted, offsets removed, in sigmas.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
@@ -72,7 +72,7 @@ class Descent:
         self.repeats = _repeats(data, fitted)
         self.damping = FIRST_DAMPING
         self.known = None if near is None else (near.unknowns.scales, near.jacobian)
-        self.angle, self.influence, _ = self._predicted(start)
+        self.at = self._predicted(start)
         self.now = start
         self._weigh(data.sigma)
         self.jacobian = np.zeros((len(data), len(start.flat)))
@@ -125,7 +125,7 @@ class Descent:
         self.sigma = sigma
         self.weight = np.where(self.fitted, 1 / sigma**2, 0.0)
         self.root = np.sqrt(self.weight[self.fitted])
-        self.misfit = self._misfit(self.angle)
+        self.misfit = self._misfit(self.at.angle)
         self.cost = self._cost(self.misfit, self.now)
 
     @property
@@ -145,18 +145,18 @@ class Descent:
             if step @ (2 * gradient - hessian @ step) < self.little:
                 return 0.0
             trial = self.now.like(self.now.flat + step)
-            angle, influence, _ = self._predicted(trial)
-            misfit = self._misfit(angle)
+            there = self._predicted(trial)
+            misfit = self._misfit(there.angle)
             cost = self._cost(misfit, trial)
             if np.isfinite(cost) and cost < self.cost:
                 fall = self.cost - cost
-                self.now, self.angle, self.influence, self.misfit, self.cost = trial, angle, influence, misfit, cost
+                self.now, self.at, self.misfit, self.cost = trial, there, misfit, cost
                 self.damping = max(self.damping / EASED, LEAST_DAMPING)
                 return fall
             self.damping *= STIFFENED
         return 0.0
 
-    def _predicted(self, unknowns: Vector) -> tuple[Real, Real, bool]:
+    def _predicted(self, unknowns: Vector) -> Prediction:
         return self.fitter.predict(self.model, unknowns, self.positions, modes=not self.frozen)
 
     def _misfit(self, angle: Real) -> Real:
@@ -172,7 +172,7 @@ class Descent:
             return
         before = self.known
         self.jacobian, self.known = self.fitter.jacobian(
-            self.model, self.now, self.angle, self.influence, self.positions, self.weight, before
+            self.model, self.now, self.at, self.positions, self.weight, before
         )
         self.stale = before is not None and self.known[0] is before[0]
 

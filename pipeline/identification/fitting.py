@@ -2,7 +2,8 @@
 
 Unmeasured tolerances and calibrated numbers are held by their priors (a penalty), so that an effect must explain what
 they cannot. The influence of tolerances on the curve comes from the forces of the equilibria
-(``Backbone.influence``): an iteration costs one prediction for each calibrated number and parameter.
+(``Backbone.influence``), and so do derivatives by all that changes gaps and springs; an iteration costs one prediction
+more for each parameter of friction and of the instrument.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.descent import Descent
-from pipeline.identification.forward import Instrument
+from pipeline.identification.forward import Forward, Instrument
 from pipeline.identification.problem import Model, Problem, first_states
-from pipeline.identification.unknowns import Fit, Vector, mapped
+from pipeline.identification.unknowns import Fit, Prediction, Vector, mapped
 from pipeline.model.drive import Drive
 
 Real = NDArray[np.float64]
@@ -58,24 +59,46 @@ class Fitter:
 
     def predict(
         self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
-    ) -> tuple[Real, Real, bool]:
-        """Angles (n_cells,) without offsets, influence of the modes (n_cells, n_modes), whether all was sound."""
+    ) -> Prediction:
+        """Prediction at the unknowns; the influence of the modes where it is asked for."""
         problem, data = self.problem, self.problem.data
-        forward = problem.forward_by_state if model.by_state else problem.forward
+        forward = self._forward(model)
         drives, instrument = self._drives(model, unknowns)
-        angle = np.full(len(data), np.nan)
+        angle, carried = np.full(len(data), np.nan), np.full(len(data), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
         for position in self.positions if positions is None else positions:
             mine = data.position == position
             reading = forward.read(drives[position], position, instrument)
-            angle[mine] = reading.angle
+            angle[mine], carried[mine] = reading.angle, reading.carried
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
                 influence[mine] = forward.influence(
                     drives[position], position, reading.carried, problem.modes[position]
                 )
-        return angle, influence, sound
+        return Prediction(angle, influence, carried, sound)
+
+    def _forward(self, model: Model) -> Forward:
+        return self.problem.forward_by_state if model.by_state else self.problem.forward
+
+    def _change(self, model: Model, now: Vector, near: Vector, at: Prediction, positions: Sequence[int]) -> Real:
+        """Change of the angle (n_cells,) [arcmin] from the unknowns ``now``, where it is known, to ``near`` ones.
+
+        To first order from the forces there; predicted anew where friction or the instrument changes, or where a ripple
+        answers what the angle does.
+        """
+        drives, instrument = self._drives(model, now)
+        others, other = self._drives(model, near)
+        change = np.full(len(at.angle), np.nan)
+        for position in positions:
+            mine = self.problem.data.position == position
+            own = None
+            if instrument == other and not instrument.ripple.amplitude:
+                own = self._forward(model).change(drives[position], others[position], position, at.carried[mine])
+            if own is None:
+                return self.predict(model, near, positions).angle - at.angle
+            change[mine] = own
+        return change
 
     def centred(self, values: Real, weight: Real) -> Real:
         """Values (n, ...) less their weighted mean over the cells that share an offset."""
@@ -117,7 +140,7 @@ class Fitter:
         descent = Descent(self, model, fitted, start, near, frozen)
         descent.run(iterations)
         now = descent.now
-        whole, _, sound = self.predict(model, now)
+        whole, _, _, sound = self.predict(model, now)
         if not np.isfinite(descent.cost):
             whole, sound = np.full(len(whole), np.nan), False
         return Fit(
@@ -135,7 +158,7 @@ class Fitter:
         """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""
         problem, slope = self.problem, np.zeros(len(self.problem.data))
         drives, instrument = self._drives(fit.model, fit.unknowns)
-        forward = problem.forward_by_state if fit.model.by_state else problem.forward
+        forward = self._forward(fit.model)
         for position in self.positions:
             slope[problem.data.position == position] = forward.read(drives[position], position, instrument).slope
         return slope
@@ -148,8 +171,7 @@ class Fitter:
         self,
         model: Model,
         now: Vector,
-        angle: Real,
-        influence: Real,
+        at: Prediction,
         positions: Sequence[int],
         weight: Real,
         known: tuple[Real, Real] | None,
@@ -164,8 +186,7 @@ class Fitter:
             flat = now.flat
             step = -STEP if k >= first and flat[k] > 0.5 else STEP
             flat[k] += step
-            moved, _, _ = self.predict(model, now.like(flat), positions)
-            columns.append((moved - angle) / step)
-        raw = np.column_stack([*columns, influence]) if columns else influence
+            columns.append(self._change(model, now, now.like(flat), at, positions) / step)
+        raw = np.column_stack([*columns, at.influence]) if columns else at.influence
         jacobian = self.centred(np.nan_to_num(raw), weight)
         return jacobian, (now.scales if kept is None else kept[0], jacobian)

@@ -212,12 +212,36 @@ class Forward:
 
     def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
         """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
-        course, curve = self.courses[position], self.backbone(drive)
-        nodes, effect = curve.torque, ARCMIN * curve.influence @ modes.T
+        curve = self.backbone(drive)
+        return self._at_cells(curve, position, carried, curve.influence @ modes.T)
+
+    def change(self, drive: Drive, near: Drive, position: int, carried: Real) -> Real | None:
+        """Change of the angle (n_cells,) [arcmin], to first order, from a drive to one with other gaps and springs.
+
+        None where the two differ in more.
+        """
+        if not _alike_but_for_springs(drive, near):
+            return None
+        curve = self.backbone(drive)
+        return self._at_cells(curve, position, carried, curve.change(drive, near)[..., None])[:, 0]
+
+    def _at_cells(self, curve: Backbone, position: int, carried: Real, values: Real) -> Real:
+        """Values (n, n_nodes, k) [rad] of a backbone where it carries ``carried`` (n_cells,): (n_cells, k) [arcmin]."""
+        course, nodes = self.courses[position], curve.torque
         state = course.state[course.leg]
         j = np.clip(np.searchsorted(nodes, carried) - 1, 0, len(nodes) - 2)
         x = np.clip((carried - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
-        return (1 - x) * effect[state, j] + x * effect[state, j + 1]
+        return ARCMIN * ((1 - x) * values[state, j] + x * values[state, j + 1])
+
+
+def _alike_but_for_springs(drive: Drive, near: Drive) -> bool:
+    """Whether two drives have the same contacts, friction and creep."""
+    sliders = zip(vars(drive.sliders).values(), vars(near.sliders).values(), strict=True)
+    return (
+        drive.creep == near.creep
+        and np.array_equal(drive.reducer.closing, near.reducer.closing)
+        and all(np.array_equal(own, other) for own, other in sliders)
+    )
 
 
 def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, at: Real) -> Way:

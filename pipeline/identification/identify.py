@@ -121,7 +121,7 @@ def _held_out(
 ) -> tuple[Truth, Curves]:
     """Cells that judge, and their predictions by fits without them."""
     fitter, data = selector.fitter, selector.problem.data
-    plain = fitter.predict(Model(), fitter.start(Model()))[0]
+    plain = fitter.predict(Model(), fitter.start(Model())).angle
     if not np.all(seen):
         left = everything & ~seen
         declared = plain + fitter.offsets(plain, seen, data.sigma)

@@ -72,7 +72,7 @@ class Screening:
         self.basis, self.triangle = np.linalg.qr(self.rows)
         self.left = self._scaled(data.angle - base.predicted) - self._pulled(base.unknowns.flat)
         self.nothing = self._misfit(self._free(self.left))
-        self.plain = fitter.predict(base.model, base.unknowns, self.positions)[0]
+        self.plain = fitter.predict(base.model, base.unknowns, self.positions).angle
 
     def _pulled(self, flat: Real) -> Real:
         """Residuals of the priors at unknowns, below the cells' zeros."""
@@ -123,10 +123,14 @@ class Screening:
 
     def _at(self, model: Model, start: Vector) -> float:
         """Misfit of a model's prediction; infinite where an equilibrium was not found."""
-        angle, _, sound = self.fitter.predict(model, start, self.positions)
+        there = self.fitter.predict(model, start, self.positions)
         flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
         data = self.fitter.problem.data
-        return self._misfit(self._free(self._scaled(data.angle - angle) - self._pulled(flat))) if sound else np.inf
+        return (
+            self._misfit(self._free(self._scaled(data.angle - there.angle) - self._pulled(flat)))
+            if there.sound
+            else np.inf
+        )
 
     def _looks(self, model: Model, at: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
         """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``at``.
@@ -142,8 +146,8 @@ class Screening:
                 shares[number] += step
                 start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
                 if step:
-                    angle, _, sound = self.fitter.predict(model, start, self.positions)
-                    found += [(step, self._scaled(angle - self.plain))] if sound else []
+                    there = self.fitter.predict(model, start, self.positions)
+                    found += [(step, self._scaled(there.angle - self.plain))] if there.sound else []
             sides.append(found)
         return [self._joined(at, grows, one) for one in product(*sides)]
 

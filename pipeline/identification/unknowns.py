@@ -1,9 +1,10 @@
-"""What a fit seeks, and what it found: unknowns within their bounds, and a fitted model."""
+"""What a fit seeks, and what it found: unknowns within their bounds, a prediction at them, and a fitted model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,23 @@ class Vector:
         """Unknowns (n_unknowns,) that do not stand at a bound that the gradient of a descent pushes against."""
         reach = self.flat + np.sign(gradient) * 1e-9
         return self.like(reach).flat != self.flat
+
+
+class Prediction(NamedTuple):
+    """What a model says of the cells; NaN at positions that were not asked for.
+
+    Attributes
+    ----------
+    angle : (n_cells,) without offsets [arcmin].
+    influence : of the modes (n_cells, n_modes) [arcmin], zeros unless asked for.
+    carried : (n_cells,) torque in the reducer [N mm].
+    sound : whether nearly every equilibrium was found.
+    """
+
+    angle: Real
+    influence: Real
+    carried: Real
+    sound: bool
 
 
 @dataclass(frozen=True)

@@ -138,11 +138,30 @@ class Backbone:
         The least complementary energy V(T) under the torque T has dV/dT = angle and dV/d gap = force, so
         the influence of a gap on the angle is the slope of its force over the torque (Maxwell's reciprocity).
         """
+        return self._over_torque(self.states.force)
+
+    def _over_torque(self, values: Real) -> Real:
+        """Derivative of ``values`` (n, n_nodes, ...) by the torque [N mm], from either side of the play."""
         middle = len(self.torque) // 2
         sides = (slice(None, middle), slice(middle, None))
-        return np.concatenate(
-            [np.gradient(self.states.force[:, side], self.torque[side], axis=1) for side in sides], axis=1
-        )
+        return np.concatenate([np.gradient(values[:, side], self.torque[side], axis=1) for side in sides], axis=1)
+
+    def change(self, drive: Drive, near: Drive) -> Real:
+        """Change of the angle (n, n_nodes) [rad], to first order, from the ``drive`` of this curve to a ``near`` one.
+
+        Gaps, compliance, laws, bearing and torsion may differ.
+
+        Notes
+        -----
+        By the energy of ``influence``: what each contact and the bearing give way more under the forces that they
+        carry, times the slope of these over the torque.
+        """
+        force = self.states.force
+        given = [one.gap[:, None] + force @ one.compliance + one.laws.deflection(force) for one in (near, drive)]
+        change = np.sum(self._over_torque(force) * (given[0] - given[1]), axis=2)
+        thrust = np.linalg.norm(force @ drive.reducer.closing[:, :2], axis=2)
+        held = [one.bearing.depth(thrust) + one.bearing_clearance[:, None] for one in (near, drive)]
+        return change + self._over_torque(thrust) * (held[0] - held[1]) + (near.torsion - drive.torsion) * self.torque
 
 
 def ladder(levels: int, reach: float) -> Real:

@@ -27,6 +27,10 @@ class Bearing:
     stiffness: float
     exponent: float
 
+    def depth(self, force: Real) -> Real:
+        """How far the spring gives way [mm] under a force (...) [N], its clearance not counted."""
+        return (force / self.stiffness) ** (1 / self.exponent)
+
 
 @dataclass(frozen=True)
 class RollerPlate:

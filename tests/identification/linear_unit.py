@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.identification.fitting import Fitter
 from pipeline.identification.problem import Data, Model, candidates
-from pipeline.identification.unknowns import Fit
+from pipeline.identification.unknowns import Fit, Prediction
 
 MODELS = {k: tuple(candidates()[name] for name in names) for k, names in enumerate([(), ("coulomb",), ("ovality_2",)])}
 
@@ -62,7 +62,11 @@ class LinearFitter(Fitter):
         lacking = np.zeros(self.shares - len(unknowns.shares))
         flat = np.concatenate([unknowns.scales, unknowns.shares, lacking, unknowns.modes])
         influence = self.design[:, self.design.shape[1] - n_modes :] if modes else np.zeros((len(data), n_modes))
-        return np.where(there, self.design @ flat, np.nan), influence * there[:, None], True
+        angle = np.where(there, self.design @ flat, np.nan)
+        return Prediction(angle, influence * there[:, None], np.zeros(len(data)), True)
+
+    def _change(self, model, now, near, at, positions):
+        return self.predict(model, near, positions).angle - at.angle
 
 
 def stood(fitter: LinearFitter, model: Model, unknowns, sigma) -> Fit:

@@ -116,7 +116,7 @@ def test_calibrated_scales_are_found_again(known):
         "output.roller_length_mm",
     )
     at = replace(fitter.start(Model()), scales=truth)
-    angle, _, sound = fitter.predict(Model(), at)
+    angle, _, _, sound = fitter.predict(Model(), at)
     assert sound
     noise = known.data.noise * np.random.default_rng(0).standard_normal(len(angle))
     other = Fitter(with_angles(known, angle + noise))
@@ -131,7 +131,7 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
     fitter = Fitter(unknown)
     start = fitter.start(Model())
     fit = fitter.fit(Model(), everything(unknown), start)
-    declared = fitter.predict(Model(), start)[0]
+    declared = fitter.predict(Model(), start).angle
     before = rms(unknown, declared + fitter.offsets(declared, everything(unknown), unknown.data.sigma))[0]
     assert before > 10 * unknown.data.noise
     assert rms(unknown, fit.predicted)[1] < 1.5
@@ -142,17 +142,34 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
 def test_influence_of_modes_is_the_difference_of_predictions(unknown):
     fitter = Fitter(unknown)
     start = fitter.start(Model())
-    plain, influence, _ = fitter.predict(Model(), start, modes=True)
+    plain, influence, _, _ = fitter.predict(Model(), start, modes=True)
     for mode in (0, 1, 4):
         ends = []
         for step in (1e-3, -1e-3):
             moved = start.modes.copy()
             moved[mode] = step
-            ends.append(fitter.predict(Model(), replace(start, modes=moved))[0])
+            ends.append(fitter.predict(Model(), replace(start, modes=moved)).angle)
         found = (ends[0] - ends[1]) / 2e-3
         misfit = np.abs(influence[:, mode] - found)
         assert np.median(misfit) < 0.01 * np.max(np.abs(found))
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(found))
+
+
+@pytest.mark.parametrize("names", [(), ("pin_radius_error",), ("coulomb", "eccentricity_error")])
+def test_derivatives_by_springs_and_gaps_are_those_of_predictions(known, names):
+    fitter, model = Fitter(known), Model(tuple(candidates()[name] for name in names))
+    now = fitter.start(model, np.full(model.n_parameters, 0.6))
+    positions, weight = list(fitter.positions), 1 / known.data.sigma**2
+    at = fitter.predict(model, now, modes=True)
+    found, _ = fitter.jacobian(model, now, at, positions, weight, None)
+    for k in range(len(now.scales) + len(now.shares)):
+        flat, step = now.flat, 2e-3
+        flat[k] += step
+        there = fitter.predict(model, now.like(flat)).angle
+        truth = fitter.centred((there - at.angle) / step, weight)
+        misfit = np.abs(found[:, k] - truth)
+        assert np.median(misfit) < 0.02 * np.max(np.abs(truth))
+        assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(truth))
 
 
 def test_modes_have_unit_variance_over_their_population_and_span_its_curves():

@@ -93,7 +93,7 @@ def test_effects_without_an_equilibrium_promise_nothing_at_all():
     cells = np.ones(len(fitter.problem.data), bool)
     assert screened(fitter, cells, [base], [EFFECT]).keys() == {EFFECT.name}
     plain = fitter.predict
-    fitter.predict = lambda model, *more, **named: (*plain(model, *more, **named)[:2], model.n_effects == 0)
+    fitter.predict = lambda model, *more, **named: plain(model, *more, **named)._replace(sound=model.n_effects == 0)
     assert look.starts(EFFECT) == []
     assert screened(fitter, cells, [base], [EFFECT]) == {}
 

@@ -216,3 +216,28 @@ def test_a_tight_disk_that_gets_play_falls_by_it_and_its_contacts_stay_as_deep_a
     fallen = moved[:, :2] @ drive.reducer.closing[:, :2].T
     left = np.abs((force * deeper) @ rotations)
     assert np.all(left < 1e-9 * np.max(np.abs(force * fallen) @ np.abs(rotations)))
+
+
+CHANGES = {
+    "compliance": lambda drive: {"compliance": 1.001 * drive.compliance},
+    "laws": lambda drive: {"laws": replace(drive.laws, linear=1.001 * drive.laws.linear)},
+    "gaps": lambda drive: {"shift": drive.shift + np.linspace(-1e-6, 2e-6, drive.gap.shape[1])},
+    "bearing": lambda drive: {"bearing": replace(drive.bearing, stiffness=0.999 * drive.bearing.stiffness)},
+    "clearance": lambda drive: {"bearing_clearance": drive.bearing_clearance + 2e-6},
+    "torsion": lambda drive: {"torsion": 1e-13},
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_small_change_of_springs_and_gaps_moves_the_curve_as_the_forces_say(name):
+    drive = small_drive(3, seed=6, clearance=10 * MICROMETRE)
+    near = replace(drive, **CHANGES[name](drive), known=None)
+    shares = ladder(160, 1.05)  # the slope of the forces is taken over the nodes
+    curve = backbone(drive, shares)
+    truth = backbone(near, shares).angle - curve.angle
+    found = curve.change(drive, near)
+    loaded = np.abs(curve.torque) > 0.02 * RATED
+    assert np.max(np.abs(truth[:, loaded])) > 1e-10
+    off = np.abs(found - truth)[:, loaded] / np.max(np.abs(truth[:, loaded]))
+    assert np.quantile(off, 0.97) < 0.03
+    assert np.max(off) < 0.3  # where a contact closes between two nodes

@@ -68,7 +68,7 @@ def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dic
     else:
         model = Model((candidates()[true],))
         shares = unmapped(fitter.bounds(model), made.truth["effects"][0]["values"])
-        curves = fitter.predict(model, fitter.start(model, shares))[0]
+        curves = fitter.predict(model, fitter.start(model, shares)).angle
     problem = replace(problem, data=replace(problem.data, angle=curves))
     fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
     base = fitter.fit(Model(), everything, fitter.start(Model()))
@@ -102,10 +102,10 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
         return padded - basis @ (basis.T @ padded)
 
     def moved(shares: Real) -> Real:
-        angle = fitter.predict(model, replace(base.unknowns, shares=shares))[0]
+        angle = fitter.predict(model, replace(base.unknowns, shares=shares)).angle
         return free(fitter.centred(np.nan_to_num(angle - plain), weight) / data.sigma)
 
-    plain = fitter.predict(Model(), base.unknowns)[0]
+    plain = fitter.predict(Model(), base.unknowns).angle
     zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
     goal, best = free(left), (np.inf, zero)
     for shape, step in product(SHAPES if not np.all(grows) else SHAPES[:1], STEPS):
