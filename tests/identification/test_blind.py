@@ -16,6 +16,7 @@ from pipeline.identification.blind.generate import FULL, NONE, Maker, generate, 
 from pipeline.identification.blind.outside import OUTSIDE
 from pipeline.identification.blind.ramps import draw_bench
 from pipeline.identification.blind.rates import lower_bound, rates
+from pipeline.identification.blind.report import write_reports
 from pipeline.identification.blind.sizes import amplitude_of, problem_of
 from pipeline.identification.blind.unitpath import true_unit
 from pipeline.identification.fitting import Fitter
@@ -176,3 +177,20 @@ def test_three_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "one_case", lambda *_: pytest.fail("a finished case was solved again"))
     assert [row.truth for row in run.blind(3, 8, 1, ROOT, tmp_path)] == [row.truth for row in rows]
     assert {one.name for one in rates(rows)} >= {"no effect: none named"}
+
+
+def test_unit_whose_identification_fails_keeps_its_row_with_the_reason(smallest, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "catalogue", lambda root: smallest.reducers)
+    monkeypatch.setattr(run, "condense", lambda reducers, folder, jobs: smallest.condensed)
+
+    def failing(unit, *_, **__):
+        raise ArithmeticError(f'no force, "{unit.folder.name}",\nnot anywhere')
+
+    monkeypatch.setattr(run, "identify", failing)
+    rows = run.blind(2, 8, 1, ROOT, tmp_path)
+    assert [(row.verdict, row.correct) for row in rows] == [("failed", False)] * 2
+    kept = list(run.read_rows(tmp_path / "blind" / "cases.csv"))
+    assert kept[1].reason == 'ArithmeticError: no force, "0001",\nnot anywhere'
+    assert [row.truth for row in kept] == [row.truth for row in rows]
+    write_reports(kept, tmp_path / "report")
+    assert "failed" in (tmp_path / "report" / "confusion.csv").read_text()

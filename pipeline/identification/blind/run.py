@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -29,6 +30,8 @@ FULL_RUN = sum(FULL.values())
 VISIBLE = 3.0
 """Size in noise floors from which an effect must be seen."""
 SEED = 20240229
+FAILED = "failed"
+"""Verdict of a unit whose identification ended in an error."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class Row:
     nearest, nearest_floors : other effect that comes nearest to the true one in the oracle's eyes, and how near.
     parameter_covered : whether the true parameters of the effect lie in their intervals.
     parameters : of the named effects, each with its interval and, where it was there, its true value.
+    reason : why there is no verdict, where the identification failed.
     """
 
     case: int
@@ -65,6 +69,7 @@ class Row:
     structure: float
     traced: str
     parameters: str
+    reason: str
     kind: str
     reducer: str
     dimensions_known: bool
@@ -90,21 +95,32 @@ def blind(cases: int, seed: int, jobs: int, root: Path, runs: Path) -> list[Row]
 
 
 def one_case(maker: Maker, case: int, code: str) -> Row:
-    """Generate, identify, and hold the verdict against the truth."""
+    """Generate, identify, and hold the verdict against the truth; a unit that fails keeps its row with the reason."""
     made = generate(maker, case)
     folder, (believed, condensed) = maker.unit_folder(case), maker.condensed[made.reducer.name]
     started = time.perf_counter()
-    found = identify(load_measured_unit(folder, maker.root), believed, nested=False)
-    seconds = time.perf_counter() - started
-    near = {}
-    if made.truth["kind"] in (ONE, OUTSIDE_KIND):
-        near = oracle.distances(made, folder, maker.root, condensed)
-    return _row(made, case, found, seconds, near, maker.seed, code)
+    own = {"case": case, "seed": maker.seed, "code": code}
+    try:
+        found = identify(load_measured_unit(folder, maker.root), believed, nested=False)
+        seconds = time.perf_counter() - started
+        near = {}
+        if made.truth["kind"] in (ONE, OUTSIDE_KIND):
+            near = oracle.distances(made, folder, maker.root, condensed)
+    except Exception as error:  # the other units are worth their verdicts
+        return _failed(made, error, seconds=time.perf_counter() - started, **own)
+    return _row(made, found, near, seconds=seconds, **own)
 
 
-def _row(
-    made: Made, case: int, found: Identification, seconds: float, near: Mapping[str, float], seed: int, code: str
-) -> Row:
+def _failed(made: Made, error: Exception, **own: Any) -> Row:
+    """Row of a unit without a verdict: nothing known, nothing right."""
+    truth = made.truth
+    unknown: dict[str, Any] = {"str": "", "int": 0, "float": float("nan"), "bool": False}
+    values = {field.name: unknown.get(str(field.type)) for field in fields(Row)}
+    values |= {name: truth[name] for name in ("truth", "size_over_noise", "kind", "reducer", "dimensions_known")}
+    return Row(**{**values, **own, "verdict": FAILED, "reason": f"{type(error).__name__}: {error}"})
+
+
+def _row(made: Made, found: Identification, near: Mapping[str, float], **own: Any) -> Row:
     truth, said = made.truth, found.verdict
     kind, size = truth["kind"], truth["size_over_noise"]
     parts = [frozenset(name.split("+")) for name in said.named]
@@ -112,7 +128,7 @@ def _row(
     nearest = min(near, key=lambda name: near[name], default="")
     declared, recalibrated, after = errors_of(found)
     return Row(
-        case=case,
+        **own,
         truth=truth["truth"],
         size_over_noise=size,
         verdict=said.verdict,
@@ -124,7 +140,6 @@ def _row(
         rms_recalibrated_arcmin=recalibrated,
         rms_after_arcmin=after,
         noise_floor_arcmin=found.problem.data.noise if found.problem else float("nan"),
-        seconds=seconds,
         parameter_covered=_covered(found, truth) if kind == ONE else None,
         both=true in parts if kind == TWO else None,
         nearest=nearest,
@@ -132,11 +147,10 @@ def _row(
         structure=said.structure,
         traced=";".join(said.traced),
         parameters=_parameters(found, truth),
+        reason="",
         kind=kind,
         reducer=truth["reducer"],
         dimensions_known=truth["dimensions_known"],
-        seed=seed,
-        code=code,
     )
 
 
@@ -197,9 +211,11 @@ def source_hash(root: Path) -> str:
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
     """The table cases.csv; truths as true and false, what is not known empty."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    lines = [",".join(field.name for field in fields(Row))]
-    lines += [",".join(_written(value) for value in asdict(row).values()) for row in rows]
-    write_atomic(path, ("\n".join(lines) + "\n").encode())
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([field.name for field in fields(Row)])
+    table.writerows([[_written(value) for value in asdict(row).values()] for row in rows])
+    write_atomic(path, text.getvalue().encode())
 
 
 def _written(value: object) -> str:
