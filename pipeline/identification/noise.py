@@ -6,6 +6,7 @@ All numbers are of cells (averages over neighbouring torques), which are what is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ STEEP = 3.0
 """Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
 motor the difference of two repeats is the noise of the torque times the slope, not that of the angle."""
 RESAMPLES = 1000
+SURE = 3.0
+"""Standard deviations of a difference of two cells that a step must exceed the steep slope by: where cells are narrow,
+noise alone looks steep, and to leave out what is noisy would make the floor too low."""
 FEWEST_CELLS = 3
 """Cells of a branch that a line between neighbours needs."""
 
@@ -110,7 +114,7 @@ def _repeats(blocks: Blocks, cells: Cells) -> list[Real]:
 
 def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
     """Differences between neighbouring positions of the branches averaged over all cycles but the first branch."""
-    loops: list[dict[tuple[int, int], tuple[Real, Real]]] = []
+    loops: list[dict[tuple[int, int], Branch]] = []
     for position in np.unique(blocks.position):
         mine = np.flatnonzero(blocks.position == position)
         kinds: dict[tuple[int, int], list[int]] = {}
@@ -123,38 +127,61 @@ def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
     return found
 
 
-def _branch(cells: Cells, block: int) -> tuple[Real, Real]:
-    """Torque [N m], ascending, and angle [arcmin] of the cells of a block."""
+class Branch(NamedTuple):
+    """Cells of a block.
+
+    Attributes
+    ----------
+    torque : (n,) ascending [N m].
+    angle : (n,) [arcmin].
+    blur : scatter of a cell's angle by that of its rows [arcmin].
+    """
+
+    torque: Real
+    angle: Real
+    blur: float
+
+
+def _branch(cells: Cells, block: int) -> Branch:
+    """The cells of a block."""
     mine = np.flatnonzero(cells.block == block)
     mine = mine[np.argsort(cells.torque_mean[mine], kind="stable")]
-    return cells.torque_mean[mine], cells.angle_mean[mine]
+    known = cells.angle_spread[mine] / np.sqrt(np.maximum(cells.count[mine], 1))
+    known = known[np.isfinite(known)]
+    return Branch(cells.torque_mean[mine], cells.angle_mean[mine], float(np.median(known)) if known.size else 0.0)
 
 
-def _mean_branch(branches: list[tuple[Real, Real]]) -> tuple[Real, Real]:
+def _mean_branch(branches: list[Branch]) -> Branch:
     """Mean angle over the repeats of a branch, at the torques of the first that all of them reach."""
-    there = [branch for branch in branches if branch[0].size]
+    there = [branch for branch in branches if branch.torque.size]
     if not there:
-        return np.empty(0), np.empty(0)
-    low, high = max(torque[0] for torque, _ in there), min(torque[-1] for torque, _ in there)
-    torque = there[0][0]
+        return Branch(np.empty(0), np.empty(0), 0.0)
+    low, high = max(one.torque[0] for one in there), min(one.torque[-1] for one in there)
+    torque = there[0].torque
     torque = torque[(torque >= low) & (torque <= high)]
-    return torque, np.mean([np.interp(torque, *branch) for branch in there], axis=0) if torque.size else torque
+    angle = np.mean([np.interp(torque, one.torque, one.angle) for one in there], axis=0) if torque.size else torque
+    return Branch(torque, angle, float(np.mean([one.blur for one in there]) / np.sqrt(len(there))))
 
 
-def _difference(first: tuple[Real, Real], second: tuple[Real, Real]) -> Real:
+def _difference(first: Branch, second: Branch) -> Real:
     """Angle of `second` less `first` [arcmin] at the torques of `first` that both reach, steep places left out."""
-    if min(first[0].size, second[0].size) < FEWEST_CELLS:
+    if min(first.torque.size, second.torque.size) < FEWEST_CELLS:
         return np.empty(0)
-    torque, angle = first
-    inside = (torque >= second[0][0]) & (torque <= second[0][-1]) & ~_steep(*first)
-    inside &= ~_steep(*second)[np.clip(np.searchsorted(second[0], torque), 0, second[0].size - 1)]
-    other, variance = _interpolated(second, torque)
-    return ((other - angle) * np.sqrt(2 / (1 + variance)))[inside]
+    inside = _even(second, first.torque) & ~_steep(first)
+    other, variance = _interpolated(second, first.torque)
+    return ((other - first.angle) * np.sqrt(2 / (1 + variance)))[inside]
 
 
-def _interpolated(branch: tuple[Real, Real], at: Real) -> tuple[Real, Real]:
+def _even(branch: Branch, at: Real) -> NDArray[np.bool_]:
+    """Torques that a branch reaches and where it is not steep."""
+    torque = branch.torque
+    steep = _steep(branch)[np.clip(np.searchsorted(torque, at), 0, torque.size - 1)]
+    return (at >= torque[0]) & (at <= torque[-1]) & ~steep
+
+
+def _interpolated(branch: Branch, at: Real) -> tuple[Real, Real]:
     """Angle of a branch at torques, and its variance in that of a cell: two of them share in it."""
-    torque, angle = branch
+    torque, angle = branch.torque, branch.angle
     upper = np.clip(np.searchsorted(torque, at), 1, torque.size - 1)
     share = np.clip((at - torque[upper - 1]) / np.maximum(torque[upper] - torque[upper - 1], 1e-300), 0, 1)
     return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
@@ -196,7 +223,7 @@ def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, fl
     for position in np.unique(blocks.position):
         mine = np.flatnonzero(blocks.position == position)
         for block in mine[1:]:
-            kinds.setdefault((int(blocks.branch[block]), int(blocks.direction[block])), _branch(cells, block)[0])
+            kinds.setdefault((int(blocks.branch[block]), int(blocks.direction[block])), _branch(cells, block).torque)
     for position in np.unique(blocks.position):
         mine = np.flatnonzero(blocks.position == position)
         loops = {}
@@ -222,14 +249,12 @@ def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, fl
     return found
 
 
-def _on_nodes(branch: tuple[Real, Real] | None, torque: Real) -> tuple[Real, Real]:
+def _on_nodes(branch: Branch | None, torque: Real) -> tuple[Real, Real]:
     """Angle and variance of a branch at torques; NaN where it does not reach or is steep."""
-    if branch is None or branch[0].size < FEWEST_CELLS:
+    if branch is None or branch.torque.size < FEWEST_CELLS:
         return np.full(len(torque), np.nan), np.ones(len(torque))
     angle, variance = _interpolated(branch, torque)
-    inside = (torque >= branch[0][0]) & (torque <= branch[0][-1])
-    inside &= ~_steep(*branch)[np.clip(np.searchsorted(branch[0], torque), 0, branch[0].size - 1)]
-    return np.where(inside, angle, np.nan), variance
+    return np.where(_even(branch, torque), angle, np.nan), variance
 
 
 def _mean(values: Real) -> float:
@@ -237,9 +262,10 @@ def _mean(values: Real) -> float:
     return float(known.mean()) if known.size else np.nan
 
 
-def _steep(torque: Real, angle: Real) -> NDArray[np.bool_]:
-    """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch."""
-    rise, run = np.abs(np.diff(angle)), np.abs(np.diff(torque))
+def _steep(branch: Branch) -> NDArray[np.bool_]:
+    """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch, and not by its noise."""
+    torque, angle = branch.torque, branch.angle
+    rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.blur, np.abs(np.diff(torque))
     steep = rise * np.ptp(torque) > STEEP * np.ptp(angle) * run
     return np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
 
