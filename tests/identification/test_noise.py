@@ -66,6 +66,16 @@ def test_floor_and_random_are_the_noise_of_a_cell_where_repeats_are_at_other_tor
     np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.04)
 
 
+@pytest.mark.parametrize("noise", [0.1, 0.5, 2.0])
+def test_noise_that_looks_steep_is_not_left_out_of_its_floor(tmp_path, noise):
+    ratios = []
+    for seed in range(3):
+        found, averaged = noise_of(tmp_path / str(seed), straight(noise, seed))
+        expected = noise * np.sqrt(np.mean(1 / averaged.count))
+        ratios.append([found.floor.value / expected, found.random.value / expected])
+    np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.08)
+
+
 def test_drift_between_cycles_is_in_the_floor_alone(tmp_path):
     table = measured(cycles=4, per_branch=400, noise=0.02)
     drifting = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.2 * table["cycle"]))
