@@ -155,7 +155,7 @@ def test_influence_of_modes_is_the_difference_of_predictions(unknown):
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(found))
 
 
-OTHERS = [("creep",), ("torque_zero",), ("motor_cogging",)]  # not by the forces: predicted anew
+OTHERS = [("creep",), ("torque_gain",), ("motor_cogging",)]  # not by the forces: predicted anew
 
 
 @pytest.mark.parametrize("names", [(), ("pin_radius_error",), ("coulomb", "eccentricity_error"), *OTHERS])
