@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.identification.heldout import Trial
 from pipeline.identification.problem import Model, candidates
+from pipeline.identification.screening import Promise
 from pipeline.identification.selection import (
     ALIKE,
     FAMILYWISE,
@@ -210,3 +211,22 @@ def test_best_is_tried_without_each_effect_and_with_the_simpler_one():
     for name, values in expected.items():
         np.testing.assert_array_equal(starts[name], values)
     assert found.keys() == {"presliding", "coulomb+preload"}
+
+
+@pytest.mark.parametrize(("left", "fitted"), [(0.9, "abcdefg"), (0.09, "abcd"), (0.11, "abcdefg")])
+def test_the_best_four_are_always_fitted_and_others_that_promise_a_tenth_of_what_was_reached(left, fitted):
+    """The second reaches ``left``, far below what it promised; all promise about the base.s misfit."""
+    promised = {"a": 0.92, "b": 0.93} | dict.fromkeys("cdefg", 0.95)
+    tried = []
+
+    def fit(model, cells, start, *_, **__):
+        tried.append(model.effects[-1].name)
+        cost = 10.0 * left if tried[-1] == "b" else 10.0
+        return SimpleNamespace(model=model, cost=cost, sound=True, unknowns=start)
+
+    effects = {name: SimpleNamespace(name=name) for name in promised}
+    selector = SimpleNamespace(fitter=SimpleNamespace(fit=fit), testable=effects)
+    promises = {name: Promise(misfit, (None,)) for name, misfit in promised.items()}
+    base = SimpleNamespace(model=Model(), cost=10.0)
+    Selector.fits(selector, base, np.ones(1, bool), promises, 3)
+    assert "".join(dict.fromkeys(tried)) == fitted
