@@ -9,8 +9,7 @@ from pipeline.config.design import Material as MaterialSection
 from pipeline.config.design import PinInHole as PinInHoleSection
 from pipeline.config.design import RollerPlate as RollerPlateSection
 from pipeline.config.study import Study
-from pipeline.model.clearance import Errors
-from pipeline.model.contact import (
+from pipeline.model.contact.laws import (
     ContactLaws,
     LineContact,
     Material,
@@ -22,9 +21,9 @@ from pipeline.model.contact import (
     meshed_share,
     palmgren_laws,
 )
-from pipeline.model.cycle import LoadCycle
-from pipeline.model.profile import CycloidProfile, Real
-from pipeline.model.reducer import (
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.reducer import (
     Bearing,
     PinInHole,
     Reducer,
@@ -32,6 +31,7 @@ from pipeline.model.reducer import (
     pin_in_hole_reducer,
     roller_plate_reducer,
 )
+from pipeline.model.load_history.load_cycle import LoadCycle
 
 if TYPE_CHECKING:  # its statistics are slow to import, and workers import this module
     from pipeline.sampling import Errors as SampledErrors

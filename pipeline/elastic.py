@@ -5,12 +5,12 @@ import numpy as np
 from pipeline.assembly import pins_in_holes, profile
 from pipeline.config.design import PinInHole
 from pipeline.config.study import Study
-from pipeline.model.bodies import ElasticBody, elastic_body
-from pipeline.model.meshing import flank_nodes, lobed_disk_mesh
-from pipeline.model.patches import Patches, boundary_patches, joined, line_patches
-from pipeline.model.perforation import hole_boundary, perforated_mesh
-from pipeline.model.profile import disk_rotation
-from pipeline.model.reducer import OUTPUT, PIN, Reducer
+from pipeline.model.elastic.condensed_body import ElasticBody, elastic_body
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
+from pipeline.model.elastic.perforated_mesh import hole_boundary, perforated_mesh
+from pipeline.model.elastic.pressure_patches import Patches, boundary_patches, joined, line_patches
+from pipeline.model.geometry.cycloid_profile import disk_rotation
+from pipeline.model.geometry.reducer import OUTPUT, PIN, Reducer
 
 EDGES_PER_HALF_WIDTH = 2
 """Edges of a hole's wall under half of a patch."""

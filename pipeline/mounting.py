@@ -6,10 +6,10 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config.study import Study
-from pipeline.model.clearance import Errors
-from pipeline.model.drive import Drive, GapReading
 from pipeline.model.effects import Conditions, library
-from pipeline.model.profile import Real
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.load_history.drive import Drive, GapReading
 
 
 def drive_of(study: Study, crank_deg: float, compliance: Real, errors: Errors, loose: Real) -> Drive:

@@ -6,7 +6,7 @@ import pandas as pd
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.model.cycle import curve_metrics
+from pipeline.model.load_history.load_cycle import curve_metrics
 from pipeline.sampling import replicates
 from pipeline.statistics import Estimate, distribution, pass_share, rank_correlation, variance_shares
 from stages.keys import CRANK, SAMPLE, STATUS

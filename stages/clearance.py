@@ -8,12 +8,12 @@ from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.model.backlash import rigid_play
-from pipeline.model.clearance import Errors
-from pipeline.model.contact import ContactLaws
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Drive, GapReading
-from pipeline.model.reducer import Bearing, Reducer
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.load_history.drive import Drive, GapReading
+from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.mounting import with_effects
 from stages.keys import CONTACT, CRANK, SAMPLE, repeated
 from stages.sample import errors_of_columns

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import assembly
-from pipeline.model.reducer import Reducer
+from pipeline.model.geometry.reducer import Reducer
 
 UM_PER_MM = 1e3
 COMPLIANCE_FILE = "compliance.npz"

@@ -8,14 +8,14 @@ from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.model.clearance import Errors
-from pipeline.model.contact import ContactLaws
-from pipeline.model.cycle import ARCMIN, BRANCHES, LoadCycle, solve_cycle
-from pipeline.model.drive import Drive, GapReading
-from pipeline.model.equilibrium import Equilibria
-from pipeline.model.friction import Sliders
-from pipeline.model.frictional_cycle import solve_frictional_cycle
-from pipeline.model.reducer import PIN, Bearing, Reducer
+from pipeline.model.contact.friction_elements import Sliders
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.reducer import PIN, Bearing, Reducer
+from pipeline.model.load_history.drive import Drive, GapReading
+from pipeline.model.load_history.frictional_cycle import solve_frictional_cycle
+from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle, solve_cycle
 from pipeline.mounting import with_effects
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
 from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated

@@ -7,7 +7,7 @@ from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.model.contact import ContactLaws
+from pipeline.model.contact.laws import ContactLaws
 from stages.keys import CONTACT, CRANK
 
 UM_PER_MM = 1e3

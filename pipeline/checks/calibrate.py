@@ -18,7 +18,7 @@ from pipeline.config.consistency import number_keys
 from pipeline.config.section import nearest_name
 from pipeline.config.writing import toml_of
 from pipeline.errors import InputError
-from pipeline.model.profile import Real
+from pipeline.model.geometry.cycloid_profile import Real
 
 ROUNDS = 6
 SETTLED = 1e-4

@@ -14,12 +14,12 @@ from pydantic import BaseModel
 from pipeline import assembly, elastic
 from pipeline.config.design import Design
 from pipeline.config.study import Study
-from pipeline.model.clearance import gaps
-from pipeline.model.contact import ContactLaws
-from pipeline.model.cycle import ARCMIN, BRANCHES, LoadCycle, curve_metrics, solve_cycle
-from pipeline.model.equilibrium import Equilibria
-from pipeline.model.profile import Real
-from pipeline.model.reducer import Reducer
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.clearance import gaps
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle, curve_metrics, solve_cycle
 from pipeline.sampling import draw
 
 METRICS = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")

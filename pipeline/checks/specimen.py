@@ -7,14 +7,14 @@ import numpy as np
 
 from pipeline import assembly, elastic
 from pipeline.config import Study
-from pipeline.model.backlash import rigid_play
-from pipeline.model.bodies import Compliance, ElasticBody
-from pipeline.model.clearance import gaps
-from pipeline.model.contact import ContactLaws
-from pipeline.model.equilibrium import Equilibria, solve
-from pipeline.model.patches import Patches
-from pipeline.model.profile import CycloidProfile, Real
-from pipeline.model.reducer import Bearing, Reducer
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.elastic.condensed_body import Compliance, ElasticBody
+from pipeline.model.elastic.pressure_patches import Patches
+from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.geometry.clearance import gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.sampling import draw
 
 SHARES = np.array([0.03, 0.25, 0.5, 0.75, 1.0])

@@ -7,17 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import assembly
+from pipeline.checks.blind.report import write_reports
+from pipeline.checks.blind.run import FULL_RUN, SEED, blind
 from pipeline.cli import settings
 from pipeline.config import Study, load_study
 from pipeline.engine.runner import run
 from pipeline.errors import InputError
-from pipeline.identification import population_results, results
-from pipeline.identification.blind.report import write_reports
-from pipeline.identification.blind.run import FULL_RUN, SEED, blind
-from pipeline.identification.closing import closing, read_population_run
 from pipeline.identification.identify import identify
-from pipeline.identification.population import compared, load_population
-from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.results import write as results
+from pipeline.population import results as population_results
+from pipeline.population.comparison import compared, load_population
+from pipeline.population.tolerance_shift import closing, read_population_run
 from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
 from stages.chain import STAGES

@@ -8,7 +8,7 @@ from typing import Any
 
 from pipeline.config.design import Cycloid, Disk, Housing, PinInHole, RollerPlate
 from pipeline.config.section import Problem, nearest_name
-from pipeline.model.profile import CycloidProfile
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 
 def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:

@@ -37,7 +37,7 @@ class Fingerprint:
     settings : mapping
         Values of the used sections by dotted name ("cycle.crank_deg").
     sources : mapping
-        Hash of each source file by its path ("pipeline/model/contact.py"); comments and docstrings do not count.
+        Hash of each source file by its path ("pipeline/model/contact/laws.py"); comments and docstrings do not count.
     packages : mapping
         Version of each library in `PACKAGES`, and of Python.
     inputs : mapping

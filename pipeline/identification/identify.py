@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.study import Study
-from pipeline.identification.branches import Blocks, Cells, cells, find_blocks, history
-from pipeline.identification.faults import Fault, data_faults
-from pipeline.identification.fitting import Fitter
-from pipeline.identification.heldout import conditioned, groups, predicted_by_folds
-from pipeline.identification.noise import Noise, measured_noise
-from pipeline.identification.problem import Model, Problem, candidates
-from pipeline.identification.reading import Rows, read_rows, training_rows
-from pipeline.identification.selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
-from pipeline.identification.setup import build_problem
-from pipeline.identification.unit import UnitFile
-from pipeline.identification.usable import usable_rows
-from pipeline.identification.verdict import FAULT, Verdict, judge
+from pipeline.identification.fitting.build import build_problem
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.problem import Model, Problem, candidates
+from pipeline.identification.measurement.branches import Blocks, Cells, cells, find_blocks, history
+from pipeline.identification.measurement.data_faults import Fault, data_faults
+from pipeline.identification.measurement.repeatability import Noise, measured_noise
+from pipeline.identification.measurement.row_filters import usable_rows
+from pipeline.identification.measurement.rows import Rows, read_rows, training_rows
+from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.selection.cross_validation import conditioned, groups, predicted_by_folds
+from pipeline.identification.selection.model_selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
+from pipeline.identification.selection.verdict import FAULT, Verdict, judge
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]

@@ -18,7 +18,7 @@ from pipeline.figures.reducer import reducer_figure
 from pipeline.figures.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.figures.springs import spring_laws_figure
-from pipeline.model.profile import CycloidProfile, disk_rotation
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.wording import counted, plain
 

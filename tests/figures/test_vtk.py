@@ -6,7 +6,7 @@ import pytest
 from skfem import MeshTri
 
 from pipeline.figures.vtk import write_vtk
-from pipeline.model.bodies import elastic_body
+from pipeline.model.elastic.condensed_body import elastic_body
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk"])

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from pipeline.identification.fitting import Fitter
-from pipeline.identification.problem import Data, Model, candidates
-from pipeline.identification.unknowns import Fit, Prediction
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, Prediction
+from pipeline.identification.fitting.problem import Data, Model, candidates
 
 MODELS = {k: tuple(candidates()[name] for name in names) for k, names in enumerate([(), ("coulomb",), ("ovality_2",)])}
 

@@ -12,14 +12,14 @@ import pandas as pd
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.study import Study
-from pipeline.identification.branches import cells, find_blocks, history
-from pipeline.identification.forward import Course, Forward
-from pipeline.identification.noise import measured_noise
-from pipeline.identification.problem import Model, Problem, candidates
-from pipeline.identification.reading import read_rows
-from pipeline.identification.setup import build_problem, drive_of
-from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.usable import usable_rows
+from pipeline.identification.bench.simulator import Course, Forward
+from pipeline.identification.fitting.build import build_problem, drive_of
+from pipeline.identification.fitting.problem import Model, Problem, candidates
+from pipeline.identification.measurement.branches import cells, find_blocks, history
+from pipeline.identification.measurement.repeatability import measured_noise
+from pipeline.identification.measurement.row_filters import usable_rows
+from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.model.effects import Conditions
 from pipeline.sampling import draw
 

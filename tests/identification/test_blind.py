@@ -10,19 +10,19 @@ import pytest
 from scipy.stats import binom
 
 from pipeline import assembly
-from pipeline.identification.blind import run
-from pipeline.identification.blind.designs import UNCERTAIN, catalogue, condense
-from pipeline.identification.blind.generate import FULL, NONE, Maker, generate, kind_of
-from pipeline.identification.blind.outside import OUTSIDE
-from pipeline.identification.blind.ramps import draw_bench
-from pipeline.identification.blind.rates import lower_bound, rates
-from pipeline.identification.blind.report import write_reports
-from pipeline.identification.blind.sizes import amplitude_of, problem_of
-from pipeline.identification.blind.unitpath import true_unit
-from pipeline.identification.fitting import Fitter
-from pipeline.identification.problem import Model, candidates
-from pipeline.identification.setup import refitted
-from pipeline.identification.unit import load_measured_unit
+from pipeline.checks.blind import run
+from pipeline.checks.blind.bench import draw_bench
+from pipeline.checks.blind.catalogue import UNCERTAIN, catalogue, condense
+from pipeline.checks.blind.effect_size import amplitude_of, problem_of
+from pipeline.checks.blind.generate import FULL, NONE, Maker, generate, kind_of
+from pipeline.checks.blind.outside_effects import OUTSIDE
+from pipeline.checks.blind.rates import lower_bound, rates
+from pipeline.checks.blind.report import write_reports
+from pipeline.checks.blind.true_unit import true_unit
+from pipeline.identification.fitting.build import refitted
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.sampling import draw
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +97,7 @@ def test_an_amplitude_is_found_where_the_size_grows_and_none_where_it_cannot():
 
 def test_without_effect_and_noise_the_models_own_study_is_recovered(smallest, tmp_path):
     """The generator's curves differ from the model's only through what it says: mesh, law and its own numbers."""
-    from pipeline.identification.blind.files import write_unit
+    from pipeline.checks.blind.files import write_unit
 
     reducer = smallest.reducers[0]
     study, (believed, _) = reducer.model, smallest.condensed[reducer.name]

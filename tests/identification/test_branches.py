@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
-from pipeline.identification.branches import cells, find_blocks, history, turning_points
-from pipeline.identification.reading import read_rows
-from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.usable import usable_rows
+from pipeline.identification.measurement.branches import cells, find_blocks, history, turning_points
+from pipeline.identification.measurement.row_filters import usable_rows
+from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def taken(folder, table, text=UNIT):

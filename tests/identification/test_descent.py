@@ -7,8 +7,8 @@ import pytest
 from linear_unit import LinearFitter, linear_data, model_of, stood
 from scipy.optimize import lsq_linear
 
-from pipeline.identification.descent import FIRST_DAMPING, damped_step
-from pipeline.identification.unknowns import Vector
+from pipeline.identification.fitting.least_squares import FIRST_DAMPING, damped_step
+from pipeline.identification.fitting.parameters import Vector
 
 SIGMA = 0.1
 

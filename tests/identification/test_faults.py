@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
-from pipeline.identification.faults import data_faults
-from pipeline.identification.reading import read_rows
-from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.usable import usable_rows
+from pipeline.identification.measurement.data_faults import data_faults
+from pipeline.identification.measurement.row_filters import usable_rows
+from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def judged(folder, tables, text=UNIT):

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_unit import ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
-from pipeline.identification.fitting import STEP, Fitter
-from pipeline.identification.heldout import groups
+from pipeline.identification.fitting.build import POPULATION
+from pipeline.identification.fitting.fitter import STEP, Fitter
+from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, mapped, unmapped
+from pipeline.identification.fitting.problem import Model, candidates, prior_modes
 from pipeline.identification.identify import identify
-from pipeline.identification.problem import Model, candidates, prior_modes
-from pipeline.identification.setup import POPULATION
-from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.unknowns import TOLERANCE, WIDE, mapped, unmapped
-from pipeline.model.cycle import ARCMIN
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.cross_validation import groups
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 TWO = Bench()
 COULOMB = Model((candidates()["coulomb"],))
@@ -203,7 +203,8 @@ def test_held_out_cells_have_no_influence_on_a_fit(known):
 def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatch):
     """The angles held out are replaced on disk: selection, model and parameters stay, the predictions too."""
     names = ("coulomb", "torque_zero")
-    monkeypatch.setattr("pipeline.identification.selection.candidates", lambda: {n: candidates()[n] for n in names})
+    offered = "pipeline.identification.selection.model_selection.candidates"
+    monkeypatch.setattr(offered, lambda: {n: candidates()[n] for n in names})
     more = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]'
     bench = Bench(cranks=CRANKS, cycles=3, rows=40, more=more)
     folder = make_unit(tmp_path / "u", {"coulomb": [0.3]}, bench, condensed)

@@ -8,11 +8,11 @@ from synthetic_unit import ROOT
 
 from pipeline import assembly
 from pipeline.config import load_study
-from pipeline.identification.forward import Course, Forward, Instrument
-from pipeline.identification.setup import drive_of
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Creep, backbone
+from pipeline.identification.bench.simulator import Course, Forward, Instrument
+from pipeline.identification.fitting.build import drive_of
 from pipeline.model.effects import Conditions, library
+from pipeline.model.load_history.drive import Creep, backbone
+from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.sampling import draw
 
 TURNS = np.array([0.0, 12.0, -12.0, 12.0, 0.0])

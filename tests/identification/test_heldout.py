@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of, stood
 
-from pipeline.identification.heldout import (
+from pipeline.identification.fitting.parameters import Vector
+from pipeline.identification.selection.cross_validation import (
     FAILED,
     LEAST_LOSS,
     OPEN_SHARE,
@@ -16,7 +17,6 @@ from pipeline.identification.heldout import (
     predicted_by_folds,
     trial,
 )
-from pipeline.identification.unknowns import Vector
 
 DATA = linear_data(positions=3, cells=6)
 SEEN = DATA.position < 2

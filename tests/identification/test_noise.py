@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from measured_bench import ROOT, measured, write_unit
 
-from pipeline.identification.branches import cells, find_blocks
-from pipeline.identification.noise import measured_noise
-from pipeline.identification.reading import read_rows
-from pipeline.identification.scatter import high_frequency_scatter
-from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.usable import usable_rows
+from pipeline.identification.measurement.branches import cells, find_blocks
+from pipeline.identification.measurement.repeatability import measured_noise
+from pipeline.identification.measurement.row_filters import usable_rows
+from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.scatter import high_frequency_scatter
+from pipeline.identification.measurement.unit_file import load_measured_unit
 
 REAL = ROOT.parent / "shared/data/anti_backlash_actuator"
 

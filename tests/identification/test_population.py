@@ -10,14 +10,14 @@ from scipy import stats
 
 from pipeline.config import load_study
 from pipeline.errors import InputError
-from pipeline.identification.closing import StudyPopulation, closing, mean_deviations, read_population_run
-from pipeline.identification.population import (
+from pipeline.population.comparison import (
     POPULATION_METRICS,
     compared,
     load_population,
     metrics_at,
     permutation_tests,
 )
+from pipeline.population.tolerance_shift import StudyPopulation, closing, mean_deviations, read_population_run
 from pipeline.sampling import draw
 from stages.sample import columns_of_errors
 
@@ -110,7 +110,7 @@ def test_ties_are_one_step():
 
 
 def test_intervals_of_bias_and_spread_cover(monkeypatch):
-    monkeypatch.setattr("pipeline.identification.population.PERMUTATIONS", 9)
+    monkeypatch.setattr("pipeline.population.comparison.PERMUTATIONS", 9)
     rng = np.random.default_rng(3)
     hits = np.zeros(2)
     samples = pd.DataFrame({"sample": np.arange(1500), "crank_deg": 0.0, "status": "ok"})

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, measured, write_unit
 
 from pipeline.errors import InputError
-from pipeline.identification.reading import read_rows, training_rows
-from pipeline.identification.unit import (
+from pipeline.identification.measurement.rows import read_rows, training_rows
+from pipeline.identification.measurement.unit_file import (
     ANGLE_UNITS,
     AngleColumn,
     TemperatureColumn,

@@ -7,9 +7,9 @@ import pytest
 from conftest import CRANKS
 from synthetic_unit import Bench, exactly_known, make_unit, problem_of
 
-from pipeline.identification.fitting import Fitter
-from pipeline.identification.problem import Model, candidates
-from pipeline.identification.selection import HOPELESS, Selector
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.model_selection import HOPELESS, Selector
 
 TWO, THREE = Bench(), Bench(cranks=CRANKS)
 CASES = {

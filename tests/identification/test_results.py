@@ -22,9 +22,9 @@ from pipeline.config.tolerances import Tolerances
 from pipeline.config.writing import toml_of
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
-from pipeline.identification import tables
 from pipeline.identification.identify import identify
-from pipeline.identification.signatures import (
+from pipeline.identification.results import tables
+from pipeline.identification.results.residual_signatures import (
     _Cells,
     _friction,
     _over_the_angle,
@@ -227,7 +227,7 @@ def test_residuals_and_errors_are_those_of_the_table(folder: Path) -> None:
 
 
 def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: Path) -> None:
-    from pipeline.identification.problem import candidates
+    from pipeline.identification.fitting.problem import candidates
 
     rows = pd.read_parquet(folder / "candidates.parquet")
     assert set(candidates()) <= set(rows["effect"])

@@ -8,11 +8,11 @@ from conftest import CRANKS
 from linear_unit import LinearFitter, linear_data, model_of
 from synthetic_unit import Bench, exactly_known, make_unit, problem_of
 
-from pipeline.identification.fitting import Fitter
-from pipeline.identification.problem import Model, candidates
-from pipeline.identification.screening import REACH, STEPS, Screening, screened
-from pipeline.identification.selection import Selector
-from pipeline.identification.unknowns import mapped
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import mapped
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.screening import REACH, STEPS, Screening, screened
 
 TWO, THREE = Bench(), Bench(cranks=CRANKS)
 UNITS = {

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.identification.heldout import Trial
-from pipeline.identification.problem import Model, candidates
-from pipeline.identification.screening import Promise
-from pipeline.identification.selection import (
+from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.cross_validation import Trial
+from pipeline.identification.selection.model_selection import (
     ALIKE,
     FAMILYWISE,
     FORM,
@@ -19,7 +19,7 @@ from pipeline.identification.selection import (
     Selection,
     Selector,
 )
-from pipeline.identification.unknowns import Fit, Vector
+from pipeline.identification.selection.screening import Promise
 from pipeline.statistics.blocks import confidence_set
 
 BRANCHES, CYCLES, CELLS = 8, 3, 5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic_unit import Bench, make_unit, problem_of
 
-from pipeline.identification.problem import candidates
+from pipeline.identification.fitting.problem import candidates
 from pipeline.model.effects.effect import STILL
 
 

@@ -7,7 +7,7 @@ from measured_bench import ROOT, UNIT, write_unit
 
 from pipeline.config import load_study
 from pipeline.errors import InputError
-from pipeline.identification.unit import load_measured_unit
+from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def problems(folder):

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
-from pipeline.identification.reading import read_rows
-from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.usable import START_NOISE, at_rest, usable_rows
+from pipeline.identification.measurement.row_filters import START_NOISE, at_rest, usable_rows
+from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.unit_file import load_measured_unit
 
 NOISE = 0.1  # [N m], declared
 DECLARED = UNIT + f"[instrument]\ntorque_noise_Nm = {NOISE}\n"

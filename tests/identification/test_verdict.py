@@ -7,13 +7,13 @@ import pytest
 from measured_bench import ROOT, measured, write_unit
 from scipy.stats import binom, norm
 
-from pipeline.identification.heldout import Trial
+from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.identify import identify
-from pipeline.identification.problem import Model, candidates
-from pipeline.identification.selection import FORM, STRUCTURE, Selection
-from pipeline.identification.unit import load_measured_unit
-from pipeline.identification.unknowns import Fit, Vector
-from pipeline.identification.verdict import DISTINGUISHING, intervals, judge
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.cross_validation import Trial
+from pipeline.identification.selection.model_selection import FORM, STRUCTURE, Selection
+from pipeline.identification.selection.verdict import DISTINGUISHING, intervals, judge
 
 BLOCKS, CELLS = 24, 20
 BOUNDS = (-4.0, 6.0)

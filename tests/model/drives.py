@@ -3,9 +3,9 @@
 import numpy as np
 from reducers import MICROMETRE, SMALL, errors_of, laws_of, random_compliance, random_errors, reducer_at
 
-from pipeline.model.drive import Drive, GapReading
-from pipeline.model.friction import Sliders
-from pipeline.model.reducer import Bearing
+from pipeline.model.contact.friction_elements import Sliders
+from pipeline.model.geometry.reducer import Bearing
+from pipeline.model.load_history.drive import Drive, GapReading
 
 RATED = 12000.0  # [N mm]
 LINEAR = Bearing(2e5, 1.0)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from pipeline.model.clearance import Errors
-from pipeline.model.contact import (
+from pipeline.model.contact.laws import (
     LineContact,
     Material,
     concatenated,
@@ -14,8 +13,9 @@ from pipeline.model.contact import (
     meshed_share,
     palmgren_laws,
 )
-from pipeline.model.profile import CycloidProfile
-from pipeline.model.reducer import OUTPUT, RollerPlate, roller_plate_reducer
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
+from pipeline.model.geometry.reducer import OUTPUT, RollerPlate, roller_plate_reducer
 
 PAPER = CycloidProfile(pins=80, pin_circle_radius=32.5, pin_radius=0.8, eccentricity=0.35)
 SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from reducers import ARCMIN, PAPER, SMALL, reducer_at
 from scipy.optimize import linprog
 
-from pipeline.model import backlash
-from pipeline.model.backlash import general_play, rigid_play, separated_play
+from pipeline.model.geometry import rigid_backlash as backlash
+from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
 
 PLATES = pytest.mark.parametrize("floats", [False, True], ids=["rotates", "floats"])
 CRANK = 0.37

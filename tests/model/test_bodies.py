@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, Functional, LinearForm, MeshTri
 
-from pipeline.model.bodies import elastic_body
-from pipeline.model.meshing import flank_nodes, lobed_disk_mesh
-from pipeline.model.patches import boundary_patches, joined, line_patches
-from pipeline.model.profile import CycloidProfile
+from pipeline.model.elastic.condensed_body import elastic_body
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
+from pipeline.model.elastic.pressure_patches import boundary_patches, joined, line_patches
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 E, NU = 206e3, 0.3
 SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)

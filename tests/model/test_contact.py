@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from pipeline.model.contact import (
+from pipeline.model.contact.laws import (
     ContactLaws,
     LineContact,
     Material,

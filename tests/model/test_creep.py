@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pipeline.model.creep import crept
+from pipeline.model.load_history.kelvin_voigt import crept
 
 COMPLIANCE, CONSTANT = 2e-9, 25.0
 TURNS = np.array([0.0, 900.0, -600.0, 300.0])

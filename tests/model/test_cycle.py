@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reducers import ARCMIN, PAPER, SMALL, laws_of, random_compliance, random_errors, reducer_at
 
-from pipeline.model.backlash import rigid_play
-from pipeline.model.clearance import Errors, gaps
-from pipeline.model.cycle import BRANCHES, LoadCycle, curve_metrics, solve_cycle
-from pipeline.model.equilibrium import solve
-from pipeline.model.reducer import Bearing
+from pipeline.model.equilibrium.solve import solve
+from pipeline.model.geometry.clearance import Errors, gaps
+from pipeline.model.geometry.reducer import Bearing
+from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, curve_metrics, solve_cycle
 
 RATED = 12000.0  # [N mm]
 CYCLE = LoadCycle.evenly(RATED, 4, 1.0, (0.03, 0.5, 1.0))

@@ -7,11 +7,11 @@ import pytest
 from drives import LINEAR, RATED, small_drive
 from reducers import MICROMETRE
 
-from pipeline.model import drive as of_drive
-from pipeline.model.backlash import general_play, rigid_play, separated_play
-from pipeline.model.cycle import first_poses
-from pipeline.model.drive import NO_LOAD, backbone, ladder
-from pipeline.model.reducer import Bearing
+from pipeline.model.geometry.reducer import Bearing
+from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
+from pipeline.model.load_history import drive as of_drive
+from pipeline.model.load_history.drive import NO_LOAD, backbone, ladder
+from pipeline.model.load_history.load_cycle import first_poses
 
 SHARES = ladder(40, 1.05)
 MIDDLE = len(SHARES)

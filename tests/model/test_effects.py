@@ -7,13 +7,13 @@ import pytest
 from drives import RATED, small_drive
 from reducers import ARCMIN, MICROMETRE, PAPER, SMALL
 
-from pipeline.identification.instrument import instrument_effects
-from pipeline.model.backlash import general_play, separated_play
-from pipeline.model.clearance import gaps
-from pipeline.model.drive import backbone, ladder
+from pipeline.identification.bench.instrument_effects import instrument_effects
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
-from pipeline.model.output_path import Ripple, condensed_path
+from pipeline.model.geometry.clearance import gaps
+from pipeline.model.geometry.rigid_backlash import general_play, separated_play
+from pipeline.model.load_history.drive import backbone, ladder
+from pipeline.model.load_history.output_path import Ripple, condensed_path
 
 LIBRARY = library()
 EVERY = pytest.mark.parametrize("name", LIBRARY)

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from reducers import SMALL, laws_of, random_compliance, reducer_at
 from scipy.optimize import minimize
 
-from pipeline.model.contact import ContactLaws
-from pipeline.model.equilibrium import ACCEPTED, solve
-from pipeline.model.reducer import Bearing
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import ACCEPTED, solve
+from pipeline.model.geometry.reducer import Bearing
 
 BEARINGS = {
     "linear": (Bearing(2e5, 1.0), 0.0),

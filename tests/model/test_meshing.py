@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.model.meshing import flank_nodes, lobed_disk_mesh, triangle_quality
-from pipeline.model.profile import CycloidProfile
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 PAPER = CycloidProfile(pins=80, pin_circle_radius=32.5, pin_radius=0.8, eccentricity=0.35)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pipeline.model.friction import Sliders
-from pipeline.model.output_path import Ripple, condensed_path
-from pipeline.model.output_walk import WAVE, walked
+from pipeline.model.contact.friction_elements import Sliders
+from pipeline.model.load_history.output_path import Ripple, condensed_path
+from pipeline.model.load_history.output_walk import WAVE, walked
 
 HALF = np.geomspace(1e-2, 1e3, 20)
 NODES = np.concatenate([-HALF[::-1], HALF])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from skfem import MeshTri
 
-from pipeline.model.bodies import elastic_body
-from pipeline.model.meshing import lobed_disk_mesh
-from pipeline.model.patches import boundary_patches, joined, line_patches
+from pipeline.model.elastic.condensed_body import elastic_body
+from pipeline.model.elastic.disk_mesh import lobed_disk_mesh
+from pipeline.model.elastic.pressure_patches import boundary_patches, joined, line_patches
 
 HALF_WIDTH = 0.11
 

@@ -5,11 +5,11 @@ import pytest
 from drives import RATED, area, history, small_drive
 from reducers import MICROMETRE, SMALL
 
-from pipeline.model.drive import backbone, ladder
-from pipeline.model.equilibrium import solve
-from pipeline.model.friction import Sliders, load_slider, output_sliders, pin_sliders
-from pipeline.model.output_path import Ripple, condensed_path
-from pipeline.model.path import solve_path
+from pipeline.model.contact.friction_elements import Sliders, load_slider, output_sliders, pin_sliders
+from pipeline.model.equilibrium.solve import solve
+from pipeline.model.load_history.drive import backbone, ladder
+from pipeline.model.load_history.incremental import solve_path
+from pipeline.model.load_history.output_path import Ripple, condensed_path
 
 
 def followed(drive, torques, sliders):

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.model.bodies import elastic_body
-from pipeline.model.meshing import flank_nodes, lobed_disk_mesh, triangle_quality
-from pipeline.model.patches import boundary_patches, joined
-from pipeline.model.perforation import hole_boundary, perforated_mesh
-from pipeline.model.profile import CycloidProfile
+from pipeline.model.elastic.condensed_body import elastic_body
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
+from pipeline.model.elastic.perforated_mesh import hole_boundary, perforated_mesh
+from pipeline.model.elastic.pressure_patches import boundary_patches, joined
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 E, NU = 206e3, 0.3
 METAL = CycloidProfile(pins=40, pin_circle_radius=70.0, pin_radius=3.0, eccentricity=1.2)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
 
-from pipeline.model.backlash import general_play, rigid_play, separated_play
-from pipeline.model.clearance import exact_gaps, gaps
-from pipeline.model.contact import LineContact, concatenated, cylinder_share, hertz_laws, meshed_share
-from pipeline.model.cycle import LoadCycle, solve_cycle
-from pipeline.model.profile import CycloidProfile
-from pipeline.model.reducer import OUTPUT, Bearing, PinInHole, pin_in_hole_reducer
+from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, hertz_laws, meshed_share
+from pipeline.model.geometry.clearance import exact_gaps, gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
+from pipeline.model.geometry.reducer import OUTPUT, Bearing, PinInHole, pin_in_hole_reducer
+from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
+from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 
 EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
 CLEARANCE = 4e-3

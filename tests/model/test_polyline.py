@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pipeline.model.polyline import means
+from pipeline.model.load_history.cell_means import means
 
 X = np.array([-3.0, -1.0, -0.5, 0.0, 2.0, 5.0])
 Y = np.array([-1.0, -0.8, 0.3, 0.3, 2.0, 2.5])

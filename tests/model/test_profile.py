@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from reducers import PAPER, SMALL
 
-from pipeline.model.profile import CycloidProfile, disk_rotation, pin_contacts
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation, pin_contacts
 
 
 @st.composite

@@ -10,8 +10,8 @@ from conftest import LAST, run_study, small_study
 
 from pipeline import assembly
 from pipeline.engine.store import Output
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.equilibrium import ACCEPTED, solve
+from pipeline.model.equilibrium.solve import ACCEPTED, solve
+from pipeline.model.load_history.load_cycle import ARCMIN
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.springs import laws_of_columns

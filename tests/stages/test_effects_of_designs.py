@@ -16,10 +16,10 @@ from pipeline.engine.fingerprint import source_hashes
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Cache, Output
 from pipeline.errors import InputError
-from pipeline.model.cycle import LoadCycle, solve_cycle
+from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects import library
-from pipeline.model.friction import output_sliders
-from pipeline.model.frictional_cycle import solve_frictional_cycle
+from pipeline.model.load_history.frictional_cycle import solve_frictional_cycle
+from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 from stages.clearance import _unloaded

@@ -9,7 +9,7 @@ import pytest
 from pipeline import cli
 from pipeline.cli import settings
 from pipeline.engine.store import Output
-from pipeline.identification.population import POPULATION_METRICS
+from pipeline.population.comparison import POPULATION_METRICS
 
 
 def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(

@@ -10,7 +10,7 @@ import pytest
 from pipeline import cli
 from pipeline.cli import settings
 from pipeline.engine.store import Output
-from pipeline.identification import tables
+from pipeline.identification.results import tables
 
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text()

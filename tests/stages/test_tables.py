@@ -9,9 +9,9 @@ from conftest import run_study
 from scipy.optimize import linprog
 
 from pipeline import assembly
-from pipeline.model.cycle import BRANCHES, solve_cycle
-from pipeline.model.equilibrium import Equilibria
-from pipeline.model.reducer import PIN
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.reducer import PIN
+from pipeline.model.load_history.load_cycle import BRANCHES, solve_cycle
 from stages import hysteresis
 
 CONTRACT = {

@@ -21,7 +21,7 @@ from pipeline.figures.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.figures.springs import spring_laws_figure
 from pipeline.figures.style import ALARM, save
-from pipeline.model.cycle import curve_metrics
+from pipeline.model.load_history.load_cycle import curve_metrics
 from pipeline.report.drawings import flank_outline
 from stages.clearance import contact_columns
 

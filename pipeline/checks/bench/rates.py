@@ -13,11 +13,11 @@ import numpy as np
 from pipeline import assembly
 from pipeline.checks.bench.table import Result
 from pipeline.config import Study
-from pipeline.model.backlash import RigidPlay, rigid_play
-from pipeline.model.clearance import Errors, gaps
-from pipeline.model.equilibrium import Equilibria
-from pipeline.model.profile import CycloidProfile, Real
-from pipeline.model.reducer import Reducer
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.clearance import Errors, gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.geometry.rigid_backlash import RigidPlay, rigid_play
 from pipeline.sampling import draw
 from stages import hysteresis
 from stages.condensed import UM_PER_MM

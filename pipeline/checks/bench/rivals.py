@@ -14,8 +14,8 @@ from pipeline.checks.bench.table import Result
 from pipeline.checks.calculix import THREADS, calculix_deck, calculix_program, run_calculix
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.config import Study
-from pipeline.model.bodies import COLUMNS_AT_ONCE
-from pipeline.model.cycle import solve_cycle
+from pipeline.model.elastic.condensed_body import COLUMNS_AT_ONCE
+from pipeline.model.load_history.load_cycle import solve_cycle
 
 COPIES = 500
 """Times that one sample is solved, as many as a chunk of a study has samples."""

@@ -23,12 +23,12 @@ import numpy as np
 
 from pipeline.checks.specimen import Specimen
 from pipeline.errors import InputError
-from pipeline.model.bodies import ElasticBody
-from pipeline.model.contact import ContactLaws
-from pipeline.model.equilibrium import Equilibria
-from pipeline.model.polygon import cross
-from pipeline.model.profile import Real, disk_rotation
-from pipeline.model.reducer import Bearing, Reducer
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.elastic.condensed_body import ElasticBody
+from pipeline.model.elastic.polygon import cross
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.cycloid_profile import Real, disk_rotation
+from pipeline.model.geometry.reducer import Bearing, Reducer
 
 AHEAD = 1000.0
 """Distance of a spring's fixed node [mm]."""

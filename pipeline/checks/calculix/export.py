@@ -8,7 +8,7 @@ from pipeline.checks.calculix.program import PROGRAM
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.config import Study
 from pipeline.engine.store import write_atomic
-from pipeline.model.cycle import ARCMIN
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 
 def export(study: Study, sample: int, crank_deg: float, folder: Path) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.checks.calculix.deck import SPAN, Deck
-from pipeline.model.profile import Real
+from pipeline.model.geometry.cycloid_profile import Real
 
 PROGRAM = "ccx"
 INSTALL = "apt install calculix-ccx"

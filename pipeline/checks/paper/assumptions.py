@@ -11,7 +11,7 @@ from pipeline.checks.calibrate import Calibration, Parameter, Target, calibrated
 from pipeline.checks.paper.table2 import Misfit
 from pipeline.checks.response import Condensed, condensed, pins_in_contact, solved, with_numbers
 from pipeline.config import Study
-from pipeline.model.clearance import DISK_READINGS, ROLLER_READINGS
+from pipeline.model.geometry.clearance import DISK_READINGS, ROLLER_READINGS
 
 HALF_PIN_PITCH = 0.5
 

@@ -14,12 +14,12 @@ import pandas as pd
 from pipeline import assembly
 from pipeline.checks.response import Condensed, Solved
 from pipeline.config import Study
-from pipeline.model.backlash import rigid_play
-from pipeline.model.contact import ContactLaws
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.equilibrium import solve
-from pipeline.model.profile import Real
-from pipeline.model.reducer import Bearing, Reducer
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import solve
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 TOUCHING = 1e-7
 """Room [mm] up to which a contact of the rigid pose touches."""

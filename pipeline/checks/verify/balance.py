@@ -8,10 +8,10 @@ from scipy.optimize import minimize, root
 
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.checks.verify.findings import Finding, at_least, compared, relative, vanishing
-from pipeline.model.contact import ContactLaws
-from pipeline.model.equilibrium import Equilibria, solve
-from pipeline.model.profile import Complex, Real
-from pipeline.model.reducer import Bearing, Reducer
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.geometry.cycloid_profile import Complex, Real
+from pipeline.model.geometry.reducer import Bearing, Reducer
 
 LIMIT = 1e-8
 STARTS = 20

@@ -6,11 +6,11 @@ import numpy as np
 
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, relative, stated
-from pipeline.model.bodies import elastic_body
-from pipeline.model.contact import LineContact, Material, meshed_share
-from pipeline.model.meshing import lobed_disk_mesh
-from pipeline.model.patches import boundary_patches
-from pipeline.model.profile import Real
+from pipeline.model.contact.laws import LineContact, Material, meshed_share
+from pipeline.model.elastic.condensed_body import elastic_body
+from pipeline.model.elastic.disk_mesh import lobed_disk_mesh
+from pipeline.model.elastic.pressure_patches import boundary_patches
+from pipeline.model.geometry.cycloid_profile import Real
 
 RADIUS = 5.0
 LOADS = np.array([10.0, 100.0, 1000.0])

@@ -7,9 +7,9 @@ from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, Functional, Li
 
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, vanishing
-from pipeline.model.bodies import ElasticBody, Stress, elastic_body
-from pipeline.model.meshing import flank_nodes, lobed_disk_mesh
-from pipeline.model.profile import CycloidProfile, Real
+from pipeline.model.elastic.condensed_body import ElasticBody, Stress, elastic_body
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 
 YOUNG, POISSON = 206e3, 0.3
 SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)

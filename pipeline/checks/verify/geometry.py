@@ -7,8 +7,8 @@ import numpy as np
 from pipeline import assembly
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, vanishing
-from pipeline.model.clearance import Errors, exact_gaps
-from pipeline.model.profile import Complex, CycloidProfile, Real, disk_rotation, pin_contacts
+from pipeline.model.geometry.clearance import Errors, exact_gaps
+from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real, disk_rotation, pin_contacts
 
 CRANKS = 64
 SCAN = 801

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, positive, relative, vanishing
-from pipeline.model.contact import (
+from pipeline.model.contact.laws import (
     ContactLaws,
     LineContact,
     Material,
@@ -17,7 +17,7 @@ from pipeline.model.contact import (
     meshed_share,
     palmgren_laws,
 )
-from pipeline.model.profile import Real
+from pipeline.model.geometry.cycloid_profile import Real
 
 LIMIT = 1e-10
 STEP = 1e-2

@@ -8,10 +8,10 @@ from pipeline import assembly
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative
 from pipeline.config.design import Design
-from pipeline.model.backlash import general_play, separated_play
-from pipeline.model.clearance import Errors, exact_gaps, roller_gaps
-from pipeline.model.profile import Real
-from pipeline.model.reducer import Reducer
+from pipeline.model.geometry.clearance import Errors, exact_gaps, roller_gaps
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.geometry.rigid_backlash import general_play, separated_play
 
 SAMPLES = 6
 PIN_SCATTER = 1.5e-3

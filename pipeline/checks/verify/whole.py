@@ -13,8 +13,8 @@ from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.checks.verify.findings import Finding, compared, relative, skipped, stated
 from pipeline.checks.verify.unreduced import WholeSolution, solve_unreduced, unreduced
 from pipeline.engine.progress import Meter
-from pipeline.model.equilibrium import Equilibria
-from pipeline.model.reducer import Reducer
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.reducer import Reducer
 
 ANGLE_LIMIT = 5e-3
 FORCE_LIMIT = 1e-2

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.drive import Drive
+from pipeline.model.contact.friction_elements import pin_sliders
 from pipeline.model.effects.effect import STILL, Conditions, Effect, Parameter
-from pipeline.model.friction import pin_sliders
+from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

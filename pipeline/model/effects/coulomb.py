@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Drive
+from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects.effect import Conditions, Effect, Parameter
-from pipeline.model.friction import output_sliders
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 DISTANCE = 0.01 / ARCMIN
 """Rotation [rad] over which the friction rises: a hundredth of an arcmin, below what benches resolve."""

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Creep, Drive
 from pipeline.model.effects.effect import TIME, Conditions, Effect, Parameter, largest_twist
+from pipeline.model.load_history.drive import Creep, Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.model.drive import Drive
 from pipeline.model.effects.effect import LARGEST_INTERFERENCE, Conditions, Effect, Parameter
+from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

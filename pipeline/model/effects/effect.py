@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Drive
-from pipeline.model.profile import Real
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 CRANKS, CYCLES, TIME, TEMPERATURE, STILL = "cranks", "cycles", "time", "temperature", "still"
 """What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
@@ -101,5 +101,6 @@ def largest_twist(drive: Drive) -> float:
 def library() -> Mapping[str, Effect]:
     """All effects by name."""
     package = importlib.import_module("pipeline.model.effects")
-    names = sorted(one.name for one in pkgutil.iter_modules(package.__path__) if one.name != "effect")
+    names = sorted(file.name for file in pkgutil.iter_modules(package.__path__))
+    names = [name for name in names if name != "effect" and not name.startswith("_")]
     return {name: importlib.import_module(f"pipeline.model.effects.{name}").EFFECT for name in names}

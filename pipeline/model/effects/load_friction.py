@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.drive import Drive
+from pipeline.model.contact.friction_elements import load_slider
 from pipeline.model.effects.coulomb import DISTANCE
 from pipeline.model.effects.effect import Conditions, Effect, Parameter
-from pipeline.model.friction import load_slider
+from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Drive
 from pipeline.model.effects.effect import Conditions, Effect, Parameter, largest_twist
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

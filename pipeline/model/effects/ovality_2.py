@@ -1,5 +1,5 @@
 """Two-lobed ovality of the housing."""
 
-from pipeline.model.ovality import ovality
+from pipeline.model.effects._ovality import ovality
 
 EFFECT = ovality(2, "two", other="ovality_3")

@@ -1,5 +1,5 @@
 """Three-lobed ovality of the housing."""
 
-from pipeline.model.ovality import ovality
+from pipeline.model.effects._ovality import ovality
 
 EFFECT = ovality(3, "three", other="ovality_2")

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.model.cycle import ARCMIN
-from pipeline.model.drive import Drive
+from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects.effect import Conditions, Effect, Parameter
-from pipeline.model.friction import output_sliders
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
 
 SHARES = np.array([0.25, 0.5, 0.75, 1.0])
 """Distances of the four equal elements, as shares of the last one's."""

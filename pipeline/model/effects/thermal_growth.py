@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from pipeline.model.drive import Drive
 from pipeline.model.effects.effect import TEMPERATURE, Conditions, Effect, Parameter
+from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:

@@ -14,10 +14,10 @@ from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.style import save
 from pipeline.figures.unit import candidates_figure, loops_figure, time_figure, torque_figure
-from pipeline.identification import tables
-from pipeline.identification.loops import STAGES, LoopError
-from pipeline.identification.problem import candidates
-from pipeline.identification.results import VERDICT_FILE, Findings
+from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.results import tables
+from pipeline.identification.results.prediction_errors import STAGES, LoopError
+from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.wording import NOTHING, counted, listed, plain
 

@@ -13,14 +13,14 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS
 from pipeline.figures.style import save
 from pipeline.figures.unit import quantiles_figure
-from pipeline.identification.closing import Closing
-from pipeline.identification.population import Comparison
-from pipeline.identification.population_results import (
+from pipeline.population.comparison import Comparison
+from pipeline.population.results import (
     candidate_frame,
     comparison_frame,
     quantile_frame,
     sentence,
 )
+from pipeline.population.tolerance_shift import Closing
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.unit.page import digits
 from pipeline.report.wording import NOTHING

@@ -1,0 +1,103 @@
+"""A generated unit as files: what a bench leaves behind, and the sealed truth apart from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.checks.blind.bench import Bench, quantised
+from pipeline.config.study import Study
+from pipeline.config.writing import toml_of
+from pipeline.sampling import Errors
+
+Real = NDArray[np.float64]
+
+DIMENSION_STEP_UM = 0.1
+DIMENSIONS = (
+    "pin_radial",
+    "pin_tangential",
+    "pin_radius",
+    "lobe_profile",
+    "roller_diameter",
+    "disk_profile",
+    "eccentricity",
+    "bearing_clearance",
+)
+
+
+def write_unit(
+    folder: Path,
+    study: Study,
+    bench: Bench,
+    angles: Sequence[Real],
+    noise: tuple[float, float],
+    rng: np.random.Generator,
+    dimensions: Errors | None,
+) -> None:
+    """data.csv, unit.toml, the study's files and, where the dimensions are known, dims.toml.
+
+    Parameters
+    ----------
+    angles : per position (n_rows,) [arcmin] without noise and offset.
+    noise : standard deviation of a row's angle and resolution of the angle [arcmin].
+    dimensions : one sample [um], or None where they are unknown.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    design = study.design.model_dump(mode="json")
+    settings = study.model_dump(mode="json", exclude={"name", "design", "cases"})
+    (folder / "design.toml").write_text(toml_of(design), encoding="utf-8")
+    (folder / "study.toml").write_text(toml_of({**settings, "design": "design.toml"}), encoding="utf-8")
+    if dimensions is not None:
+        (folder / "dims.toml").write_text(toml_of(_measured(dimensions)), encoding="utf-8")
+    unit = {
+        "title": f"blind unit {folder.name}",
+        "design": "design.toml",
+        "study": "study.toml",
+        "locked": bench.locked,
+        "offset": "common" if bench.common else "per_position",
+        "as_measured": "unknown" if dimensions is None else "dims.toml",
+        "instrument": {"angle_resolution_arcmin": noise[1], "torque_resolution_Nm": bench.torque_step},
+    }
+    (folder / "unit.toml").write_text(toml_of(unit), encoding="utf-8")
+    measured_table(bench, angles, noise, rng).to_csv(folder / "data.csv", index=False)
+
+
+def measured_table(
+    bench: Bench, angles: Sequence[Real], noise: tuple[float, float], rng: np.random.Generator
+) -> pd.DataFrame:
+    """Rows as the bench writes them, with offset, noise and quantisation."""
+    parts = []
+    for crank, ramp, offset, angle in zip(bench.cranks, bench.ramps, bench.offset, angles, strict=True):
+        n = len(angle)
+        read = quantised(angle + offset + noise[0] * rng.standard_normal(n), noise[1])
+        torque = quantised(ramp.torque + bench.torque_noise * rng.standard_normal(n), bench.torque_step)
+        columns = {"cycle": ramp.cycle, "crank_deg": crank, "torque_Nm": np.round(torque, 9)}
+        columns["angle_arcmin"] = np.round(read, 9)
+        if bench.timed:
+            columns["time_s"] = np.round(ramp.begin + ramp.time, 4)
+        if bench.warmed:
+            warm = ramp.temperature[ramp.cycle] + 0.1 * rng.standard_normal(n)
+            columns["temperature_C"] = np.round(warm, 2)
+        parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _measured(dimensions: Errors) -> dict[str, Any]:
+    """As-measured dimensions [um], rounded as an inspection report is."""
+    out = {}
+    for name in DIMENSIONS:
+        value = np.round(getattr(dimensions, name)[0] / DIMENSION_STEP_UM) * DIMENSION_STEP_UM
+        out[name] = np.round(np.atleast_1d(value), 3).tolist() if np.ndim(value) else round(float(value), 3)
+    return out
+
+
+def write_truth(path: Path, truth: Mapping[str, Any]) -> None:
+    """The sealed truth."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(truth, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -1,0 +1,249 @@
+"""Seeded units with nothing, one or two effects of the library, or one outside it; and their sealed truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.checks.blind.bench import draw_bench, rows_a_cell
+from pipeline.checks.blind.catalogue import UNCERTAIN, Condensed, Reducer
+from pipeline.checks.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
+from pipeline.checks.blind.files import write_truth, write_unit
+from pipeline.checks.blind.outside_effects import OUTSIDE
+from pipeline.checks.blind.true_unit import TrueUnit, UnsoundError, true_unit
+from pipeline.config.study import Study
+from pipeline.config.tolerances import Spread
+from pipeline.identification.fitting.build import refitted
+from pipeline.identification.fitting.problem import candidates
+from pipeline.sampling import Errors, draw
+
+Real = NDArray[np.float64]
+
+NONE, ONE, TWO, OUTSIDE_KIND = "none", "one", "two", "outside"
+FULL: Mapping[str, int] = {NONE: 200, ONE: 200, TWO: 60, OUTSIDE_KIND: 60}
+"""Units of each kind in the full run; any shorter one keeps the proportions."""
+SIZES = 1.0, 30.0
+"""Least and largest size of an effect, in noise floors."""
+KNOWN_SHARE = 0.7
+"""Units whose dimensions were measured."""
+UNMEASURED = 0.4
+"""Tolerances of the others, as a share of the study's."""
+REDRAWS = 30
+SAMPLES = 10**6
+OUTSIDE_PREFIX = "outside:"
+
+
+@dataclass(frozen=True)
+class Maker:
+    """Everything that units are made of, and where they go.
+
+    Attributes
+    ----------
+    reducers : the catalogue.
+    condensed : by name of a reducer, compliances of its model's and of its generating study.
+    folder : holds `units` and `truth`.
+    """
+
+    reducers: tuple[Reducer, ...]
+    condensed: Mapping[str, tuple[Condensed, Condensed]]
+    folder: Path
+    root: Path
+    seed: int
+
+    def unit_folder(self, case: int) -> Path:
+        return self.folder / "units" / f"{case:04d}"
+
+    def truth_path(self, case: int) -> Path:
+        return self.folder / "truth" / f"{case:04d}.json"
+
+
+def kind_of(case: int) -> str:
+    """Kind of a case: every run's first cases have the proportions of the full run as nearly as can be."""
+    total = sum(FULL.values())
+    counts = dict.fromkeys(FULL, 0)
+    kind = NONE
+    for k in range(case + 1):
+        kind = max(FULL, key=lambda name: FULL[name] * (k + 1) / total - counts[name])
+        counts[kind] += 1
+    return kind
+
+
+@dataclass(frozen=True)
+class Made:
+    """A unit that was made, for the oracle alone: the identification reads its files.
+
+    Attributes
+    ----------
+    unit : without its effect.
+    angles : per position (n_rows,) [arcmin] with the effect, without noise and offset.
+    dimensions : one sample [um], unrounded.
+    truth : as written.
+    """
+
+    reducer: Reducer
+    unit: TrueUnit
+    angles: Sequence[Real]
+    dimensions: Errors
+    truth: Mapping[str, Any]
+
+
+def generate(maker: Maker, case: int) -> Made:
+    """Write the unit and the truth of a case; the same for the same seed, whatever else is made."""
+    for attempt in range(REDRAWS):
+        try:
+            return _Draw(maker, case, attempt).make()
+        except UnsoundError:
+            continue
+    raise RuntimeError(f"case {case}: no solvable unit in {REDRAWS} draws")
+
+
+def _narrowed(study: Study) -> Study:
+    """The study with its tolerances narrower about the same allowances."""
+    narrow = {}
+    for name in type(study.tolerances).model_fields:
+        tolerance = getattr(study.tolerances, name)
+        if isinstance(tolerance, Spread):
+            keys = ("lower_um", "upper_um", "sigma_um", "mean_um", "mode_um")
+            values = {key: getattr(tolerance, key, None) for key in keys}
+            update = {key: UNMEASURED * value for key, value in values.items() if value is not None}
+            narrow[name] = tolerance.model_copy(update=update)
+    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=narrow)})
+
+
+class _Draw:
+    """One unit in the making."""
+
+    def __init__(self, maker: Maker, case: int, attempt: int):
+        streams = np.random.SeedSequence([maker.seed, case, attempt]).spawn(4)
+        unit, bench, self.noise_stream, effect = streams
+        self.maker, self.case = maker, case
+        self.rng = np.random.default_rng(effect)
+        rng = np.random.default_rng(unit)
+        self.reducer = maker.reducers[int(rng.integers(len(maker.reducers)))]
+        self.known = bool(rng.random() < KNOWN_SHARE)
+        self.study = self.reducer.model if self.known else _narrowed(self.reducer.model)
+        sample = int(rng.integers(SAMPLES))
+        self.dimensions: Errors = draw(self.study, sample, sample + 1)
+        keys = refitted(self.reducer.truth.design)
+        self.scales = {key: float(UNCERTAIN.get(key, 1.0) ** rng.uniform(-1, 1)) for key in keys}
+        rated = self.reducer.truth.design.cycloid.rated_torque_Nm
+        self.bench = draw_bench(np.random.default_rng(bench), self.reducer.cranks, rated)
+        self.unit = self._unit()
+        self.plain = self.unit.angles()
+        span = max(float(np.ptp(angle)) for angle in self.plain)
+        row_noise = self.bench.floor_share * span * float(np.sqrt(rows_a_cell(self.bench)))
+        self.noise = row_noise, self.bench.angle_steps * row_noise
+
+    def _unit(self) -> TrueUnit:
+        truth = self.maker.condensed[self.reducer.name][1]
+        return true_unit(
+            self.reducer.truth,
+            tuple(self.scales),
+            tuple(self.scales.values()),
+            assembly.errors(self.dimensions),
+            float(self.dimensions.bearing_clearance[0]),
+            truth(self.reducer.truth, self.bench.cranks),
+            self.bench,
+        )
+
+    def make(self) -> Made:
+        """Write the unit without effect, choose the effect by its size over it, and write it again with the effect."""
+        self._write(self.plain)
+        kind, angles = kind_of(self.case), self.plain
+        found: dict[str, Any] = {"truth": NONE, "size_over_noise": 0.0, "effects": []}
+        if kind != NONE:
+            yardstick = Yardstick.of(self.maker.unit_folder(self.case), self.maker.root, self._believed)
+            angles, found = self._outside(yardstick) if kind == OUTSIDE_KIND else self._library(yardstick, kind)
+            self._write(angles)
+        truth = {
+            **found,
+            "case": self.case,
+            "seed": self.maker.seed,
+            "kind": kind,
+            "reducer": self.reducer.name,
+            "dimensions_known": self.known,
+            "scales": self.scales,
+            "row_noise_arcmin": self.noise[0],
+            "dimensions_um": {k: np.asarray(v[0]).tolist() for k, v in vars(self.dimensions).items()},
+        }
+        write_truth(self.maker.truth_path(self.case), truth)
+        return Made(self.reducer, self.unit, angles, self.dimensions, truth)
+
+    @property
+    def _believed(self) -> Condensed:
+        return self.maker.condensed[self.reducer.name][0]
+
+    def _write(self, angles: Sequence[Real]) -> None:
+        write_unit(
+            self.maker.unit_folder(self.case),
+            self.study,
+            self.bench,
+            angles,
+            self.noise,
+            np.random.default_rng(self.noise_stream),
+            self.dimensions if self.known else None,
+        )
+
+    def _target(self) -> float:
+        low, high = np.log(SIZES)
+        return float(np.exp(self.rng.uniform(low, high)))
+
+    def _change(self, angles: Sequence[Real]) -> list[Real]:
+        return [angle - plain for angle, plain in zip(angles, self.plain, strict=True)]
+
+    @staticmethod
+    def _sought(size: Callable[[float], float], target: float) -> tuple[float, float] | None:
+        """Amplitude and size; None too where some unit on the way has no solution."""
+        try:
+            return amplitude_of(size, target)
+        except UnsoundError:
+            return None
+
+    def _library(self, yardstick: Yardstick, kind: str) -> tuple[list[Real], dict[str, Any]]:
+        known = {name: one for name, one in candidates().items() if not yardstick.problem.why_not(one)}
+        chosen: dict[str, tuple[tuple[float, ...], float]] = {}
+        wanted = 2 if kind == TWO else 1
+        for _ in range(REDRAWS):
+            if len(chosen) == wanted:
+                break
+            name = str(self.rng.choice([one for one in sorted(known) if one not in chosen]))
+            bounds = yardstick.problem.bounds(known[name])
+            direction, shape = draw_shape(self.rng, bounds)
+            target = self._target()
+
+            def size(amplitude: float, name=name, bounds=bounds, direction=direction, shape=shape) -> float:
+                values = at_amplitude(bounds, amplitude, direction, shape)
+                return yardstick.size(self._change(self.unit.angles([known[name]], values)))
+
+            found = self._sought(size, target)
+            if found:
+                chosen[name] = at_amplitude(bounds, found[0], direction, shape), found[1]
+        if len(chosen) < wanted:
+            raise UnsoundError("no effect reaches its size")
+        values = [value for own, _ in chosen.values() for value in own]
+        angles = self.unit.angles([known[name] for name in chosen], values)
+        effects = [{"name": name, "values": list(own), "size_over_noise": size} for name, (own, size) in chosen.items()]
+        least = min(size for _, size in chosen.values())
+        return angles, {"truth": ";".join(chosen), "size_over_noise": least, "effects": effects}
+
+    def _outside(self, yardstick: Yardstick) -> tuple[list[Real], dict[str, Any]]:
+        for _ in range(REDRAWS):
+            effect = OUTSIDE[int(self.rng.integers(len(OUTSIDE)))]
+            shape, target = effect.shape(self.rng), self._target()
+
+            def size(amplitude: float, effect=effect, shape=shape) -> float:
+                return yardstick.size(self._change(self.unit.angles_outside(effect.at(amplitude, shape))))
+
+            found = self._sought(size, target)
+            if found:
+                angles = self.unit.angles_outside(effect.at(found[0], shape))
+                own = {"name": effect.name, "amplitude": found[0], "shape": dict(shape), "size_over_noise": found[1]}
+                name = f"{OUTSIDE_PREFIX}{effect.name}"
+                return angles, {"truth": name, "size_over_noise": found[1], "effects": [own]}
+        raise UnsoundError("no effect reaches its size")

@@ -1,0 +1,120 @@
+"""What could be told apart at all: effects fitted with the generator's own model, all else known, to curves without
+noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.checks.blind.catalogue import Condensed
+from pipeline.checks.blind.effect_size import problem_of
+from pipeline.checks.blind.files import DIMENSIONS
+from pipeline.checks.blind.generate import OUTSIDE_KIND, Made
+from pipeline.config.cases import Case
+from pipeline.config.study import Study
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, unmapped
+from pipeline.identification.fitting.problem import Candidate, Model, candidates
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.model_selection import NESTED
+
+Real = NDArray[np.float64]
+
+NEAREST = 3
+"""Effects that are fitted in full, the best of a linearised look."""
+ITERATIONS = 6
+STEPS = (1e-4, 1e-2)
+"""Amplitudes of the secants, as shares of the bounds."""
+SHAPES = (0.15, 0.4, 0.65)
+"""Shares of the bounds at which parameters without a zero are looked at."""
+
+
+def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dict[str, float]:
+    """Rms distance [noise floors] from the true curves of the nearest effects that are not the true one, by name.
+
+    Parameters
+    ----------
+    made : a unit with one effect of the library, or one outside it.
+    folder : of its files: their rows are the places that are compared.
+    condensed : compliances of the generating study.
+
+    Notes
+    -----
+    Calibrated numbers are refitted beside each effect. An effect that becomes the true one at a limit of its
+    parameters is left out: the simpler of the two is named anyway.
+    """
+    unit = load_measured_unit(folder, root)
+    listed: dict[str, Any] = {
+        name: tuple(value.tolist()) if np.ndim(value := getattr(made.dimensions, name)[0]) else float(value)
+        for name in DIMENSIONS
+    }
+    known = replace(unit, study=made.unit.study, dimensions=Case(label="true", **listed))
+    nominal = made.reducer.truth.design.disk.thickness_mm / made.unit.study.design.disk.thickness_mm
+
+    def softened(study: Study, cranks: Sequence[float]) -> list[Real]:
+        return [nominal * matrix for matrix in condensed(study, cranks)]
+
+    problem, over_cells = problem_of(known, softened)
+    true = made.truth["truth"]
+    fitter = Fitter(problem)
+    if made.truth["kind"] == OUTSIDE_KIND:
+        curves = over_cells(np.concatenate(made.angles))
+    else:
+        model = Model((candidates()[true],))
+        shares = unmapped(fitter.bounds(model), made.truth["effects"][0]["values"])
+        curves = fitter.predict(model, fitter.start(model, shares)).angle
+    problem = replace(problem, data=replace(problem.data, angle=curves))
+    fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
+    base = fitter.fit(Model(), everything, fitter.start(Model()))
+    looked = {
+        name: _look(fitter, base, candidate)
+        for name, candidate in candidates().items()
+        if not problem.why_not(candidate) and name != true and NESTED.get(name) != true
+    }
+    found = {}
+    for name in sorted(looked, key=lambda name: looked[name][0])[:NEAREST]:
+        start = replace(base.unknowns, shares=looked[name][1])
+        fit = fitter.fit(Model((candidates()[name],)), everything, start, ITERATIONS)
+        if np.isfinite(fit.cost):
+            apart = (curves - fit.predicted) / problem.data.sigma
+            found[name] = float(np.sqrt(np.mean(apart**2)))
+    return found
+
+
+def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]:
+    """Least misfit of an effect by linear least squares from small secants, and the shares of its bounds there."""
+    problem, model = fitter.problem, Model((candidate,))
+    data, bounds = problem.data, np.array(problem.bounds(candidate))
+    grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
+    weight = 1 / data.sigma**2
+    left = fitter.centred(data.angle - base.predicted, weight) / data.sigma
+    rows = np.vstack([base.jacobian / data.sigma[:, None], np.diag(fitter.penalty(base.unknowns))])
+    basis = np.linalg.qr(rows)[0] if rows.shape[1] else rows
+
+    def free(values: Real) -> Real:
+        padded = np.concatenate([values, np.zeros((len(basis) - len(values), *values.shape[1:]))])
+        return padded - basis @ (basis.T @ padded)
+
+    def moved(shares: Real) -> Real:
+        angle = fitter.predict(model, replace(base.unknowns, shares=shares)).angle
+        return free(fitter.centred(np.nan_to_num(angle - plain), weight) / data.sigma)
+
+    plain = fitter.predict(Model(), base.unknowns).angle
+    zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
+    goal, best = free(left), (np.inf, zero)
+    for shape, step in product(SHAPES if not np.all(grows) else SHAPES[:1], STEPS):
+        at = np.where(grows, zero, shape)
+        columns = np.column_stack([moved(at + step * one) for one in np.eye(len(bounds))[grows]])
+        amounts = np.linalg.lstsq(columns, goal, rcond=None)[0]
+        shares = at.copy()
+        shares[grows] = np.clip(zero[grows] + step * amounts, 0, 1)
+        misfit = float(np.sum((goal - moved(shares)) ** 2))
+        if misfit < best[0]:
+            best = misfit, shares
+    return best

@@ -1,0 +1,166 @@
+"""Effects that the library lacks, known to the generator alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.checks.blind.bench import Ramp
+from pipeline.checks.blind.true_unit import Outside, Track
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OutsideEffect:
+    """An effect outside the library.
+
+    Attributes
+    ----------
+    name, physics : for people.
+    shape : draws what the amplitude leaves open, shares of the unit's own scales.
+    at : effect of an amplitude in (0, 1] and a shape.
+    """
+
+    name: str
+    physics: str
+    shape: Callable[[np.random.Generator], Mapping[str, float]]
+    at: Callable[[float, Mapping[str, float]], Outside]
+
+
+def _top(ramp: Ramp) -> float:
+    return float(np.max(np.abs(ramp.turns)))
+
+
+def _one_sided_play(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    def angle(track: Track) -> Real:
+        torque, top = track.ramp.torque, _top(track.ramp)
+        lifted = np.clip((shape["sense"] * torque - shape["seat"] * top) / (0.02 * top), 0, 1)
+        return track.angle_at(torque) + shape["sense"] * amplitude * track.span * lifted
+
+    return angle
+
+
+def _stiffening(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    def angle(track: Track) -> Real:
+        share = track.ramp.torque / _top(track.ramp)
+        # a cubic spring, soft at first: share = x + hard x^3
+        x = np.linspace(-1, 1, 801)
+        twist = np.interp(share, (x + shape["hard"] * x**3) / (1 + shape["hard"]), x)
+        return track.angle_at(track.ramp.torque) + amplitude * track.span * twist
+
+    return angle
+
+
+def _tooth_ripple(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    def angle(track: Track) -> Real:
+        plain = track.angle_at(track.ramp.torque)
+        load = np.abs(track.ramp.torque) / _top(track.ramp)
+        ripple = np.sin(2 * np.pi * shape["waves"] * plain / track.span + shape["phase"])
+        return plain + 0.5 * amplitude * track.span * load * ripple
+
+    return angle
+
+
+def _viscous(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    def angle(track: Track) -> Real:
+        ramp = track.ramp
+        rate = np.sign(ramp.sense) * np.abs(ramp.rate)
+        slowing = np.array([shape["slow"] if cycle % 2 else 1.0 for cycle in range(ramp.n_cycles)])
+        usual = np.median(np.abs(rate))
+        resisted = 0.5 * amplitude * _top(ramp) * slowing[ramp.cycle] * rate / usual
+        return track.angle_at(ramp.torque - resisted)
+
+    return angle
+
+
+def _stick_slip(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    def angle(track: Track) -> Real:
+        ramp, top = track.ramp, _top(track.ramp)
+        end, begin = shape["slip"] * top, shape["stick"] * top
+        stuck = (ramp.sense > 0) & (ramp.torque > begin) & (ramp.torque < end)
+        lag = np.where(stuck, (ramp.torque - begin) / (end - begin), 0.0)
+        return track.angle_at(ramp.torque) - amplitude * track.span * lag
+
+    return angle
+
+
+def _dead_band(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    def angle(track: Track) -> Real:
+        torque, top = track.ramp.torque, _top(track.ramp)
+        around = shape["centre"] * top
+        passed = torque - around
+        return track.angle_at(around + passed + np.sign(passed) * 0.5 * amplitude * top)
+
+    return angle
+
+
+def _loose_flange(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    def angle(track: Track) -> Real:
+        ramp, top = track.ramp, _top(track.ramp)
+        threshold, run = shape["threshold"] * top, shape["run"] * top
+        slipped, place = np.empty(len(ramp.torque)), 0.0
+        for k, torque in enumerate(ramp.torque):
+            place = max(place, min((torque - threshold) / run, 1.0))
+            place = min(place, max((torque + threshold) / run, -1.0))
+            slipped[k] = place
+        return track.angle_at(ramp.torque) + 0.5 * amplitude * track.span * slipped
+
+    return angle
+
+
+def _uniform(**limits: tuple[float, float]) -> Callable[[np.random.Generator], Mapping[str, float]]:
+    return lambda rng: {name: float(rng.uniform(low, high)) for name, (low, high) in limits.items()}
+
+
+def _play_shape(rng: np.random.Generator) -> Mapping[str, float]:
+    return {"sense": float(rng.choice([-1.0, 1.0])), "seat": float(rng.uniform(0.15, 0.6))}
+
+
+OUTSIDE = (
+    OutsideEffect(
+        "one_sided_play",
+        "a coupling at the output, held closed by a spring, opens beyond a torque of one sense",
+        _play_shape,
+        _one_sided_play,
+    ),
+    OutsideEffect(
+        "stiffening_spring",
+        "a rubber coupling in series with the output stiffens with its twist (cubic)",
+        _uniform(hard=(2.0, 8.0)),
+        _stiffening,
+    ),
+    OutsideEffect(
+        "tooth_ripple",
+        "the locked shaft is held by a gear whose error, periodic in the angle, grows with the load",
+        _uniform(waves=(1.5, 6.0), phase=(0.0, 2 * np.pi)),
+        _tooth_ripple,
+    ),
+    OutsideEffect(
+        "viscous_friction",
+        "churning grease resists with the speed, which differs from cycle to cycle",
+        _uniform(slow=(0.2, 0.5)),
+        _viscous,
+    ),
+    OutsideEffect(
+        "stick_slip",
+        "something sticks on every rise of the torque and jumps free at one torque",
+        _uniform(stick=(-0.3, 0.2), slip=(0.3, 0.8)),
+        _stick_slip,
+    ),
+    OutsideEffect(
+        "torque_dead_band",
+        "the torque sensor reads nothing within a band about a torque",
+        _uniform(centre=(0.25, 0.6)),
+        _dead_band,
+    ),
+    OutsideEffect(
+        "loose_flange",
+        "a flange slips within its bolt holes once the torque exceeds its friction, and stays there",
+        _uniform(threshold=(0.3, 0.65), run=(0.1, 0.3)),
+        _loose_flange,
+    ),
+)

@@ -1,0 +1,146 @@
+"""What the identification reaches on blind units, each rate with its one-sided 95 % bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import beta
+
+from pipeline.checks.blind.generate import NONE, ONE, OUTSIDE_KIND, TWO
+from pipeline.checks.blind.run import VISIBLE, Row
+from pipeline.engine.store import write_atomic
+from pipeline.identification.selection.model_selection import STRUCTURE
+from pipeline.identification.selection.verdict import UNEXPLAINED
+
+LEVEL = 0.95
+BINS = (1.0, 2.0, 3.0, 6.0, 12.0, 40.0)
+"""Edges of the sizes in noise floors by which rates are shown apart."""
+HELD_OUT = 1.15
+"""Noise floors that the error left may have."""
+SECONDS = 10.0
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A share of the cases.
+
+    Attributes
+    ----------
+    name : what is counted.
+    sizes : of the effects, or "all".
+    passed, of : counts.
+    needed : least rate that is asked for, or NaN.
+    """
+
+    name: str
+    sizes: str
+    passed: int
+    of: int
+    needed: float = float("nan")
+
+    @property
+    def rate(self) -> float:
+        return self.passed / self.of if self.of else float("nan")
+
+    @property
+    def bound(self) -> float:
+        """The rate is larger with a confidence of 95 % (Clopper and Pearson)."""
+        return lower_bound(self.passed, self.of)
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the rate itself reaches what is asked for; None where nothing is, or there are no cases."""
+        return None if np.isnan(self.needed) or not self.of else self.rate >= self.needed
+
+
+def lower_bound(passed: int, of: int, level: float = LEVEL) -> float:
+    """One-sided lower bound of a share by Clopper and Pearson, Biometrika 26 (1934) 404; 0 without cases."""
+    return float(beta.ppf(1 - level, passed, of - passed + 1)) if passed and of else 0.0
+
+
+def rates(rows: Sequence[Row]) -> list[Rate]:
+    """The numbers to meet, then the same by size of the effect and the oracle's own."""
+    kinds = {kind: [row for row in rows if row.kind == kind] for kind in (NONE, ONE, TWO, OUTSIDE_KIND)}
+    visible = [row for row in kinds[ONE] if row.size_over_noise >= VISIBLE]
+    told = [row for row in visible if row.oracle_separates]
+    outside = [row for row in kinds[OUTSIDE_KIND] if row.size_over_noise >= VISIBLE]
+    clear = [row for row in outside if row.nearest_floors >= STRUCTURE]
+    right = [row for row in kinds[ONE] if row.correct]
+    with_interval = [row for row in right if row.parameter_covered is not None]
+    large = f">= {VISIBLE:g}"
+    found = [
+        _rate("one effect: right, or in a class of at most three", large, visible, lambda r: r.correct, 0.95),
+        _rate("one effect, oracle separates: named alone", large, told, _alone, 0.8),
+        _rate("one effect: oracle separates it", large, visible, lambda r: bool(r.oracle_separates)),
+        _rate("no effect: none named", "all", kinds[NONE], lambda r: r.correct, 0.98),
+        _rate("no effect: adequate", "all", kinds[NONE], lambda r: r.verdict == "adequate"),
+        _rate("outside: unexplained", large, outside, lambda r: r.verdict == UNEXPLAINED, 0.9),
+        _rate("outside, clear: unexplained", large, clear, lambda r: r.verdict == UNEXPLAINED, 0.9),
+        _rate("outside, clear: nothing named", large, clear, lambda r: not r.named, 1.0),
+        _rate("two effects: both named together", "all", kinds[TWO], lambda r: bool(r.both)),
+        _rate("two effects: one or both named", "all", kinds[TWO], lambda r: r.correct),
+        _rate(f"right effect: error left at most {HELD_OUT:g} floors", "all", right, _fits, 1.0),
+        _rate("right effect: true parameters in their intervals", "all", with_interval, _covered, 0.9),
+        _rate(f"at most {SECONDS:g} s", "all", rows, lambda r: r.seconds <= SECONDS, 1.0),
+    ]
+    for low, high in zip(BINS[:-1], BINS[1:], strict=True):
+        inside = [row for row in kinds[ONE] if low <= row.size_over_noise < high]
+        span = f"{low:g} to {high:g}"
+        found.append(_rate("one effect: right, or in a class of at most three", span, inside, lambda r: r.correct))
+        found.append(_rate("one effect: named alone", span, inside, _alone))
+    for size in sorted({row.class_size for row in kinds[ONE]}):
+        found.append(_rate(f"one effect: class of {size}", "all", kinds[ONE], partial(_of_class, size)))
+    return found
+
+
+def _rate(
+    name: str, sizes: str, rows: Sequence[Row], passes: Callable[[Row], bool], needed: float = float("nan")
+) -> Rate:
+    return Rate(name, sizes, sum(passes(row) for row in rows), len(rows), needed)
+
+
+def _alone(row: Row) -> bool:
+    return row.correct and row.class_size == 1
+
+
+def _of_class(size: int, row: Row) -> bool:
+    return row.class_size == size
+
+
+def _covered(row: Row) -> bool:
+    return bool(row.parameter_covered)
+
+
+def _fits(row: Row) -> bool:
+    return row.rms_after_arcmin <= HELD_OUT * row.noise_floor_arcmin
+
+
+def write_rates(path: Path, found: Sequence[Rate]) -> None:
+    """rates.csv."""
+    lines = ["rate,size_over_noise,passed,of,share,lower_bound_95,needed,met"]
+    for one in found:
+        needed = "" if np.isnan(one.needed) else f"{one.needed:g}"
+        met = "" if one.met is None else str(one.met).lower()
+        share = "" if not one.of else f"{one.rate:.4f}"
+        lines.append(f'"{one.name}",{one.sizes},{one.passed},{one.of},{share},{one.bound:.4f},{needed},{met}')
+    write_atomic(path, ("\n".join(lines) + "\n").encode())
+
+
+def confusion(rows: Sequence[Row]) -> dict[tuple[str, str], int]:
+    """Cases by truth and what was named: the class, or the verdict where nothing was."""
+    counts: dict[tuple[str, str], int] = {}
+    for row in rows:
+        truth = "two effects" if row.kind == TWO else row.truth
+        key = truth, row.named or row.verdict
+        counts[key] = counts.get(key, 0) + 1
+    return counts
+
+
+def write_confusion(path: Path, counts: dict[tuple[str, str], int]) -> None:
+    """confusion.csv, one line a cell that is not zero."""
+    lines = ["truth,named,cases", *(f"{truth},{named},{n}" for (truth, named), n in sorted(counts.items()))]
+    write_atomic(path, ("\n".join(lines) + "\n").encode())

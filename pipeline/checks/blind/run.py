@@ -1,0 +1,244 @@
+"""Blind units through the identification, one row a case: what was there, what was said, and how well it fits."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed, parallel_config
+from numpy.typing import NDArray
+
+from pipeline.checks.blind import oracle
+from pipeline.checks.blind.catalogue import catalogue, condense
+from pipeline.checks.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate
+from pipeline.engine import progress
+from pipeline.engine.store import write_atomic
+from pipeline.identification.identify import Identification, identify
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.verdict import ADEQUATE, LARGEST_CLASS, UNEXPLAINED
+
+Real = NDArray[np.float64]
+
+FULL_RUN = sum(FULL.values())
+VISIBLE = 3.0
+"""Size in noise floors from which an effect must be seen."""
+SEED = 20240229
+FAILED = "failed"
+"""Verdict of a unit whose identification ended in an error."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case; the table cases.csv has these columns.
+
+    Attributes
+    ----------
+    correct : none: no effect named; one: it is in a class of at most three; two: both named together, or a class or
+        single name that holds one of them; outside: unexplained, or adequate where it is smaller than ``VISIBLE``.
+    both : of two effects, whether both are named together.
+    nearest, nearest_floors : other effect that comes nearest to the true one in the oracle's eyes, and how near.
+    parameter_covered : whether the true parameters of the effect lie in their intervals.
+    parameters : of the named effects, each with its interval and, where it was there, its true value.
+    reason : why there is no verdict, where the identification failed.
+    """
+
+    case: int
+    truth: str
+    size_over_noise: float
+    verdict: str
+    named: str
+    class_size: int
+    correct: bool
+    oracle_separates: bool | None
+    rms_declared_arcmin: float
+    rms_recalibrated_arcmin: float
+    rms_after_arcmin: float
+    noise_floor_arcmin: float
+    seconds: float
+    parameter_covered: bool | None
+    both: bool | None
+    nearest: str
+    nearest_floors: float
+    structure: float
+    traced: str
+    parameters: str
+    reason: str
+    kind: str
+    reducer: str
+    dimensions_known: bool
+    seed: int
+    code: str
+
+
+def blind(cases: int, seed: int, jobs: int, root: Path, runs: Path) -> list[Row]:
+    """Rows of the cases 0 to ``cases`` - 1; those that cases.csv has of the same seed and sources are kept."""
+    folder = runs / "blind"
+    reducers = catalogue(root)
+    maker = Maker(reducers, condense(reducers, folder / "condensed", jobs), folder, root, seed)
+    table, code = folder / "cases.csv", source_hash(root)
+    rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code and row.case < cases}
+    left = [case for case in range(cases) if case not in rows]
+    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
+        solved = Parallel(return_as="generator_unordered")(delayed(one_case)(maker, case, code) for case in left)
+        for row in solved:
+            rows[row.case] = row
+            write_rows(table, [rows[case] for case in sorted(rows)])
+            progress.say("blind", f"{len(rows)} of {cases}", f"{row.truth}: {row.verdict} {row.named}")
+    return [rows[case] for case in sorted(rows)]
+
+
+def one_case(maker: Maker, case: int, code: str) -> Row:
+    """Generate, identify, and hold the verdict against the truth; a unit that fails keeps its row with the reason."""
+    made = generate(maker, case)
+    folder, (believed, condensed) = maker.unit_folder(case), maker.condensed[made.reducer.name]
+    started = time.perf_counter()
+    own = {"case": case, "seed": maker.seed, "code": code}
+    try:
+        found = identify(load_measured_unit(folder, maker.root), believed, nested=False)
+        seconds = time.perf_counter() - started
+        near = {}
+        if made.truth["kind"] in (ONE, OUTSIDE_KIND):
+            near = oracle.distances(made, folder, maker.root, condensed)
+    except Exception as error:  # the other units are worth their verdicts
+        return _failed(made, error, seconds=time.perf_counter() - started, **own)
+    return _row(made, found, near, seconds=seconds, **own)
+
+
+def _failed(made: Made, error: Exception, **own: Any) -> Row:
+    """Row of a unit without a verdict: nothing known, nothing right."""
+    truth = made.truth
+    unknown: dict[str, Any] = {"str": "", "int": 0, "float": float("nan"), "bool": False}
+    values = {field.name: unknown.get(str(field.type)) for field in fields(Row)}
+    values |= {name: truth[name] for name in ("truth", "size_over_noise", "kind", "reducer", "dimensions_known")}
+    return Row(**{**values, **own, "verdict": FAILED, "reason": f"{type(error).__name__}: {error}"})
+
+
+def _row(made: Made, found: Identification, near: Mapping[str, float], **own: Any) -> Row:
+    truth, said = made.truth, found.verdict
+    kind, size = truth["kind"], truth["size_over_noise"]
+    parts = [frozenset(name.split("+")) for name in said.named]
+    true = frozenset(truth["truth"].split(";"))
+    nearest = min(near, key=lambda name: near[name], default="")
+    declared, recalibrated, after = errors_of(found)
+    return Row(
+        **own,
+        truth=truth["truth"],
+        size_over_noise=size,
+        verdict=said.verdict,
+        named=";".join(said.named),
+        class_size=len(said.named),
+        correct=is_correct(kind, size, true, parts, said.verdict),
+        oracle_separates=near[nearest] >= 1 if near else None,
+        rms_declared_arcmin=declared,
+        rms_recalibrated_arcmin=recalibrated,
+        rms_after_arcmin=after,
+        noise_floor_arcmin=found.problem.data.noise if found.problem else float("nan"),
+        parameter_covered=_covered(found, truth) if kind == ONE else None,
+        both=true in parts if kind == TWO else None,
+        nearest=nearest,
+        nearest_floors=near.get(nearest, float("nan")),
+        structure=said.structure,
+        traced=";".join(said.traced),
+        parameters=_parameters(found, truth),
+        reason="",
+        kind=kind,
+        reducer=truth["reducer"],
+        dimensions_known=truth["dimensions_known"],
+    )
+
+
+def is_correct(kind: str, size: float, true: frozenset[str], named: Sequence[frozenset[str]], verdict: str) -> bool:
+    """Whether a verdict is right; see ``Row``."""
+    if kind == NONE:
+        return not named
+    if kind == OUTSIDE_KIND:
+        return verdict == UNEXPLAINED or (verdict == ADEQUATE and size < VISIBLE)
+    if not 0 < len(named) <= LARGEST_CLASS:
+        return False
+    return any(one <= true for one in named)
+
+
+def _covered(found: Identification, truth: Mapping[str, Any]) -> bool | None:
+    """Whether all parameters of the true effect lie in their intervals; None if it has none."""
+    effect = truth["effects"][0]
+    own = [p for p in found.verdict.parameters if p.effect == effect["name"]]
+    if not own or any(np.isnan(p.ci_low) for p in own):
+        return None
+    return all(p.ci_low <= value <= p.ci_high for p, value in zip(own, effect["values"], strict=True))
+
+
+def _parameters(found: Identification, truth: Mapping[str, Any]) -> str:
+    values = {effect["name"]: effect.get("values", ()) for effect in truth["effects"]}
+    out = []
+    for name in dict.fromkeys(p.effect for p in found.verdict.parameters):
+        own = [p for p in found.verdict.parameters if p.effect == name]
+        out += [f"{name}.{p.name} = {p.value:.4g} ({p.ci_low:.4g} to {p.ci_high:.4g})" for p in own]
+        if name in values:
+            out.append(f"truly {' '.join(f'{value:.4g}' for value in values[name])}")
+    return "; ".join(out)
+
+
+def errors_of(found: Identification) -> tuple[float, float, float]:
+    """Held-out errors [arcmin] as declared, recalibrated and with the chosen model: rms in sigmas times the floor."""
+    if found.problem is None or found.curves is None or found.held_out is None:
+        return (float("nan"),) * 3
+    data = found.problem.data
+
+    def error(predicted: Real) -> float:
+        used = found.held_out & np.isfinite(predicted)
+        return float(np.sqrt(np.mean(((data.angle - predicted) / data.sigma)[used] ** 2)) * data.noise)
+
+    curves = found.curves
+    return error(curves.declared), error(curves.recalibrated), error(curves.after)
+
+
+def source_hash(root: Path) -> str:
+    """Of all that a row depends on."""
+    digest = hashlib.sha256()
+    for package in ("pipeline/config", "pipeline/identification", "pipeline/model", "pipeline/statistics"):
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
+    """The table cases.csv; truths as true and false, what is not known empty."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([field.name for field in fields(Row)])
+    table.writerows([[_written(value) for value in asdict(row).values()] for row in rows])
+    write_atomic(path, text.getvalue().encode())
+
+
+def _written(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if value is None or value != value:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def read_rows(path: Path) -> Iterator[Row]:
+    """Rows of a table that ``write_rows`` wrote; none of a table with other columns."""
+    if not path.is_file():
+        return
+    with path.open(newline="", encoding="utf-8") as file:
+        for line in csv.DictReader(file):
+            if set(line) == {field.name for field in fields(Row)}:
+                yield Row(**{field.name: _read(str(field.type), line[field.name]) for field in fields(Row)})
+
+
+def _read(kind: str, text: str) -> Any:
+    if "bool" in kind:
+        return None if text == "" else text == "true"
+    if kind == "float":
+        return float(text) if text else float("nan")
+    return int(text) if kind == "int" else text

@@ -1,0 +1,194 @@
+"""The generator's own solution of a unit on its ramps: a fine frictionless curve, with friction every row a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.checks.blind.bench import Bench, Ramp
+from pipeline.config.study import Study
+from pipeline.identification.bench.simulator import Instrument
+from pipeline.identification.fitting.build import drive_of, scaled_design
+from pipeline.identification.fitting.problem import Candidate, Model
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.load_history.drive import Backbone, Drive, backbone, ladder
+from pipeline.model.load_history.incremental import solve_path
+from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.load_history.output_path import condensed_path
+
+Real = NDArray[np.float64]
+NMM_PER_NM = 1e3
+SECONDS_AN_HOUR = 3600.0
+STEPS = 64
+"""Nodes of the frictionless curve in each sense of the torque; with friction every row is a step."""
+BEYOND = 1.05
+UNSOUND = 1e-6
+"""Relative residual of a path beyond which the unit is drawn anew."""
+
+Outside = Callable[["Track"], Real]
+"""Angle [arcmin] (n_rows,) of an effect that the library lacks."""
+
+
+class UnsoundError(RuntimeError):
+    """An equilibrium of the true unit was not found."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One position of the true unit, as an effect outside the library sees it.
+
+    Attributes
+    ----------
+    ramp : of the position.
+    angle_at : angle [arcmin] of the unit without friction at torques (n_rows,) [N m].
+    span : range of the angle [arcmin].
+    """
+
+    ramp: Ramp
+    angle_at: Callable[[Real], Real]
+    span: float
+
+
+@dataclass(frozen=True)
+class TrueUnit:
+    """A unit as it is.
+
+    Attributes
+    ----------
+    study : generating study with the unit's own numbers.
+    drives : one per position, a state for every cycle.
+    bench : how it is measured.
+    """
+
+    study: Study
+    drives: tuple[Drive, ...]
+    bench: Bench
+
+    def angles(self, effects: Sequence[Candidate] = (), values: Sequence[float] = ()) -> list[Real]:
+        """Angle [arcmin] at the rows of every position with effects of the library, before noise."""
+        drives, instrument = Model(tuple(effects)).put(
+            self.drives, [ramp.conditions for ramp in self.bench.ramps], values
+        )
+        place = encoder_places(self.bench, self.study.design.cycloid.lobes)
+        turns = float(self.study.design.cycloid.lobes) if self.bench.locked == "output" else 1.0
+        out = []
+        for drive, ramp, at in zip(drives, self.bench.ramps, place, strict=True):
+            angle = _solved(drive, ramp, instrument)
+            turned = turns * angle + at
+            passed = ramp.time + (ramp.begin if self.bench.common else 0.0)
+            read = ARCMIN * angle + instrument.drift * passed / SECONDS_AN_HOUR
+            out.append(read + instrument.encoder[0] * np.cos(turned) + instrument.encoder[1] * np.sin(turned))
+        return out
+
+    def angles_outside(self, effect: Outside) -> list[Real]:
+        """The same with an effect that the library lacks."""
+        out = []
+        for drive, ramp in zip(self.drives, self.bench.ramps, strict=True):
+            curve = _fine(drive, float(np.max(np.abs(ramp.turns))))
+            single = ARCMIN * (curve.angle[0] + drive.torsion * curve.torque)
+
+            def angle_at(torque: Real, curve: Backbone = curve, single: Real = single) -> Real:
+                return np.interp(NMM_PER_NM * torque, curve.torque, single)
+
+            out.append(effect(Track(ramp, angle_at, float(np.ptp(single)))))
+        return out
+
+
+def encoder_places(bench: Bench, lobes: int) -> Real:
+    """Where the encoder stands at each position [rad]: at the input if the output is locked."""
+    crank = np.radians(bench.cranks)
+    return crank if bench.locked == "output" else -crank / lobes
+
+
+def true_unit(
+    study: Study,
+    keys: Sequence[str],
+    scales: Sequence[float],
+    errors: Errors,
+    loose_um: float,
+    compliances: Sequence[Real],
+    bench: Bench,
+) -> TrueUnit:
+    """A unit of the study with its own numbers (at ``keys``, times ``scales``), errors and bearing clearance."""
+    own = study.model_copy(update={"design": scaled_design(study.design, keys, scales)})
+    softness = study.design.disk.thickness_mm / own.design.disk.thickness_mm
+    drives = []
+    for crank, compliance, ramp in zip(bench.cranks, compliances, bench.ramps, strict=True):
+        n = ramp.n_cycles
+        loose = assembly.bearing_clearance(own.design, np.full(n, loose_um))
+        states = Errors(**{name: np.repeat(value[:1], n, axis=0) for name, value in vars(errors).items()})
+        drives.append(drive_of(own, crank, softness * compliance, states, loose))
+    return TrueUnit(own, tuple(drives), bench)
+
+
+def _fine(drive: Drive, top: float) -> Backbone:
+    reach = BEYOND * NMM_PER_NM * top / drive.rated_torque
+    curve = backbone(replace(drive, torsion=0.0), ladder(STEPS, reach))
+    if not np.all(curve.states.converged):
+        raise UnsoundError("the frictionless curve")
+    return curve
+
+
+def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
+    """Angle [rad] at the rows of a ramp."""
+    turns, at = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
+    curve = _fine(drive, float(np.max(np.abs(turns))) / NMM_PER_NM)
+    angle, carried = np.empty(len(at)), np.empty(len(at))
+    for state in range(len(curve.angle)):
+        mine = ramp.cycle == state
+        alone = curve.angle[state] + drive.torsion * curve.torque
+        if instrument.ripple.amplitude or len(drive.sliders.acting):
+            steps, is_row = _every_row(turns, at, ramp.leg)
+            if drive.sliders.at_contacts:
+                turned, inside = _followed(drive, state, curve, steps)
+            else:
+                turned, inside = condensed_path(steps, curve.torque, alone, drive.sliders, instrument.ripple)
+            angle[mine], carried[mine] = turned[is_row][mine], inside[is_row][mine]
+        else:
+            angle[mine], carried[mine] = np.interp(at[mine], curve.torque, alone), at[mine]
+    if drive.creep is not None:
+        angle = angle + _crept(carried, ramp.time, drive.creep.compliance, drive.creep.time_constant)
+    return angle
+
+
+def _every_row(turns: Real, at: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:
+    """Torques of all rows with the turns between them, and which of them are rows."""
+    parts = [turns[:1], *(np.append(at[leg == k], end) for k, end in enumerate(turns[1:]))]
+    is_row = [np.append(np.ones(len(part) - 1, bool), False) for part in parts]
+    return np.concatenate(parts), np.concatenate(is_row)
+
+
+def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[Real, Real]:
+    """Angle [rad] and torque in the reducer [N mm] along a history with friction at contacts, in one state."""
+    motion, _, worst = solve_path(
+        drive.reducer,
+        drive.bearing,
+        drive.laws,
+        drive.compliance,
+        drive.gap[state],
+        drive.bearing_clearance[state],
+        drive.sliders,
+        steps,
+        (curve.torque, curve.states.motion[state], curve.states.force[state]),
+    )
+    if worst > UNSOUND:
+        raise UnsoundError("the path with friction")
+    turned = motion[:, drive.reducer.output_motion]
+    return turned + drive.torsion * steps, np.interp(turned, curve.angle[state], curve.torque)
+
+
+def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:
+    """Delayed rotation [rad] for a torque that is linear between rows."""
+    crept, now = np.zeros_like(carried), 0.0
+    for k in range(1, len(carried)):
+        step = (time[k] - time[k - 1]) / time_constant
+        decay = np.exp(-step)
+        before, after = carried[k - 1], carried[k]
+        slope = (after - before) / step if step > 0 else 0.0
+        now = now * decay + compliance * (after - slope + (slope - before) * decay)
+        crept[k] = now
+    return crept

@@ -1,0 +1,130 @@
+"""Effects of the bench, not of the reducer: what the instrument adds to what it reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.identification.bench.simulator import NMM_PER_NM, Instrument
+from pipeline.model.effects import Parameter
+from pipeline.model.effects.effect import CRANKS, TIME
+from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.load_history.output_path import Ripple
+
+FEWEST_WAVES = 4
+"""Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""
+
+
+@dataclass(frozen=True)
+class InstrumentEffect:
+    """An effect of the bench; attributes as those of ``pipeline.model.effects.Effect``.
+
+    ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],
+    and of the time that it took [h]. ``common_offset`` says that the effect is seen only where all positions share one
+    zero of the angle.
+    """
+
+    name: str
+    title: str
+    physics: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    changes: str
+    signature: str
+    confused_with: tuple[str, ...]
+    bounds: Callable[[float, float, float], tuple[tuple[float, float], ...]]
+    apply: Callable[[Instrument, Sequence[float]], Instrument]
+    needs: frozenset[str] = frozenset()
+    common_offset: bool = False
+
+
+def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:
+    cosine, sine, waves = values
+    amplitude = NMM_PER_NM * float(np.hypot(cosine, sine))
+    return replace(instrument, ripple=Ripple(amplitude, 10.0**waves, float(np.arctan2(cosine, sine))))
+
+
+EFFECTS = (
+    InstrumentEffect(
+        name="torque_zero",
+        title="zero of the torque sensor",
+        physics="the sensor reads a torque where there is none",
+        source="definition",
+        parameters=(Parameter("torque_Nm", "N m", "reading at no torque"),),
+        changes="torque read",
+        signature="the loop stands off centre along the torque",
+        confused_with=("flank_wear",),
+        bounds=lambda rated, span, hours: ((-0.3 * rated, 0.3 * rated),),
+        apply=lambda instrument, values: replace(instrument, torque_zero=values[0]),
+    ),
+    InstrumentEffect(
+        name="torque_gain",
+        title="gain of the torque sensor",
+        physics="the sensor reads too much or too little in proportion",
+        source="definition",
+        parameters=(Parameter("gain", "1", "relative error of the torque read"),),
+        changes="torque read",
+        signature="all of the curve is stretched along the torque, friction too",
+        confused_with=("output_torsion", "seat_compliance"),
+        bounds=lambda rated, span, hours: ((-0.3, 0.5),),
+        apply=lambda instrument, values: replace(instrument, torque_gain=values[0]),
+    ),
+    InstrumentEffect(
+        name="angle_drift",
+        title="drift of the angle",
+        physics="the zero of the angle moves with time",
+        source="definition",
+        parameters=(Parameter("drift_arcmin_per_h", "arcmin/h", "drift"),),
+        changes="angle read",
+        signature="cycles stand off one another by equal steps, loops do not close",
+        confused_with=("creep", "run_in"),
+        bounds=lambda rated, span, hours: ((-2 * span / hours, 2 * span / hours),),
+        apply=lambda instrument, values: replace(instrument, drift=values[0]),
+        needs=frozenset({TIME}),
+    ),
+    InstrumentEffect(
+        name="encoder_eccentricity",
+        title="eccentricity of the encoder",
+        physics="the encoder's disk turns about a point off its centre: its reading errs once a turn",
+        source="Ramaswamy, Precision Eng. 3 (1981); first harmonic of the reading",
+        parameters=(
+            Parameter("cosine_arcmin", "arcmin", "amplitude at the encoder's zero"),
+            Parameter("sine_arcmin", "arcmin", "amplitude a quarter turn on"),
+        ),
+        changes="angle read, with the encoder's own angle",
+        signature="offsets of the positions, and twist, vary once a turn of the encoder",
+        confused_with=("ovality_2", "ovality_3"),
+        bounds=lambda rated, span, hours: ((-2 * span, 2 * span),) * 2,
+        apply=lambda instrument, values: replace(instrument, encoder=(values[0], values[1])),
+        needs=frozenset({CRANKS}),
+        common_offset=True,
+    ),
+    InstrumentEffect(
+        name="motor_cogging",
+        title="cogging of the motor",
+        physics="the motor's torque varies with its angle: a ripple locked to the angle",
+        source="Hanselman, Brushless Permanent Magnet Motor Design (2003), ch. 5",
+        parameters=(
+            Parameter("cosine_Nm", "N m", "amplitude, referred to the output"),
+            Parameter("sine_Nm", "N m", "amplitude a quarter of its period on"),
+            Parameter("log_waves", "1", "decimal logarithm of the number of waves per radian of the output"),
+        ),
+        changes="torque in the reducer, with the angle of the output",
+        signature="a staircase of constant step in the angle, most where the curve is steep",
+        confused_with=(),
+        bounds=lambda rated, span, hours: (
+            (-0.15 * rated, 0.15 * rated),
+            (-0.15 * rated, 0.15 * rated),
+            (float(np.log10(FEWEST_WAVES * 2 * np.pi * ARCMIN / span)), float(np.log10(120 * np.pi * ARCMIN / span))),
+        ),
+        apply=_ripple,
+        needs=frozenset({CRANKS}),
+    ),
+)
+
+
+def instrument_effects() -> Mapping[str, InstrumentEffect]:
+    """All effects of the bench by name."""
+    return {effect.name: effect for effect in EFFECTS}

@@ -1,0 +1,280 @@
+"""What the model says that a bench reads: the drive of each position along its load history, through the instrument.
+
+The frictionless backbone of a drive is kept from call to call: friction, torsion and the instrument change what is
+made of it, not itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.model.load_history.cell_means import means
+from pipeline.model.load_history.drive import Backbone, Drive, backbone, ladder
+from pipeline.model.load_history.incremental import solve_path
+from pipeline.model.load_history.kelvin_voigt import crept
+from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.load_history.output_path import Ripple
+from pipeline.model.load_history.output_walk import walked
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+LEVELS = 22
+"""Nodes of the backbone in each sense of the torque."""
+PATH_LEVELS = 11
+"""The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
+BEYOND = 1.05
+"""Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
+REPEATED = 0.01
+"""Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
+UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
+"""Relative residual of an equilibrium that is none, and the share of them that a fit may pass through."""
+NMM_PER_NM = 1e3
+SECONDS_AN_HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """The bench as it reads: torque (1 + gain) T + zero, angle with drift and the eccentricity of its encoder.
+
+    Attributes
+    ----------
+    torque_zero : [N m]
+    torque_gain : [-]
+    drift : [arcmin/h]
+    encoder : amplitudes (cosine, sine) of the encoder's eccentricity [arcmin].
+    ripple : torque of the motor, locked to its angle.
+    """
+
+    torque_zero: float = 0.0
+    torque_gain: float = 0.0
+    drift: float = 0.0
+    encoder: tuple[float, float] = (0.0, 0.0)
+    ripple: Ripple = field(default_factory=Ripple)
+
+    def true_torque(self, read: Real) -> Real:
+        """Torque [N mm] that is read as ``read`` [N m]."""
+        return NMM_PER_NM * (read - self.torque_zero) / (1 + self.torque_gain)
+
+
+@dataclass(frozen=True)
+class Course:
+    """What one position was put through, and where it was read.
+
+    Attributes
+    ----------
+    torque : (n_turns,) [N m] from the first to the last, turning at each.
+    leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
+    state : (n_turns - 1,) state of the drive on each leg.
+    at : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the angle of a
+        cell is the mean over them.
+    time : (n_cells,) [s] from the unit's first cell, or zeros.
+    encoder_turns : turns of the encoder per turn of the output.
+    encoder_place : [rad] of the encoder at this position.
+    """
+
+    torque: Real
+    leg: Whole
+    state: Whole
+    at: Real
+    time: Real
+    encoder_turns: float
+    encoder_place: float
+
+    def without_states(self) -> Course:
+        """The course with all its legs in the drive's first state."""
+        return Course(**{**vars(self), "state": np.zeros_like(self.state)})
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Prediction at the cells of one position.
+
+    Attributes
+    ----------
+    angle : (n_cells,) [arcmin]
+    slope : (n_cells,) d angle / d torque [arcmin/(N m)].
+    carried : (n_cells,) torque in the reducer [N mm].
+    sound : whether nearly every equilibrium was found.
+    """
+
+    angle: Real
+    slope: Real
+    carried: Real
+    sound: bool
+
+
+@dataclass(frozen=True)
+class Way:
+    """What a position went through.
+
+    Attributes
+    ----------
+    angle : (n_cells,) of the output [rad].
+    slope : (n_cells,) d angle / d torque [rad/(N mm)].
+    carried : (n_cells,) torque in the reducer [N mm].
+    at_turns : (n_turns,) the same at the turns.
+    """
+
+    angle: Real
+    slope: Real
+    carried: Real
+    at_turns: Real
+
+
+class Forward:
+    """Predictions of drives on the courses of a unit; keeps the backbones of the drives that it has seen."""
+
+    def __init__(self, courses: list[Course], rated_torque: float):
+        self.courses = courses
+        reach = max(float(np.max(np.abs(course.torque))) for course in courses) * NMM_PER_NM / rated_torque
+        self.shares = ladder(LEVELS, BEYOND * reach)
+        self._kept: dict[tuple, Backbone] = {}
+
+    def backbone(self, drive: Drive) -> Backbone:
+        """The frictionless curve of a drive, without its torsion."""
+        key = (
+            drive.reducer.closing.tobytes(),
+            drive.gap.tobytes(),
+            drive.bearing_clearance.tobytes(),
+            drive.laws.linear.tobytes(),
+            drive.laws.power.tobytes(),
+            float(drive.compliance[0, 0]),
+            drive.bearing,
+        )
+        if key not in self._kept:
+            if len(self._kept) > 400:
+                self._kept.clear()
+            self._kept[key] = backbone(replace(drive, torsion=0.0, known=drive.gap_of_errors), self.shares)
+        return self._kept[key]
+
+    def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:
+        """Prediction at the cells of a position."""
+        course = self.courses[position]
+        curve = self.backbone(drive)
+        torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
+        sound = float(np.mean(curve.states.residual > UNSOUND)) <= UNSOUND_SHARE
+        if len(drive.sliders.acting) or instrument.ripple.amplitude:
+            way, found = self._along(drive, course, curve, instrument.ripple, torque, at)
+            sound = sound and found
+        else:
+            way = _unhindered(drive, course, curve, torque, at)
+        angle, slope, carried, at_turns = way.angle, way.slope, way.carried, way.at_turns
+        if drive.creep is not None:
+            delayed = drive.creep.compliance, drive.creep.time_constant
+            angle = angle + crept(carried, course.time, course.leg, at_turns, *delayed)
+        turns = course.encoder_turns * angle + course.encoder_place
+        read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
+        read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
+        return Reading(read, ARCMIN * NMM_PER_NM * slope, carried, sound)
+
+    def _along(
+        self, drive: Drive, course: Course, curve: Backbone, ripple: Ripple, torque: Real, at: Real
+    ) -> tuple[Way, bool]:
+        """The way with friction through turns (n_turns,) and cells (n_cells, n_edges) [N mm]; whether it is sound."""
+        nodes, sound = curve.torque, True
+        way = Way(np.empty(len(at)), np.empty(len(at)), np.empty(len(at)), torque.copy())
+        same = np.arange(len(torque) - 1)
+        if drive.sliders.at_contacts:
+            same = _repeats(torque)
+            steps, turns = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
+        for state in np.unique(course.state):
+            if drive.sliders.at_contacts:
+                seeds = (nodes, curve.states.motion[state], curve.states.force[state])
+                motions, _, worst = solve_path(
+                    drive.reducer,
+                    drive.bearing,
+                    drive.laws,
+                    drive.compliance,
+                    drive.gap[state],
+                    drive.bearing_clearance[state],
+                    drive.sliders,
+                    steps,
+                    seeds,
+                )
+                turned = motions[:, drive.reducer.output_motion] + drive.torsion * steps
+                corners, sound = np.array([steps, turned, steps]), sound and worst <= UNSOUND
+            else:
+                alone = curve.angle[state] + drive.torsion * nodes
+                corners, turns = walked(torque, nodes, alone, drive.sliders, ripple)
+            for leg in np.flatnonzero(course.state == state):
+                part = corners[:, turns[same[leg]] : turns[same[leg] + 1] + 1]
+                x, turned, inside = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
+                cells = course.leg == leg
+                way.at_turns[leg : leg + 2] = part[2, [0, -1]]
+                if np.any(cells):
+                    way.angle[cells], way.slope[cells] = means(at[cells], x, turned)
+                    way.carried[cells], _ = means(at[cells], x, inside)
+        return way, sound
+
+    def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
+        """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
+        curve = self.backbone(drive)
+        return self._at_cells(curve, position, carried, curve.influence @ modes.T)
+
+    def change(self, drive: Drive, near: Drive, position: int, carried: Real) -> Real | None:
+        """Change of the angle (n_cells,) [arcmin], to first order, from a drive to one with other gaps and springs.
+
+        None where the two differ in more.
+        """
+        if not _alike_but_for_springs(drive, near):
+            return None
+        curve = self.backbone(drive)
+        return self._at_cells(curve, position, carried, curve.change(drive, near)[..., None])[:, 0]
+
+    def _at_cells(self, curve: Backbone, position: int, carried: Real, values: Real) -> Real:
+        """Values (n, n_nodes, k) [rad] of a backbone where it carries ``carried`` (n_cells,): (n_cells, k) [arcmin]."""
+        course, nodes = self.courses[position], curve.torque
+        state = course.state[course.leg]
+        j = np.clip(np.searchsorted(nodes, carried) - 1, 0, len(nodes) - 2)
+        x = np.clip((carried - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
+        return ARCMIN * ((1 - x) * values[state, j] + x * values[state, j + 1])
+
+
+def _alike_but_for_springs(drive: Drive, near: Drive) -> bool:
+    """Whether two drives have the same contacts, friction and creep."""
+    sliders = zip(vars(drive.sliders).values(), vars(near.sliders).values(), strict=True)
+    return (
+        drive.creep == near.creep
+        and np.array_equal(drive.reducer.closing, near.reducer.closing)
+        and all(np.array_equal(own, other) for own, other in sliders)
+    )
+
+
+def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, at: Real) -> Way:
+    """The way without friction: the backbone, wherever it is."""
+    angle, slope = np.empty(len(at)), np.empty(len(at))
+    state_of = course.state[course.leg]
+    for state in np.unique(state_of):
+        cells = state_of == state
+        alone = curve.angle[state] + drive.torsion * curve.torque
+        angle[cells], slope[cells] = means(at[cells], curve.torque, alone)
+    return Way(angle, slope, (0.5 * (at[:, 1:] + at[:, :-1])).mean(axis=1), torque)
+
+
+def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
+    """Torques from turn to turn over the nodes, and the step at which each turn stands."""
+    parts, first, count = [torque[:1]], [0], 1
+    for start, end in zip(torque[:-1], torque[1:], strict=True):
+        between = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
+        parts.append(np.append(between if end > start else between[::-1], end))
+        count += len(parts[-1])
+        first.append(count - 1)
+    return np.concatenate(parts), np.array(first)
+
+
+def _repeats(torque: Real) -> Whole:
+    """For each leg the earlier one that it repeats, turns before it included, or itself (n_legs,)."""
+    close = REPEATED * np.ptp(torque)
+    same = np.arange(len(torque) - 1)
+    for leg in range(3, len(same)):
+        known = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
+        ends = np.sign(torque[leg + 1] - torque[leg]) * (torque[leg + 1] - torque[leg - 1])
+        if known and ends <= close:
+            same[leg] = same[leg - 2]
+        else:
+            same[: leg + 1] = np.arange(leg + 1)  # its history must be followed
+    return same

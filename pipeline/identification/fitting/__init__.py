@@ -1,0 +1,1 @@
+"""Parameters, prior and data of a fit, and its descent."""

@@ -1,0 +1,316 @@
+"""From a unit's files to the problem that is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.config.design import Design
+from pipeline.config.study import Study
+from pipeline.identification.bench.simulator import Course, Forward
+from pipeline.identification.fitting.problem import FEWEST_CRANKS, Data, Problem, first_states, mean_gap, prior_modes
+from pipeline.identification.measurement.branches import Blocks, Cells, History
+from pipeline.identification.measurement.repeatability import Noise
+from pipeline.identification.measurement.rows import Rows
+from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.model.effects import Conditions
+from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.reducer import PIN
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.mounting import drive_of
+from pipeline.sampling import Errors as SampledErrors
+from pipeline.sampling import draw
+
+Real = NDArray[np.float64]
+
+MESHED = ("cycloid.", "disk.bore_radius_mm", "housing.")
+"""Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
+CALIBRATED_SPREAD = 3.0
+"""Factor that a calibrated number may be off by: a standard deviation of its prior."""
+LAW_SPREAD = 0.25
+"""Standard deviation of the logarithm of a force law: Hertz' and Palmgren's differ by up to a third on the flank."""
+MEASURED_UM = 0.3
+"""Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
+POPULATION = 192
+"""Units drawn from the study's distributions where the dimensions are not measured."""
+LIMIT = 3.0
+"""Standard deviations of the population within which a dimension is no effect."""
+RESOLUTION = 0.2
+"""Share of the noise floor below which a mode of the tolerances is left out."""
+JUMP = 2.0
+"""Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""
+PARTS = 5
+"""Parts of a cell, of as many rows each, over which its angle is averaged: the curve is bent within it."""
+CELL_WIDTH = 0.02
+"""Error of a cell's torque as a share of the distance to its neighbours."""
+
+
+def refitted(design: Design) -> tuple[str, ...]:
+    """Keys of the calibrated numbers that can be refitted without a new mesh."""
+    return tuple(
+        sorted(
+            key
+            for key, provenance in design.provenance.items()
+            if provenance.status == "calibrated" and not key.startswith(MESHED)
+        )
+    )
+
+
+def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) -> Design:
+    """The design with the numbers at ``keys`` times their scales."""
+    raw = design.model_dump()
+    for key, scale in zip(keys, scales, strict=True):
+        *path, last = key.split(".")
+        section = raw
+        for name in path:
+            section = section[name]
+        section[last] *= scale
+    return Design.model_validate(raw)
+
+
+def one_unit(study: Study, dimensions: object) -> Study:
+    """The study with the as-measured dimensions (or none at all) as its one sample."""
+    cases = (dimensions,) if dimensions is not None else ()
+    samples = study.samples.model_copy(
+        update={"experiment": "cases" if cases else "monte_carlo", "count": 1, "nominal_first": not cases}
+    )
+    return study.model_copy(update={"samples": samples, "cases": cases})
+
+
+def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
+    """The drive with the local deflections of its pins and of its output's contacts scaled."""
+    factor = np.where(drive.reducer.contacts.kind == PIN, pins, output)
+    laws = drive.laws
+    scaled = {name: factor * getattr(laws, name) for name in ("linear", "logarithmic", "power")}
+    return replace(drive, laws=replace(laws, **scaled), known=drive.gap_of_errors)
+
+
+def _repeated(errors: Errors, n: int) -> Errors:
+    return Errors(**{name: np.repeat(values[:1], n, axis=0) for name, values in vars(errors).items()})
+
+
+def _softness(design: Design) -> float:
+    """The compliance of the disk is in proportion to this."""
+    return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
+
+
+def build_problem(
+    unit: UnitFile,
+    rows: Rows,
+    usable: NDArray[np.bool_],
+    blocks: Blocks,
+    cells: Cells,
+    turns: History,
+    noise: Noise,
+    compliances: Sequence[Real],
+) -> Problem:
+    """The problem of a measured unit; ``compliances`` per position (n_contacts, n_contacts) [mm/N]."""
+    study = unit.study
+    states, conditions = _states(unit, rows, blocks, cells, turns)
+    courses = [_course(unit, rows, usable, cells, turns, states, p) for p in range(len(rows.cranks))]
+    keys = refitted(study.design)
+    own = one_unit(study, unit.dimensions)
+    sampled = draw(own, 0, 1) if unit.dimensions is not None else _usual(_population(study))
+    errors = assembly.errors(sampled)
+
+    @lru_cache(maxsize=64)
+    def with_numbers(numbers: tuple[float, ...]) -> tuple[Drive, ...]:
+        scaled = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
+        factor = _softness(scaled.design) / _softness(study.design)
+        return tuple(
+            drive_of(
+                scaled,
+                float(crank),
+                factor * compliance,
+                _repeated(errors, len(at.cycle)),
+                assembly.bearing_clearance(scaled.design, np.repeat(sampled.bearing_clearance, len(at.cycle))),
+            )
+            for crank, compliance, at in zip(rows.cranks, compliances, conditions, strict=True)
+        )
+
+    @lru_cache(maxsize=256)
+    def drives(scales: tuple[float, ...]) -> tuple[Drive, ...]:
+        laws = scales[len(keys) :]
+        return tuple(_with_laws(drive, *laws) for drive in with_numbers(scales[: len(keys)]))
+
+    rated = study.design.cycloid.rated_torque_Nm
+    nmm = assembly.NMM_PER_NM * rated
+    plain = Forward([course.without_states() for course in courses], nmm)
+    data = _data(unit, blocks, cells, noise)
+    spread = np.array([np.log(CALIBRATED_SPREAD)] * len(keys) + [LAW_SPREAD] * 2)
+    modes, limit = _modes(unit, first_states(drives((1.0,) * len(spread))), plain, data.noise)
+    return Problem(
+        data=data,
+        forward=plain,
+        forward_by_state=Forward(courses, nmm),
+        drives=drives,
+        calibrated=keys,
+        scale_spread=spread,
+        modes=modes,
+        gap_limit=limit,
+        conditions=tuple(conditions),
+        offered=_offered(unit, rows, cells),
+        rated_torque=rated,
+    )
+
+
+def _states(
+    unit: UnitFile, rows: Rows, blocks: Blocks, cells: Cells, turns: History
+) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
+    """State of every leg of each position, and the conditions of each state: one per cycle."""
+    states, conditions = [], []
+    for position in range(len(rows.cranks)):
+        mine = blocks.position == position
+        cycles = np.unique(blocks.cycle[mine])
+        leg_state = np.full(len(turns.torque[position]) - 1, -1)
+        leg_state[turns.leg[mine]] = np.searchsorted(cycles, blocks.cycle[mine])
+        for leg in range(len(leg_state)):  # between two cycles: as the one before
+            if leg_state[leg] < 0:
+                leg_state[leg] = leg_state[leg - 1] if leg else 0
+        states.append(leg_state)
+        rise = np.zeros(len(cycles))
+        if rows.temperature is not None:
+            at = [cells.temperature_mean[(cells.position == position) & (cells.cycle == cycle)] for cycle in cycles]
+            rise = np.array([np.nanmean(one) if np.any(np.isfinite(one)) else np.nan for one in at])
+            rise = np.nan_to_num(rise - unit.settings.environment.temperature_C)
+        conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
+    return states, conditions
+
+
+def _course(
+    unit: UnitFile,
+    rows: Rows,
+    usable: NDArray[np.bool_],
+    cells: Cells,
+    turns: History,
+    states: Sequence[NDArray[np.int64]],
+    position: int,
+) -> Course:
+    mine = cells.position == position
+    crank, lobes = np.radians(rows.cranks[position]), unit.study.design.cycloid.lobes
+    timed = bool(np.all(np.isfinite(cells.time_mean)))
+    time = cells.time_mean[mine] - np.min(cells.time_mean) if timed else np.zeros(int(mine.sum()))
+    at_input = unit.settings.locked == "output"
+    return Course(
+        torque=turns.torque[position],
+        leg=turns.leg[cells.block[mine]],
+        state=states[position],
+        at=_within(rows, usable, cells, np.flatnonzero(mine)),
+        time=time,
+        encoder_turns=float(lobes) if at_input else 1.0,
+        encoder_place=float(crank if at_input else -crank / lobes),
+    )
+
+
+def _within(rows: Rows, usable: NDArray[np.bool_], cells: Cells, numbers: NDArray[np.intp]) -> Real:
+    """Torques within cells (n, PARTS + 1) [N m], as many rows between any two; each row stands for its surroundings."""
+    kept = np.flatnonzero(usable)
+    first = np.searchsorted(kept, cells.first_row[numbers])
+    shares = np.arange(PARTS + 1) / PARTS
+    found = []
+    for start, count in zip(first, cells.count[numbers], strict=True):
+        torque = np.sort(rows.torque[kept[start : start + count]])
+        low, high = 0.5 * (torque[1] - torque[0]), 0.5 * (torque[-1] - torque[-2])
+        known = np.concatenate([[torque[0] - low], torque, [torque[-1] + high]])
+        places = np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
+        found.append(np.interp(shares, places, known))
+    return np.array(found)
+
+
+def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
+    resolution = (unit.settings.instrument.angle_resolution_arcmin or 0.0) / np.sqrt(12)
+    known = [
+        value
+        for value in (noise.random.value, noise.floor.value, noise.within_branch.value)
+        if np.isfinite(value) and value > 0
+    ]
+    floor = max(known[0] if known else 0.0, resolution, 1e-4)
+    slope, width = np.zeros(len(cells)), np.zeros(len(cells))
+    for block in np.unique(cells.block):
+        mine = np.flatnonzero(cells.block == block)
+        if len(mine) < 3:
+            continue
+        torque, angle = cells.torque_mean[mine], cells.angle_mean[mine]
+        step = np.maximum(np.abs(np.diff(torque)), 1e-9)
+        between = np.abs(np.diff(angle)) / step
+        slope[mine] = np.maximum(np.append(between, 0.0), np.append(0.0, between))
+        width[mine] = np.maximum(np.append(step, 0.0), np.append(0.0, step))
+    torque_noise = np.nan_to_num(noise.torque_noise_Nm) / np.sqrt(cells.count)
+    usual = np.median(cells.angle_spread[np.isfinite(cells.angle_spread)])
+    jumps = np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual) ** 2, 0.0)
+    white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(np.mean(1 / cells.count)))
+    own = floor**2 + white**2 * (1 / cells.count - np.mean(1 / cells.count))
+    sigma = np.sqrt(own + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps)
+    return Data(
+        position=cells.position,
+        cycle=cells.cycle,
+        block=cells.block,
+        branch=np.unique(
+            np.column_stack([blocks.position, blocks.branch, blocks.direction]), axis=0, return_inverse=True
+        )[1].ravel()[cells.block],
+        torque=cells.torque_mean,
+        angle=cells.angle_mean,
+        count=cells.count,
+        spread=cells.angle_spread,
+        noise=floor,
+        sigma=sigma,
+        common_offset=unit.settings.offset == "common",
+    )
+
+
+def _offered(unit: UnitFile, rows: Rows, cells: Cells) -> frozenset[str]:
+    offered = set()
+    gear = unit.study.design.cycloid
+    turned = max(np.ptp(cells.angle_mean[cells.position == p]) for p in range(len(rows.cranks))) * gear.lobes / ARCMIN
+    if unit.settings.locked == "input" or turned < np.pi / gear.pins:
+        offered.add(STILL)
+    if len(rows.cranks) >= FEWEST_CRANKS:
+        offered.add(CRANKS)
+    if any(len(np.unique(cells.cycle[cells.position == p])) > 1 for p in range(len(rows.cranks))):
+        offered.add(CYCLES)
+    if rows.time is not None and np.any(np.isfinite(cells.time_mean)) and np.nanstd(cells.time_mean) > 0:
+        offered.add(TIME)
+    if rows.temperature is not None and np.nanstd(cells.temperature_mean) > 0.2:
+        offered.add(TEMPERATURE)
+    return frozenset(offered)
+
+
+def _measured(errors: Errors) -> Errors:
+    """Units (POPULATION) that a measurement of one cannot tell from it."""
+    rng = np.random.default_rng(POPULATION)
+    unit = assembly.MM_PER_UM * MEASURED_UM
+
+    def spread(values: Real) -> Real:
+        common = unit * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
+        return values[:1] + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
+
+    return Errors(**{name: spread(values) for name, values in vars(errors).items()})
+
+
+def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: float) -> tuple[tuple[Real, ...], float]:
+    """Modes of the tolerances that were not measured, or of what their measurement leaves uncertain."""
+    errors = _measured(drives[0].errors) if unit.dimensions is not None else assembly.errors(_population(unit.study))
+    gaps = [drive.with_errors(errors).gap for drive in drives]
+    influences = [forward.backbone(drive).influence[0] for drive in drives]
+    limit = LIMIT * max(float(np.std(mean_gap(drive, gap))) for drive, gap in zip(drives, gaps, strict=True))
+    return prior_modes(gaps, influences, RESOLUTION * noise), limit
+
+
+def _population(study: Study) -> SampledErrors:
+    """Errors [um] of units as the study's tolerances make them."""
+    samples = study.samples.model_copy(
+        update={"experiment": "monte_carlo", "count": POPULATION, "nominal_first": False}
+    )
+    return draw(study.model_copy(update={"samples": samples, "cases": ()}), 0, POPULATION)
+
+
+def _usual(population: SampledErrors) -> SampledErrors:
+    """The mean unit, about which the modes of the tolerances stand: one-sided tolerances move it from the nominal."""
+    return SampledErrors(**{name: values.mean(axis=0, keepdims=True) for name, values in vars(population).items()})

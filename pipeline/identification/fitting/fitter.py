@@ -1,0 +1,192 @@
+"""Least squares of a model's effects, calibrated numbers and unmeasured tolerances against the cells of a unit.
+
+Unmeasured tolerances and calibrated numbers are held by their priors (a penalty), so that an effect must explain what
+they cannot. The influence of tolerances on the curve comes from the forces of the equilibria
+(``Backbone.influence``), and so do derivatives by all that changes gaps and springs; an iteration costs one prediction
+more for each parameter of friction and of the instrument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.bench.simulator import Forward, Instrument
+from pipeline.identification.fitting.least_squares import Descent
+from pipeline.identification.fitting.parameters import Fit, Prediction, Vector, mapped
+from pipeline.identification.fitting.problem import Model, Problem, first_states
+from pipeline.model.load_history.drive import Drive
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+STEP = 2e-4
+"""Step of the finite differences, as a share of a parameter's bounds."""
+SCALES_MOVED = 0.05
+"""Change of a scale's logarithm up to which derivatives by the scales are kept."""
+ITERATIONS = 15
+
+
+class Fitter:
+    """Fits of one problem; ``fit`` may be called for any model and any cells."""
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        self.positions = range(len(problem.modes))
+
+    def start(self, model: Model, shares: Real | None = None) -> Vector:
+        """No scale, no tolerance, parameters at ``shares``."""
+        at = np.full(model.n_parameters, 0.5) if shares is None else np.asarray(shares, float)
+        return Vector(np.zeros(len(self.problem.scale_spread)), at, np.zeros(self.problem.n_modes))
+
+    def bounds(self, model: Model) -> list[tuple[float, float]]:
+        """Bounds of all parameters of a model."""
+        return [pair for effect in model.effects for pair in self.problem.bounds(effect)]
+
+    def _drives(self, model: Model, unknowns: Vector) -> tuple[list[Drive], Instrument]:
+        """Drives and instrument at the unknowns."""
+        problem = self.problem
+        declared = problem.drives(tuple(np.exp(unknowns.scales)))
+        if not model.by_state:
+            declared = first_states(declared)
+        shifted = [
+            drive.shifted(unknowns.modes @ own) if len(own) else drive
+            for drive, own in zip(declared, problem.modes, strict=True)
+        ]
+        return model.put(shifted, problem.conditions, mapped(self.bounds(model), unknowns.shares).tolist())
+
+    def predict(
+        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
+    ) -> Prediction:
+        """Prediction at the unknowns; the influence of the modes where it is asked for."""
+        problem, data = self.problem, self.problem.data
+        forward = self._forward(model)
+        drives, instrument = self._drives(model, unknowns)
+        angle, carried = np.full(len(data), np.nan), np.full(len(data), np.nan)
+        influence = np.zeros((len(data), problem.n_modes))
+        sound = True
+        for position in self.positions if positions is None else positions:
+            mine = data.position == position
+            reading = forward.read(drives[position], position, instrument)
+            angle[mine], carried[mine] = reading.angle, reading.carried
+            sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
+            if modes and problem.n_modes:
+                influence[mine] = forward.influence(
+                    drives[position], position, reading.carried, problem.modes[position]
+                )
+        return Prediction(angle, influence, carried, sound)
+
+    def _forward(self, model: Model) -> Forward:
+        return self.problem.forward_by_state if model.by_state else self.problem.forward
+
+    def _change(self, model: Model, now: Vector, near: Vector, at: Prediction, positions: Sequence[int]) -> Real:
+        """Change of the angle (n_cells,) [arcmin] from the unknowns ``now``, where it is known, to ``near`` ones.
+
+        To first order from the forces there; predicted anew where friction or the instrument changes, or where a ripple
+        answers what the angle does.
+        """
+        drives, instrument = self._drives(model, now)
+        others, other = self._drives(model, near)
+        change = np.full(len(at.angle), np.nan)
+        for position in positions:
+            mine = self.problem.data.position == position
+            own = None
+            if instrument == other and not instrument.ripple.amplitude:
+                own = self._forward(model).change(drives[position], others[position], position, at.carried[mine])
+            if own is None:
+                return self.predict(model, near, positions).angle - at.angle
+            change[mine] = own
+        return change
+
+    def centred(self, values: Real, weight: Real) -> Real:
+        """Values (n, ...) less their weighted mean over the cells that share an offset."""
+        group = self.problem.data.group
+        out = values - 0.0
+        for one in np.unique(group):
+            mine = (group == one) & (weight > 0)
+            if np.any(mine):
+                mean = np.tensordot(weight[mine], values[mine], axes=1) / weight[mine].sum()
+                out[group == one] -= mean
+        return out
+
+    def offsets(self, angle: Real, fitted: Truth, sigma: Real) -> Real:
+        """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
+        data, out = self.problem.data, np.zeros(len(self.problem.data))
+        weight = 1 / sigma**2
+        for one in np.unique(data.group):
+            mine = data.group == one
+            use = mine & fitted if np.any(mine & fitted) else mine
+            use = use & np.isfinite(angle)
+            if np.any(use):
+                out[mine] = np.sum(weight[use] * (data.angle - angle)[use]) / np.sum(weight[use])
+        return out
+
+    def fit(
+        self,
+        model: Model,
+        fitted: Truth,
+        start: Vector,
+        iterations: int = ITERATIONS,
+        near: Fit | None = None,
+        frozen: bool = False,
+    ) -> Fit:
+        """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
+
+        Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move;
+        of a ``frozen`` fit all derivatives are those of ``near``.
+        """
+        descent = Descent(self, model, fitted, start, near, frozen)
+        descent.run(iterations)
+        now = descent.now
+        whole, _, _, sound = self.predict(model, now)
+        if not np.isfinite(descent.cost):
+            whole, sound = np.full(len(whole), np.nan), False
+        return Fit(
+            model,
+            now,
+            mapped(self.bounds(model), now.shares),
+            whole + self.offsets(whole, fitted, descent.sigma),
+            descent.in_noise if np.isfinite(descent.cost) else np.inf,
+            descent.jacobian,
+            descent.sigma,
+            sound,
+        )
+
+    def slopes(self, fit: Fit) -> Real:
+        """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""
+        problem, slope = self.problem, np.zeros(len(self.problem.data))
+        drives, instrument = self._drives(fit.model, fit.unknowns)
+        forward = self._forward(fit.model)
+        for position in self.positions:
+            slope[problem.data.position == position] = forward.read(drives[position], position, instrument).slope
+        return slope
+
+    def penalty(self, like: Vector) -> Real:
+        """Inverse prior standard deviation of every unknown."""
+        return np.concatenate([1 / self.problem.scale_spread, np.zeros(len(like.shares)), np.ones(len(like.modes))])
+
+    def jacobian(
+        self,
+        model: Model,
+        now: Vector,
+        at: Prediction,
+        positions: Sequence[int],
+        weight: Real,
+        known: tuple[Real, Real] | None,
+    ) -> tuple[Real, tuple[Real, Real]]:
+        """d angle / d unknowns (n_cells, n_unknowns), offsets removed; and for which scales its first columns are."""
+        first = len(now.scales)
+        kept = (
+            known if known is not None and np.max(np.abs(known[0] - now.scales), initial=0.0) < SCALES_MOVED else None
+        )
+        columns = [] if kept is None else [kept[1][:, k] for k in range(first)]
+        for k in range(len(columns), first + len(now.shares)):
+            flat = now.flat
+            step = -STEP if k >= first and flat[k] > 0.5 else STEP
+            flat[k] += step
+            columns.append(self._change(model, now, now.like(flat), at, positions) / step)
+        raw = np.column_stack([*columns, at.influence]) if columns else at.influence
+        jacobian = self.centred(np.nan_to_num(raw), weight)
+        return jacobian, (now.scales if kept is None else kept[0], jacobian)

@@ -1,0 +1,203 @@
+"""Levenberg and Marquardt's descent of one fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
+from pipeline.identification.fitting.problem import Data, Model, Problem
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+SETTLED = 0.02
+"""Fall of the sum of squares, in mean squares of a cell, at which a fit has settled: 0.14 standard deviations."""
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
+EASED, STIFFENED = 5.0, 8.0
+"""Factors of the damping after a step that falls, and after one that does not."""
+SMALL = 1e-6
+"""Mean square of a cell, in noise, that only rounding leaves."""
+TRIES = 6
+BISECTIONS = 30
+
+
+class Predicting(Protocol):
+    """What a descent asks of whoever knows the problem (``fitting.Fitter``)."""
+
+    @property
+    def problem(self) -> Problem: ...
+
+    def penalty(self, like: Vector) -> Real: ...
+
+    def centred(self, values: Real, weight: Real) -> Real: ...
+
+    def predict(
+        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
+    ) -> Prediction: ...
+
+    def jacobian(
+        self,
+        model: Model,
+        now: Vector,
+        at: Prediction,
+        positions: Sequence[int],
+        weight: Real,
+        known: tuple[Real, Real] | None,
+    ) -> tuple[Real, tuple[Real, Real]]: ...
+
+
+class Descent:
+    """A fit on its way: unknowns, misfit and derivatives.
+
+    Attributes
+    ----------
+    now : unknowns.
+    at : prediction there.
+    sigma : (n_cells,) [arcmin] of the noise, and of what the form of the model misses.
+    misfit : (n_fitted,) residuals of the cells fitted, offsets removed, in sigmas.
+    jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
+    penalty : (n_unknowns,) inverse standard deviations by which the unknowns are held.
+    """
+
+    def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, near: Fit | None, frozen: bool):
+        self.fitter, self.model, self.fitted, self.near = fitter, model, fitted, near
+        self.frozen = frozen and near is not None
+        data = fitter.problem.data
+        self.positions = np.unique(data.position[fitted]).tolist()
+        self.penalty = fitter.penalty(start)
+        self.repeats = _repeats(data, fitted)
+        self.damping = FIRST_DAMPING
+        self.known = None if near is None else (near.unknowns.scales, near.jacobian)
+        self.at = self._predicted(start)
+        self.now = start
+        self._weigh(data.sigma)
+        self.jacobian = np.zeros((len(data), len(start.flat)))
+        if np.isfinite(self.cost):
+            self._derive()
+
+    def run(self, iterations: int) -> None:
+        """At most some steps, until the sum of squares settles."""
+        for _ in range(iterations if np.isfinite(self.cost) else 0):
+            self._weigh(self._with_form())
+            fall = self._step()
+            if fall < self.little and self.stale:
+                self.known = None
+                self._derive()
+                fall = self._step()
+            if fall > 0.0:
+                self._derive()
+            if fall < self.little:
+                break
+
+    @property
+    def little(self) -> float:
+        """Fall of the sum of squares that is none."""
+        return SETTLED * max(self.cost / max(len(self.misfit), 1), SMALL)
+
+    def _with_form(self) -> Real:
+        """Standard deviation of every cell with what the form of the model misses, alike over the rows of the cells.
+
+        As much of it as makes the mean square residual 1: such a model knows as much less of tolerances, and cells that
+        are measured best do not decide where it errs. It is the same in every cycle of a branch, which together count
+        as one.
+        """
+        data = self.fitter.problem.data
+        noise = data.sigma[self.fitted] ** 2
+        square = (self.misfit * self.sigma[self.fitted]) ** 2
+        spread = (np.mean(data.count) / data.count)[self.fitted]
+        low, high = 0.0, float(np.mean(square / spread))
+        if np.mean(square / noise) <= 1.0:
+            return data.sigma
+        for _ in range(BISECTIONS):
+            form = 0.5 * (low + high)
+            if np.mean(square / (noise + form * spread)) > 1.0:
+                low = form
+            else:
+                high = form
+        return np.sqrt(data.sigma**2 + high * self.repeats * np.mean(data.count) / data.count)
+
+    def _weigh(self, sigma: Real) -> None:
+        """Give the cells their weights."""
+        self.sigma = sigma
+        self.weight = np.where(self.fitted, 1 / sigma**2, 0.0)
+        self.root = np.sqrt(self.weight[self.fitted])
+        self.misfit = self._misfit(self.at.angle)
+        self.cost = self._cost(self.misfit, self.now)
+
+    @property
+    def in_noise(self) -> float:
+        """Sum of squares in sigmas of the noise alone, and of the priors: it compares models."""
+        misfit = self.misfit * (self.sigma / self.fitter.problem.data.sigma)[self.fitted]
+        return self._cost(misfit, self.now)
+
+    def _step(self) -> float:
+        """Fall of the sum of squares by the first damped step that falls; 0 where none does."""
+        rows = self.fitter.centred(self.jacobian, self.weight)[self.fitted] * self.root[:, None]
+        hessian = rows.T @ rows + np.diag(self.penalty**2)
+        gradient = rows.T @ self.misfit - self.penalty**2 * self.now.flat
+        free = self.now.free(gradient)
+        for _ in range(TRIES):
+            step = damped_step(hessian, gradient, free, self.damping, self.now.room)
+            if step @ (2 * gradient - hessian @ step) < self.little:
+                return 0.0
+            trial = self.now.like(self.now.flat + step)
+            there = self._predicted(trial)
+            misfit = self._misfit(there.angle)
+            cost = self._cost(misfit, trial)
+            if np.isfinite(cost) and cost < self.cost:
+                fall = self.cost - cost
+                self.now, self.at, self.misfit, self.cost = trial, there, misfit, cost
+                self.damping = max(self.damping / EASED, LEAST_DAMPING)
+                return fall
+            self.damping *= STIFFENED
+        return 0.0
+
+    def _predicted(self, unknowns: Vector) -> Prediction:
+        return self.fitter.predict(self.model, unknowns, self.positions, modes=not self.frozen)
+
+    def _misfit(self, angle: Real) -> Real:
+        return self.fitter.centred(self.fitter.problem.data.angle - angle, self.weight)[self.fitted] * self.root
+
+    def _cost(self, misfit: Real, unknowns: Vector) -> float:
+        with np.errstate(over="ignore", invalid="ignore"):  # an equilibrium that was not found
+            return float(misfit @ misfit + np.sum((self.penalty * unknowns.flat) ** 2))
+
+    def _derive(self) -> None:
+        if self.frozen and self.near is not None:
+            self.jacobian, self.stale = self.fitter.centred(self.near.jacobian, self.weight), False
+            return
+        before = self.known
+        self.jacobian, self.known = self.fitter.jacobian(
+            self.model, self.now, self.at, self.positions, self.weight, before
+        )
+        self.stale = before is not None and self.known[0] is before[0]
+
+
+def _repeats(data: Data, fitted: Truth) -> Real:
+    """Cycles in which the branch of each cell (n_cells,) was fitted, at least one."""
+    pairs = np.unique(np.column_stack([data.branch, data.block])[fitted], axis=0)
+    return np.maximum(np.bincount(pairs[:, 0], minlength=int(data.branch.max()) + 1)[data.branch], 1.0)
+
+
+def damped_step(hessian: Real, gradient: Real, free: Truth, damping: float, room: tuple[Real, Real]) -> Real:
+    """Levenberg and Marquardt's step (n_unknowns,) of the ``free`` unknowns; the others stay.
+
+    An unknown that would leave its ``room`` (least and largest step, each (n_unknowns,)) stops there, and the others
+    step on with it.
+    """
+    step, free = np.zeros_like(gradient), free.copy()
+    scaled = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1e-12))
+    while np.any(free):
+        right = gradient[free] - scaled[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], right, rcond=None)[0]
+        held = np.clip(step, *room)
+        beyond = free & (held != step)
+        step = held
+        if not np.any(beyond):
+            break
+        free &= ~beyond
+    return step

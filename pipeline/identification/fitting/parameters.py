@@ -1,0 +1,116 @@
+"""What a fit seeks, and what it found: unknowns within their bounds, a prediction at them, and a fitted model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.problem import Model
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+SCALE_REACH = 4.4
+"""Largest change of the logarithm of a scale: a factor of 80."""
+TOLERANCE = 3.0
+"""Standard deviations that a mode of the unmeasured tolerances may move: further out lies what no drawing allows."""
+WIDE = 30.0
+"""Ratio of positive bounds beyond which a parameter is fitted by its logarithm."""
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Unknowns of a fit: logarithms of scales, parameters as shares of their bounds in [0, 1], modes."""
+
+    scales: Real
+    shares: Real
+    modes: Real
+
+    @property
+    def flat(self) -> Real:
+        return np.concatenate([self.scales, self.shares, self.modes])
+
+    def like(self, flat: Real) -> Vector:
+        """The flat vector (n_unknowns,), held to its bounds."""
+        scales, shares, modes = np.split(flat, np.cumsum([len(self.scales), len(self.shares)]))
+        return Vector(
+            np.clip(scales, -SCALE_REACH, SCALE_REACH), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE)
+        )
+
+    @property
+    def room(self) -> tuple[Real, Real]:
+        """Least and largest step to the bounds, each (n_unknowns,)."""
+        far = np.full(len(self.flat), np.inf)
+        return self.like(-far).flat - self.flat, self.like(far).flat - self.flat
+
+    def free(self, gradient: Real) -> Truth:
+        """Unknowns (n_unknowns,) that do not stand at a bound that the gradient of a descent pushes against."""
+        reach = self.flat + np.sign(gradient) * 1e-9
+        return self.like(reach).flat != self.flat
+
+
+class Prediction(NamedTuple):
+    """What a model says of the cells; NaN at positions that were not asked for.
+
+    Attributes
+    ----------
+    angle : (n_cells,) without offsets [arcmin].
+    influence : of the modes (n_cells, n_modes) [arcmin], zeros unless asked for.
+    carried : (n_cells,) torque in the reducer [N mm].
+    sound : whether nearly every equilibrium was found.
+    """
+
+    angle: Real
+    influence: Real
+    carried: Real
+    sound: bool
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    model : its effects.
+    unknowns : at the least sum of squares.
+    values : (n_parameters,) of the effects, in their units.
+    predicted : (n_cells,) [arcmin] of all cells, offsets included; NaN at positions that were not asked for.
+    cost : sum of squares over the cells fitted, in units of their sigma, priors included.
+    jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
+    sigma : (n_cells,) [arcmin] by which the cells were weighted: their noise, and what the form of the model misses.
+    sound : whether every equilibrium was found.
+    """
+
+    model: Model
+    unknowns: Vector
+    values: Real
+    predicted: Real
+    cost: float
+    jacobian: Real
+    sigma: Real
+    sound: bool
+
+
+def mapped(bounds: Sequence[tuple[float, float]], shares: Real) -> Real:
+    """Parameters at shares of their bounds, even in the logarithm where these are positive and far apart."""
+    return np.array(
+        [
+            low * (high / low) ** share if low > 0 and high / low > WIDE else low + share * (high - low)
+            for (low, high), share in zip(bounds, shares, strict=True)
+        ]
+    )
+
+
+def unmapped(bounds: Sequence[tuple[float, float]], values: Sequence[float]) -> Real:
+    """Shares of the bounds at which parameters stand; inverse of ``mapped``."""
+    return np.array(
+        [
+            np.log(value / low) / np.log(high / low) if low > 0 and high / low > WIDE else (value - low) / (high - low)
+            for (low, high), value in zip(bounds, values, strict=True)
+        ]
+    )

@@ -1,0 +1,236 @@
+"""A measured unit against its model: cells, drives, what is not known of them, and what may be added."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
+from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward, Instrument
+from pipeline.model.effects import Conditions, Effect, library
+from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Candidate = Effect | InstrumentEffect
+
+FEWEST_CRANKS = 3
+"""Crank positions that an effect with a phase over the crank angle needs."""
+STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})
+
+
+@dataclass(frozen=True)
+class Data:
+    """Cells of all positions, position by position.
+
+    Attributes
+    ----------
+    position, cycle, block : (n_cells,) block: position x cycle x monotone branch.
+    branch : (n_cells,) position x monotone branch: its blocks repeat each other from cycle to cycle, so that a fault of
+        the model's form is alike in all of them.
+    torque, angle : (n_cells,) [N m], [arcmin].
+    count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
+    noise : floor of the angle of a cell [arcmin].
+    sigma : (n_cells,) [arcmin]: the floor, and the noise of the torque times the slope of the measured curve.
+    common_offset : whether all positions share one zero of the angle.
+    """
+
+    position: Whole
+    cycle: Whole
+    block: Whole
+    branch: Whole
+    torque: Real
+    angle: Real
+    count: Whole
+    spread: Real
+    noise: float
+    sigma: Real
+    common_offset: bool
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    @cached_property
+    def group(self) -> Whole:
+        """Cells that share an offset (n_cells,)."""
+        return np.zeros_like(self.position) if self.common_offset else self.position
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted.
+
+    Attributes
+    ----------
+    data : the cells.
+    forward : predictions on their courses, all legs in a drive's first state.
+    forward_by_state : predictions with every cycle in its own state.
+    drives : of the declared unit at scale factors (n_scales,), one per position.
+    calibrated : keys of the design's calibrated numbers, whose scales come first.
+    scale_spread : (n_scales,) prior standard deviation of the logarithm of each scale; those after the calibrated
+        numbers are of the force laws of pins and output, which are no better known.
+    modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
+    gap_limit : [mm] mean gap of the pins, by their arms, that tolerances (or what measuring leaves uncertain) reach.
+    conditions : of the states of the drives.
+    offered : what the data have of what effects need (``effects.effect``).
+    rated_torque : [N m]
+    """
+
+    data: Data
+    forward: Forward
+    forward_by_state: Forward
+    drives: Callable[[tuple[float, ...]], tuple[Drive, ...]]
+    calibrated: tuple[str, ...]
+    scale_spread: Real
+    modes: tuple[Real, ...]
+    gap_limit: float
+    conditions: tuple[Conditions, ...]
+    offered: frozenset[str]
+    rated_torque: float
+
+    @property
+    def n_modes(self) -> int:
+        return len(self.modes[0])
+
+    @cached_property
+    def span(self) -> float:
+        """Largest range of the angle at a position [arcmin]."""
+        return max(float(np.ptp(self.data.angle[self.data.position == p])) for p in range(len(self.modes)))
+
+    @cached_property
+    def hours(self) -> float:
+        """Longest time that a position was measured [h]; one hour without time stamps."""
+        return max(float(np.ptp(course.time)) for course in self.forward.courses) / SECONDS_AN_HOUR or 1.0
+
+    @cached_property
+    def nominal(self) -> tuple[Drive, ...]:
+        """Declared drives."""
+        return self.drives((1.0,) * len(self.scale_spread))
+
+    def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
+        """(low, high) of every parameter of an effect."""
+        if isinstance(candidate, InstrumentEffect):
+            return candidate.bounds(self.rated_torque, self.span, self.hours)
+        return candidate.bounds(self.nominal[0])
+
+    def within_tolerance(self, model: Model, values: Sequence[float]) -> bool:
+        """Whether an effect of the model is a dimension that stays within what the tolerances allow."""
+        nominal = first_states(self.nominal)
+        for effect, own in model.split(values):
+            if isinstance(effect, InstrumentEffect) or effect.needs & STATE_EFFECTS:
+                continue
+            moved = [
+                float(np.abs(mean_gap(drive, np.abs(effect.apply(drive, own, Conditions.usual(1)).gap - drive.gap)))[0])
+                for drive in nominal
+            ]
+            if 0 < max(moved) < self.gap_limit:
+                return True
+        return False
+
+    def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
+        """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
+        lacking = {
+            CRANKS: f"fewer than {FEWEST_CRANKS} crank positions to fit",
+            CYCLES: "fewer than 2 cycles",
+            TIME: "no time stamps",
+            TEMPERATURE: "no temperature that varies",
+            STILL: "the locked output lets the crank turn by more than half a pitch of the pins: see load_friction",
+        }
+        offered = set(self.offered)
+        if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
+            offered.discard(CRANKS)
+        reasons = [lacking[need] for need in sorted(candidate.needs - offered)]
+        if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
+            reasons.append("every position has its own zero of the angle")
+        return "; ".join(reasons)
+
+
+def mean_gap(drive: Drive, gap: Real) -> Real:
+    """Mean of the pins' gaps (n,) by the size of their arms; ``gap`` (n, n_contacts)."""
+    arm = np.abs(drive.reducer.pins.arm)
+    return gap[:, : len(arm)] @ arm / arm.sum()
+
+
+def candidates() -> Mapping[str, Candidate]:
+    """Every effect of the library and of the bench by name."""
+    return {**library(), **instrument_effects()}
+
+
+@dataclass(frozen=True)
+class Model:
+    """A set of effects that are put into the declared drives."""
+
+    effects: tuple[Candidate, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Names of the effects in alphabetical order, joined by +."""
+        return "+".join(sorted(effect.name for effect in self.effects))
+
+    @property
+    def n_parameters(self) -> int:
+        return sum(len(effect.parameters) for effect in self.effects)
+
+    @property
+    def n_effects(self) -> int:
+        return len(self.effects)
+
+    def split(self, values: Sequence[float]) -> list[tuple[Candidate, Sequence[float]]]:
+        """Every effect with its own values."""
+        parts, start = [], 0
+        for effect in self.effects:
+            stop = start + len(effect.parameters)
+            parts.append((effect, values[start:stop]))
+            start = stop
+        return parts
+
+    def put(
+        self, drives: Sequence[Drive], conditions: Sequence[Conditions], values: Sequence[float]
+    ) -> tuple[list[Drive], Instrument]:
+        """Drives and instrument with the effects at ``values``."""
+        made, instrument = list(drives), Instrument()
+        for effect, own in self.split(values):
+            if isinstance(effect, InstrumentEffect):
+                instrument = effect.apply(instrument, own)
+            else:
+                made = [effect.apply(drive, own, at) for drive, at in zip(made, conditions, strict=True)]
+        return made, instrument
+
+    @property
+    def by_state(self) -> bool:
+        """Whether the drive differs from cycle to cycle."""
+        return any(effect.needs & STATE_EFFECTS for effect in self.effects)
+
+
+def first_states(drives: Sequence[Drive]) -> tuple[Drive, ...]:
+    """The drives in their first state alone."""
+    return tuple(drive.first for drive in drives)
+
+
+def prior_modes(gaps: Sequence[Real], influences: Sequence[Real], resolution: float) -> tuple[Real, ...]:
+    """Patterns of gaps, of unit variance, that a population of units differs by: its principal curves.
+
+    Parameters
+    ----------
+    gaps : per position (n_units, n_contacts) [mm], the same units at every position.
+    influences : per position d angle / d gap at the nodes of the backbone (n_nodes, n_contacts) [rad/mm].
+    resolution : modes that change the curves by less [arcmin rms] are left out.
+
+    Returns
+    -------
+    Per position (n_modes, n_contacts) [mm]: modes of the population's curves, not of its gaps, so that few are left.
+    """
+    centred = [one - one.mean(axis=0) for one in gaps]
+    curves = ARCMIN * np.concatenate([one @ effect.T for one, effect in zip(centred, influences, strict=True)], axis=1)
+    units, sizes, _ = np.linalg.svd(curves, full_matrices=False)
+    n = len(curves)
+    kept = sizes > resolution * np.sqrt(n * curves.shape[1] / len(gaps))
+    weights = units[:, kept].T * np.sqrt(1 / (n - 1)) if np.any(kept) else np.zeros((0, n))
+    # a unit's coefficient of mode m is its row of units times sqrt(n - 1), of variance 1
+    return tuple(weights @ one for one in centred)

@@ -1,0 +1,1 @@
+"""What was measured, before any model: files, rows, faults, branches, repeatability."""

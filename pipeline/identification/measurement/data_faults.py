@@ -1,0 +1,280 @@
+"""What is wrong with the data of a measured unit, before any model is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.branches import Blocks, find_blocks
+from pipeline.identification.measurement.plausibility import implausible_angle, implausible_torque
+from pipeline.identification.measurement.row_filters import SATURATION_RULE, numeric, saturated, spikes, usable_rows
+from pipeline.identification.measurement.rows import Rows
+from pipeline.identification.measurement.unit_file import UnitFile
+
+Truth = NDArray[np.bool_]
+Severity = Literal["fatal", "note"]
+
+SHOWN_ROWS = 5
+FEWEST_BLOCKS = 8
+"""Blocks below which no effect can be accepted (design of the identification)."""
+FEWEST_BRANCH_ROWS = 5
+"""Rows below which a branch has no shape."""
+TOLERATED_SHARE = 0.01
+"""Share of rows that may be no numbers or jumps of the encoder; more are a fault of the recording."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with the data.
+
+    Attributes
+    ----------
+    kind : "missing column", "not a number", "decreasing time", "disordered rows", "constant column", "unit", "sign",
+        "saturation", "missing cycle", "one sense", "too few points", "duplicate file", "encoder jump", "mixed offsets".
+    message : what was found, and what to do.
+    severity : "fatal" makes an identification impossible; "note" only bears on it.
+    rows : `file:line` of the first rows concerned.
+    count : rows concerned; 0 where it is not a matter of rows.
+    """
+
+    kind: str
+    message: str
+    severity: Severity
+    rows: tuple[str, ...] = ()
+    count: int = 0
+
+
+def data_faults(unit: UnitFile, rows: Rows) -> list[Fault]:
+    """All faults of the data; those that rest on numbers are looked for only if there are any."""
+    faults = [*_missing_columns(rows), *_not_numbers(rows)]
+    good = numeric(rows)
+    if not good.any():
+        return faults
+    faults += [*_order(rows, good), *_duplicates(rows)]
+    constant = list(_constant(rows, good))
+    faults += constant
+    if any(fault.severity == "fatal" for fault in constant):
+        return faults
+    faults += _implausible(unit, rows, good)
+    faults += _left_out(rows, saturated(unit, rows) & good, spikes(unit, rows))
+    usable = usable_rows(unit, rows)
+    blocks = find_blocks(unit, rows, usable)
+    faults += [*_cycles(rows, blocks, usable), *_few(rows, blocks, usable), *_offsets(unit, rows, usable)]
+    return faults
+
+
+def _fault(rows: Rows, selected: NDArray, kind: str, severity: Severity, message: str) -> Fault:
+    chosen = np.flatnonzero(selected) if selected.dtype == bool else selected
+    return Fault(kind, message, severity, rows.where(chosen[:SHOWN_ROWS]), len(chosen))
+
+
+def _missing_columns(rows: Rows) -> Iterator[Fault]:
+    for file, column, quantity in rows.missing:
+        constant = " or give it as a constant of the file" if quantity in ("crank_deg", "cycle") else ""
+        yield Fault(
+            "missing column",
+            f"{file} has no column {column!r}; name the column of {quantity} in [columns.{quantity}]{constant}",
+            "fatal",
+        )
+
+
+def _not_numbers(rows: Rows) -> Iterator[Fault]:
+    lacking = {(rows.files.index(file), quantity) for file, _, quantity in rows.missing}
+    bad = {
+        "crank_deg": rows.position < 0,
+        "cycle": rows.misnumbered & (rows.cycle == -1),
+        "torque_Nm": ~np.isfinite(rows.torque),
+        "angle_arcmin": ~np.isfinite(rows.angle),
+        "time_s": None if rows.time is None else ~np.isfinite(rows.time),
+        "temperature_C": None if rows.temperature is None else ~np.isfinite(rows.temperature),
+        "command_torque_Nm": None if rows.command is None else ~np.isfinite(rows.command),
+    }
+    for quantity, mask in bad.items():
+        if mask is None:
+            continue
+        mask = mask & ~np.isin(rows.file, [file for file, name in lacking if name == quantity])
+        if mask.any():
+            what = "no whole number" if quantity == "cycle" else "no finite number"
+            many = mask.mean() > TOLERATED_SHARE
+            advice = "correct the file" if many else "these rows are left out"
+            yield _fault(
+                rows,
+                mask,
+                "not a number",
+                "fatal" if many else "note",
+                f"{quantity} is {what} in {mask.sum()} of {len(rows)} rows; {advice}",
+            )
+
+
+def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
+    last: dict[tuple[int, int], int] = {}
+    back: list[int] = []
+    again: list[int] = []
+    for number, (position, cycle, run) in enumerate(rows.runs()):
+        if rows.time is not None:
+            there = np.flatnonzero(good[run] & np.isfinite(rows.time[run])) + run.start
+            back += there[1:][np.diff(rows.time[there]) < 0].tolist()
+        if good[run].any() and last.setdefault((position, cycle), number) != number:
+            again.append(run.start)
+    if back:
+        yield _fault(
+            rows, np.array(back), "decreasing time", "fatal", "time falls within a cycle; rows must be in time order"
+        )
+    if again:
+        which = ", ".join(f"{rows.cycle[row]} at {rows.cranks[rows.position[row]]:g} deg" for row in again[:SHOWN_ROWS])
+        yield _fault(
+            rows,
+            np.array(again),
+            "disordered rows",
+            "fatal",
+            f"cycle {which} comes again after another cycle or file; order the rows, or number the cycles on",
+        )
+
+
+def _duplicates(rows: Rows) -> Iterator[Fault]:
+    seen: dict[bytes, int] = {}
+    for file, name in enumerate(rows.files):
+        mine = rows.file == file
+        content = np.stack([rows.torque[mine], rows.angle[mine]]).tobytes()
+        first = seen.setdefault(content, file)
+        if first != file:
+            yield _fault(
+                rows, mine, "duplicate file", "fatal", f"{name} repeats {rows.files[first]} value for value; remove one"
+            )
+
+
+def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
+    measured = {"torque_Nm": rows.torque, "angle_arcmin": rows.angle, "command_torque_Nm": rows.command}
+    for quantity, values in measured.items():
+        for position, crank in enumerate(rows.cranks):
+            mine = good & (rows.position == position)
+            if values is not None and mine.any() and np.ptp(values[mine]) == 0:
+                yield _fault(
+                    rows,
+                    mine,
+                    "constant column",
+                    "fatal",
+                    f"{quantity} is {values[mine][0]:g} in all rows at crank {crank:g} deg; is it the right column?",
+                )
+    if rows.time is not None and good.sum() > 1 and np.nanmin(rows.time) == np.nanmax(rows.time):
+        yield Fault("constant column", "time_s does not vary: effects of time cannot be tested", "note")
+
+
+def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
+    rated = unit.study.design.cycloid.rated_torque_Nm
+    resolution = unit.settings.instrument.angle_resolution_arcmin
+    found = [implausible_torque(rows.torque[good], rated)]
+    spans = [np.ptp(rows.angle[good & (rows.position == position)]) for position in np.unique(rows.position[good])]
+    found.append(implausible_angle(float(max(spans)), resolution))
+    yield from (Fault("unit", message, "fatal") for message in found if message)
+    falling = [
+        f"{crank:g}"
+        for position, crank in enumerate(rows.cranks)
+        if _angle_falls(rows, np.flatnonzero(good & (rows.position == position)))
+    ]
+    if falling:
+        yield Fault(
+            "sign",
+            f"the angle falls with rising torque at crank {', '.join(falling)} deg; give one of the two columns "
+            "factor = -1",
+            "fatal",
+        )
+
+
+def _angle_falls(rows: Rows, mine: NDArray[np.intp]) -> bool:
+    """Whether the mean angle at high torque is below that at low torque by more than a tenth of the angle's range."""
+    torque, angle = rows.torque[mine], rows.angle[mine]
+    if mine.size < 4:
+        return False
+    low, high = np.quantile(torque, [0.25, 0.75])
+    return bool(angle[torque >= high].mean() - angle[torque <= low].mean() < -0.1 * np.ptp(angle))
+
+
+def _left_out(rows: Rows, cut: Truth, jumps: Truth) -> Iterator[Fault]:
+    if cut.any():
+        yield _fault(rows, cut, "saturation", "note", f"the torque is saturated in {cut.sum()} rows; {SATURATION_RULE}")
+    if jumps.any():
+        many = jumps.mean() > TOLERATED_SHARE
+        yield _fault(
+            rows,
+            jumps,
+            "encoder jump",
+            "fatal" if many else "note",
+            f"the angle jumps out and back in {jumps.sum()} single rows; "
+            + ("check the encoder" if many else "these rows are left out"),
+        )
+
+
+def _cycles(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+    for position, crank in enumerate(rows.cranks):
+        cycles = np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered])
+        gaps = np.setdiff1d(np.arange(cycles.min(), cycles.max() + 1), cycles) if cycles.size else cycles
+        if gaps.size:
+            shown = ", ".join(map(str, gaps[:SHOWN_ROWS]))
+            yield Fault("missing cycle", f"crank {crank:g} deg: cycle {shown} is not there", "note")
+        for cycle in cycles:
+            mine = (blocks.position == position) & (blocks.cycle == cycle)
+            of_cycle = (rows.position == position) & (rows.cycle == cycle) & usable
+            torque = rows.torque[of_cycle]
+            if mine.sum() < 2 or not torque.size or torque.min() * torque.max() >= 0:
+                yield _fault(
+                    rows,
+                    of_cycle,
+                    "one sense",
+                    "note",
+                    f"crank {crank:g} deg, cycle {cycle}: the usable rows do not load and unload in both senses",
+                )
+
+
+def _few(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+    counts = np.array([usable[span].sum() for span in blocks.rows], dtype=int)
+    for block in np.flatnonzero(counts < FEWEST_BRANCH_ROWS):
+        crank = rows.cranks[blocks.position[block]]
+        yield _fault(
+            rows,
+            np.arange(blocks.start[block], blocks.stop[block]),
+            "too few points",
+            "note",
+            f"crank {crank:g} deg, cycle {blocks.cycle[block]}, branch {blocks.branch[block]}: "
+            f"{counts[block]} usable rows; a branch needs {FEWEST_BRANCH_ROWS}",
+        )
+    enough = int(np.sum(counts >= FEWEST_BRANCH_ROWS))
+    if enough < FEWEST_BLOCKS:
+        yield Fault(
+            "too few points",
+            f"{enough} branches (position x cycle x sense) of {FEWEST_BRANCH_ROWS} rows or more, {FEWEST_BLOCKS} are "
+            "needed: no effect can be accepted; measure more cycles or positions",
+            "note" if enough else "fatal",
+        )
+
+
+def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:
+    """Cycles of a position, or positions with a common offset, that lie further apart than their loops are high."""
+    previous: tuple[int, int, float, float] | None = None
+    for position, cycle, run in rows.runs():
+        mine = np.flatnonzero(usable[run]) + run.start
+        if not mine.size:
+            continue
+        low, high = rows.angle[mine].min(), rows.angle[mine].max()
+        if previous is not None and (previous[0] == position or unit.settings.offset == "common"):
+            shift = (low + high) / 2 - (previous[2] + previous[3]) / 2
+            if abs(shift) > max(high - low, previous[3] - previous[2]):
+                before = f"cycle {previous[1]} at crank {rows.cranks[previous[0]]:g} deg"
+                advice = (
+                    "the zero of the angle was lost between them"
+                    if previous[0] == position
+                    else 'say offset = "per_position"'
+                )
+                yield _fault(
+                    rows,
+                    mine,
+                    "mixed offsets",
+                    "fatal",
+                    f"cycle {cycle} at crank {rows.cranks[position]:g} deg lies {shift:+.4g} arcmin from {before}, "
+                    f"more than the loop is high; {advice}",
+                )
+        previous = position, cycle, low, high

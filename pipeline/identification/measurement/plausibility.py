@@ -1,0 +1,56 @@
+"""Whether torques and angles can be in the unit that they are said to be in, and in which unit they could be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.unit_file import ANGLE_UNITS, TORQUE_UNITS
+
+Real = NDArray[np.float64]
+
+LARGEST_TORQUE = 20.0
+"""Times the rated torque: no reducer stands more."""
+SMALLEST_TORQUE = 1e-4
+"""Times the rated torque: below it a cycle says nothing about the reducer."""
+LIKELY_TORQUE = (0.05, 5.0)
+"""Times the rated torque, of a bench: by which other units are suggested."""
+REVOLUTION = 21600.0
+"""In minutes of arc; an output that turns further is not held."""
+FINEST_ANGLE = 1e-2
+"""Span [arcmin] below which no encoder resolves a loop."""
+LIKELY_ANGLE = (0.2, 1200.0)
+"""Span of a loop [arcmin], by which other units are suggested."""
+
+
+def implausible_torque(torque: Real, rated: float) -> str:
+    """Why torques [N m] cannot be in N m, with the units that they could be in; empty if they can."""
+    top = float(np.max(np.abs(torque)))
+    if SMALLEST_TORQUE * rated <= top <= LARGEST_TORQUE * rated:
+        return ""
+    advice = _advice(top, TORQUE_UNITS, (LIKELY_TORQUE[0] * rated, LIKELY_TORQUE[1] * rated), "torque_Nm")
+    return f"the largest torque is {top:.4g} N m, the rated torque {rated:g} N m; {advice}"
+
+
+def implausible_angle(span: float, resolution: float | None) -> str:
+    """Why a loop of height `span` [arcmin] cannot be in arcmin, with the units that it could be in; empty if it can.
+
+    Parameters
+    ----------
+    resolution : of the instrument [arcmin], None if unknown.
+    """
+    least = max(FINEST_ANGLE, resolution or 0.0)
+    if least <= span <= REVOLUTION:
+        return ""
+    limit = "a revolution is 21600 arcmin" if span > REVOLUTION else f"{least:g} arcmin can be resolved"
+    return f"the angle spans {span:.4g} arcmin, {limit}; {_advice(span, ANGLE_UNITS, LIKELY_ANGLE, 'angle_arcmin')}"
+
+
+def _advice(value: float, units: dict[str, float], likely: tuple[float, float], quantity: str) -> str:
+    """The units in which `value` would be likely; a unit may already be in use, so that the factor is said too."""
+    fitting = [
+        f'"{name}" (factor {scale:.6g})' for name, scale in units.items() if likely[0] <= scale * value <= likely[1]
+    ]
+    if not fitting:
+        return f"no unit explains it: is [columns.{quantity}] the right column?"
+    return f"[columns.{quantity}] unit = {' or '.join(fitting)} would be likely"

@@ -1,0 +1,128 @@
+"""Which rows may be fitted: numbers, not saturated, no jumps of the encoder, not at rest before the first load."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.rows import Rows
+from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step, torque_noise
+from pipeline.identification.measurement.unit_file import UnitFile
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+SATURATION_RULE = (
+    "left out are rows at or beyond torque_saturation_Nm; where the command goes on and the torque does not, rows "
+    "whose command asks for the flat tail's torque or more; and an extreme that five rows in turn repeat exactly in a "
+    "torque that scatters elsewhere"
+)
+TAIL_SHARE = 0.9
+"""Share of the largest command beyond which the torque must rise, or it is saturated."""
+FLAT_SHARE = 0.2
+"""Slope of torque over command in the tail, in parts of the slope below half the command, that counts as flat."""
+FEWEST_ROWS = 5
+"""Rows of a tail or of equal extremes: fewer are a turn."""
+LOST_SHARE = 0.05
+"""Share of the largest command that a saturated torque falls short by at least."""
+NOISE_FACTOR = 6.0
+"""The same in standard deviations of the torque."""
+START_NOISE = 4.0
+"""Standard deviations of the torque beyond which it is not zero."""
+SPIKE_FACTOR = 8.0
+"""Robust standard deviations by which a spike stands out from both neighbours."""
+
+
+def usable_rows(unit: UnitFile, rows: Rows) -> Truth:
+    """Whether each row may be fitted (n,)."""
+    return numeric(rows) & ~saturated(unit, rows) & ~spikes(unit, rows) & ~at_rest(unit, rows)
+
+
+def at_rest(unit: UnitFile, rows: Rows) -> Truth:
+    """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
+    least = START_NOISE * torque_noise(unit, rows) + (unit.settings.instrument.torque_resolution_Nm or 0.0)
+    found = np.zeros(len(rows), bool)
+    for position in range(len(rows.cranks)):
+        mine = np.flatnonzero(rows.position == position)
+        loaded = np.abs(rows.torque[mine]) > least
+        found[mine[: int(np.argmax(loaded)) if np.any(loaded) else 0]] = True
+    return found
+
+
+def numeric(rows: Rows) -> Truth:
+    """Whether crank angle, cycle, torque, angle and, where there is one, command of each row are numbers (n,)."""
+    command = True if rows.command is None else np.isfinite(rows.command)
+    return ~rows.misnumbered & np.isfinite(rows.torque) & np.isfinite(rows.angle) & command
+
+
+def saturated(unit: UnitFile, rows: Rows) -> Truth:
+    """Whether the torque of each row is cut off (n,), by `SATURATION_RULE`."""
+    limit = unit.settings.instrument.torque_saturation_Nm
+    cut = np.zeros(len(rows), bool) if limit is None else np.abs(rows.torque) >= limit
+    noise = torque_noise(unit, rows)
+    good = numeric(rows)
+    for position in range(len(rows.cranks)):
+        mine = np.flatnonzero(good & (rows.position == position))
+        for sense in (1, -1):
+            torque = sense * rows.torque[mine]
+            if rows.command is None:
+                cut[mine] |= _repeated_extreme(torque, noise)
+            else:
+                cut[mine] |= _flat_tail(sense * rows.command[mine], torque, noise)
+    return cut
+
+
+def spikes(unit: UnitFile, rows: Rows) -> Truth:
+    """Whether the angle of each row stands out from both neighbours, which its torque does not (n,).
+
+    The scale of an ordinary step is robust over the run of one cycle, and at least the angle's resolution and noise. A
+    torque that goes out and back in three rows may well take the angle along: that is a turn.
+    """
+    instrument = unit.settings.instrument
+    noise = torque_noise(unit, rows)
+    least = max(instrument.angle_resolution_arcmin or 0.0, instrument.angle_noise_arcmin or 0.0)
+    least = max(least, smallest_step(rows.angle))
+    found = np.zeros(len(rows), bool)
+    good = numeric(rows)
+    for *_, run in rows.runs():
+        mine = np.flatnonzero(good[run]) + run.start
+        if mine.size < 3:
+            continue
+        angle, torque = rows.angle[mine], rows.torque[mine]
+        step = np.diff(angle)
+        limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), least)
+        out_and_back = (step[:-1] * step[1:] < 0) & (np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > limit)
+        bend = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
+        turn = bend > np.abs(torque[2:] - torque[:-2]) + NOISE_FACTOR * noise
+        found[mine[1:-1]] = out_and_back & ~turn
+    return found
+
+
+def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
+    """Rows at or beyond the flat end of torque over command, both positive in the sense that is looked at."""
+    none = np.zeros(len(command), bool)
+    top = command.max(initial=0.0)
+    lower, tail = (command > 0.1 * top) & (command < 0.5 * top), command > TAIL_SHARE * top
+    if top <= 0 or lower.sum() < FEWEST_ROWS or tail.sum() < FEWEST_ROWS:
+        return none
+    if min(np.ptp(command[lower]), np.ptp(command[tail])) < 1e-6 * top:  # a hold, not a ramp
+        return none
+    gain, zero = np.polyfit(command[lower], torque[lower], 1)
+    flat = np.polyfit(command[tail], torque[tail], 1)[0]
+    level = np.median(torque[tail])
+    lost = gain * top + zero - level
+    if flat > FLAT_SHARE * gain or lost < max(LOST_SHARE * top, NOISE_FACTOR * noise):
+        return none
+    return gain * command + zero >= level  # not by the torque itself, whose noise would be cut at the level
+
+
+def _repeated_extreme(torque: Real, noise: float) -> Truth:
+    """Rows of runs of equal largest values in a torque whose rows scatter by more than a digit elsewhere."""
+    if torque.size == 0 or noise <= smallest_step(torque) / 2:
+        return np.zeros(len(torque), bool)
+    at_top = np.concatenate([[0], torque == torque.max(), [0]]).astype(int)
+    edges = np.diff(at_top)
+    found = np.zeros(len(torque), bool)
+    for start, stop in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        found[start:stop] = stop - start >= FEWEST_ROWS
+    return found

@@ -1,0 +1,231 @@
+"""The rows of a measured unit: columns found by name, brought to standard units, in time order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.config.section import nearest_name
+from pipeline.errors import InputError
+from pipeline.identification.measurement.unit_file import Column, DataFile, UnitFile
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+REQUIRED = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
+OPTIONAL = ("time_s", "temperature_C", "command_torque_Nm")
+CRANK_DIGITS = 6
+"""Decimals of a crank angle [deg] by which positions are told apart."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Measured rows; by position, and in each as they stand in the files, which is the order of time.
+
+    Attributes
+    ----------
+    cranks : (n_positions,) [deg] crank angles, ascending.
+    position : (n,) index into `cranks`; -1 where the crank angle is no number.
+    cycle : (n,) number; -1 where it is no integer (see `misnumbered`).
+    misnumbered : (n,) whether crank angle or cycle is no number.
+    torque, angle : (n,) [N m], [arcmin]; NaN where it is no number.
+    time, temperature, command : (n,) [s], [deg C], [N m]; None without such a column in any file.
+    file, line : (n,) index into `files`, and line in that file (the header is line 1).
+    files : names.
+    missing : (file, column name, quantity) of columns that a file should have and does not have.
+    extra : (n,) rows of all other columns, as they were read.
+    """
+
+    cranks: Real
+    position: Whole
+    cycle: Whole
+    misnumbered: Truth
+    torque: Real
+    angle: Real
+    time: Real | None
+    temperature: Real | None
+    command: Real | None
+    file: Whole
+    line: Whole
+    files: tuple[str, ...]
+    missing: tuple[tuple[str, str, str], ...]
+    extra: pd.DataFrame
+
+    def __len__(self) -> int:
+        return len(self.torque)
+
+    @property
+    def coordinate(self) -> Real:
+        """The torque that the bench steers (n,) [N m]: commanded where known, else measured."""
+        return self.torque if self.command is None else self.command
+
+    def where(self, selected: NDArray) -> tuple[str, ...]:
+        """`file:line` of the selected rows (a mask or indices)."""
+        chosen = np.arange(len(self))[selected]
+        return tuple(f"{self.files[self.file[row]]}:{self.line[row]}" for row in chosen)
+
+    def runs(self) -> Iterator[tuple[int, int, slice]]:
+        """Position, cycle and rows of each run of rows of one cycle at one position, in order."""
+        if not len(self):
+            return
+        changed = (np.diff(self.position) != 0) | (np.diff(self.cycle) != 0)
+        edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(self)]])
+        for start, stop in zip(edges[:-1], edges[1:], strict=True):
+            yield int(self.position[start]), int(self.cycle[start]), slice(int(start), int(stop))
+
+
+def read_rows(unit: UnitFile) -> Rows:
+    """All rows of a unit that its files select.
+
+    A value that is no number becomes NaN and a missing column NaN throughout; `data_faults` reports both.
+
+    Raises
+    ------
+    InputError : a file is no table, or its `where` names a column it has not or selects no row; with all problems.
+    """
+    problems: list[str] = []
+    frames = []
+    for number, file in enumerate(unit.files):
+        try:
+            frames.append(_selected(_table(unit.folder / file.path, file), file, number, unit))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    missing: list[tuple[str, str, str]] = []
+    parts = [_standard(frame, file, unit, missing) for frame, file in zip(frames, unit.files, strict=True)]
+    source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    table = pd.concat(parts, ignore_index=True)
+    mapped = {_column(unit, name).name for name in (*REQUIRED, *OPTIONAL)}
+    extra = pd.concat([frame.drop(columns=mapped & set(frame)) for frame in frames], ignore_index=True)
+    return _ordered(table, source, unit, tuple(missing), extra)
+
+
+def training_rows(unit: UnitFile, rows: Rows) -> Truth:
+    """Whether each row is fitted (n,); the others are held out: whole crank positions or whole cycles.
+
+    Raises
+    ------
+    InputError : `held_out.train` names a crank angle or cycle that was not measured, or leaves nothing held out.
+    """
+    held_out = unit.settings.held_out
+    by_position = held_out.by == "position" if held_out.by else len(rows.cranks) >= 2
+    of_row = np.where(rows.position >= 0, rows.cranks[rows.position], np.nan) if by_position else rows.cycle
+    known = np.unique(of_row[~rows.misnumbered])
+    train = np.round(held_out.train, CRANK_DIGITS) if held_out.train else known[::2]
+    key = f"{unit.name}/unit.toml: held_out.train"
+    shown = ", ".join(f"{value:g}" for value in known)
+    unknown = [f"{value:g}" for value in train if value not in known]
+    if unknown:
+        raise InputError(f"{key} = {', '.join(unknown)}; measured are {shown}")
+    if held_out.train and len(train) == len(known):
+        raise InputError(f"{key} = {shown}; leaves nothing to judge the model with; leave one out")
+    return np.isin(of_row, train)
+
+
+def _table(path: Path, file: DataFile) -> pd.DataFrame:
+    """The raw table, with the line of each row as its index; blank lines are left out."""
+    error: Exception
+    for encoding in ("utf-8-sig", "latin-1"):
+        try:
+            frame = pd.read_csv(
+                path,
+                sep=file.separator,
+                decimal=file.decimal,
+                encoding=encoding,
+                skip_blank_lines=False,
+                skipinitialspace=True,
+                low_memory=False,
+                index_col=False,
+            )
+        except UnicodeDecodeError as failed:
+            error = failed
+            continue
+        except (pd.errors.ParserError, pd.errors.EmptyDataError, OSError, EOFError) as failed:
+            raise InputError(f"{file.path}: no table: {failed}; correct the file, or its separator") from None
+        frame.columns = frame.columns.str.strip()
+        frame.index = pd.RangeIndex(2, len(frame) + 2)
+        return frame.dropna(how="all")
+    raise InputError(f"{file.path}: no text: {error}")
+
+
+def _selected(frame: pd.DataFrame, file: DataFile, number: int, unit: UnitFile) -> pd.DataFrame:
+    key = f"{unit.name}/unit.toml: files[{number}].where"
+    kept = np.ones(len(frame), bool)
+    for name, values in file.where.items():
+        if name not in frame:
+            raise InputError(f"{key}.{name}; {file.path} has no such column; {nearest_name(name, frame.columns)}")
+        kept &= frame[name].isin(values).to_numpy()
+    if not kept.any():
+        raise InputError(f"{file.path}: no row" + (" that its where selects; widen it" if file.where else ""))
+    return frame[kept]
+
+
+def _column(unit: UnitFile, quantity: str) -> Column:
+    return getattr(unit.settings.columns, quantity)
+
+
+def _standard(frame: pd.DataFrame, file: DataFile, unit: UnitFile, missing: list[tuple[str, str, str]]) -> pd.DataFrame:
+    """The quantities of one file in standard units; what it should have and has not is added to `missing`."""
+    constants = {"crank_deg": file.crank_deg, "cycle": file.cycle}
+    mapped = unit.settings.columns.model_fields_set
+    values = {}
+    for quantity in (*REQUIRED, *OPTIONAL):
+        column = _column(unit, quantity)
+        if column.name in frame:
+            scale, shift = column.to_standard
+            values[quantity] = column.factor * (scale * _numbers(frame[column.name], file) + shift) + column.offset
+        elif constants.get(quantity) is not None:
+            values[quantity] = np.full(len(frame), constants[quantity], float)
+        elif quantity in REQUIRED or quantity in mapped:
+            missing.append((file.path, column.name, quantity))
+    return pd.DataFrame({"line": frame.index, **values})
+
+
+def _numbers(column: pd.Series, file: DataFile) -> Real:
+    """The column as numbers, NaN where it is none; a single wrong cell makes pandas read the column as text."""
+    if not pd.api.types.is_numeric_dtype(column) and file.decimal != ".":
+        column = column.astype(str).str.replace(file.decimal, ".")
+    return pd.to_numeric(column, errors="coerce").to_numpy(float)
+
+
+def _ordered(
+    table: pd.DataFrame,
+    source: Whole,
+    unit: UnitFile,
+    missing: tuple[tuple[str, str, str], ...],
+    extra: pd.DataFrame,
+) -> Rows:
+    def quantity(name: str) -> Real:
+        return table[name].to_numpy(float) if name in table else np.full(len(table), np.nan)
+
+    crank, cycle = np.round(quantity("crank_deg"), CRANK_DIGITS), quantity("cycle")
+    integer = np.isfinite(cycle) & (np.abs(cycle) < 2**31)
+    integer[integer] = cycle[integer] == np.round(cycle[integer])
+    known = np.isfinite(crank)
+    cranks = np.unique(crank[known])
+    position = np.where(known, np.searchsorted(cranks, crank), -1)
+    order = np.argsort(position, kind="stable")
+    optional = [quantity(name)[order] if name in table else None for name in OPTIONAL]
+    return Rows(
+        cranks=cranks,
+        position=position[order],
+        cycle=np.where(integer, cycle, -1)[order].astype(np.int64),
+        misnumbered=(~integer | ~known)[order],
+        torque=quantity("torque_Nm")[order],
+        angle=quantity("angle_arcmin")[order],
+        time=optional[0],
+        temperature=optional[1],
+        command=optional[2],
+        file=source[order],
+        line=table["line"].to_numpy(np.int64)[order],
+        files=tuple(file.path for file in unit.files),
+        missing=missing,
+        extra=extra.iloc[order].reset_index(drop=True),
+    )

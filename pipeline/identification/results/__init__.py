@@ -1,0 +1,1 @@
+"""What an identification leaves behind: errors, signatures, tables, corrected design."""

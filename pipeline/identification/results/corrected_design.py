@@ -1,0 +1,154 @@
+"""The corrected model of a unit as a design file and a study file that runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.config.reading import parse_design, parse_study
+from pipeline.config.study import Study
+from pipeline.config.writing import toml_of
+from pipeline.engine.store import write_atomic
+from pipeline.errors import InputError
+from pipeline.identification.bench.instrument_effects import InstrumentEffect
+from pipeline.identification.fitting.build import scaled_design
+from pipeline.identification.identify import Identification
+from pipeline.identification.selection.model_selection import Trial
+from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED
+from pipeline.model.effects import Effect
+from pipeline.model.effects.effect import TIME
+
+DIGITS = 6
+DESIGN_FILE = "design.toml"
+
+
+def study_file(unit: str) -> str:
+    """Name of the corrected study of a unit; its run folder has the same stem."""
+    return f"corrected-{unit}.toml"
+
+
+def corrected_trial(found: Identification) -> Trial | None:
+    """The model that is written: with the named effect, the best of a class, or with refitted numbers alone."""
+    if found.selection is None:
+        return None
+    named = found.verdict.named
+    if found.verdict.verdict in (IDENTIFIED, EQUIVALENT) and named:
+        best = found.selection.best
+        return found.selection.trials[best if best in named else named[0]]
+    return found.selection.base
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """Paths of the corrected design and study that were written; none, and why."""
+
+    paths: tuple[Path, ...]
+    why_not: str = ""
+
+
+def write_corrected(found: Identification, folder: Path) -> Corrected:
+    """Write the corrected design and study into ``folder``, where the data bear a verdict and it can be built."""
+    trial = corrected_trial(found)
+    if trial is None:
+        return Corrected((), "the data bear no verdict")
+    try:
+        text = _design_text(found, trial)
+    except InputError as error:
+        return Corrected((), f"the refitted numbers make no reducer: {'; '.join(error.problems)}")
+    design, study = folder / DESIGN_FILE, folder / study_file(found.unit.name)
+    write_atomic(design, text.encode())
+    write_atomic(study, _study_text(found).encode())
+    return Corrected((design, study))
+
+
+def _design_text(found: Identification, trial: Trial) -> str:
+    assert found.problem is not None
+    unit, problem, fit = found.unit, found.problem, trial.fit
+    own = unit.study.design
+    content: dict[str, Any] = scaled_design(
+        own, problem.calibrated, np.exp(fit.unknowns.scales[: len(problem.calibrated)]).tolist()
+    ).model_dump()
+    content["title"] = f"{own.title}, corrected for the unit {unit.name}"
+    provenance = content.pop("provenance")
+    for key in problem.calibrated:
+        _round(content, key)
+        provenance[key] = {"status": "calibrated", "reason": f"refitted to the measured unit {unit.name}"}
+    intervals = {(p.effect, p.name): p for p in found.verdict.parameters}
+    comments = [_reading(found)]
+    for effect, values in fit.model.split(fit.values.tolist()):
+        numbers = {p.name: float(f"{v:.{DIGITS}g}") for p, v in zip(effect.parameters, values, strict=True)}
+        lost = _not_in_a_study(effect)
+        if lost:
+            shown = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
+            comments.append(f"{effect.title} ({effect.name}: {shown}) is left out: {lost}.")
+        if isinstance(effect, InstrumentEffect) or TIME in effect.needs:
+            continue
+        content["effects"] = {**content["effects"], effect.name: numbers}
+        for name in numbers:
+            p = intervals.get((effect.name, name))
+            ends = f"; 95 % interval {p.ci_low:.4g} to {p.ci_high:.4g}" if p and np.isfinite(p.ci_low) else ""
+            provenance[f"effects.{effect.name}.{name}"] = {
+                "status": "calibrated",
+                "reason": f"{effect.title}, identified on the measured unit {unit.name}{ends}",
+            }
+    content["provenance"] = provenance
+    parse_design(content, DESIGN_FILE)
+    return "".join(f"# {line}\n" for line in comments) + toml_of(content)
+
+
+def _reading(found: Identification) -> str:
+    verdict = found.verdict.verdict
+    if verdict == IDENTIFIED:
+        return f"Verdict on {found.unit.name}: identified."
+    if verdict == EQUIVALENT:
+        others = ", ".join(found.verdict.named)
+        return f"Verdict on {found.unit.name}: equivalent; the data do not tell apart {others}. The best is written."
+    if verdict == ADEQUATE:
+        return f"Verdict on {found.unit.name}: adequate; calibrated numbers are refitted, no effect is added."
+    return f"Verdict on {found.unit.name}: {verdict}; calibrated numbers are refitted, nothing else is claimed."
+
+
+def _not_in_a_study(effect: Effect | InstrumentEffect) -> str:
+    """Why an effect does not show, or not as measured, in a study of the design."""
+    if isinstance(effect, InstrumentEffect):
+        return "it belongs to the bench, not to the reducer"
+    if TIME in effect.needs:
+        return "a study's load cycle has no time"
+    return ""
+
+
+def _round(content: dict[str, Any], key: str) -> None:
+    *path, last = key.split(".")
+    for name in path:
+        content = content[name]
+    content[last] = float(f"{content[last]:.{DIGITS}g}")
+
+
+def _study_text(found: Identification) -> str:
+    unit = found.unit
+    content = _study_content(unit.study, found)
+    name = study_file(unit.name)
+    parse_study(content, Path(name).stem, name, lambda _: unit.study.design)
+    comment = (
+        f"# Runs the model that was corrected for the measured unit {unit.name} at its crank angles,\n"
+        "# run in and at the temperature of the drawing.\n"
+    )
+    return comment + toml_of(content)
+
+
+def _study_content(study: Study, found: Identification) -> Mapping[str, Any]:
+    unit = found.unit
+    content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design", "cases"})
+    content["title"] = f"{unit.settings.title}: corrected model"
+    content["description"] = f"The design corrected for the measured unit {unit.name}."
+    cranks = tuple(dict.fromkeys(round(float(crank) % 360, 6) for crank in found.rows.cranks))
+    content["cycle"] = {**content["cycle"], "crank_deg": cranks, "keep_contacts": (0,)}
+    if unit.dimensions is not None:
+        content.pop("tolerances", None)
+        content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}
+        content["cases"] = (unit.dimensions.model_dump(exclude_defaults=True),)
+    return {"design": DESIGN_FILE, **{key: value for key, value in content.items() if value != {}}}

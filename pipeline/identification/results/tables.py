@@ -1,0 +1,184 @@
+"""Tables of an identification: the residual cell by cell, its signatures, and every effect that was tried or not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.identify import Identification
+from pipeline.identification.results.prediction_errors import STAGES
+from pipeline.identification.results.residual_signatures import Signature
+from pipeline.identification.selection.model_selection import FEWEST_BLOCKS
+
+Real = NDArray[np.float64]
+
+STAGE_TITLES = {
+    "declared": "the model as declared",
+    "recalibrated": "its calibrated numbers refitted",
+    "after": "the chosen model",
+}
+RESIDUAL = Table(
+    "residual",
+    "cell: measured rows averaged over neighbouring torques of one branch",
+    (
+        Column("position", "int32", "1", "number of the crank position"),
+        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("cycle", "int32", "1", "load cycle"),
+        Column("block", "int32", "1", "position x cycle x monotone branch"),
+        Column("direction", "int32", "1", "+1 where the torque rises, -1 where it falls"),
+        Column("time_s", "float64", "s", "mean time of the rows; null where not measured"),
+        Column("temperature_C", "float64", "deg C", "mean temperature of the rows; null where not measured"),
+        Column("torque_Nm", "float64", "N m", "mean torque of the rows"),
+        Column("angle_arcmin", "float64", "arcmin", "mean angle of the rows"),
+        Column("rows", "int32", "1", "rows in the cell"),
+        Column("sigma_arcmin", "float64", "arcmin", "noise of the cell: floor, torque noise times slope, jumps"),
+        Column("held_out", "bool", "", "whether the cell judges; its predictions then come from fits without it"),
+        *(
+            Column(f"{stage}_arcmin", "float64", "arcmin", f"angle by {title}, offset included")
+            for stage, title in STAGE_TITLES.items()
+        ),
+        *(
+            Column(f"residual_{stage}_arcmin", "float64", "arcmin", f"measured less {title}")
+            for stage, title in STAGE_TITLES.items()
+        ),
+    ),
+)
+SIGNATURES = Table(
+    "signatures",
+    "signature of the residual, before (recalibrated) and after (chosen model)",
+    (
+        Column("of", "label", "", "recalibrated or after"),
+        Column("signature", "label", "", "name"),
+        Column("title", "label", "", "what the residual depends on"),
+        Column("unit", "label", "", "of value and interval"),
+        Column("value", "float64", "see unit", "coefficient; null: not testable"),
+        Column("ci_low", "float64", "see unit", "lower end of the 95 % interval of the block bootstrap"),
+        Column("ci_high", "float64", "see unit", "upper end"),
+        Column("p", "float64", "1", "of no dependence, each signature by itself"),
+        Column("significant", "bool", "", "whether p is below 5 %"),
+        Column("why_not", "label", "", "why the data cannot test it; empty if they can"),
+    ),
+)
+CANDIDATES = Table(
+    "candidates",
+    "effect that was tried or cannot be tested, and sets of effects",
+    (
+        Column("effect", "label", "", "name in the library; + joins effects that act together"),
+        Column("title", "label", "", "what it is"),
+        Column("parameters", "label", "", "fitted parameters as JSON; empty where it was not fitted in full"),
+        Column("rms_before_arcmin", "float64", "arcmin", "held-out error of the recalibrated model, noise included"),
+        Column("rms_after_arcmin", "float64", "arcmin", "the same with the effect"),
+        Column("rms_before_floors", "float64", "1", "the same in noise of the cells, mean over the blocks"),
+        Column("rms_after_floors", "float64", "1", "the same with the effect"),
+        Column("t", "float64", "1", "gain over its standard error between blocks"),
+        Column("p", "float64", "1", "of no gain, over all that were tried (familywise)"),
+        Column("significant", "bool", "", "whether the gain is significant and of use"),
+        Column("member_of_class", "bool", "", "whether it is among those that the verdict names"),
+        Column("screened_share", "float64", "1", "least misfit on a coarse grid, in shares of the recalibrated one"),
+        Column("why_not", "label", "", "why it was not tested, or not fitted in full; empty if it was"),
+    ),
+)
+NOT_SHORTLISTED = "screened only: its best misfit on a coarse grid is behind those that were fitted"
+
+
+def residual_rows(found: Identification) -> Columns:
+    """Columns of `RESIDUAL`."""
+    assert found.cells is not None
+    assert found.problem is not None
+    assert found.curves is not None
+    cells, data = found.cells, found.problem.data
+    predictions = {stage: getattr(found.curves, stage) for stage in STAGES}
+    return {
+        "position": cells.position,
+        "crank_deg": found.rows.cranks[cells.position],
+        "cycle": cells.cycle,
+        "block": cells.block,
+        "direction": cells.direction,
+        "time_s": cells.time_mean,
+        "temperature_C": cells.temperature_mean,
+        "torque_Nm": data.torque,
+        "angle_arcmin": data.angle,
+        "rows": data.count,
+        "sigma_arcmin": data.sigma,
+        "held_out": found.held_out,
+        **{f"{stage}_arcmin": angle for stage, angle in predictions.items()},
+        **{f"residual_{stage}_arcmin": data.angle - angle for stage, angle in predictions.items()},
+    }
+
+
+def signature_rows(of: Mapping[str, Sequence[Signature]]) -> Columns:
+    """Columns of `SIGNATURES`, by what the residual is of."""
+    rows = [(stage, one) for stage, found in of.items() for one in found]
+    return {
+        "of": [stage for stage, _ in rows],
+        "signature": [one.name for _, one in rows],
+        "title": [one.title for _, one in rows],
+        "unit": [one.unit for _, one in rows],
+        **{name: np.array([getattr(one, name) for _, one in rows], float) for name in ("value", "ci_low", "ci_high")},
+        "p": np.array([one.p_value for _, one in rows], float),
+        "significant": np.array([one.significant for _, one in rows], bool),
+        "why_not": [one.why_not for _, one in rows],
+    }
+
+
+def title_of(name: str) -> str:
+    """Title of an effect, or of several joined by +."""
+    return " and ".join(candidates()[part].title for part in name.split("+"))
+
+
+def parameters_of(fit: Fit) -> dict[str, dict[str, float]]:
+    """Fitted parameters by effect and name, six digits."""
+    return {
+        effect.name: {p.name: float(f"{v:.6g}") for p, v in zip(effect.parameters, values, strict=True)}
+        for effect, values in fit.model.split(fit.values.tolist())
+    }
+
+
+def candidate_rows(found: Identification) -> Columns:
+    """Columns of `CANDIDATES`: fitted ones by their held-out error, then the screened, then the untestable."""
+    assert found.selection is not None
+    assert found.why_not is not None
+    selection = found.selection
+    fitted = sorted(selection.trials, key=lambda name: selection.trials[name].rms)
+    screened = sorted(set(selection.screened) - set(fitted), key=lambda name: selection.screened[name])
+    names = [*fitted, *screened, *found.why_not]
+    few = len(selection.base.losses) < FEWEST_BLOCKS
+    rows = [_candidate(found, name, few) for name in names]
+    columns: dict[str, Any] = {column.name: [row[column.name] for row in rows] for column in CANDIDATES.columns}
+    for column in CANDIDATES.columns:
+        if column.kind in ("float64", "bool"):
+            columns[column.name] = np.array(columns[column.name], column.kind)
+    return columns
+
+
+def _candidate(found: Identification, name: str, few: bool) -> dict[str, Any]:
+    selection, why_not = found.selection, found.why_not
+    assert selection is not None
+    assert why_not is not None
+    assert found.problem is not None
+    trial = selection.trials.get(name)
+    reason = why_not.get(name, "" if trial else NOT_SHORTLISTED)
+    if trial and few:
+        reason = f"fitted, but with fewer than {FEWEST_BLOCKS} branches no effect is accepted"
+    return {
+        "effect": name,
+        "title": title_of(name),
+        "parameters": json.dumps(parameters_of(trial.fit)) if trial else "",
+        "rms_before_arcmin": selection.base.rms * found.problem.data.noise if trial else np.nan,
+        "rms_after_arcmin": trial.rms * found.problem.data.noise if trial else np.nan,
+        "rms_before_floors": selection.base.rms if trial else np.nan,
+        "rms_after_floors": trial.rms if trial else np.nan,
+        "t": selection.t.get(name, np.nan),
+        "p": selection.p.get(name, np.nan),
+        "significant": name in selection.survivors,
+        "member_of_class": name in found.verdict.named,
+        "screened_share": selection.screened.get(name, np.nan),
+        "why_not": reason,
+    }

@@ -1,0 +1,1 @@
+"""Which effects are supported: screening, held-out errors, selection, verdict."""

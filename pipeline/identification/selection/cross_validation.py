@@ -1,0 +1,134 @@
+"""What a fitted model predicts of cells that it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.problem import Data
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+LEAST_LOSS = 0.1
+"""Loss below which blocks are alike: far under the noise floor."""
+FOLD_ITERATIONS = 4
+OPEN_SHARE = 0.3
+"""Standard deviation, in shares of its bounds, of a parameter that the cells seen do not determine at all."""
+FAILED = 1e3
+"""Residual in sigmas of a cell that could not be predicted."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model fitted to a set of cells and judged on held-out groups of it.
+
+    Attributes
+    ----------
+    fit : to all the cells.
+    losses : (n_blocks,) of each block when its group is left out: Mahalanobis distance of the cells' residuals under
+        the covariance of their prediction, per cell; 1 where only noise is left.
+    """
+
+    fit: Fit
+    losses: Real
+
+    @property
+    def scores(self) -> Real:
+        """Logarithms of the losses (n_blocks,): a few blocks that a model misses badly do not decide a test."""
+        return np.log(LEAST_LOSS + self.losses)
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean loss, 1 at the noise floor."""
+        return float(np.sqrt(np.mean(self.losses)))
+
+
+def groups(data: Data, cells: Truth) -> Whole:
+    """What is left out at once (n_cells,): positions if the cells have two, else cycles."""
+    return data.position if len(np.unique(data.position[cells])) > 1 else data.cycle
+
+
+def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
+    """Held-out losses of a fitted model, each group of the cells left out in turn.
+
+    Notes
+    -----
+    The cells seen tell only part of what the prediction of the others needs: of the offset, of tolerances, of a phase
+    over the crank angle. So the distance is taken under ``sigma^2 + J C J'`` with C the covariance of the unknowns that
+    the cells seen leave. By Woodbury's identity it is the residual of the fit to all cells, and on top of it the way
+    that the fit moves when the group is left out, over its uncertainty: nothing is predicted anew. Linear in that way.
+    """
+    data, group = fitter.problem.data, groups(fitter.problem.data, cells)
+    strain = np.zeros(len(data))
+    for one in np.unique(group[cells]):
+        left_out = cells & (group == one)
+        moved, precision = _moved(fitter, fit, cells & ~left_out)
+        strain[left_out] = moved @ precision @ moved / left_out.sum()
+    return Trial(fit, block_losses(data, fit.predicted, strain, cells))
+
+
+def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
+    """How the unknowns (n_unknowns,) move if only the cells seen are fitted, and the precision that these give them."""
+    data, now = fitter.problem.data, fit.unknowns.flat
+    penalty = fitter.penalty(fit.unknowns)
+    open_ones = np.concatenate(
+        [np.zeros(len(fit.unknowns.scales)), np.ones(len(fit.unknowns.shares)), np.zeros(len(fit.unknowns.modes))]
+    )
+    rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
+    misfit = ((data.angle - fit.predicted) / fit.sigma)[seen]
+    if data.common_offset:
+        rows = np.column_stack([rows, 1 / fit.sigma[seen]])
+        now, penalty, open_ones = np.append(now, 0.0), np.append(penalty, 0.0), np.append(open_ones, 0.0)
+    precision = rows.T @ rows + np.diag(penalty**2 + open_ones / OPEN_SHARE**2)
+    precision += 1e-12 * np.trace(precision) * np.eye(len(precision))
+    gradient = rows.T @ misfit - penalty**2 * now
+    free = np.ones(len(gradient), bool)
+    free[: len(fit.unknowns.flat)] = fit.unknowns.free(gradient[: len(fit.unknowns.flat)])
+    moved = np.zeros(len(gradient))
+    moved[free] = np.linalg.solve(precision[np.ix_(free, free)], gradient[free])
+    return moved, precision
+
+
+def predicted_by_folds(fitter: Fitter, fit: Fit, cells: Truth) -> Real:
+    """Prediction (n_cells,) [arcmin] of each cell by a fit that has not seen its group; NaN outside the cells."""
+    group = groups(fitter.problem.data, cells)
+    held = np.full(len(fitter.problem.data), np.nan)
+    for one in np.unique(group[cells]):
+        left_out = cells & (group == one)
+        fold = fitter.fit(fit.model, cells & ~left_out, fit.unknowns, FOLD_ITERATIONS, fit, frozen=True)
+        held[left_out] = conditioned(fitter, fold, cells & ~left_out, left_out)
+    return held
+
+
+def conditioned(fitter: Fitter, fold: Fit, seen: Truth, left_out: Truth) -> Real:
+    """Prediction [arcmin] of the cells left out, the unit's tolerances conditioned on them.
+
+    Like the offset, tolerances that were not measured belong to the unit and not to the model: their modes are
+    conditioned on the cells left out, with what the cells seen leave open of them as their prior. Effects and
+    calibrated numbers stay as the cells seen gave them.
+    """
+    data, n_modes = fitter.problem.data, len(fold.unknowns.modes)
+    predicted, sigma, penalty = fold.predicted[left_out], fold.sigma[left_out], fitter.penalty(fold.unknowns)
+    if not n_modes or not np.all(np.isfinite(predicted)):
+        return predicted
+    rows = fold.jacobian[seen] / fold.sigma[seen][:, None]
+    precision = rows.T @ rows + np.diag(penalty**2)
+    precision += 1e-12 * np.trace(precision) * np.eye(len(precision))
+    prior = np.linalg.inv(np.linalg.inv(precision)[-n_modes:, -n_modes:])
+    own = fold.jacobian[left_out, -n_modes:] / sigma[:, None]
+    shift = np.linalg.solve(own.T @ own + prior, own.T @ ((data.angle[left_out] - predicted) / sigma))
+    return predicted + sigma * (own @ shift)
+
+
+def block_losses(data: Data, predicted: Real, strain: Real, cells: Truth) -> Real:
+    """Mean square residual of every block (n_blocks,), in sigmas, and its ``strain`` (n_cells,)."""
+    square = ((data.angle - predicted) / data.sigma) ** 2 + strain
+    square = np.where(np.isfinite(square), square, FAILED**2)
+    _, index = np.unique(data.block[cells], return_inverse=True)
+    return np.bincount(index, square[cells]) / np.bincount(index)

@@ -1,0 +1,285 @@
+"""Which effect the data ask for: screening, held-out losses of leave-one-group-out, one test over all effects tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.cross_validation import Trial, trial
+from pipeline.identification.selection.screening import Promise, screened
+from pipeline.statistics.blocks import confidence_set, max_t
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+SHORTLIST = 6
+"""Effects that are fitted in full, the best after a few steps."""
+NEAR = 1.5
+"""Further ones are fitted where their misfit is within this ratio of the best."""
+FAMILYWISE = 0.05
+SET_LEVEL = 0.9
+STRUCTURE = 1.25
+"""Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
+FORM = 0.05
+"""Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave. Calibrated: the
+parameters of blind units came out 1 to 6 % off."""
+LEAST_GAIN = 0.3
+"""Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
+LEAST_SHARE = 0.1
+"""The same as a share of what a model leaves."""
+ALIKE = 0.05
+"""Difference of held-out losses, in squared floors and as a share of what is left, that decides nothing: the form of
+the model may cause it."""
+FEWEST_BLOCKS = 8
+RESAMPLES = 2000
+FAR = 3.0
+"""The first steps alone are taken of those whose misfit is beyond this ratio of the best."""
+FIRST_ITERATIONS = 3
+"""Steps of a fit that rank the effects before the best are fitted in full."""
+HOPELESS = 0.98
+"""Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
+ALWAYS, UNPROMISING = 4, 10.0
+"""Effects that are fitted in any case, and ratio of a screened misfit to the least that was reached beyond which a
+further one is not: three steps reached less than a tenth of what was promised in 2 of 1400 fits of blind units."""
+MORE_LOOKED = 4
+"""Effects that take those steps beyond the number wanted."""
+FAR_FROM_DECLARED = 0.3
+"""Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
+MOST_NAMED = 2
+"""Effects that are named together; more only describe."""
+MOST_EFFECTS = 4
+ADDITIONS = 4
+"""Effects that are tried on top of the best, those that explain most of what it leaves."""
+SEED = 20170
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was tried on a set of cells.
+
+    Attributes
+    ----------
+    base : calibrated numbers and tolerances alone.
+    trials : by name of the model.
+    screened : (share of the base's misfit) by name of every effect that could be tested.
+    t, p : of the gain over the base, p adjusted over all that were tried.
+    survivors : models whose gain is significant and of use, best first.
+    best : name, or "" without survivors.
+    members : names of the class of the best.
+    """
+
+    base: Trial
+    trials: Mapping[str, Trial]
+    screened: Mapping[str, float]
+    t: Mapping[str, float]
+    p: Mapping[str, float]
+    survivors: tuple[str, ...]
+    best: str
+    members: tuple[str, ...]
+
+    @property
+    def chosen(self) -> Trial:
+        """The best model's trial, or the base's."""
+        return self.trials[self.best] if self.best else self.base
+
+    @property
+    def limit(self) -> float:
+        """Held-out rms in floors up to which the best model leaves nothing structured."""
+        return float(np.hypot(STRUCTURE, FORM * self.base.rms)) if self.best else STRUCTURE
+
+
+class Selector:
+    """Selections on subsets of one problem's cells."""
+
+    def __init__(self, fitter: Fitter, seen: Truth, most_effects: int = MOST_EFFECTS):
+        self.fitter = fitter
+        self.problem = fitter.problem
+        self.most_effects = most_effects
+        self.testable = {
+            name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, seen)
+        }
+
+    def screen(self, cells: Truth, base: Fit) -> dict[str, Promise]:
+        """What each further effect promises beside ``base``; also beside the declared scales where base is far off."""
+        bases = [base]
+        if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
+            nothing = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
+            declared = Vector(nothing[0], base.unknowns.shares, nothing[1])
+            bases.append(self.fitter.fit(base.model, cells, declared, 0))
+        held = {effect.name for effect in base.model.effects}
+        held |= {name for name, simpler in NESTED.items() if simpler in held} | {
+            NESTED.get(name, name) for name in held
+        }
+        return screened(self.fitter, cells, bases, [one for name, one in self.testable.items() if name not in held])
+
+    def trial(self, fit: Fit, cells: Truth) -> Trial:
+        """Held-out losses of a fitted model."""
+        return trial(self.fitter, fit, cells)
+
+    def select(self, cells: Truth, only: Sequence[str] = ()) -> Selection:
+        """Try every effect that the data can test on ``cells`` (n_cells,), or ``only`` some models by their names."""
+        base_fit = self.fitter.fit(Model(), cells, self.fitter.start(Model()))
+        base = self.trial(base_fit, cells)
+        if base.rms <= STRUCTURE:
+            return Selection(base, {}, {}, {}, {}, (), "", ())
+        promises = self.screen(cells, base_fit)
+        if only:
+            fits = [self._joint_fit(name, cells, promises) for name in only]
+        else:
+            fits = self.fits(base_fit, cells, promises, SHORTLIST)
+        trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
+        return self._judged(base, trials, {name: one.misfit for name, one in promises.items()}, cells)
+
+    def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise], count: int) -> list[Fit]:
+        """Fits of the ``count`` best additions to a base, and of those that come near: a few steps of all rank them."""
+        hopeful = [name for name in promises if promises[name].misfit < HOPELESS]
+        hopeful = sorted(hopeful, key=lambda name: promises[name].misfit)[: count + MORE_LOOKED]
+        first: list[Fit] = []
+        for rank, name in enumerate(hopeful):
+            reached = min((fit.cost for fit in first), default=np.inf)
+            if rank >= ALWAYS and promises[name].misfit * base.cost > UNPROMISING * reached:
+                break
+            model = Model((*base.model.effects, self.testable[name]))
+            starts = promises[name].starts
+            tried = [self.fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
+            first += sorted((fit for fit in tried if np.isfinite(fit.cost) and fit.sound), key=lambda fit: fit.cost)[:1]
+        first.sort(key=lambda fit: fit.cost)
+        near = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
+        return [
+            self.fitter.fit(fit.model, cells, fit.unknowns, near=fit) if fit.cost < FAR * first[0].cost else fit
+            for fit in near
+        ]
+
+    def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise]) -> Fit:
+        """Fit of a model by the names of its effects, from what the screening found of each."""
+        parts = name.split("+")
+        model = Model(tuple(self.testable[part] for part in parts))
+        shares = np.concatenate([promises[part].starts[0].shares for part in parts])
+        return self.fitter.fit(model, cells, replace(promises[parts[0]].starts[0], shares=shares))
+
+    def extended(self, selection: Selection, cells: Truth) -> Selection:
+        """The selection with effects added to its best, one at a time, until nothing structured is left.
+
+        What is left by the best model is screened for every other effect; an addition stays if it gains significantly.
+        """
+        for _ in range(self.most_effects - 1):
+            if not selection.best or selection.chosen.rms <= selection.limit:
+                break
+            now = selection.chosen.fit
+            fits = self.fits(now, cells, self.screen(cells, now), ADDITIONS)
+            trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
+            before, selection = selection.best, self._judged(selection.base, trials, selection.screened, cells)
+            if selection.best == before:
+                break
+            trials = {**selection.trials, **self._without(selection, cells)}
+            selection = self._judged(selection.base, trials, selection.screened, cells)
+        return selection
+
+    def _without(self, selection: Selection, cells: Truth) -> dict[str, Trial]:
+        """Trials of the best model less one of its effects, or with a simpler one in its place, from where it stands.
+
+        The first effect that was taken may have been wrong.
+        """
+        fit, found = selection.chosen.fit, {}
+        parts = fit.model.split(fit.unknowns.shares.tolist())
+        for number, (effect, shares) in enumerate(parts):
+            simpler = NESTED.get(effect.name)
+            for own in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
+                kept = [*parts[:number], *own, *parts[number + 1 :]]
+                model = Model(tuple(one for one, _ in kept))
+                start = replace(fit.unknowns, shares=np.array([share for _, some in kept for share in some]))
+                again = self.trial(self.fitter.fit(model, cells, start), cells)
+                if model.name not in selection.trials or again.rms < selection.trials[model.name].rms:
+                    found[model.name] = again
+        return found
+
+    def _judged(
+        self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float], cells: Truth
+    ) -> Selection:
+        names = list(trials)
+        if not names or len(base.losses) < FEWEST_BLOCKS or base.rms <= STRUCTURE:
+            return Selection(base, trials, screened, {}, {}, (), "", ())
+        t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
+        gain = np.array([base.rms**2 - trials[name].rms ** 2 for name in names])
+        useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
+        for k, name in enumerate(names):
+            fit = trials[name].fit
+            useful[k] = useful[k] and not self.problem.within_tolerance(fit.model, fit.values.tolist())
+        scores = np.array([trials[name].scores.mean() for name in names])
+        survivors = [names[k] for k in np.argsort(scores) if useful[k]]
+        best = self._best(survivors, trials)
+        members = self._members(best, survivors, trials, cells) if best else ()
+        return Selection(
+            base,
+            trials,
+            screened,
+            dict(zip(names, t.tolist(), strict=True)),
+            dict(zip(names, p.tolist(), strict=True)),
+            tuple(survivors),
+            best,
+            members,
+        )
+
+    def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial]) -> str:
+        """Least held-out loss; more effects only where they gain significantly over the best with fewer."""
+        best = ""
+        for count in range(1, self.most_effects + 1):
+            alike = [name for name in survivors if trials[name].fit.model.n_effects == count]
+            if not alike:
+                continue
+            if best:
+                least = max(LEAST_GAIN, LEAST_SHARE * trials[best].rms ** 2)
+                if not self._gains(trials[best], trials[alike[0]], least, claimed=count <= MOST_NAMED):
+                    continue
+            best = alike[0]
+            simpler = _simplest(best)
+            least = _alike(trials[best])
+            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], least):
+                best = simpler
+        return best
+
+    @staticmethod
+    def _gains(before: Trial, after: Trial, least: float, claimed: bool = True) -> bool:
+        """Whether a model is better than a simpler one by ``least`` in squared floors, if ``claimed`` not by chance."""
+        _, p = max_t((before.scores - after.scores)[:, None], RESAMPLES, SEED)
+        of_use = before.rms**2 - after.rms**2 >= least
+        return bool(of_use and (p[0] <= FAMILYWISE or not claimed))
+
+    def _members(
+        self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth
+    ) -> tuple[str, ...]:
+        """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
+        alike = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
+        data = self.problem.data
+        _, first = np.unique(data.block[cells], return_index=True)
+        _, branch = np.unique(data.branch[cells][first], return_inverse=True)
+        scores = [np.bincount(branch, trials[name].scores) / np.bincount(branch) for name in alike]
+        kept = confidence_set(np.column_stack(scores), SET_LEVEL, RESAMPLES, SEED)
+        sigma = data.sigma
+        members = []
+        for name, inside in zip(alike, kept, strict=True):
+            apart = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
+            behind = trials[name].rms ** 2 - trials[best].rms ** 2
+            if name == best or ((inside or behind < _alike(trials[best])) and np.sqrt(np.mean(apart**2)) < 1):
+                members.append(name)
+        return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
+
+
+NESTED: Mapping[str, str] = {"presliding": "coulomb"}
+"""Effects that become a simpler one at a limit of their parameters: not needed where that one does as well."""
+
+
+def _alike(trial: Trial) -> float:
+    """Difference of mean losses that decides nothing, in squared floors."""
+    return float(ALIKE * max(1.0, trial.rms**2))
+
+
+def _simplest(name: str) -> str:
+    """Name of a model with the simpler of nested effects in their place."""
+    return "+".join(sorted(NESTED.get(part, part) for part in name.split("+")))

@@ -1,0 +1,219 @@
+"""What each effect promises before it is fitted: secants of its parameters beside all that is fitted already."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.problem import Candidate, Model
+from pipeline.model.load_history.load_cycle import ARCMIN
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+STEPS = (1e-3, 1e-2, 1e-1)
+"""Lengths of the secants, as shares of the way from no effect to a bound."""
+SHAPES = (0.1, 0.35, 0.6, 0.85)
+"""Shares of the bounds at which parameters that leave no trace of an absent effect are looked at."""
+REACH = 4.0
+"""Lengths of its secant up to which an effect is extrapolated."""
+STARTS = 3
+"""Most starts from which an effect is fitted: senses of its parameters, and bases."""
+RIVAL = 3.0
+"""Misfit of a further start in that of the best beyond which it is left out."""
+RADII, PHASES = (0.05, 0.15, 0.35), 8
+"""Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
+RIPPLE = "motor_cogging"
+"""The effect whose starts are periods; looked at beside the first base alone, since there are many of them."""
+WAVE_STEP, WAVE_PHASES = 0.75, 5
+"""Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each."""
+SIZES, COARSER = (0.75, 1.0, 1.3, 1.6, 2.0), 5
+"""Sizes of a ripple, in those that the residual asks; so many times fewer periods tell which is nearest."""
+PERIODS, PERIOD_STEPS = 6, 3
+"""The best of them, and steps of the fits that tell which are true."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What an effect may explain.
+
+    Attributes
+    ----------
+    misfit : sum of squares left, in shares of the base's.
+    starts : where fits with the effect start, the best first.
+    """
+
+    misfit: float
+    starts: tuple[Vector, ...]
+
+
+class Screening:
+    """Looks at effects beside one fitted base, cells weighted by ``sigma`` (n_cells,) [arcmin].
+
+    The misfit of a prediction is that after the base's unknowns (scales, parameters, tolerances) have moved as they
+    can, linearly and held by their priors.
+    """
+
+    def __init__(self, fitter: Fitter, cells: Truth, base: Fit, sigma: Real):
+        self.fitter, self.cells, self.base, self.sigma = fitter, cells, base, sigma
+        data = fitter.problem.data
+        self.positions = np.unique(data.position[cells]).tolist()
+        self.weight = np.where(cells, 1 / sigma**2, 0.0)
+        self.root = np.sqrt(self.weight[cells])
+        self.penalty = penalty = fitter.penalty(base.unknowns)
+        self.rows = np.vstack([base.jacobian[cells] * self.root[:, None], np.diag(penalty)[penalty > 0]])
+        self.basis, self.triangle = np.linalg.qr(self.rows)
+        self.left = self._scaled(data.angle - base.predicted) - self._pulled(base.unknowns.flat)
+        self.nothing = self._misfit(self._free(self.left))
+        self.plain = fitter.predict(base.model, base.unknowns, self.positions).angle
+
+    def _pulled(self, flat: Real) -> Real:
+        """Residuals of the priors at unknowns, below the cells' zeros."""
+        penalty = self.penalty
+        return np.concatenate([np.zeros(len(self.root)), (penalty * flat)[penalty > 0]])
+
+    def _scaled(self, angle: Real) -> Real:
+        """Angles (n_cells,) without offsets, in sigmas of the cells that are looked at, zeros for the priors."""
+        own = self.fitter.centred(np.nan_to_num(angle), self.weight)[self.cells] * self.root
+        return np.concatenate([own, np.zeros(len(self.rows) - len(own))])
+
+    def _free(self, values: Real) -> Real:
+        """What the base's unknowns cannot follow."""
+        return values - self.basis @ (self.basis.T @ values)
+
+    @staticmethod
+    def _misfit(values: Real) -> float:
+        return max(float(values @ values), 1e-300)
+
+    def starts(self, effect: Candidate) -> list[tuple[float, Vector]]:
+        """Starts for an effect beside the base with their sums of squares, where an equilibrium was found."""
+        if effect.name == RIPPLE:
+            return self._ripples(effect)
+        model = Model((*self.base.model.effects, effect))
+        bounds = np.array(self.fitter.problem.bounds(effect))
+        grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
+        zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
+        found: dict[int, tuple[float, Real, Real]] = {}
+        for shape, length in product(product(*(((0.0,) if own else SHAPES) for own in grows)), STEPS):
+            for sense, look in enumerate(self._looks(model, np.where(grows, zero, shape), grows, length)):
+                if sense not in found or look[0] < found[sense][0]:
+                    found[sense] = look
+        confirmed = []
+        for _, shares, unknowns in found.values():
+            looks = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
+            confirmed.append(min(looks, key=lambda one: one[0]))
+        base = self.base.unknowns
+        for around in _ring(zero, grows):
+            start = Vector(base.scales, np.concatenate([base.shares, around]), base.modes)
+            confirmed.append((self._at(model, start), start))
+        return [one for one in confirmed if np.isfinite(one[0])]
+
+    def _beside(self, shares: Real, moved: Real) -> list[Vector]:
+        """The effect beside the base as it stands, and as it would move."""
+        base = self.base.unknowns
+        there = base.like(base.flat + moved)
+        return [Vector(one.scales, np.concatenate([one.shares, shares]), one.modes) for one in (there, base)]
+
+    def _at(self, model: Model, start: Vector) -> float:
+        """Misfit of a model's prediction; infinite where an equilibrium was not found."""
+        there = self.fitter.predict(model, start, self.positions)
+        flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
+        data = self.fitter.problem.data
+        return (
+            self._misfit(self._free(self._scaled(data.angle - there.angle) - self._pulled(flat)))
+            if there.sound
+            else np.inf
+        )
+
+    def _looks(self, model: Model, at: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
+        """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``at``.
+
+        One look for each combination of the senses in which parameters can go: gaps that open and gaps that close are
+        two effects.
+        """
+        base, sides = self.base.unknowns, []
+        for number in np.flatnonzero(grows):
+            found = []
+            for step in (-length * at[number], length * (1 - at[number])):
+                shares = at.copy()
+                shares[number] += step
+                start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
+                if step:
+                    there = self.fitter.predict(model, start, self.positions)
+                    found += [(step, self._scaled(there.angle - self.plain))] if there.sound else []
+            sides.append(found)
+        return [self._joined(at, grows, one) for one in product(*sides)]
+
+    def _joined(self, at: Real, grows: Truth, secants: Sequence[tuple[float, Real]]) -> tuple[float, Real, Real]:
+        """Linear least squares over one secant of each parameter and the base's unknowns."""
+        steps = np.array([step for step, _ in secants])
+        changes = np.column_stack([change for _, change in secants])
+        free = changes - self.basis @ (self.basis.T @ changes)
+        amounts = lsq_linear(free, self._free(self.left), (0.0, REACH)).x
+        shares = at.copy()
+        shares[grows] = np.clip(at[grows] + amounts * steps, 0.0, 1.0)
+        rest = self.left - changes @ amounts
+        moved = np.linalg.lstsq(self.triangle, self.basis.T @ rest, rcond=None)[0]
+        return self._misfit(self._free(rest)), shares, moved
+
+    def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
+        """Starts of a ripple: its phase bends with the angle, so many periods are looked at, and the best fitted on.
+
+        Its size is about what it takes to move the angle, by the slope of the curve, as far as the base is off. How
+        wide the loop becomes tells it better, whatever the period: the right period stands out at the right size alone.
+        """
+        data = self.fitter.problem.data
+        low, high = np.array(self.fitter.problem.bounds(effect)).T
+        model, base = Model((*self.base.model.effects, effect)), self.base.unknowns
+        one = Screening(self.fitter, self.cells & (data.position == self.positions[0]), self.base, self.sigma)
+        off = data.angle - self.base.predicted
+        size = np.sqrt(2 * np.sum(self.weight * off**2) / np.sum(self.weight * self.fitter.slopes(self.base) ** 2))
+        turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
+        waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
+
+        def look(size: float, wave: float, phases: int) -> tuple[float, Vector]:
+            around = []
+            for phase in 2 * np.pi * np.arange(phases) / phases:
+                values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
+                shares = np.concatenate([base.shares, np.clip((values - low) / (high - low), 0.0, 1.0)])
+                start = Vector(base.scales, shares, base.modes)
+                around.append((one._at(model, start), start))
+            return min(around, key=lambda one: one[0])
+
+        coarse = [min(look(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]
+        looks = [look(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
+        misfit = np.array([np.inf, *(one[0] for one in looks), np.inf])
+        least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
+        best = sorted((one for one, here in zip(looks, least, strict=True) if here), key=lambda one: one[0])[:PERIODS]
+        fits = [self.fitter.fit(model, self.cells, start, PERIOD_STEPS, self.base) for _, start in best]
+        return [(self._at(model, fit.unknowns), fit.unknowns) for fit in fits if fit.sound]
+
+
+def _ring(zero: Real, grows: Truth) -> list[Real]:
+    """Shares of the bounds (n_parameters,) about no effect: in both senses of one parameter, in phases of two."""
+    if not np.all(grows & (zero > 0)) or len(grows) > 2:
+        return []
+    directions = np.exp(2j * np.pi * np.arange(PHASES) / PHASES) if len(grows) == 2 else np.array([1, -1])
+    places = [zero + radius * np.array([one.real, one.imag][: len(grows)]) for radius in RADII for one in directions]
+    return [place for place in places if np.all((place > 0) & (place < 1))]
+
+
+def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
+    """Promises of effects over the bases, misfits in shares of the first base's; of those that have an equilibrium."""
+    looks = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
+    promises = {}
+    for effect in effects:
+        around = looks[:1] if effect.name == RIPPLE else looks
+        found = sorted((one for look in around for one in look.starts(effect)), key=lambda one: one[0])
+        if found:
+            least = found[0][0]
+            kept = [start for misfit, start in found[:STARTS] if misfit <= RIVAL * least]
+            promises[effect.name] = Promise(least / looks[0].nothing, tuple(kept))
+    return promises

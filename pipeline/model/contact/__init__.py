@@ -1,0 +1,1 @@
+"""Local deflection of a contact under its force, and friction elements."""

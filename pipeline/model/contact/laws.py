@@ -1,0 +1,297 @@
+"""Force laws of single contacts: local deflection against force, and what they leave to the mesh.
+
+A law gives the local deflection delta [mm] of a closed contact under the force F [N]; the dead zone is
+the clearance, which the equilibrium adds. Every law of this package is
+
+    delta(F) = a F - c F ln(F) + k F^m     for F <= force_limit, the tangent beyond,
+
+so one record of numbers per contact (``ContactLaws``) serves the solver, the tables and the checks.
+
+Source: Johnson, Contact Mechanics (1985), ch. 4 and 5.6; Palmgren, Ball and Roller Bearing Engineering
+(1959), p. 50.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.model.geometry.cycloid_profile import Real
+
+PALMGREN_MM = 3.84e-5
+"""Palmgren's line contact of steel bodies: approach [mm] = 3.84e-5 Q^0.9 / L^0.8, Q in N, L in mm."""
+PALMGREN_FORCE_EXPONENT = 0.9
+PALMGREN_LENGTH_EXPONENT = 0.8
+
+SHARE_OF_LIMIT = 0.9
+"""The tangent continues a law at this share of the force at which its slope would vanish."""
+HALF_WIDTH_LIMIT = 0.5
+"""Largest half width over cylinder radius: 30 degrees of arc, where Hertz' parabola leaves the circle
+by 7 % (Johnson 1985, 5.3)."""
+
+SMALLEST_DEFLECTION = 1e-100
+"""Deflection [mm] from which a law is inverted; below it forces underflow."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic elastic material in a state of plane stress or plane strain.
+
+    Attributes
+    ----------
+    youngs_modulus : float
+        [MPa]
+    poisson_ratio : float
+    stress : str
+        ``"plane_stress"`` or ``"plane_strain"``.
+    """
+
+    youngs_modulus: float
+    poisson_ratio: float
+    stress: str
+
+    @property
+    def modulus(self) -> float:
+        """E' [MPa]: E in plane stress, E/(1 - nu^2) in plane strain."""
+        if self.stress == "plane_stress":
+            return self.youngs_modulus
+        return self.youngs_modulus / (1 - self.poisson_ratio**2)
+
+    @property
+    def lateral(self) -> float:
+        """nu' [-]: nu in plane stress, nu/(1 - nu) in plane strain."""
+        if self.stress == "plane_stress":
+            return self.poisson_ratio
+        return self.poisson_ratio / (1 - self.poisson_ratio)
+
+
+@dataclass(frozen=True)
+class ContactLaws:
+    """Laws of ``n`` contacts, each array (n,).
+
+    Attributes
+    ----------
+    linear : a [mm/N]
+    logarithmic : c [mm/N]
+    power : k [mm/N^m]
+    exponent : m [-]
+    force_limit : largest force of the law proper [N]; the tangent continues it.
+    pressure : peak Hertz pressure is ``pressure * sqrt(F)`` [MPa/sqrt(N)].
+    """
+
+    linear: Real
+    logarithmic: Real
+    power: Real
+    exponent: Real
+    force_limit: Real
+    pressure: Real
+
+    def __len__(self) -> int:
+        return len(self.linear)
+
+    def __getitem__(self, index) -> "ContactLaws":
+        return ContactLaws(*(np.atleast_1d(getattr(self, f.name)[index]) for f in fields(self)))
+
+    def _proper_deflection(self, force: Real) -> Real:
+        log = np.log(np.maximum(force, np.finfo(float).tiny))
+        return force * (self.linear - self.logarithmic * log) + self.power * force**self.exponent
+
+    def _proper_compliance(self, force: Real) -> Real:
+        log = np.log(np.maximum(force, np.finfo(float).tiny))
+        powered = np.where(
+            self.power > 0,
+            self.power * self.exponent * np.maximum(force, np.finfo(float).tiny) ** (self.exponent - 1),
+            0.0,
+        )
+        return self.linear - self.logarithmic * (1 + log) + powered
+
+    def deflection(self, force: ArrayLike) -> Real:
+        """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
+        force = np.maximum(np.asarray(force, float), 0.0)
+        inside = np.minimum(force, self.force_limit)
+        return self._proper_deflection(inside) + (force - inside) * self._proper_compliance(inside)
+
+    def compliance(self, force: ArrayLike) -> Real:
+        """Tangent d delta / dF [mm/N] at ``force`` (..., n) [N]; positive everywhere."""
+        return self._proper_compliance(np.minimum(np.asarray(force, float), self.force_limit))
+
+    def force(self, deflection: ArrayLike) -> Real:
+        """Force [N] at the local ``deflection`` (..., n) [mm]; zero in the dead zone (deflection <= 0).
+
+        Notes
+        -----
+        delta(F) is concave: from below its root Newton rises to it step by step; from above it falls below it, or by
+        nine tenths if it would leave the positive forces. It stops at a relative step of 1e-15.
+
+        Raises
+        ------
+        ArithmeticError
+            If 100 iterations do not settle to 1e-12, with the deflections at fault.
+        """
+        deflection = np.asarray(deflection, float)
+        wanted = np.maximum(deflection, SMALLEST_DEFLECTION)
+        force = wanted / self.compliance(np.ones_like(wanted))
+        for _ in range(100):
+            rise = (wanted - self.deflection(force)) / self.compliance(force)
+            settled = np.abs(rise) <= 1e-15 * force
+            if np.all(settled):
+                break
+            force = np.maximum(force + rise, 0.1 * force)
+        unsettled = np.abs(rise) > 1e-12 * force
+        if np.any(unsettled):
+            at_fault = np.broadcast_to(deflection, unsettled.shape)[unsettled]
+            raise ArithmeticError(f"force law not inverted at deflections {at_fault} mm")
+        return np.where(deflection > 0, force, 0.0)
+
+    def energy(self, force: ArrayLike) -> Real:
+        """Complementary energy, the integral of delta over F from 0 [N mm]."""
+        force = np.maximum(np.asarray(force, float), 0.0)
+        inside = np.minimum(force, self.force_limit)
+        log = np.log(np.maximum(inside, np.finfo(float).tiny))
+        higher = self.exponent + 1
+        proper = 0.5 * inside**2 * (self.linear - self.logarithmic * (log - 0.5)) + self.power * inside**higher / higher
+        beyond = force - inside
+        at_limit, slope = self._proper_deflection(inside), self._proper_compliance(inside)
+        return proper + beyond * at_limit + 0.5 * beyond**2 * slope
+
+    def peak_pressure(self, force: ArrayLike) -> Real:
+        """Peak Hertz pressure [MPa] at ``force`` (..., n) [N]."""
+        return self.pressure * np.sqrt(np.maximum(np.asarray(force, float), 0.0))
+
+
+def concatenated(laws: list[ContactLaws]) -> ContactLaws:
+    """The laws of several groups of contacts in one record, in the order given."""
+    return ContactLaws(*(np.concatenate([getattr(one, f.name) for one in laws]) for f in fields(ContactLaws)))
+
+
+@dataclass(frozen=True)
+class LineContact:
+    """Hertz line contact of two bodies of one material each, ``n`` contacts of one length.
+
+    Attributes
+    ----------
+    radius : relative radius of curvature R' (n,) [mm], 1/R' = sum of the curvatures.
+    length : contact length [mm].
+    first, second : the two materials.
+    """
+
+    radius: Real
+    length: float
+    first: Material
+    second: Material
+
+    @property
+    def contact_modulus(self) -> float:
+        """E* [MPa], 1/E* = 1/E'_1 + 1/E'_2."""
+        return 1 / (1 / self.first.modulus + 1 / self.second.modulus)
+
+    @property
+    def log_half_width(self) -> Real:
+        """ln b at a force of 1 N (n,), b in mm; ln b = this + ln(F)/2."""
+        return 0.5 * np.log(4 * self.radius / (np.pi * self.contact_modulus * self.length))
+
+    def half_width(self, force: ArrayLike) -> Real:
+        """Half width b = sqrt(4 p R'/(pi E*)) [mm] at ``force`` (..., n) [N]."""
+        return np.exp(self.log_half_width) * np.sqrt(np.asarray(force, float))
+
+    @property
+    def pressure_factor(self) -> Real:
+        """Peak pressure sqrt(p E*/(pi R')) at 1 N (n,) [MPa/sqrt(N)]."""
+        return np.sqrt(self.contact_modulus / (np.pi * self.radius * self.length))
+
+    def share(self, material: Material, log_length: ArrayLike, constant: float) -> tuple[Real, Real]:
+        """Coefficients (a, c) of one body's deflection (2p/(pi E')) [ln(lambda/b) + constant].
+
+        ``log_length`` is ln(lambda), the length that the body's share of the field is cut off at.
+        """
+        scale = 2 / (np.pi * material.modulus * self.length)
+        return scale * (np.asarray(log_length) + constant - self.log_half_width), np.full(
+            self.radius.shape, 0.5 * scale
+        )
+
+
+def cylinder_share(contact: LineContact, material: Material, radius: float) -> tuple[Real, Real]:
+    """A body that is a cylinder between contact and axis: (2p/(pi E')) [ln(4 r/b) - 1/2] (Johnson 5.57)."""
+    return contact.share(material, np.log(4 * radius), -0.5)
+
+
+def meshed_share(contact: LineContact, material: Material, patch_half_width: float) -> tuple[Real, Real]:
+    """What a mesh loaded over the half width w cannot hold: (2p/(pi E')) [ln(w/b) + 1/4].
+
+    The work-conjugate mean displacement of an elliptical pressure of half width w at the depth d is
+    (2p/(pi E')) [ln(2d/w) - 1/4 - nu'/2]; the Hertz approach takes the centre of the half width b,
+    ln(2d/b) - nu'/2. Their difference is this correction, whatever the mesh and w.
+    """
+    return contact.share(material, np.log(patch_half_width), 0.25)
+
+
+def flat_share(contact: LineContact, material: Material, depth: float) -> tuple[Real, Real]:
+    """A flat body down to the depth d: (2p/(pi E')) [ln(2 d/b) - nu'/2] (Johnson 1985, 5.6)."""
+    return contact.share(material, np.log(2 * depth), -0.5 * material.lateral)
+
+
+def hertz_laws(contact: LineContact, shares: list[tuple[Real, Real]], smallest_radius: float) -> ContactLaws:
+    """Laws of contacts in series whose deflections are ``shares``, bounded where Hertz ends.
+
+    Parameters
+    ----------
+    smallest_radius : float
+        Radius of the smaller cylinder [mm]; bounds the half width.
+    """
+    linear = np.sum([a for a, _ in shares], axis=0)
+    logarithmic = np.sum([c for _, c in shares], axis=0)
+    flat = np.exp(linear / logarithmic - 1)
+    widest = (HALF_WIDTH_LIMIT * smallest_radius / np.exp(contact.log_half_width)) ** 2
+    nothing = np.zeros_like(linear)
+    return ContactLaws(
+        linear=linear,
+        logarithmic=logarithmic,
+        power=nothing,
+        exponent=np.ones_like(linear),
+        force_limit=np.minimum(SHARE_OF_LIMIT * flat, widest),
+        pressure=contact.pressure_factor,
+    )
+
+
+def palmgren_laws(contact: LineContact, interfaces: int, held_by_mesh: float) -> ContactLaws:
+    """Palmgren's laws of ``interfaces`` line contacts in series, less what the mesh holds already.
+
+    Parameters
+    ----------
+    held_by_mesh : float
+        Compliance [mm/N] of the meshed body between patch and the depth of the law (``mesh_compliance``);
+        0 without a meshed body.
+
+    Raises
+    ------
+    ValueError
+        If the law would decrease below 1 N, so that nothing of it is left.
+    """
+    shape = contact.radius.shape
+    power = interfaces * PALMGREN_MM / contact.length**PALMGREN_LENGTH_EXPONENT
+    if held_by_mesh > 0:
+        limit = (power * PALMGREN_FORCE_EXPONENT / held_by_mesh) ** (1 / (1 - PALMGREN_FORCE_EXPONENT))
+        if limit < 1:
+            raise ValueError(
+                f"Palmgren's law decreases beyond {limit:.3g} N; the mesh holds more than the law's whole approach"
+            )
+    else:
+        limit = np.inf
+    return ContactLaws(
+        linear=np.full(shape, -held_by_mesh),
+        logarithmic=np.zeros(shape),
+        power=np.full(shape, power),
+        exponent=np.full(shape, PALMGREN_FORCE_EXPONENT),
+        force_limit=np.full(shape, SHARE_OF_LIMIT * limit),
+        pressure=contact.pressure_factor,
+    )
+
+
+def mesh_compliance(material: Material, length: float, depth: float, patch_half_width: float) -> float:
+    """Mean deflection per force [mm/N] of a half-plane's patch of half width w down to the depth d.
+
+    (2/(pi E' L)) [ln(2d/w) - 1/4 - nu'/2], Johnson 1985, 5.6, averaged with the elliptical pressure.
+    """
+    return (
+        2 / (np.pi * material.modulus * length) * (np.log(2 * depth / patch_half_width) - 0.25 - 0.5 * material.lateral)
+    )

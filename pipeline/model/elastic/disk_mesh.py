@@ -1,0 +1,259 @@
+"""Graded triangle meshes of a lobed disk with a round bore, from SciPy's Delaunay triangulation alone.
+
+One lobe's band of nodes is made (rows parallel to the flank, spacing growing with depth, a few smoothing
+passes between its two neighbours) and turned ``n_lobes`` times, so every lobe has the same mesh; rings of
+nodes fill the rest down to the bore. Points are complex numbers x + iy [mm] in the frame of the disk.
+
+gmsh and netgen need system libraries that a bare machine lacks, and Triangle forbids commercial use.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import Delaunay
+from skfem import MeshTri
+
+from pipeline.model.elastic.polygon import ClosedPolygon, Index, arc_length, coordinates, cross
+from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
+
+ROW_HEIGHT = np.sqrt(3) / 2  # of a row of equilateral triangles, in edge lengths
+BORE_EDGES = 180  # at least: its corners cost a compliance less than 0.01 of 2/(pi E' t), 0.04 with 64 edges
+CLEARANCE = 0.6  # in edge lengths: no node of the band comes closer to the flank or to the ring below it
+SMOOTHING_PASSES = 10  # the smallest quality gains nothing after that
+ARC_SAMPLES = 64  # per flank edge, to invert the arc length
+
+
+def flank_nodes(profile: CycloidProfile, edges_per_lobe: int) -> Complex:
+    """Nodes at equal arc length along the whole flank, counterclockwise from a root.
+
+    Returns
+    -------
+    (n_lobes * edges_per_lobe,) complex [mm], disk frame.
+    """
+    psi = np.linspace(0, profile.lobe_pitch, ARC_SAMPLES * edges_per_lobe + 1)
+    arc = arc_length(profile.flank(psi))
+    lobe = profile.flank(np.interp(np.arange(edges_per_lobe) * arc[-1] / edges_per_lobe, arc, psi))
+    return _turned(lobe, profile.lobe_pitch, range(profile.lobes))
+
+
+def triangle_quality(mesh: MeshTri) -> Real:
+    """Quality 4 sqrt(3) area / (sum of squared edges) of every triangle (n_triangles,): 1 = equilateral, 0 = flat.
+
+    Source
+    ------
+    Bank and Smith, SIAM J. Numer. Anal. 34 (1997) 979.
+    """
+    a, b, c = (mesh.p[0] + 1j * mesh.p[1])[mesh.t]
+    return 2 * np.sqrt(3) * np.abs(cross(b - a, c - a)) / (abs(b - a) ** 2 + abs(c - b) ** 2 + abs(a - c) ** 2)
+
+
+def lobed_disk_mesh(flank: Complex, n_lobes: int, bore_radius: float, growth: float, largest_edge: float) -> MeshTri:
+    """Triangle mesh of the disk between a periodic flank and a round bore about the origin.
+
+    Parameters
+    ----------
+    flank
+        Corners of the closed flank polygon, counterclockwise, evenly spaced, each lobe a turned copy of the
+        first (n_lobes * edges_per_lobe,) complex [mm]. All of them, and no others, lie on the meshed flank.
+    n_lobes
+        Number of lobes.
+    bore_radius
+        Radius of the bore [mm]; 0 is a disk without a bore.
+    growth
+        Growth of the edge length per unit of distance from the flank [-]; 0.35 is usual, above 0.6 poor.
+    largest_edge
+        Bound of the edge length [mm].
+
+    Returns
+    -------
+    Mesh with the boundaries ``flank`` and ``bore`` (no ``bore`` without one). The flank's corners are its
+    first vertices, in their order.
+
+    Raises
+    ------
+    ValueError
+        The flank is not periodic or does not surround the bore, or the triangulation loses a flank edge.
+    """
+    _check_flank(flank, n_lobes, bore_radius)
+    size = _EdgeLength.of(flank, bore_radius, growth, largest_edge)
+    innermost = np.abs(flank).min()
+    band_radius = innermost - min(2 * np.pi * innermost / n_lobes, (innermost - bore_radius) / 2)
+    band = _turned(_lobe_band(flank, n_lobes, band_radius, size), 2 * np.pi / n_lobes, range(n_lobes))
+    rings = _rings(band_radius, bore_radius, size)
+    points = np.concatenate([flank, band, *rings])
+    return _triangulated(points, len(flank), len(rings[-1]) if bore_radius > 0 else 0)
+
+
+@dataclass(frozen=True)
+class _EdgeLength:
+    """Wanted edge length [mm]: grows away from the flank and from the bore, up to a largest."""
+
+    flank: ClosedPolygon
+    at_flank: float
+    at_bore: float
+    bore_radius: float
+    growth: float
+    largest: float
+
+    @classmethod
+    def of(cls, flank: Complex, bore_radius: float, growth: float, largest: float) -> "_EdgeLength":
+        polygon = ClosedPolygon.through(flank)
+        at_bore = min(largest, 2 * np.pi * bore_radius / BORE_EDGES) if bore_radius > 0 else largest
+        return cls(polygon, polygon.length / len(flank), at_bore, bore_radius, growth, largest)
+
+    def flank_distance(self, points: Complex) -> Real:
+        return self.flank.nearest(points)[0]
+
+    def at_depth(self, depth: Real) -> Real:
+        return np.minimum(self.at_flank + self.growth * depth, self.largest)
+
+    def __call__(self, points: Complex) -> Real:
+        near_bore = self.at_bore + self.growth * np.maximum(np.abs(points) - self.bore_radius, 0)
+        return np.minimum(self.at_depth(self.flank_distance(points)), near_bore)
+
+
+def _lobe_band(flank: Complex, n_lobes: int, inner_radius: float, size: _EdgeLength) -> Complex:
+    """Nodes of one lobe's band below the flank, down to a ring of evenly spaced nodes at ``inner_radius``."""
+    pitch = 2 * np.pi / n_lobes
+    n_ring = max(1, round(inner_radius * pitch / float(size(np.array([inner_radius + 0j]))[0])))
+    ring = inner_radius * np.exp(1j * pitch * (np.arange(n_ring) + 0.5) / n_ring)
+    lobe = flank[: len(flank) // n_lobes]
+    inner = _rows_below(lobe, pitch, inner_radius, size)
+    for _ in range(SMOOTHING_PASSES):
+        inner = _smoothed(inner, np.concatenate([lobe, ring]), pitch, size)
+    return np.concatenate([inner, ring])
+
+
+def _rows_below(lobe: Complex, pitch: float, inner_radius: float, size: _EdgeLength) -> Complex:
+    """Nodes on parallels of one lobe's flank, a row height apart, staggered from row to row."""
+    corners = np.concatenate([lobe[-1:] * np.exp(-1j * pitch), lobe, lobe[:2] * np.exp(1j * pitch)])
+    inward = 1j * (corners[2:] - corners[:-2]) / np.abs(corners[2:] - corners[:-2])
+    rows = []
+    for row, depth in enumerate(_levels(size.at_depth, np.abs(lobe).max() - inner_radius)[1:]):
+        parallel = corners[1:-1] + depth * inward
+        arc = arc_length(parallel)
+        edge = float(size.at_depth(depth))
+        n_nodes = max(1, round(arc[-1] / edge))
+        along = (np.arange(n_nodes) + 0.5 * (row % 2 == 0)) / n_nodes * arc[-1]
+        nodes = np.asarray(np.interp(along, arc, parallel), complex)
+        # Below a convex flank the parallel crosses itself: what comes nearer to the flank than its depth is no row.
+        on_row = size.flank_distance(nodes) > 0.99 * depth - 0.01 * size.at_flank
+        rows.append(nodes[on_row & (np.abs(nodes) > inner_radius + CLEARANCE * edge)])
+    return np.concatenate(rows)
+
+
+def _smoothed(inner: Complex, fixed: Complex, pitch: float, size: _EdgeLength) -> Complex:
+    """``inner`` nodes at the centroids of their patches of triangles, each triangle weighted by area / edge^2.
+
+    Source
+    ------
+    Chen and Holst, Comput. Methods Appl. Mech. Engrg. 200 (2011) 967: centroid of patch (CPT) smoothing.
+    """
+    points = _turned(np.concatenate([inner, fixed]), pitch, [0, -1, 1, -2, 2])
+    triangles = Delaunay(coordinates(points)).simplices
+    triangles = triangles[(triangles < len(inner)).any(axis=1)]
+    a, b, c = points[triangles.T]
+    centroid = np.asarray((a + b + c) / 3, complex)
+    weight = np.abs(cross(b - a, c - a)) / size(centroid) ** 2
+    moment = np.zeros(len(points), complex)
+    total = np.zeros(len(points))
+    for corner in triangles.T:
+        np.add.at(moment, corner, weight * centroid)
+        np.add.at(total, corner, weight)
+    moved = np.asarray(moment[: len(inner)] / total[: len(inner)], complex)
+    return np.where(size.flank_distance(moved) > CLEARANCE * size.at_flank, moved, inner)
+
+
+def _rings(outer_radius: float, inner_radius: float, size: _EdgeLength) -> list[Complex]:
+    """Rings of nodes below ``outer_radius`` (without it) down to the bore, or to the centre where there is none."""
+
+    def edge_at(depth: Real) -> Real:
+        return size(np.asarray(outer_radius - depth, complex))
+
+    rings = []
+    for row, depth in enumerate(_levels(edge_at, outer_radius - inner_radius)[1:]):
+        radius = outer_radius - depth
+        n_nodes = max(1, round(2 * np.pi * radius / float(edge_at(np.array([depth]))[0])))
+        rings.append(radius * np.exp(2j * np.pi * (np.arange(n_nodes) + 0.5 * (row % 2)) / n_nodes))
+    return rings
+
+
+def _levels(edge_at: Callable[[Real], Real], depth: float) -> Real:
+    """Depths from 0 to ``depth`` [mm], a row height of the local edge length apart."""
+    fine = np.linspace(0, depth, 4001)
+    per_depth = 1 / (ROW_HEIGHT * edge_at(fine))
+    rows = np.concatenate([[0], np.cumsum((per_depth[1:] + per_depth[:-1]) / 2 * np.diff(fine))])
+    return np.interp(np.linspace(0, rows[-1], max(1, round(rows[-1])) + 1), rows, fine)
+
+
+def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> Index:
+    """Delaunay triangles of ``points`` inside the flank and outside the cuts, counterclockwise, (n_triangles, 3).
+
+    Parameters
+    ----------
+    points
+        (n_points,) complex [mm], the flank's ``n_flank`` corners first.
+    cuts
+        Points on the edge of each convex cut-out (bore, hole), in which no point lies.
+    """
+    triangles = Delaunay(coordinates(points)).simplices
+    a, b, c = points[triangles.T]
+    clockwise = cross(b - a, c - a) < 0
+    triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
+    first = np.argmin(triangles, axis=1)
+    ordered = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
+    # Three corners of a simple polygon follow counterclockwise in their own order inside it, in reverse outside.
+    outside = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
+    cut = np.full(len(points), -1)
+    for number, corners in enumerate(cuts):
+        cut[corners] = number
+    of_corner = cut[triangles]
+    outside |= (of_corner[:, 0] >= 0) & (of_corner == of_corner[:, :1]).all(axis=1)
+    return triangles[~outside]
+
+
+def _triangulated(points: Complex, n_flank: int, n_bore: int) -> MeshTri:
+    """Delaunay mesh of ``points``, the flank's corners first and the bore's last, without what lies outside."""
+    bore = np.arange(len(points) - n_bore, len(points))
+    inside = triangles_between(points, n_flank, [bore])
+    return _with_boundaries(MeshTri(coordinates(points).T.copy(), inside.T.copy()), n_flank, n_bore)
+
+
+def _with_boundaries(mesh: MeshTri, n_flank: int, n_bore: int) -> MeshTri:
+    """The mesh with its boundaries named, once they are seen to be the flank's and the bore's edges and no others."""
+    edge = mesh.facets[:, mesh.boundary_facets()]
+    on_flank = (edge < n_flank).all(axis=0)
+    expected = np.sort([np.arange(n_flank), np.roll(np.arange(n_flank), -1)], axis=0)
+    if not np.array_equal(_sorted(expected), _sorted(edge[:, on_flank])):
+        raise ValueError(
+            f"the mesh holds {on_flank.sum()} flank edges of {n_flank}: the flank is too coarse for its curvature; "
+            "take more edges per lobe"
+        )
+    if (~on_flank).sum() != n_bore:
+        raise ValueError(f"the mesh holds {(~on_flank).sum()} bore edges of {n_bore}; take a smaller largest_edge")
+    boundaries = {"flank": mesh.boundary_facets()[on_flank], "bore": mesh.boundary_facets()[~on_flank]}
+    return mesh.with_boundaries({name: facets for name, facets in boundaries.items() if len(facets)})
+
+
+def _sorted(edges: Index) -> Index:
+    return edges[:, np.lexsort(edges)]
+
+
+def _check_flank(flank: Complex, n_lobes: int, bore_radius: float) -> None:
+    if len(flank) % n_lobes or len(flank) < 3 * n_lobes:
+        raise ValueError(f"flank has {len(flank)} corners; must be a multiple, 3 or more, of the {n_lobes} lobes")
+    shift = np.roll(flank, -(len(flank) // n_lobes)) - flank * np.exp(2j * np.pi / n_lobes)
+    radius = np.abs(flank).max()
+    if np.abs(shift).max() > 1e-6 * radius:
+        raise ValueError(f"flank repeats from lobe to lobe only within {np.abs(shift).max():.3g} mm; must be periodic")
+    if cross(flank, np.roll(flank, -1)).sum() <= 0:
+        raise ValueError("flank runs clockwise about the origin; must run counterclockwise")
+    if not 0 <= bore_radius < np.abs(flank).min():
+        raise ValueError(f"bore radius {bore_radius:g} mm; must be at least 0 and below {np.abs(flank).min():g} mm")
+
+
+def _turned(points: Complex, pitch: float, turns: ArrayLike) -> Complex:
+    """Copies of ``points`` turned about the origin by every one of ``turns`` times the angle ``pitch`` [rad]."""
+    return np.outer(np.exp(1j * pitch * np.asarray(turns)), points).ravel()

@@ -1,0 +1,227 @@
+"""Round holes cut into the mesh of a lobed disk, each within graded rings of its own.
+
+Rings of nodes surround every hole, their spacing growing away from it until the disk's own edges are finer; there the
+disk's nodes go on. A few smoothing passes settle the nodes where the two meet. SciPy's Delaunay triangulation is all
+that it takes. Points are complex numbers x + iy [mm] in the frame of the disk.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import Delaunay, KDTree
+from skfem import MeshTri
+
+from pipeline.model.elastic.disk_mesh import CLEARANCE, ROW_HEIGHT, triangles_between
+from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates, cross
+from pipeline.model.geometry.cycloid_profile import Complex, Real
+
+SPACING = 0.75  # in edge lengths: of two nodes that come closer, one of the disk and one of a hole's rings, one goes
+SMOOTHING_PASSES = 12  # the smallest quality gains nothing after that
+SMOOTHED_LAYERS = 4.0  # in edge lengths about the holes' rings: nodes farther away stay where they are
+HOLE_EDGES = 120  # at least: a hole's corners cost a compliance less than 0.01 of 2/(pi E' t), 0.02 with 75 edges
+
+
+def hole_boundary(hole: int) -> str:
+    """Name of a hole's boundary in the mesh."""
+    return f"hole_{hole}"
+
+
+def perforated_mesh(disk: MeshTri, centres: Complex, radius: float, edge: float, growth: float) -> MeshTri:
+    """The mesh of a disk with equal round holes.
+
+    Parameters
+    ----------
+    disk
+        Mesh of ``lobed_disk_mesh``.
+    centres, radius
+        Of the holes (n_holes,) complex [mm] and [mm]; they meet neither each other nor the disk's boundaries.
+    edge
+        Wanted edge length at the holes [mm]; they are finer where so few edges would make a poor circle.
+    growth
+        Growth of the edge length per unit of distance from a hole [-].
+
+    Returns
+    -------
+    Mesh with the boundaries of ``disk`` and ``hole_0``, ``hole_1``, ... in the order of the centres.
+
+    Raises
+    ------
+    ValueError
+        The triangulation loses edges of a boundary: the walls about a hole are thinner than its edges.
+    """
+    n_around = max(HOLE_EDGES, round(2 * np.pi * radius / edge))
+    size = _EdgeLength.of(disk, centres, radius, 2 * np.pi * radius / n_around, growth)
+    circle = radius * np.exp(2j * np.pi * np.arange(n_around) / n_around)
+    holes = (centres[:, None] + circle).ravel()
+    rings = _rings(size, n_around)
+    flank, inner, bore = _disk_nodes(disk)
+    kept = _kept_nodes(size, inner, np.concatenate([holes, rings]))
+    free = _settled(np.concatenate([kept, rings]), np.concatenate([flank, bore, holes]), rings, size)
+    points = np.concatenate([flank, free, holes, bore])
+    ends = np.cumsum([len(flank), len(free), *[n_around] * len(centres), len(bore)])
+    cuts = [np.arange(start, stop) for start, stop in zip(ends[1:-1], ends[2:], strict=True)]
+    triangles = triangles_between(points, len(flank), cuts)
+    names = {hole_boundary(k): corners for k, corners in enumerate(cuts[:-1])}
+    loops = {"flank": np.arange(len(flank)), **names} | ({"bore": cuts[-1]} if len(bore) else {})
+    return _named(MeshTri(coordinates(points).T.copy(), triangles.T.copy()), loops)
+
+
+@dataclass(frozen=True)
+class _EdgeLength:
+    """Wanted edge length [mm]: the disk's own, or less near a hole."""
+
+    nodes: KDTree
+    of_nodes: Real
+    flank: ClosedPolygon
+    bore_radius: float
+    centres: Complex
+    radius: float
+    at_hole: float
+    growth: float
+
+    @classmethod
+    def of(cls, disk: MeshTri, centres: Complex, radius: float, edge: float, growth: float) -> "_EdgeLength":
+        nodes = _vertices(disk)
+        ends = disk.facets
+        length = np.abs(nodes[ends[1]] - nodes[ends[0]])
+        total, number = (np.bincount(ends.ravel(), weights=w) for w in (np.tile(length, 2), np.ones(ends.size)))
+        flank, _, bore = _disk_nodes(disk)
+        bore_radius = float(np.abs(bore[0])) if len(bore) else 0.0
+        tree = KDTree(coordinates(nodes))
+        return cls(tree, total / number, ClosedPolygon.through(flank), bore_radius, centres, radius, edge, growth)
+
+    def of_disk(self, points: Complex) -> Real:
+        return self.of_nodes[self.nodes.query(coordinates(points))[1]]
+
+    def hole_distance(self, points: Complex) -> Real:
+        """Distance from the edge of the nearest hole, negative inside it."""
+        nearest, _ = KDTree(coordinates(self.centres)).query(coordinates(points))
+        return nearest - self.radius
+
+    def of_holes(self, points: Complex) -> Real:
+        return self.at_hole + self.growth * np.maximum(self.hole_distance(points), 0.0)
+
+    def __call__(self, points: Complex) -> Real:
+        return np.minimum(self.of_disk(points), self.of_holes(points))
+
+    def inside(self, points: Complex, edge: Real) -> np.ndarray:
+        """Whether points lie in the disk, no closer to a boundary than is good for edges of the length ``edge``."""
+        distance, arc = self.flank.nearest(points)
+        foot = self.flank.at(arc)[1]
+        within = (np.abs(points) < np.abs(foot)) & (distance > CLEARANCE * edge)
+        return within & (np.abs(points) > self.bore_radius + CLEARANCE * edge * (self.bore_radius > 0))
+
+
+def _disk_nodes(disk: MeshTri) -> tuple[Complex, Complex, Complex]:
+    """Nodes of the flank in their order, those inside, and those of the bore."""
+    nodes = _vertices(disk)
+    on_flank = np.unique(disk.facets[:, disk.boundaries["flank"]])
+    bore = disk.boundaries.get("bore")
+    on_bore = np.unique(disk.facets[:, bore]) if bore is not None else np.zeros(0, int)
+    inside = np.setdiff1d(np.arange(len(nodes)), np.concatenate([on_flank, on_bore]))
+    return nodes[on_flank], nodes[inside], nodes[on_bore]
+
+
+def _vertices(mesh: MeshTri) -> Complex:
+    return mesh.p[0] + 1j * mesh.p[1]
+
+
+def _rings(size: _EdgeLength, n_around: int) -> Complex:
+    """Nodes on staggered rings about every hole, where they are finer than the disk's own and nearest to their hole."""
+    ring, depth, row = [], 0.0, 0
+    while True:
+        row += 1
+        depth += ROW_HEIGHT * (size.at_hole + size.growth * depth) * (1 + 0.5 * ROW_HEIGHT * size.growth)
+        edge = size.at_hole + size.growth * depth
+        radius = size.radius + depth
+        n_nodes = round(2 * np.pi * radius / edge) if row > 1 else n_around
+        angle = (np.arange(n_nodes) + 0.5 * (row % 2)) / n_nodes
+        points = (size.centres[:, None] + radius * np.exp(2j * np.pi * angle)).ravel()
+        own = np.abs(size.hole_distance(points) - depth) < 1e-9 * radius
+        local = np.full(len(points), edge)
+        points = points[own & (local < size.of_disk(points)) & size.inside(points, local)]
+        if not len(points):
+            break
+        ring.append(points)
+    return _thinned(np.concatenate(ring), size) if ring else np.zeros(0, complex)
+
+
+def _thinned(points: Complex, size: _EdgeLength) -> Complex:
+    """``points`` without those that come too close to an earlier one."""
+    limit = SPACING * size.of_holes(points)
+    pairs = KDTree(coordinates(points)).query_pairs(float(limit.max()), output_type="ndarray")
+    first, second = pairs.min(axis=1), pairs.max(axis=1)
+    close = np.abs(points[first] - points[second]) < limit[second]
+    gone = np.zeros(len(points), bool)
+    for early, late in sorted(zip(first[close], second[close], strict=True)):
+        gone[late] |= not gone[early]
+    return points[~gone]
+
+
+def _kept_nodes(size: _EdgeLength, inner: Complex, of_holes: Complex) -> Complex:
+    """The disk's inner nodes that lie in no hole and not too close to the nodes about one."""
+    edge = size(inner)
+    apart = KDTree(coordinates(of_holes)).query(coordinates(inner))[0]
+    own = size.of_disk(inner) <= size.of_holes(inner)
+    return inner[own & (size.hole_distance(inner) > CLEARANCE * edge) & (apart > SPACING * edge)]
+
+
+def _settled(free: Complex, fixed: Complex, rings: Complex, size: _EdgeLength) -> Complex:
+    """``free`` nodes about the holes moved to the centroids of their patches of triangles (as in ``meshing``)."""
+    if not len(rings):
+        return free
+    near = KDTree(coordinates(rings)).query(coordinates(free))[0] < SMOOTHED_LAYERS * size(free)
+    moving, still = free[near], np.concatenate([free[~near], fixed])
+    for _ in range(SMOOTHING_PASSES):
+        moving = _smoothed(moving, still, size)
+    return np.concatenate([moving, free[~near]])
+
+
+def _smoothed(moving: Complex, still: Complex, size: _EdgeLength) -> Complex:
+    """One pass of centroid-of-patch smoothing, each triangle weighted by area / edge^2.
+
+    Source
+    ------
+    Chen and Holst, Comput. Methods Appl. Mech. Engrg. 200 (2011) 967.
+    """
+    points = np.concatenate([moving, still])
+    triangles = Delaunay(coordinates(points)).simplices
+    triangles = triangles[(triangles < len(moving)).any(axis=1)]
+    a, b, c = points[triangles.T]
+    centroid = np.asarray((a + b + c) / 3, complex)
+    weight = np.abs(cross(b - a, c - a)) / size(centroid) ** 2
+    moment = np.zeros(len(points), complex)
+    total = np.zeros(len(points))
+    for corner in triangles.T:
+        np.add.at(moment, corner, weight * centroid)
+        np.add.at(total, corner, weight)
+    moved = moment[: len(moving)] / total[: len(moving)]
+    edge = size(moved)
+    good = size.inside(moved, edge) & (size.hole_distance(moved) > CLEARANCE * edge)
+    return np.where(good, moved, moving)
+
+
+def _named(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:
+    """The mesh with its boundaries named, once each is seen to be the closed polygon of its nodes and no other."""
+    facets = mesh.boundary_facets()
+    owner = np.full(mesh.nvertices, -1)
+    for number, corners in enumerate(loops.values()):
+        owner[corners] = number
+    ends = owner[mesh.facets[:, facets]]
+    boundaries = {}
+    for number, (name, corners) in enumerate(loops.items()):
+        mine = facets[(ends == number).all(axis=0)]
+        expected = np.sort([corners, np.roll(corners, -1)], axis=0)
+        if not np.array_equal(_ordered(expected), _ordered(np.sort(mesh.facets[:, mine], axis=0))):
+            raise ValueError(
+                f"the mesh holds {len(mine)} edges of {name}, of {len(corners)}: the walls about the holes are too "
+                "thin for these edges; take a smaller patch half width or less growth"
+            )
+        boundaries[name] = mine
+    if sum(map(len, boundaries.values())) != len(facets):
+        raise ValueError("the mesh has edges between two of its boundaries: the walls about the holes are too thin")
+    return mesh.with_boundaries(boundaries)
+
+
+def _ordered(edges: Index) -> Index:
+    return edges[:, np.lexsort(edges)]

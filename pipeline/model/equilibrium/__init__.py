@@ -1,0 +1,1 @@
+"""The one nonlinear solve: contact forces and rigid motions under output torques."""

@@ -1,0 +1,99 @@
+"""A start for Newton where there is none: an interior-point iteration over all contacts (compiled parts)."""
+
+from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, reset
+from pipeline.model.equilibrium.residual import bearing_spring, deflect, imbalance, law, misfit
+
+INTERIOR_STEPS = 80
+"""Steps of the interior-point iteration that finds another start; about 30 are usual."""
+INTERIOR_END = 1e-10
+"""Complementarity, in units of load times stride, at which the interior point shows which contacts are closed."""
+CENTRING = 0.1
+"""Share of the complementarity that an interior-point step aims at."""
+WITHIN = 0.95
+"""Share of the way to the nearest force or slack of zero that a step may go."""
+
+
+@algebraic_part
+def _stride(system, torque, gap):
+    """Largest sensible move of a contact [mm]: the widest gap and the deflection of one that carries all the load."""
+    widest, deepest = 0.0, 0.0
+    for i in range(gap.shape[0]):
+        widest = max(widest, abs(gap[i]))
+        arm = abs(system.closing[system.output, i])
+        if arm > 0.0:
+            force = min(abs(torque) / arm, system.limit[i])
+            local, _ = law(system, i, force)
+            deepest = max(deepest, local + system.compliance[i, i] * force)
+    return widest + deepest
+
+
+@algebraic_part
+def _longest_arm(system):
+    longest = 0.0
+    for i in range(system.closing.shape[1]):
+        longest = max(longest, abs(system.closing[system.output, i]))
+    return longest
+
+
+@algebraic_part
+def _length(work):
+    """Share of the step that keeps forces and slacks positive; their steps stand in ``miss`` and ``slope``."""
+    length = 1.0
+    for j in range(work.slack.shape[0]):
+        if work.miss[j] < 0.0:
+            length = min(length, -WITHIN * work.force[work.active[j]] / work.miss[j])
+        if work.slope[j] < 0.0:
+            length = min(length, -WITHIN * work.slack[j] / work.slope[j])
+    return length
+
+
+@algebraic_part
+def start_within(system, torque, gap, clearance, work):
+    """Near-solution from no start at all: its motions, forces and closed contacts in ``work``.
+
+    Force times slack tends to zero along the central path of the convex problem, which has no active set to guess.
+    """
+    active, force, miss, slope, slack = work.active, work.force, work.miss, work.slope, work.slack
+    n = gap.shape[0]
+    stride = _stride(system, torque, gap)
+    load = abs(torque) / _longest_arm(system)
+    work.thrust[0] = 0.0
+    for d in range(work.motion.shape[0]):
+        work.motion[d] = 0.0
+    reset(work)
+    for i in range(n):
+        activate(system, i, work)
+        force[i], slack[i] = load, stride
+    for _ in range(INTERIOR_STEPS):
+        deflect(system, gap, work)
+        if system.planar:
+            bearing_spring(system, clearance, work)
+        misfit(system, work)
+        imbalance(system, torque, work)
+        complementarity = 0.0
+        for j in range(n):
+            complementarity += force[active[j]] * slack[j] / n
+        if complementarity < INTERIOR_END * load * stride:
+            break
+        for j in range(n):
+            slope[j] += slack[j] / force[active[j]]
+            miss[j] -= CENTRING * complementarity / force[active[j]]
+        work.counts[2] = 0
+        if not include_all(system, work) or not newton_step(system, work):
+            break
+        for j in range(n):
+            slope[j] = (CENTRING * complementarity - slack[j] * miss[j]) / force[active[j]] - slack[j]
+        length = _length(work)
+        move(system, length, work)
+        for j in range(n):
+            force[active[j]] += length * miss[j]
+            slack[j] += length * slope[j]
+    for j in range(n):
+        slope[active[j]] = slack[j]
+    reset(work)
+    for i in range(n):
+        if force[i] * stride > slope[i] * load:
+            activate(system, i, work)
+        else:
+            force[i] = 0.0

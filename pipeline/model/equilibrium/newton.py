@@ -1,0 +1,217 @@
+"""Newton's iteration on the active contacts of one load step (compiled parts)."""
+
+import numpy as np
+
+from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.inverse_update import exclude, include, product, solve_tangent
+from pipeline.model.equilibrium.residual import (
+    add_deflection,
+    bearing_spring,
+    closing_force,
+    deflect,
+    imbalance,
+    misfit,
+)
+
+FORCE_TOLERANCE = 1e-10
+"""A step is solved when no active contact's deflection is off by more than this share of the largest one ..."""
+BALANCE_TOLERANCE = 1e-12
+"""... and no rigid motion's balance by more than this share of the sum of its terms."""
+ACCEPTED = 1e-9
+"""A step that ends above this residual (of either kind) is a failed one."""
+STEP_LIMIT = 60
+"""Newton steps from one start before it is given up."""
+ROUNDING = 30
+"""Newton steps after which ``ACCEPTED`` is enough: near no load the disk's way beyond the bearing's clearance is a
+difference whose rounding alone unbalances it."""
+ALTERNATING = 5
+"""Times that contacts or the bearing may close within a load step before such steps are halved: they may alternate."""
+HOPELESS = 10
+"""Times after which the start is given up: steps of many contacts that alternate cost more than an interior point."""
+PATIENCE = 2.5
+"""Steps with an old inverse that cost as much as a new one, which needs about two."""
+REGULAR = 1e-9
+"""Share of the mean contact stiffness that keeps a motion solvable that nothing holds at the moment."""
+OPEN = 1e-13
+"""Penetration [mm] below which an open contact is not added; rounding of positions near 1e2 mm."""
+
+
+@algebraic_part
+def reset(work):
+    """Leave no contact active."""
+    for k in range(work.counts.shape[0]):
+        work.counts[k] = 0
+
+
+@algebraic_part
+def activate(system, i, work):
+    """Make contact i active: the last of those that elastic bodies couple, or the last of all."""
+    counts, active = work.counts, work.active
+    place = counts[0]
+    if system.compliance[i, i] > 0.0:
+        active[counts[0]] = active[counts[1]]
+        place = counts[1]
+        counts[1] += 1
+    active[place] = i
+    counts[0] += 1
+
+
+@algebraic_part
+def _deactivate(p, work):
+    """Take the active contact at position p out; the last one of its kind takes its place."""
+    counts, active = work.counts, work.active
+    if p < counts[2]:
+        exclude(p, work)
+        active[p] = active[counts[2]]
+        p = counts[2]
+    if p < counts[1]:
+        counts[1] -= 1
+        active[p] = active[counts[1]]
+        p = counts[1]
+    counts[0] -= 1
+    active[p] = active[counts[0]]
+
+
+@algebraic_part
+def _close_penetrated(system, work):
+    """Make every penetrated open contact active, with the force that closes it alone; returns their number."""
+    depth, force = work.depth, work.force
+    penetrated = 0
+    for i in range(depth.shape[0]):
+        penetrated += (depth[i] > OPEN) & (force[i] == 0.0)
+    if penetrated == 0:
+        return 0
+    closed = work.column  # judged before any of them deflects the others
+    for i in range(depth.shape[0]):
+        closed[i] = depth[i]
+    for i in range(depth.shape[0]):
+        if closed[i] > OPEN and force[i] == 0.0:
+            force[i] = closing_force(system, i, closed[i])
+            activate(system, i, work)
+            if system.compliance[i, i] > 0.0:
+                add_deflection(system, i, work)
+    return penetrated
+
+
+@algebraic_part
+def _advance(length, work):
+    """Add a share of the step to the active forces; a contact that would pull opens, and closes again if penetrated."""
+    active, force, miss = work.active, work.force, work.miss
+    for j in range(work.counts[0]):
+        force[active[j]] = max(force[active[j]] + length * miss[j], 0.0)
+    for p in range(work.counts[0] - 1, -1, -1):
+        if force[active[p]] == 0.0:
+            _deactivate(p, work)
+
+
+@algebraic_part
+def newton_step(system, work):
+    """Newton step: of the motions in ``step``, of the active forces in ``miss``; false if singular.
+
+    (closing^T H^-1 closing + bearing) dq = closing^T H^-1 miss - balance;  H dF = closing dq - miss.
+    """
+    active, miss, step, tangent, right = work.active, work.miss, work.step, work.tangent, work.inside
+    closing, projected, held, balance, slope = system.closing, work.projected, work.held, work.balance, work.slope
+    n, coupled = work.counts[0], work.counts[1]
+    product(work.inverse, coupled, miss, right)
+    for d in range(step.shape[0]):
+        row, pull = projected[d], closing[d]
+        total = -balance[d]
+        for p in range(coupled):
+            total += row[p] * miss[p]
+        for j in range(coupled, n):
+            total += pull[active[j]] * miss[j] / slope[j]
+        step[d] = total
+        for e in range(d + 1):
+            total = held[d, e]
+            for j in range(coupled, n):
+                total += pull[active[j]] * closing[e, active[j]] / slope[j]
+            tangent[d, e] = total
+    if system.planar:
+        tangent[0, 0] += work.spring[2]
+        tangent[1, 0] += work.spring[3]
+        tangent[1, 1] += work.spring[4]
+    stiffest = 0.0
+    for d in range(step.shape[0]):
+        stiffest = max(stiffest, tangent[d, d])
+    for d in range(step.shape[0]):
+        tangent[d, d] += REGULAR * stiffest
+    if not solve_tangent(tangent, step):
+        return False
+    for p in range(coupled):
+        miss[p] = -right[p]
+    for j in range(coupled, n):
+        miss[j] = -miss[j] / slope[j]
+    for d in range(step.shape[0]):
+        row, pull, q = projected[d], closing[d], step[d]
+        for p in range(coupled):
+            miss[p] += row[p] * q
+        for j in range(coupled, n):
+            miss[j] += pull[active[j]] * q / slope[j]
+    return True
+
+
+@algebraic_part
+def move(system, length, work):
+    """Add a share of the step to the motions and to the bearing's thrust, which ends where it would pull."""
+    thrust, spring, step, motion = work.thrust, work.spring, work.step, work.motion
+    if system.planar and thrust[0] > 0.0:
+        thrust[0] = max(thrust[0] + length * (spring[5] * step[0] + spring[6] * step[1] + spring[7]), 0.0)
+    for d in range(step.shape[0]):
+        motion[d] += length * step[d]
+
+
+@algebraic_part
+def include_all(system, work):
+    """Bring every coupled active contact into the inverse; false if there is no active contact, or not positive."""
+    counts = work.counts
+    if counts[2] == 0:
+        for d in range(work.held.shape[0]):
+            for e in range(d + 1):
+                work.held[d, e] = 0.0
+    sound = counts[0] > 0
+    while sound and counts[2] < counts[1]:
+        sound = include(system, counts[2], work)
+        counts[2] += 1
+    return sound
+
+
+@algebraic_part
+def _worth_renewing(residual, previous):
+    """Whether the old inverse would need more than ``PATIENCE`` further steps, at the rate of the last one."""
+    return residual >= previous or (residual / FORCE_TOLERANCE) > (previous / residual) ** PATIENCE
+
+
+@algebraic_part
+def converge(system, torque, gap, clearance, work):
+    """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
+    counts = work.counts
+    previous, residual, changes = np.inf, np.inf, 0
+    for iteration in range(STEP_LIMIT):
+        deflect(system, gap, work)
+        closed = _close_penetrated(system, work)
+        pushed = work.thrust[0] > 0.0
+        if system.planar:
+            bearing_spring(system, clearance, work)
+        off = misfit(system, work)
+        unbalanced = imbalance(system, torque, work)
+        residual = max(off, unbalanced)
+        if closed == 0 and off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
+            return iteration, residual
+        if closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED:
+            return iteration, residual
+        if closed == 0 and _worth_renewing(residual, previous):
+            counts[2] = 0
+        previous = residual
+        if not include_all(system, work) or not newton_step(system, work):
+            break
+        length = 1.0
+        if closed > 0 or pushed != (work.thrust[0] > 0.0):
+            changes += 1
+            if changes > HOPELESS:
+                break
+            length = 0.5 if changes > ALTERNATING else 1.0
+        move(system, length, work)
+        _advance(length, work)
+    counts[2] = 0
+    return STEP_LIMIT, max(residual, 2 * ACCEPTED)

@@ -1,0 +1,181 @@
+"""The one nonlinear solve: contact forces and rigid motions of a reducer under output torques, batched over samples.
+
+Unknowns of a load step are the contact forces F >= 0 [N] and the rigid motions q [mm, rad]:
+
+    law(F) + C F + gap - closing q = 0   where F > 0,   closing q <= C F + gap elsewhere,
+    closing^T F + bearing(q) = load,
+
+the stationarity of a convex potential, so F is unique. The active contacts are found by a primal-dual active set:
+Newton on the closed contacts, then contacts are dropped where the local deflection has become negative and added
+where an open contact is penetrated. Each step eliminates the forces (inverse of law' + C on the active contacts) and
+then solves the few rigid motions; contacts between rigid bodies are uncoupled and need no inverse. It is kept from load
+step to load step: the laws are nearly linear, a contact that closes or opens is an update of it, and only slow
+convergence asks for another (``newton``, ``inverse_update``). A load step starts from the extrapolated forces of the
+steps before; a start that leads nowhere is replaced by an interior-point iteration (``interior_point``). A linear
+bearing without clearance is a compliance like the bodies' and leaves two motions fewer.
+
+Array order: (n_samples, n_torques, n_contacts or n_motions).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.model.compiled import algebraic_part, borrowing_entry
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
+from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
+from pipeline.model.equilibrium.residual import System, room
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Bearing, Reducer
+
+LARGEST_RISE = 2.5
+"""Ratio of a load step's torque to the last one's, or its inverse, beyond which steps are put in between: contacts
+close and open one by one."""
+
+
+@dataclass(frozen=True)
+class Equilibria:
+    """Solutions of ``n`` samples at ``n_torques`` output torques.
+
+    Attributes
+    ----------
+    motion : (n, n_torques, n_motions) [mm, rad]
+    force : (n, n_torques, n_contacts) [N]
+    iterations : (n, n_torques) Newton steps
+    residual : (n, n_torques) the larger of the two relative residuals
+    converged : (n, n_torques) whether it met ``ACCEPTED``
+    """
+
+    motion: Real
+    force: Real
+    iterations: np.ndarray
+    residual: Real
+    converged: np.ndarray
+
+
+@algebraic_part
+def _extrapolate(torques, t, motions, forces, work):
+    """Start of step t: the two or three steps before with the same contacts, continued to its torque.
+
+    ``motions``, ``forces`` hold the solved steps; ``counts[3]`` of them, up to the last, have the contacts of that one.
+    """
+    points = min(work.counts[3], 3, t)
+    if points < 2:
+        return
+    weight = work.column
+    for p in range(points):
+        weight[p] = 1.0
+        for other in range(points):
+            if other != p:
+                weight[p] *= (torques[t] - torques[t - 1 - other]) / (torques[t - 1 - p] - torques[t - 1 - other])
+    for d in range(work.motion.shape[0]):
+        total = 0.0
+        for p in range(points):
+            total += weight[p] * motions[t - 1 - p, d]
+        work.motion[d] = total
+    for j in range(work.counts[0]):
+        i = work.active[j]
+        total = 0.0
+        for p in range(points):
+            total += weight[p] * forces[t - 1 - p, i]
+        if total > 0.0:
+            work.force[i] = total
+
+
+@borrowing_entry
+def _solve_batch(system, work, torques, gap, clearance, start, motion, force, iterations, residual):
+    """Every sample through its torques in order; the last four arrays are filled."""
+    for s in range(gap.shape[0]):
+        for d in range(start.shape[1]):
+            work.motion[d] = start[s, d]
+        for i in range(gap.shape[1]):
+            work.force[i] = 0.0
+        work.thrust[0] = 0.0
+        reset(work)
+        for t in range(torques.shape[0]):
+            _extrapolate(torques, t, motion[s], force[s], work)
+            rise = torques[t] / torques[t - 1] if t > 0 else 1.0
+            between = int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0
+            iterations[s, t] = 0
+            for station in range(between + 1):  # on the way to a far torque, and it
+                torque = torques[t]
+                if station < between:
+                    torque = torques[t - 1] * rise ** ((station + 1.0) / (between + 1.0))
+                taken, residual[s, t] = converge(system, torque, gap[s], clearance[s], work)
+                iterations[s, t] += taken
+                if not residual[s, t] <= ACCEPTED:
+                    start_within(system, torque, gap[s], clearance[s], work)
+                    taken, residual[s, t] = converge(system, torque, gap[s], clearance[s], work)
+                    iterations[s, t] += taken + INTERIOR_STEPS
+            for d in range(motion.shape[2]):
+                motion[s, t, d] = work.motion[d]
+            for i in range(force.shape[2]):
+                force[s, t, i] = work.force[i]
+            changed = 0 if t > 0 else 1
+            if t > 0:
+                for i in range(gap.shape[1]):
+                    changed += (force[s, t, i] > 0.0) != (force[s, t - 1, i] > 0.0)
+            work.counts[3] = work.counts[3] + 1 if changed == 0 else 1
+
+
+def solve(
+    reducer: Reducer,
+    bearing: Bearing,
+    laws: ContactLaws,
+    compliance: Real,
+    gap: Real,
+    bearing_clearance: Real,
+    start: Real,
+    torque: Real,
+) -> Equilibria:
+    """Equilibria of every sample at every output torque, in the order of ``torque``.
+
+    Parameters
+    ----------
+    compliance : (n_contacts, n_contacts) [mm/N]
+        Condensed compliance of the elastic bodies between the contacts; symmetric, positive semidefinite.
+    gap : (n, n_contacts) [mm]
+    bearing_clearance : (n,) [mm]
+    start : (n, n_motions) [mm, rad]
+        Motions to start from; any will do, near ones save iterations.
+    torque : (n_torques,) [N mm]
+        None of them zero: with play the zero-torque pose is not unique (``backlash.rigid_play`` has its ends).
+
+    Notes
+    -----
+    A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
+    """
+    linear = bearing.exponent == 1 and not np.any(bearing_clearance)
+    planar, free = reducer.closing[:, :2], reducer.closing[:, 2 if linear else 0 :]
+    if linear:
+        compliance = compliance + planar @ planar.T / bearing.stiffness
+    n, n_contacts = gap.shape
+    shape = (n, len(torque))
+    motion, force = np.empty((*shape, free.shape[1])), np.empty((*shape, n_contacts))
+    iterations, residual = np.empty(shape, np.int64), np.empty(shape)
+    system = System(
+        np.ascontiguousarray(free.T),
+        np.ascontiguousarray(compliance),
+        *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
+        reducer.output_motion - (2 if linear else 0),
+        not linear,
+        bearing.stiffness,
+        bearing.exponent,
+    )
+    _solve_batch(
+        system,
+        room(free.shape[1], n_contacts),
+        np.asarray(torque, float),
+        np.ascontiguousarray(gap),
+        np.ascontiguousarray(bearing_clearance, dtype=float),
+        np.ascontiguousarray(start[:, 2 if linear else 0 :]),
+        motion,
+        force,
+        iterations,
+        residual,
+    )
+    if linear:
+        motion = np.concatenate([-force @ planar / bearing.stiffness, motion], axis=2)
+    residual[~np.all(np.isfinite(gap), axis=1)] = np.inf
+    return Equilibria(motion, force, iterations, residual, residual <= ACCEPTED)

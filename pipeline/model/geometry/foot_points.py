@@ -1,0 +1,234 @@
+"""Distance of actual pins from the actual flank, by the foot points on both flanks of the valley of each pin.
+
+Most pins lie where only one foot is near: Newton from the nominal one finds it, on all pins of a sample at once. Near
+the roots the flank's centre of curvature is a few micrometres away from the pin's and feet may be many: the distance
+is scanned over the whole valley and every minimum refined.
+
+Compiled code works on real numbers: products of complex ones are checked for infinities, at three times the cost.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from pipeline.model.compiled import entry, part
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real, disk_rotation, pin_contacts
+
+BEYOND_THE_TIP = 1.25
+"""Reach of a valley's points, squared in units of half a lobe: well over the tips, and within the lobes."""
+VALLEY_SCAN = 40
+"""Points from root to tip at which the distance is scanned before refinement where feet may be many, the denser the
+nearer to the root."""
+SINGLE_FOOT = 0.05
+"""Newton finds the foot point from the nominal one while the pin's displacement stays below this share of the nominal
+locus' radius of curvature."""
+OTHER_NORMAL = 0.1
+"""Flank points whose normals differ by more than this [rad] are no neighbours of the foot: one may come nearer."""
+FOOT_TOLERANCE = 1e-9
+"""Turn [rad] left at the foot point, to which the distance is second order: below 1e-15 mm."""
+SINGLE_STEPS = 3
+"""Newton steps to a single foot; what has not met ``FOOT_TOLERANCE`` then is scanned for."""
+FOOT_STEPS = 100
+"""Newton steps or bisections within a bracket."""
+SMALL_TURN = 0.1
+"""Angle [rad] up to which nine terms of the series of sine and cosine are exact to the last bit."""
+
+
+@dataclass(frozen=True)
+class Valleys:
+    """The nominal pins in their valleys, in the disk frame.
+
+    Attributes
+    ----------
+    pins : (12, n_pins), rows: unit vector of the locus' slow term, its fast term [mm], pin centre [mm], radial
+        direction, direction of the root (two rows each), how far the pin may move before its foot is no longer the
+        only one, and until the other flank is nearer [mm].
+    points : (7, n_points) of a valley about its root, rows: psi [rad], the locus' fast term [mm], radial direction,
+        normal (two rows each).
+    eccentric : direction of the eccentric.
+    """
+
+    pins: Real
+    points: Real
+    eccentric: complex
+
+
+@lru_cache(maxsize=64)
+def valleys(profile: CycloidProfile, crank: float) -> Valleys:
+    """What ``_distances`` needs of the nominal reducer at the crank angle ``crank`` [rad]; kept from call to call."""
+    pins = pin_contacts(profile, crank)
+    turn = np.exp(-1j * disk_rotation(profile, crank))
+    radial = pins.centre / np.abs(pins.centre)
+    root = pins.flank_parameter + pins.phase / profile.lobes
+    directions = (
+        np.exp(1j * pins.flank_parameter),
+        profile.eccentricity * np.exp(1j * profile.pins * pins.flank_parameter),
+        (pins.centre - profile.eccentricity * np.exp(1j * crank)) * turn,
+        radial * turn,
+        np.exp(1j * root),
+    )
+    psi = _valley_points(profile)
+    along = (profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), profile.normal(psi))
+    return Valleys(
+        np.vstack([*(row for one in directions for row in (one.real, one.imag)), *_rooms(profile, pins.phase)]),
+        np.vstack([psi, *(row for one in along for row in (one.real, one.imag))]),
+        complex(np.exp(1j * crank) * turn),
+    )
+
+
+def _valley_points(profile: CycloidProfile) -> Real:
+    """Parameters psi of a valley about its root at 0, some way beyond its tips, over which a pin may move."""
+    even = BEYOND_THE_TIP * np.linspace(-1, 1, 2 * VALLEY_SCAN + 1)
+    return 0.5 * profile.lobe_pitch * even * np.abs(even)
+
+
+def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
+    """How far a pin may move (n_pins,) before its foot is no longer the only one, and until the other flank is nearer.
+
+    The first is the least gap over change of normal among the points of the valley that are no neighbours of the
+    foot, and Newton's own limit; the second the least gap of the other side of the root.
+    """
+    psi = _valley_points(profile)
+    flank, normal = profile.flank(psi), profile.normal(psi)
+    place = -phase / profile.lobes
+    gap = np.abs(profile.locus(place)[:, None] - flank) - profile.pin_radius
+    turned = np.abs(profile.normal(place)[:, None] - normal)
+    least = np.min(gap / np.maximum(turned, OTHER_NORMAL), axis=1, where=turned > OTHER_NORMAL, initial=np.inf)
+    room = np.min(gap, axis=1, where=psi * place[:, None] <= 0, initial=np.inf)
+    return np.minimum(least, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
+
+
+@part
+def _turned(x, y, angle):
+    """The vector (x, y) turned by an angle up to ``SMALL_TURN``, to the last bit."""
+    square = angle * angle
+    cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square * (1.0 / 40320.0))))
+    sine = 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square * (1.0 / 362880.0))))
+    sine *= angle
+    return x * cosine - y * sine, y * cosine + x * sine
+
+
+@part
+def _foot_terms(sx, sy, fx, fy, cx, cy, pins):
+    """At a point of the locus with slow term s and fast term f: slope and bend of half the squared distance of c, and
+    the derivative of the locus with its square; x, y from the centre to the point."""
+    x, y = sx - fx - cx, sy - fy - cy
+    dx, dy = pins * fy - sy, sx - pins * fx
+    slope, length = x * dx + y * dy, dx * dx + dy * dy
+    bend = length + x * (pins * pins * fx - sx) + y * (pins * pins * fy - sy)
+    return slope, bend, length, x, y, dx, dy
+
+
+@part
+def _single_distances(sx, sy, fx, fy, cx, cy, offset, allowed, pins, turn, distance):
+    """Distances from the flank of the pins that moved no farther than ``allowed``; -1 for the others.
+
+    A loop writes one array and reads few: only then does the compiler prove that none overlaps, and solves several
+    pins at once.
+    """
+    for i in range(turn.shape[0]):
+        x, y = sx[i] - fx[i] - cx[i], sy[i] - fy[i] - cy[i]
+        turn[i] = 0.0 if np.sqrt(x * x + y * y) <= allowed[i] else np.inf
+    for _ in range(SINGLE_STEPS):
+        for i in range(turn.shape[0]):
+            tx, ty = _turned(sx[i], sy[i], turn[i])
+            ux, uy = _turned(fx[i], fy[i], pins * turn[i])
+            slope, bend, _, _, _, _, _ = _foot_terms(tx, ty, ux, uy, cx[i], cy[i], pins)
+            turn[i] -= slope / bend
+    for i in range(turn.shape[0]):
+        tx, ty = _turned(sx[i], sy[i], turn[i])
+        ux, uy = _turned(fx[i], fy[i], pins * turn[i])
+        slope, _, length, x, y, dx, dy = _foot_terms(tx, ty, ux, uy, cx[i], cy[i], pins)
+        found = (abs(pins * turn[i]) <= SMALL_TURN) & (abs(slope) <= FOOT_TOLERANCE * length)
+        distance[i] = offset[i] + (y * dx - x * dy) / np.sqrt(length) if found else -1.0
+
+
+@part
+def _refined(k, first, last, points, circle, offset, cx, cy, pins, squares):
+    """Distance of c from the flank at the minimum next to point ``k``, which lies nearer than its neighbours."""
+    base = points[0, k]
+    low = points[0, max(first, k - 1)] - base
+    high = points[0, min(last, k + 1)] - base
+    turn = 0.0
+    if first < k < last:  # the vertex of the parabola through the three points
+        before, behind = (squares[k - 1] - squares[k]) / low, (squares[k + 1] - squares[k]) / high
+        turn = 0.5 * (low + high) - 0.5 * (high - low) * (before + behind) / (behind - before)
+        turn = turn if low < turn < high else 0.0
+    slow_x, slow_y = circle * points[3, k], circle * points[4, k]
+    for _ in range(FOOT_STEPS):
+        if abs(pins * turn) <= SMALL_TURN:
+            sx, sy = _turned(slow_x, slow_y, turn)
+            fx, fy = _turned(points[1, k], points[2, k], pins * turn)
+        else:
+            c, s = np.cos(turn), np.sin(turn)
+            sx, sy = slow_x * c - slow_y * s, slow_y * c + slow_x * s
+            c, s = np.cos(pins * turn), np.sin(pins * turn)
+            fx, fy = points[1, k] * c - points[2, k] * s, points[2, k] * c + points[1, k] * s
+        slope, bend, length, x, y, dx, dy = _foot_terms(sx, sy, fx, fy, cx, cy, pins)
+        if slope > 0.0:
+            high = turn
+        else:
+            low = turn
+        if abs(slope) <= FOOT_TOLERANCE * length or high - low <= FOOT_TOLERANCE:
+            break
+        turn -= slope / bend
+        if not (bend > 0.0 and low < turn < high):
+            turn = 0.5 * (low + high)
+    root = np.sqrt(length)
+    x, y = x - offset * dy / root, y + offset * dx / root
+    return np.sqrt(x * x + y * y)
+
+
+@part
+def _nearest(first, last, points, circle, offset, cx, cy, pins, squares):
+    """Smallest distance of c from a flank, whose points are ``first`` to ``last``; every minimum over them refined."""
+    for k in range(first, last + 1):
+        x = cx - circle * points[3, k] + points[1, k] - offset * points[5, k]
+        y = cy - circle * points[4, k] + points[2, k] - offset * points[6, k]
+        squares[k] = x * x + y * y
+    best = np.sqrt(min(squares[first], squares[last]))
+    for k in range(first, last + 1):
+        if (k == first or squares[k] <= squares[k - 1]) and (k == last or squares[k] <= squares[k + 1]):
+            best = min(best, _refined(k, first, last, points, circle, offset, cx, cy, pins, squares))
+    return best
+
+
+@entry
+def pin_distances(
+    table, points, eccentric, profile, shares, lobe, own, before, behind, radial, tangential, eccentricity
+):
+    """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
+
+    ``profile``: pins, radius of their circle, radius of a pin; ``shares``: what a lobe's error takes off the circle and
+    adds to the offset of its flank; ``own``, ``before``, ``behind``: lobe of each pin, and the two beside its root.
+    """
+    pins, pin_circle, pin_radius = profile
+    n, n_pins = radial.shape
+    last = points.shape[1] - 1
+    sx, sy, cx, cy = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
+    offset, allowed, turn = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
+    squares = np.empty(last + 1)
+    distance = np.empty((n, n_pins))
+    for s in range(n):
+        for i in range(n_pins):
+            circle = pin_circle - shares[0] * lobe[s, own[i]]
+            sx[i], sy[i] = circle * table[0, i], circle * table[1, i]
+            offset[i] = pin_radius + shares[1] * lobe[s, own[i]]
+            step = (shares[0] + shares[1]) * abs(lobe[s, before[i]] - lobe[s, behind[i]])
+            allowed[i] = min(table[10, i], 0.5 * (table[11, i] - step))
+            out, along = radial[s, i], tangential[s, i]
+            cx[i] = table[4, i] + table[6, i] * out - table[7, i] * along - eccentricity[s] * eccentric.real
+            cy[i] = table[5, i] + table[7, i] * out + table[6, i] * along - eccentricity[s] * eccentric.imag
+        _single_distances(sx, sy, table[2], table[3], cx, cy, offset, allowed, pins, turn, distance[s])
+        for i in range(n_pins):
+            if distance[s, i] >= 0.0:
+                continue
+            x = cx[i] * table[8, i] + cy[i] * table[9, i]
+            y = cy[i] * table[8, i] - cx[i] * table[9, i]
+            nearest = np.inf
+            for beside, start, end in ((before[i], last // 2, last), (behind[i], 0, last // 2)):
+                around, parallel = pin_circle - shares[0] * lobe[s, beside], pin_radius + shares[1] * lobe[s, beside]
+                nearest = min(nearest, _nearest(start, end, points, around, parallel, x, y, pins, squares))
+            distance[s, i] = nearest
+    return distance

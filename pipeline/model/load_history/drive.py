@@ -1,0 +1,244 @@
+"""A reducer as it is mounted: errors, springs, friction and what lies between its output and the torque.
+
+A drive is one crank angle of one reducer, its gaps in ``n`` states (the samples of a study, or the cycles of a
+measured unit). Effects (``pipeline.model.effects``) are functions from drive to drive.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from pipeline.model.contact.friction_elements import Sliders
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.geometry.clearance import Errors, gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.rigid_backlash import rigid_play, separated_play
+from pipeline.model.load_history.load_cycle import first_poses
+
+NO_LOAD = 1e-5
+"""Share of the rated torque that stands for the limit of no torque on either side of the play: its twist is below 1e-4
+arcmin; at smaller ones the force on a bearing with clearance drowns in the rounding of the clearance."""
+
+
+@dataclass(frozen=True)
+class GapReading:
+    """How errors become gaps; the arguments of ``clearance.gaps``."""
+
+    method: str
+    disk_reading: str
+    roller_reading: str
+
+
+@dataclass(frozen=True)
+class Creep:
+    """Kelvin-Voigt element in series with the output: delayed compliance [rad/(N mm)] and its time constant [s]."""
+
+    compliance: float
+    time_constant: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One crank angle of a reducer in ``n`` states.
+
+    Attributes
+    ----------
+    rated_torque : [N mm]
+    errors : manufacturing errors (n, ...) [mm].
+    shift : gap that the errors do not describe (n, n_contacts) [mm]: wear, growth, preload.
+    bearing_clearance : (n,) [mm]
+    compliance : of the elastic bodies between the contacts (n_contacts, n_contacts) [mm/N].
+    sliders : friction.
+    torsion : compliance between the reducer's output and the torque [rad/(N mm)].
+    creep : delayed part of it, or None.
+    known : gap of the errors alone (n, n_contacts) [mm], where it was found before.
+    """
+
+    profile: CycloidProfile
+    reducer: Reducer
+    bearing: Bearing
+    laws: ContactLaws
+    compliance: Real
+    rated_torque: float
+    errors: Errors
+    reading: GapReading
+    shift: Real
+    bearing_clearance: Real
+    sliders: Sliders = field(default_factory=Sliders.none)
+    torsion: float = 0.0
+    creep: Creep | None = None
+    known: Real | None = None
+
+    @cached_property
+    def gap_of_errors(self) -> Real:
+        """Gap that the errors alone leave (n, n_contacts) [mm]."""
+        if self.known is not None:
+            return self.known
+        return gaps(self.profile, self.reducer, self.errors, **vars(self.reading))
+
+    @cached_property
+    def gap(self) -> Real:
+        """Gap of every contact at the nominal pose (n, n_contacts) [mm]."""
+        return self.gap_of_errors + self.shift
+
+    @cached_property
+    def first(self) -> "Drive":
+        """The drive in its first state alone."""
+        return self.some(slice(1))
+
+    def some(self, states: np.ndarray | slice) -> "Drive":
+        """The drive in some of its states."""
+        return replace(
+            self,
+            errors=Errors(**{name: values[states] for name, values in vars(self.errors).items()}),
+            shift=self.shift[states],
+            bearing_clearance=self.bearing_clearance[states],
+            known=self.gap_of_errors[states],
+        )
+
+    def shifted(self, more: Real) -> "Drive":
+        """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
+        return replace(self, shift=self.shift + more, known=self.gap_of_errors)
+
+    def moved(self, **errors: Real) -> "Drive":
+        """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
+        return self.with_errors(
+            replace(self.errors, **{name: getattr(self.errors, name) + more for name, more in errors.items()})
+        )
+
+    def with_errors(self, errors: Errors) -> "Drive":
+        """The drive with other errors."""
+        return replace(self, errors=errors, known=None)
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """Frictionless curve of a drive in its ``n`` states.
+
+    Attributes
+    ----------
+    torque : (n_nodes,) ascending [N mm], symmetric; the two next to zero stand for the ends of the play.
+    angle : (n, n_nodes) rotation of the output [rad], the torsion included.
+    states : equilibria at the nodes (n, n_nodes, ...).
+    """
+
+    torque: Real
+    angle: Real
+    states: Equilibria
+
+    @property
+    def influence(self) -> Real:
+        """d angle / d gap (n, n_nodes, n_contacts) [rad/mm].
+
+        Notes
+        -----
+        The least complementary energy V(T) under the torque T has dV/dT = angle and dV/d gap = force, so
+        the influence of a gap on the angle is the slope of its force over the torque (Maxwell's reciprocity).
+        """
+        return self._over_torque(self.states.force)
+
+    def _over_torque(self, values: Real) -> Real:
+        """Derivative of ``values`` (n, n_nodes, ...) by the torque [N mm], from either side of the play."""
+        middle = len(self.torque) // 2
+        sides = (slice(None, middle), slice(middle, None))
+        return np.concatenate([np.gradient(values[:, side], self.torque[side], axis=1) for side in sides], axis=1)
+
+    def change(self, drive: Drive, near: Drive) -> Real:
+        """Change of the angle (n, n_nodes) [rad], to first order, from the ``drive`` of this curve to a ``near`` one.
+
+        Gaps, compliance, laws, bearing and torsion may differ.
+
+        Notes
+        -----
+        By the energy of ``influence``: what each contact and the bearing give way more under the forces that they
+        carry, times the slope of these over the torque.
+        """
+        force = self.states.force
+        given = [one.gap[:, None] + force @ one.compliance + one.laws.deflection(force) for one in (near, drive)]
+        change = np.sum(self._over_torque(force) * (given[0] - given[1]), axis=2)
+        thrust = np.linalg.norm(force @ drive.reducer.closing[:, :2], axis=2)
+        held = [one.bearing.depth(thrust) + one.bearing_clearance[:, None] for one in (near, drive)]
+        return change + self._over_torque(thrust) * (held[0] - held[1]) + (near.torsion - drive.torsion) * self.torque
+
+
+def ladder(levels: int, reach: float) -> Real:
+    """Shares of the rated torque up to ``reach`` (levels + 1,), quadratically denser towards zero, from ``NO_LOAD``."""
+    steps = np.arange(1, levels) / (levels - 1)
+    return np.concatenate([[NO_LOAD, 2 * NO_LOAD], reach * steps**2])
+
+
+def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
+    """Equilibria at torques [N mm] of one sense, the least first, from poses at an end of the play.
+
+    Notes
+    -----
+    Contacts that interfere (``preloaded``) are many at no load and few at the last torque, and a loose disk is easily
+    found under load, from where one without clearance stands: both are solved from the last torque down.
+    """
+    loose = drive.bearing_clearance
+    start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, levels[-1 if preloaded else 0])
+    if np.any(loose):
+        held = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(loose))
+        tight = _way(held, pose, levels, preloaded)
+        start = _loosened(drive.reducer, tight.motion[:, -1], tight.force[:, -1], loose)
+    down = preloaded or bool(np.any(loose))
+    found = _solved(drive, start, levels[::-1] if down else levels)
+    return Equilibria(**{name: values[:, ::-1] for name, values in vars(found).items()}) if down else found
+
+
+def _solved(drive: Drive, start: Real, levels: Real) -> Equilibria:
+    """Equilibria at torques [N mm] one after the other from poses (n, n_motions)."""
+    parts = drive.reducer, drive.bearing, drive.laws, drive.compliance
+    return solve(*parts, drive.gap, drive.bearing_clearance, start, levels)
+
+
+def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
+    """Poses (n, n_motions) once a bearing without clearance gets one: its disk falls on by it.
+
+    The rotations follow so that the contacts, weighted by their forces (n, n_contacts), stay as deep as they can.
+    """
+    planar, rotations = reducer.closing[:, :2], reducer.closing[:, 2:]
+    moved = motion.copy()
+    fall = motion[:, :2] * (clearance / np.maximum(np.hypot(*motion[:, :2].T), 1e-300))[:, None]
+    moved[:, :2] += fall
+    for k, own in enumerate(np.sqrt(np.maximum(force, 0.0))):
+        moved[k, 2:] -= np.linalg.lstsq(own[:, None] * rotations, own * (planar @ fall[k]), rcond=None)[0]
+    return moved
+
+
+def backbone(drive: Drive, shares: Real) -> Backbone:
+    """The frictionless curve at +- the ``shares`` (n_levels,) of the rated torque, ascending from ``NO_LOAD``.
+
+    Notes
+    -----
+    The play with the disk's centre held is near enough to start from; the program that knows the bearing's clearance
+    takes 15 ms a state and is left to the states that find no equilibrium from there.
+    """
+    separated = separated_play(drive.reducer, drive.gap)
+    torque = drive.rated_torque * shares
+    preloaded = bool(np.any(separated.preloaded))
+    senses = [
+        _way(drive, pose, sense * torque, preloaded)
+        for sense, pose in ((-1.0, separated.pose_minus), (1.0, separated.pose_plus))
+    ]
+    hard = (drive.bearing_clearance > 0) & ~np.all([np.all(one.converged, axis=1) for one in senses], axis=0)
+    if np.any(hard):
+        left = drive.some(hard)
+        coupled = rigid_play(drive.reducer, left.gap, left.bearing_clearance)
+        for one, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
+            start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, sense * torque[0])
+            again = _solved(left, start, sense * torque)
+            for name, values in vars(one).items():
+                values[hard] = getattr(again, name)
+    falling, rising = senses
+    states = Equilibria(
+        **{
+            name: np.concatenate([getattr(falling, name)[:, ::-1], getattr(rising, name)], axis=1)
+            for name in vars(falling)
+        }
+    )
+    both = np.concatenate([-torque[::-1], torque])
+    return Backbone(both, states.motion[..., drive.reducer.output_motion] + drive.torsion * both, states)

@@ -1,0 +1,205 @@
+"""The load cycle 0 -> +T -> -T -> +T on the output, the states it visits and the numbers read off its curve.
+
+Without friction a state depends on the torque alone: each torque is solved once, from the free play outwards, and
+the branches of the cycle visit the states. T = 0 stands as two states, the ends 0+ and 0- of the free play.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.rigid_backlash import rigid_play
+
+BRANCHES = ("loading+", "unloading+", "loading-", "unloading-", "reloading+")
+LIMIT_TORQUE = 1e-8
+"""Share of the rated torque that stands for the limit T -> 0 where preload leaves no rigid play: its twist is below
+1e-7 arcmin; smaller shares drown in the rounding of the preload."""
+ARCMIN = 180 * 60 / np.pi
+"""Minutes of arc in a radian."""
+
+
+@dataclass(frozen=True)
+class LoadCycle:
+    """Torques of a cycle.
+
+    Attributes
+    ----------
+    rated_torque : [N mm]
+    fractions : (n_levels,) ascending shares of the rated torque, the last one the cycle's top.
+    """
+
+    rated_torque: float
+    fractions: Real
+
+    @classmethod
+    def evenly(cls, rated_torque: float, levels: int, top: float, marks: tuple[float, ...]) -> "LoadCycle":
+        """``levels`` equal steps up to the share ``top`` of the rated torque, and exactly the shares ``marks``.
+
+        Raises
+        ------
+        ValueError
+            If a mark lies above the top.
+        """
+        if max(marks) > top * (1 + 1e-12):
+            raise ValueError(f"a metric asks for {max(marks):g} of the rated torque, the cycle ends at {top:g}")
+        steps = top * np.arange(1, levels + 1) / max(levels, 1)
+        kept = steps[np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top]  # none if levels is 0
+        return cls(rated_torque, np.unique(np.concatenate([kept, marks])))
+
+    @property
+    def state_torque(self) -> Real:
+        """Torque of every state (n_states,) [N mm]: 0+, the positive levels, 0-, the negative levels."""
+        ladder = np.concatenate([[0.0], self.rated_torque * self.fractions])
+        return np.concatenate([ladder, -ladder])
+
+    @property
+    def steps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Branch number and state of every step of the cycle, (n_steps,) each."""
+        up = np.arange(len(self.fractions) + 1)
+        down = up[-2::-1]
+        other = len(up)
+        visits = [up, down, up + other, down + other, up]
+        branch = np.repeat(np.arange(len(visits)), [len(v) for v in visits])
+        return branch, np.concatenate(visits)
+
+
+def first_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, pose: Real, torque: float) -> Real:
+    """Poses just beyond an end of play, every rotation far enough to close a contact that carries ``torque``."""
+    arms = np.abs(reducer.closing[:, reducer.output_motion])
+    carrier = int(np.argmax(arms))
+    force = abs(torque) / arms[carrier]
+    depth = laws[carrier].deflection(force)[0] + compliance[carrier, carrier] * force
+    turn = np.sign(torque) * depth / arms[carrier]
+    rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
+    moved = pose.copy()
+    moved[:, rotations] += turn * np.arange(1, len(rotations) + 1)
+    return moved
+
+
+def solve_cycle(
+    reducer: Reducer,
+    bearing: Bearing,
+    laws: ContactLaws,
+    compliance: Real,
+    gap: Real,
+    bearing_clearance: Real,
+    cycle: LoadCycle,
+) -> Equilibria:
+    """The states of the cycle for every sample; arrays (n, n_states, ...) in the order of ``cycle.state_torque``.
+
+    Parameters
+    ----------
+    compliance : (n_contacts, n_contacts) [mm/N]
+    gap : (n, n_contacts) [mm]
+    bearing_clearance : (n,) [mm]
+
+    Notes
+    -----
+    The states at zero torque are the ends of the rigid play, free of force. In a preloaded sample forces act at zero
+    torque too; its two ends are the equilibria at +-1e-8 of the rated torque.
+    """
+    play = rigid_play(reducer, gap, bearing_clearance)
+    senses = []
+    for sense, pose in ((1.0, play.pose_plus), (-1.0, play.pose_minus)):
+        levels = sense * cycle.rated_torque * cycle.fractions
+        start = first_poses(reducer, laws, compliance, pose, levels[0])
+        loaded = solve(reducer, bearing, laws, compliance, gap, bearing_clearance, start, levels)
+        senses.append(_with_end(loaded, pose))
+        if np.any(play.preloaded):
+            tight = play.preloaded
+            limit = sense * np.array([LIMIT_TORQUE * cycle.rated_torque])
+            end = solve(reducer, bearing, laws, compliance, gap[tight], bearing_clearance[tight], start[tight], limit)
+            for name, values in vars(senses[-1]).items():
+                values[tight, 0] = getattr(end, name)[:, 0]
+    return Equilibria(
+        **{name: np.concatenate([getattr(one, name) for one in senses], axis=1) for name in vars(senses[0])}
+    )
+
+
+def _with_end(loaded: Equilibria, pose: Real) -> Equilibria:
+    """The loaded states of one sense behind the force-free end of play."""
+    n = len(pose)
+    first = {
+        "motion": pose[:, None],
+        "force": np.zeros((n, 1, loaded.force.shape[2])),
+        "iterations": np.zeros((n, 1), np.int64),
+        "residual": np.zeros((n, 1)),
+        "converged": np.ones((n, 1), bool),
+    }
+    return Equilibria(**{name: np.concatenate([end, getattr(loaded, name)], axis=1) for name, end in first.items()})
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Numbers of ``n`` curves, each (n,): widths and lost motion [arcmin], rigidity [N m/arcmin]."""
+
+    zero_torque_width: Real
+    lost_motion: Real
+    torsional_rigidity: Real
+
+
+def _level(torque: Real, wanted: float, rows: np.ndarray) -> int:
+    """Row among ``rows`` at the torque ``wanted``.
+
+    Raises
+    ------
+    ValueError
+        If no row has that torque.
+    """
+    nearest = int(np.argmin(np.abs(torque[rows] - wanted)))
+    if abs(torque[rows][nearest] - wanted) > 1e-9 * np.max(np.abs(torque)):
+        raise ValueError(f"the curve has no point at {wanted:g}, the nearest is {torque[rows][nearest]:g}")
+    return int(rows[nearest])
+
+
+def curve_metrics(
+    branch: np.ndarray,
+    torque: Real,
+    angle: Real,
+    rated_torque: float,
+    lost_motion: float,
+    rigidity: tuple[float, float],
+) -> Metrics:
+    """Width at zero torque, lost motion and torsional rigidity of cycles 0 -> +T -> -T -> +T.
+
+    Parameters
+    ----------
+    branch : (n_steps,) names of ``BRANCHES``
+    torque : (n_steps,) [N m]
+    angle : (n, n_steps) [arcmin]
+    rated_torque : [N m]
+    lost_motion, rigidity : shares of the rated torque: where the lost motion, and between which the rigidity is read.
+
+    Notes
+    -----
+    The centre line of the loop is the mean of its two branches at equal torque. Width: angle on the way down from
+    +T less that on the way up from -T, both at T = 0. Lost motion: of the centre line between the two torques
+    +-``lost_motion``. Rigidity: torque over angle of the loading branches, mean of both senses.
+
+    Raises
+    ------
+    ValueError
+        If the curve lacks a point that a definition asks for.
+    """
+    rows = {name: np.flatnonzero(branch == name) for name in BRANCHES}
+
+    def at(name: str, share: float) -> Real:
+        return angle[:, _level(torque, share * rated_torque, rows[name])]
+
+    def centre(share: float) -> Real:
+        falling, rising = ("unloading+", "reloading+") if share > 0 else ("loading-", "unloading-")
+        return 0.5 * (at(falling, share) + at(rising, share))
+
+    low, high = rigidity
+    return Metrics(
+        zero_torque_width=at("unloading+", 0.0) - at("unloading-", 0.0),
+        lost_motion=centre(lost_motion) - centre(-lost_motion),
+        torsional_rigidity=0.5
+        * (high - low)
+        * rated_torque
+        * (1 / (at("reloading+", high) - at("reloading+", low)) + 1 / (at("loading-", -low) - at("loading-", -high))),
+    )

@@ -1,0 +1,1 @@
+"""Many measured units against the distributions of a study."""

@@ -1,0 +1,92 @@
+"""Tables of measured units against a study: the comparison of each metric, and which tolerance would close it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.engine.store import write_atomic
+from pipeline.population.comparison import TESTS, Comparison
+from pipeline.population.tolerance_shift import Closing
+
+
+def comparison_frame(comparisons: Sequence[Comparison]) -> pd.DataFrame:
+    """One row a metric and crank angle (empty: the worst over the crank angles)."""
+    rows = []
+    for one in comparisons:
+        tests = {test.name: test for test in one.tests}
+        rows.append(
+            {
+                "metric": one.metric,
+                "crank_deg": np.nan if one.crank_deg is None else one.crank_deg,
+                "units": one.units.size,
+                "samples": one.samples.size,
+                "units_mean": one.units.mean(),
+                "samples_mean": one.samples.mean(),
+                "bias": one.bias.value,
+                "bias_ci_low": one.bias.ci_low,
+                "bias_ci_high": one.bias.ci_high,
+                "spread_ratio": one.spread_ratio.value,
+                "spread_ratio_ci_low": one.spread_ratio.ci_low,
+                "spread_ratio_ci_high": one.spread_ratio.ci_high,
+                **{f"{name}_p": tests[name].p_value if name in tests else np.nan for name in TESTS},
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def candidate_frame(closings: Mapping[float | None, Closing]) -> pd.DataFrame:
+    """One row a crank angle and tolerance: the shift of its mean that comes closest, and whether it closes."""
+    rows = [
+        {"crank_deg": np.nan if crank is None else crank, **vars(candidate), "closes": candidate.closes}
+        for crank, closing in closings.items()
+        for candidate in closing.candidates
+    ]
+    return pd.DataFrame(rows)
+
+
+def quantile_frame(comparisons: Sequence[Comparison]) -> pd.DataFrame:
+    """One row a metric, crank angle and probability: quantile of the study and of the units."""
+    parts = [
+        pd.DataFrame(
+            {
+                "metric": one.metric,
+                "crank_deg": np.nan if one.crank_deg is None else one.crank_deg,
+                "probability": one.quantiles[:, 0],
+                "study": one.quantiles[:, 1],
+                "measured": one.quantiles[:, 2],
+            }
+        )
+        for one in comparisons
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def sentence(closing: Closing) -> str:
+    """What the comparison says in one sentence."""
+    if not closing.different:
+        return f"The units' means do not differ from the study's (p = {closing.p_value:.2g})."
+    closing_ones = [one for one in closing.candidates if one.closes]
+    if not closing_ones:
+        return (
+            f"The units differ from the study (p = {closing.p_value:.2g}) and no single tolerance closes the "
+            "difference within its limits: it takes an effect, or several tolerances. Measure one unit's loops."
+        )
+    named = "; or ".join(
+        f"{one.tolerance} shifted by {one.shift_um:.2g} um ({one.shift_low_um:.2g} to {one.shift_high_um:.2g})"
+        for one in closing_ones
+    )
+    return f"The units differ from the study (p = {closing.p_value:.2g}); it would be closed by {named}."
+
+
+def write(comparisons: Sequence[Comparison], closings: Mapping[float | None, Closing], folder: Path) -> None:
+    """Write comparison.csv, candidates.csv and quantiles.csv into ``folder``."""
+    for name, frame in (
+        ("comparison", comparison_frame(comparisons)),
+        ("candidates", candidate_frame(closings)),
+        ("quantiles", quantile_frame(comparisons)),
+    ):
+        write_atomic(folder / f"{name}.csv", frame.to_csv(index=False, float_format="%.8g").encode())

@@ -1,0 +1,234 @@
+"""Which tolerance would close the difference between measured units and a study, if any within its limits does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from pipeline.config import Study
+from pipeline.errors import InputError
+from pipeline.population.comparison import Comparison, metrics_at
+
+Real = NDArray[np.float64]
+
+SCALARS = {
+    "eccentricity": "eccentricity_um",
+    "disk_profile": "disk_profile_um",
+    "bearing_clearance": "bearing_clearance_um",
+    "ovality_2": "ovality_2_amplitude_um",
+    "ovality_3": "ovality_3_amplitude_um",
+}
+"""Tolerance and its column in the table reducer."""
+GROUPS = {
+    "pin_radial": ("pins", "radial_um"),
+    "pin_tangential": ("pins", "tangential_um"),
+    "pin_radius": ("pins", "radius_um"),
+    "lobe_profile": ("lobes", "profile_um"),
+    "roller_diameter": ("rollers", "diameter_um"),
+}
+"""Tolerance of each element, its table and column; all elements are shifted alike."""
+ALPHA = 0.05
+"""Level at which what a shift leaves is called a difference."""
+ITERATIONS = 10
+"""Of the shift and its weights, which depend on each other weakly."""
+
+
+@dataclass(frozen=True)
+class StudyPopulation:
+    """A run as the comparison needs it, without the nominal reducer.
+
+    Attributes
+    ----------
+    study : its settings.
+    metrics : the table of that name.
+    deviations : mean deviation of each tolerance of every sample [um], indexed by sample.
+    """
+
+    study: Study
+    metrics: pd.DataFrame
+    deviations: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A shift of one tolerance that comes closest to closing the differences of all metrics at once.
+
+    Attributes
+    ----------
+    tolerance : name.
+    shift_um : of the mean, with its interval `shift_low_um` to `shift_high_um`.
+    room_um : how far the mean can go in that direction within the tolerance's limits.
+    within_limits : whether the interval reaches into `room_um`; else it takes an effect, or parts beyond their limits.
+    explained : share of the weighted squared bias that the shift takes away, the slopes' error allowed for.
+    p_value : of what it leaves, all metrics together; nan with a single metric, which any shift closes.
+    """
+
+    tolerance: str
+    shift_um: float
+    shift_low_um: float
+    shift_high_um: float
+    room_um: float
+    within_limits: bool
+    explained: float
+    p_value: float
+
+    @property
+    def closes(self) -> bool:
+        """Whether the shift is known to have its sense, keeps the limits and leaves no significant difference.
+
+        A tolerance whose slopes the samples do not determine would explain anything.
+        """
+        determined = self.shift_low_um * self.shift_high_um > 0
+        return determined and self.within_limits and not self.p_value < ALPHA
+
+
+@dataclass(frozen=True)
+class Closing:
+    """What would close the differences.
+
+    Attributes
+    ----------
+    different : whether the biases differ from zero, all metrics together, at the level of 5 %.
+    p_value : of no bias at all.
+    candidates : every tolerance that varies in the study; those that close come first, then by what they leave.
+    """
+
+    different: bool
+    p_value: float
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def takes_an_effect(self) -> bool:
+        """Whether there is a difference that no single tolerance closes within its limits."""
+        return self.different and not any(candidate.closes for candidate in self.candidates)
+
+
+def read_population_run(run: Path, study: Study) -> StudyPopulation:
+    """The tables of a finished run that the comparison needs.
+
+    Raises
+    ------
+    InputError : the run has not got them.
+    """
+    stages = {"metrics": "aggregate", "reducer": "sample", "pins": "sample", "lobes": "sample", "rollers": "sample"}
+    paths = {name: run / stage / f"{name}.parquet" for name, stage in stages.items()}
+    missing = [
+        f"{run.name}: {path.relative_to(run)} is missing; run the study first"
+        for path in paths.values()
+        if not path.exists()
+    ]
+    if missing:
+        raise InputError(missing)
+    tables = {name: pd.read_parquet(path) for name, path in paths.items()}
+    if study.samples.nominal_first:
+        tables = {name: table[table["sample"] > 0] for name, table in tables.items()}
+    return StudyPopulation(study, tables["metrics"], mean_deviations(tables))
+
+
+def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Mean deviation [um] of each tolerance of every sample, from the tables of the stage sample."""
+    reducer = tables["reducer"].set_index("sample")
+    columns = {name: reducer[column] for name, column in SCALARS.items()}
+    columns |= {name: tables[table].groupby("sample")[column].mean() for name, (table, column) in GROUPS.items()}
+    return pd.DataFrame(columns)
+
+
+def closing(comparisons: Sequence[Comparison], population: StudyPopulation, confidence: float = 0.95) -> Closing:
+    """Rank the tolerances by how well a shift of their mean closes the biases.
+
+    Parameters
+    ----------
+    comparisons : of one crank angle, or of the worst over the crank angles.
+    population : the study's samples.
+
+    Notes
+    -----
+    Linear regression of the metrics on the mean deviations of the study's own samples gives the slopes B (metric by
+    tolerance). With the covariance C of the biases b, from the correlation of the metrics in the study and the spread
+    of units and samples, a shift d of tolerance t leaves (b - B_t d)' C^-1 (b - B_t d), which is least at
+    d = B_t' C^-1 b / B_t' C^-1 B_t, and is Hotelling's with one degree of freedom less than metrics. The error of the
+    slopes times d is part of C: the mean of eighty pins varies little and its slope is poorly known. A shift beyond the
+    samples' range extrapolates the line.
+    """
+    if len({comparison.crank_deg for comparison in comparisons}) != 1:
+        raise ValueError("comparisons of one crank angle are asked for")
+    names = [comparison.metric for comparison in comparisons]
+    metrics = metrics_at(population.metrics, comparisons[0].crank_deg)[names]
+    deviations = population.deviations.loc[metrics.index]
+    deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
+    bias = np.array([comparison.bias.value for comparison in comparisons])
+    covariance = _covariance(comparisons, metrics.to_numpy())
+    whole = float(bias @ np.linalg.solve(covariance, bias))
+    units = min(comparison.units.size for comparison in comparisons)
+    p_value = _tail(whole, bias.size, units)
+    slopes, uncertainty = _slopes(deviations.to_numpy(), metrics.to_numpy())
+    z = float(stats.norm.ppf((1 + confidence) / 2))
+    found = []
+    for name, slope, error in zip(deviations, slopes, uncertainty, strict=True):
+        shift, deviation, left = _closest_shift(bias, slope, covariance, error)
+        room = _room(population.study, name, float(deviations[name].mean()), shift)
+        found.append(
+            Candidate(
+                tolerance=name,
+                shift_um=shift,
+                shift_low_um=shift - z * deviation,
+                shift_high_um=shift + z * deviation,
+                room_um=room,
+                within_limits=abs(shift) - z * deviation <= room,
+                explained=1 - left / whole if whole > 0 else 0.0,
+                p_value=_tail(left, bias.size - 1, units) if bias.size > 1 else np.nan,
+            )
+        )
+    found.sort(key=lambda candidate: (not candidate.closes, -candidate.explained, abs(candidate.shift_um)))
+    return Closing(p_value < ALPHA, p_value, tuple(found))
+
+
+def _covariance(comparisons: Sequence[Comparison], samples: Real) -> Real:
+    """Covariance of the biases: spread of the units over their number, correlated as in the study, plus the study's."""
+    correlation = np.atleast_2d(np.corrcoef(samples, rowvar=False))
+    own = samples.std(axis=0, ddof=1)
+    # One or two units do not show their spread; the study's stands for it.
+    spread = np.array([c.units.std(ddof=1) if c.units.size > 2 else s for c, s in zip(comparisons, own, strict=True)])
+    error = spread / np.sqrt([comparison.units.size for comparison in comparisons])
+    return np.asarray(correlation * (np.outer(error, error) + np.outer(own, own) / len(samples)), float)
+
+
+def _tail(value: float, freedom: int, units: int) -> float:
+    """Probability of Hotelling's statistic above `value`; chi-square where so few units show no spread of their own."""
+    if units <= max(freedom, 2):
+        return float(stats.chi2.sf(value, freedom))
+    return float(stats.f.sf(value * (units - freedom) / (freedom * (units - 1)), freedom, units - freedom))
+
+
+def _closest_shift(bias: Real, slope: Real, covariance: Real, slope_covariance: Real) -> tuple[float, float, float]:
+    """Shift [um] that leaves least, its standard deviation [um], and what it leaves."""
+    shift, deviation, left = 0.0, np.inf, 0.0
+    for _ in range(ITERATIONS):
+        weighted = np.linalg.solve(covariance + shift**2 * slope_covariance, np.column_stack([slope, bias]))
+        information = float(slope @ weighted[:, 0])
+        shift, deviation = float(slope @ weighted[:, 1]) / information, information**-0.5
+        left = max(float(bias @ weighted[:, 1]) - information * shift**2, 0.0)
+    return shift, deviation, left
+
+
+def _slopes(deviations: Real, metrics: Real) -> tuple[Real, Real]:
+    """Slopes (n_tolerances, n_metrics) of one least-squares plane over all tolerances, and the covariance of each."""
+    design = np.column_stack([np.ones(len(deviations)), deviations - deviations.mean(axis=0)])
+    slopes = np.linalg.lstsq(design, metrics, rcond=None)[0]
+    rest = metrics - design @ slopes
+    residual = rest.T @ rest / (len(design) - design.shape[1])
+    leverage = np.diagonal(np.linalg.inv(design.T @ design))
+    return np.asarray(slopes[1:], float), np.asarray(leverage[1:, None, None] * residual, float)
+
+
+def _room(study: Study, name: str, mean: float, shift: float) -> float:
+    """How far the mean deviation can go in the direction of `shift` within the limits [um]."""
+    tolerance = getattr(study.tolerances, name)
+    lower, upper = (tolerance.allowance_um + limit for limit in tolerance.limits_um)
+    return max(upper - mean if shift > 0 else mean - lower, 0.0)
