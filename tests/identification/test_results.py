@@ -127,7 +127,7 @@ def test_settings_are_read_back_as_they_were_written() -> None:
         "flag": True,
         "list": (1.0, 2.5e-7),
         "effects": {"coulomb": {"torque_Nm": 0.3}},
-        "nothing": {},
+        "nothing": None,
         "cases": ({"label": "a", "pin_radial": (1.0, 2.0)}, {"label": "b"}),
         "provenance": {"effects.coulomb.torque_Nm": {"status": "chosen", "reason": "x"}},
     }
