@@ -13,7 +13,7 @@ from pipeline.cli import settings
 from pipeline.config import Study, load_study
 from pipeline.engine.runner import run
 from pipeline.errors import InputError
-from pipeline.identification.identify import identify
+from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results import write as results
 from pipeline.population import results as population_results
@@ -56,7 +56,7 @@ def _identify(options: argparse.Namespace) -> None:
 
     found = identify(unit, condensed)
     folder = settings.RUNS / "identify" / unit.name
-    of = results.findings(found)
+    of = found if isinstance(found, FaultyUnit) else results.findings(found)
     results.write(of, folder)
     write_page(of, folder, settings.shown(folder))
     print(f"{found.verdict.verdict}: {found.verdict.sentence}")

@@ -12,11 +12,7 @@ from pipeline.config.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model, Problem, candidates
-from pipeline.identification.measurement.branches import Blocks, Cells, cells, find_blocks, history
-from pipeline.identification.measurement.data_faults import Fault, data_faults
-from pipeline.identification.measurement.repeatability import Noise, measured_noise
-from pipeline.identification.measurement.row_filters import usable_rows
-from pipeline.identification.measurement.rows import Rows, read_rows, training_rows
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.cross_validation import conditioned, groups, predicted_by_folds
 from pipeline.identification.selection.model_selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
@@ -38,32 +34,34 @@ class Curves:
 
 
 @dataclass(frozen=True)
+class FaultyUnit:
+    """A unit whose data have a fatal fault: nothing is known of it but its rows and what is wrong with them."""
+
+    measurement: Measurement
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
 class Identification:
     """All that is known of a unit at the end.
 
     Attributes
     ----------
-    faults : of the data; with a fatal one nothing below is known but the rows.
     why_not : by name of each effect that the data cannot test, why.
     held_out : (n_cells,) cells on which the errors are reported.
     curves : predictions there: declared, recalibrated, with the chosen model.
     """
 
-    unit: UnitFile
-    rows: Rows
-    faults: tuple[Fault, ...]
+    measurement: Measurement
     verdict: Verdict
-    blocks: Blocks | None = None
-    cells: Cells | None = None
-    noise: Noise | None = None
-    problem: Problem | None = None
-    selection: Selection | None = None
-    why_not: Mapping[str, str] | None = None
-    held_out: Truth | None = None
-    curves: Curves | None = None
+    problem: Problem
+    selection: Selection
+    why_not: Mapping[str, str]
+    held_out: Truth
+    curves: Curves
 
 
-def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Identification:
+def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Identification | FaultyUnit:
     """From a unit's files to its verdict.
 
     Parameters
@@ -76,36 +74,23 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
     ------
     InputError : as ``read_rows`` and ``training_rows``.
     """
-    rows = read_rows(unit)
-    faults = tuple(data_faults(unit, rows))
-    if any(fault.severity == "fatal" for fault in faults):
-        return Identification(unit, rows, faults, _fault_verdict(faults))
-    usable = usable_rows(unit, rows)
-    blocks = find_blocks(unit, rows, usable)
-    averaged = cells(rows, usable, blocks)
-    noise = measured_noise(unit, rows, blocks, averaged)
-    compliances = condensed(unit.study, rows.cranks.tolist())
-    problem = build_problem(unit, rows, usable, blocks, averaged, history(rows, blocks), noise, compliances)
-    fitter = Fitter(problem)
-    everything = np.ones(len(problem.data), bool)
-    split = training_rows(unit, rows)[averaged.first_row]
-    given = bool(unit.settings.held_out.train)
+    measurement = Measurement.read(unit)
+    if measurement.fatal:
+        return FaultyUnit(measurement, _fault_verdict(measurement))
+    fitter = Fitter(build_problem(measurement, condensed(unit.study, measurement.rows.cranks.tolist())))
+    everything = np.ones(len(fitter.problem.data), bool)
+    split, given = measurement.training_cells, bool(unit.settings.held_out.train)
     seen = split if given else everything
     selector = Selector(fitter, seen, MOST_EFFECTS if nested else MOST_NAMED)
     selection = _selected(selector, seen)
     held_out, curves = _held_out(selector, selection, seen, everything, nested)
-    why_not = {name: reason for name, effect in candidates().items() if (reason := problem.why_not(effect, seen))}
+    reasons = {name: fitter.problem.why_not(effect, seen) for name, effect in candidates().items()}
     return Identification(
-        unit,
-        rows,
-        faults,
+        measurement,
         judge(fitter, selection, seen),
-        blocks,
-        averaged,
-        noise,
-        problem,
+        fitter.problem,
         selection,
-        why_not,
+        {name: reason for name, reason in reasons.items() if reason},
         held_out,
         curves,
     )
@@ -139,6 +124,6 @@ def _held_out(
     return everything, Curves(declared, recalibrated, chosen)
 
 
-def _fault_verdict(faults: Sequence[Fault]) -> Verdict:
-    fatal = [fault.message for fault in faults if fault.severity == "fatal"]
-    return Verdict(FAULT, (), (), (), float("nan"), "The data do not bear a verdict: " + "; ".join(fatal), "")
+def _fault_verdict(measurement: Measurement) -> Verdict:
+    why = "; ".join(fault.message for fault in measurement.fatal)
+    return Verdict(FAULT, (), (), (), float("nan"), f"The data do not support a verdict: {why}", "")

@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 
 
+def resampled_counts(n_blocks: int, resamples: int, seed: int) -> NDArray[np.int64]:
+    """How often each block is drawn (resamples, n_blocks), as many draws as blocks, with replacement."""
+    return np.random.default_rng(seed).multinomial(n_blocks, np.full(n_blocks, 1 / n_blocks), size=resamples)
+
+
 def resampled_means(values: Real, resamples: int, seed: int) -> Real:
     """Means (resamples, ...) of blocks drawn with replacement; ``values`` (n_blocks, ...) has one entry a block."""
-    rng = np.random.default_rng(seed)
-    n = len(values)
-    counts = rng.multinomial(n, np.full(n, 1 / n), size=resamples)
-    return np.tensordot(counts, values, axes=1) / n
+    return np.tensordot(resampled_counts(len(values), resamples, seed), values, axes=1) / len(values)
 
 
 def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:

@@ -15,10 +15,7 @@ from pipeline.config.study import Study
 from pipeline.identification.bench.simulator import Course, Forward
 from pipeline.identification.fitting.build import build_problem, drive_of
 from pipeline.identification.fitting.problem import Model, Problem, candidates
-from pipeline.identification.measurement.branches import cells, find_blocks, history
-from pipeline.identification.measurement.repeatability import measured_noise
-from pipeline.identification.measurement.row_filters import usable_rows
-from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.model.effects import Conditions
 from pipeline.sampling import draw
@@ -132,13 +129,8 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
 def problem_of(folder: Path, condensed: Condensed) -> Problem:
     """The problem of a unit's folder, as ``identify`` builds it."""
     unit = load_measured_unit(folder, ROOT)
-    rows = read_rows(unit)
-    usable = usable_rows(unit, rows)
-    blocks = find_blocks(unit, rows, usable)
-    averaged = cells(rows, usable, blocks)
-    noise = measured_noise(unit, rows, blocks, averaged)
-    compliances = condensed(unit.study, rows.cranks.tolist())
-    return build_problem(unit, rows, usable, blocks, averaged, history(rows, blocks), noise, compliances)
+    measurement = Measurement.read(unit)
+    return build_problem(measurement, condensed(unit.study, measurement.rows.cranks.tolist()))
 
 
 def with_angles(problem: Problem, angle: np.ndarray) -> Problem:

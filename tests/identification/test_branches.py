@@ -7,17 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
-from pipeline.identification.measurement.branches import cells, find_blocks, history, turning_points
-from pipeline.identification.measurement.row_filters import usable_rows
-from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.branches import turning_points
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def taken(folder, table, text=UNIT):
     unit = load_measured_unit(write_unit(folder / "u", {"rows.csv": table}, text), ROOT)
-    rows = read_rows(unit)
-    usable = usable_rows(unit, rows)
-    return unit, rows, usable, find_blocks(unit, rows, usable)
+    return Measurement.read(unit)
 
 
 def path_table(turns, per_branch=60, noise=0.0, seed=0):
@@ -56,37 +53,37 @@ def test_of_equal_extremes_the_last_turns():
 
 def test_a_cycle_with_a_minor_loop(tmp_path):
     table = path_table([2.0, 12.0, 4.0, 9.0, -12.0, 1.0])
-    _, rows, usable, blocks = taken(tmp_path, table)
-    assert blocks.direction.tolist() == [1, -1, 1, -1, 1]
-    assert blocks.branch.tolist() == [0, 1, 2, 3, 4]
-    assert blocks.start.tolist() == [0, 61, 121, 181, 241]
-    assert blocks.stop.tolist() == [61, 121, 181, 241, 301]
-    steps = history(rows, blocks)
+    measurement = taken(tmp_path, table)
+    assert measurement.branches.direction.tolist() == [1, -1, 1, -1, 1]
+    assert measurement.branches.branch.tolist() == [0, 1, 2, 3, 4]
+    assert measurement.branches.start.tolist() == [0, 61, 121, 181, 241]
+    assert measurement.branches.stop.tolist() == [61, 121, 181, 241, 301]
+    steps = measurement.history
     np.testing.assert_allclose(steps.torque[0], [2, 12, 4, 9, -12, 1], atol=0.3)
     assert steps.leg.tolist() == [0, 1, 2, 3, 4]
 
 
 def test_history_goes_on_over_cycles(tmp_path):
-    _, rows, _, blocks = taken(tmp_path, measured((0.0,), 2))
-    steps = history(rows, blocks)
+    measurement = taken(tmp_path, measured((0.0,), 2))
+    steps = measurement.history
     np.testing.assert_allclose(steps.torque[0], [0, 12, -12, 12, -12, 0], atol=0.3)
     assert steps.leg.tolist() == [0, 1, 2, 2, 3, 4]
 
 
 def test_history_through_a_bench_that_unloads_between_cycles(tmp_path):
     table = pd.concat([path_table([0, 12, -12, 12]), path_table([0, 12, -12, 12]).assign(cycle=1)])
-    _, rows, _, blocks = taken(tmp_path, table)
-    np.testing.assert_allclose(history(rows, blocks).torque[0], [0, 12, -12, 12, 0, 12, -12, 12], atol=0.3)
+    measurement = taken(tmp_path, table)
+    np.testing.assert_allclose(measurement.history.torque[0], [0, 12, -12, 12, 0, 12, -12, 12], atol=0.3)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_cells_follow_the_curve_without_bias(tmp_path, noise):
     table = path_table([0.0, 12.0, -12.0, 0.0], per_branch=2000, noise=noise)
     table["angle_arcmin"] = 0.2 * path_of([0.0, 12.0, -12.0, 0.0], 2000)
-    _, rows, usable, blocks = taken(tmp_path, table)
-    taken_cells = cells(rows, usable, blocks)
+    measurement = taken(tmp_path, table)
+    taken_cells = measurement.cells
     assert np.all(taken_cells.count >= 3)
-    assert taken_cells.count.sum() == usable.sum()
+    assert taken_cells.count.sum() == measurement.usable.sum()
     assert np.all(np.diff(taken_cells.first_row) > 0)
     assert np.bincount(taken_cells.block).tolist() == [22 if noise else 24, 48, 24]  # at rest within the noise at first
     np.testing.assert_allclose(taken_cells.angle_mean, 0.2 * taken_cells.torque_mean, atol=0.02 + 0.02 * (noise > 0))
@@ -95,19 +92,19 @@ def test_cells_follow_the_curve_without_bias(tmp_path, noise):
 
 
 def test_coarse_data_are_merged_but_not_across_the_play(tmp_path):
-    _, rows, usable, blocks = taken(tmp_path, path_table([-12.0, 12.0, -12.0], per_branch=31))
-    taken_cells = cells(rows, usable, blocks)
+    measurement = taken(tmp_path, path_table([-12.0, 12.0, -12.0], per_branch=31))
+    taken_cells = measurement.cells
     assert np.all(taken_cells.count >= 3)
-    last = np.append(taken_cells.first_row[1:], len(rows)) - 1
-    assert np.all(rows.torque[taken_cells.first_row] * rows.torque[last] > -1e-9)
+    last = np.append(taken_cells.first_row[1:], len(measurement.rows)) - 1
+    assert np.all(measurement.rows.torque[taken_cells.first_row] * measurement.rows.torque[last] > -1e-9)
 
 
 def test_angle_spread_is_the_noise_about_the_line(tmp_path):
     rng = np.random.default_rng(5)
     table = path_table([0.0, 12.0, -12.0, 0.0], per_branch=3000)
     table["angle_arcmin"] = 0.5 * table["torque_Nm"] + 0.3 * rng.standard_normal(len(table))
-    _, rows, usable, blocks = taken(tmp_path, table)
-    taken_cells = cells(rows, usable, blocks)
+    measurement = taken(tmp_path, table)
+    taken_cells = measurement.cells
     weight = taken_cells.count - 2
     assert np.sqrt(np.sum(weight * taken_cells.angle_spread**2) / weight.sum()) == pytest.approx(0.3, rel=0.03)
 
@@ -116,14 +113,14 @@ def test_the_command_steers_where_it_is_known(tmp_path):
     table = path_table([0.0, 12.0, -12.0, 0.0], per_branch=200)
     table["command_torque_Nm"] = table["torque_Nm"]
     table["torque_Nm"] += 3 * np.sin(np.arange(len(table))) * (table["torque_Nm"].abs() < 3)
-    _, _, _, blocks = taken(tmp_path, table)
-    assert blocks.direction.tolist() == [1, -1, 1]
+    measurement = taken(tmp_path, table)
+    assert measurement.branches.direction.tolist() == [1, -1, 1]
 
 
 def test_rows_that_may_not_be_fitted_are_in_no_cell(tmp_path):
     text = UNIT + "[instrument]\ntorque_saturation_Nm = 6.0\n"
-    _, rows, usable, blocks = taken(tmp_path, measured(), text)
-    taken_cells = cells(rows, usable, blocks)
-    assert taken_cells.count.sum() == usable.sum() < len(rows)
+    measurement = taken(tmp_path, measured(), text)
+    taken_cells = measurement.cells
+    assert taken_cells.count.sum() == measurement.usable.sum() < len(measurement.rows)
     assert np.abs(taken_cells.torque_mean).max() < 6
-    np.testing.assert_allclose(history(rows, blocks).torque[0][1], 12.0, atol=0.3)
+    np.testing.assert_allclose(measurement.history.torque[0][1], 12.0, atol=0.3)

@@ -5,17 +5,16 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
-from pipeline.identification.measurement.data_faults import data_faults
-from pipeline.identification.measurement.row_filters import usable_rows
-from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def judged(folder, tables, text=UNIT):
     unit = load_measured_unit(write_unit(folder / "u", tables, text), ROOT)
-    rows = read_rows(unit)
-    found = data_faults(unit, rows)
-    return {fault.kind: fault for fault in reversed(found)}, usable_rows(unit, rows)  # the first of a kind stays
+    measurement = Measurement.read(unit)
+    return {
+        fault.kind: fault for fault in reversed(measurement.faults)
+    }, measurement.usable  # the first of a kind stays
 
 
 def at_start(table):
@@ -165,7 +164,7 @@ def test_missing_cycles_one_sense_and_too_few_points(tmp_path):
     assert faults["too few points"].severity == "note"
     assert "no effect can be accepted" in faults["too few points"].message
     unit = load_measured_unit(write_unit(tmp_path / "v", {"rows.csv": measured((0.0,), 1, per_branch=3)}), ROOT)
-    few = [fault for fault in data_faults(unit, read_rows(unit)) if fault.kind == "too few points"]
+    few = [fault for fault in Measurement.read(unit).faults if fault.kind == "too few points"]
     assert [fault.severity for fault in few] == ["note", "note", "note", "fatal"]
     assert few[0].rows == tuple(f"rows.csv:{line}" for line in (2, 3, 4, 5))
 

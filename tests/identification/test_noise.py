@@ -7,10 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from measured_bench import ROOT, measured, write_unit
 
-from pipeline.identification.measurement.branches import cells, find_blocks
-from pipeline.identification.measurement.repeatability import measured_noise
-from pipeline.identification.measurement.row_filters import usable_rows
-from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.scatter import high_frequency_scatter
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -19,11 +16,8 @@ REAL = ROOT.parent / "shared/data/anti_backlash_actuator"
 
 def noise_of(folder, table):
     unit = load_measured_unit(write_unit(folder / "u", {"rows.csv": table}), ROOT)
-    rows = read_rows(unit)
-    usable = usable_rows(unit, rows)
-    blocks = find_blocks(unit, rows, usable)
-    averaged = cells(rows, usable, blocks)
-    return measured_noise(unit, rows, blocks, averaged), averaged
+    measurement = Measurement.read(unit)
+    return measurement.repeatability, measurement.cells
 
 
 @given(st.floats(0.01, 10), st.floats(-5, 5), st.integers(0, 50))
@@ -153,11 +147,9 @@ def test_printed_drives(tmp_path, name, low, high):
     )
     folder = write_unit(tmp_path / name, {}, text.replace('study = "printed_drive"', 'study = "quick"'))
     unit = load_measured_unit(folder, ROOT)
-    rows = read_rows(unit)
-    usable = usable_rows(unit, rows)
-    blocks = find_blocks(unit, rows, usable)
-    noise = measured_noise(unit, rows, blocks, cells(rows, usable, blocks))
-    assert blocks.direction.tolist() == [1, -1, 1] * 9
+    measurement = Measurement.read(unit)
+    noise, usable = measurement.repeatability, measurement.usable
+    assert measurement.branches.direction.tolist() == [1, -1, 1] * 9
     assert low < noise.floor.value < high
     assert noise.torque_noise_Nm == pytest.approx(0.2, abs=0.03)
     assert 1 - usable.mean() == pytest.approx(0.375 if name == "base_pccf_runin" else 0.0, abs=0.02)

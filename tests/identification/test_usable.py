@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
-from pipeline.identification.measurement.row_filters import START_NOISE, at_rest, usable_rows
-from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement import row_filters
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.row_filters import START_NOISE
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
 NOISE = 0.1  # [N m], declared
@@ -16,7 +17,13 @@ STEP = 0.15  # [N m] from row to row
 
 def read(folder, table, text=DECLARED):
     unit = load_measured_unit(write_unit(folder / "u", {"rows.csv": table}, text), ROOT)
-    return unit, read_rows(unit)
+    return Measurement.read(unit)
+
+
+def at_rest(measurement):
+    """Rows before the first load."""
+    instrument = measurement.unit.settings.instrument
+    return row_filters.at_rest(measurement.rows, instrument, measurement.torque_noise)
 
 
 def cycle(start=0.0, number=0, crank=0.0):
@@ -31,26 +38,26 @@ def cycle(start=0.0, number=0, crank=0.0):
 def test_rows_within_four_deviations_of_no_torque_at_the_start_are_not_usable(tmp_path, sense):
     table = pd.concat([cycle(0.0, number, crank) for crank in (0.0, 90.0) for number in (0, 1)], ignore_index=True)
     table[["torque_Nm", "angle_arcmin"]] *= sense
-    unit, rows = read(tmp_path, table)
+    measurement = read(tmp_path, table)
     expected = np.zeros(len(table), bool)
     for start in (0, len(table) // 2):
         expected[start : start + 3] = True  # 0, 0.15, 0.30, and not 0.45 N m
-    np.testing.assert_array_equal(at_rest(unit, rows), expected)
-    np.testing.assert_array_equal(usable_rows(unit, rows), ~expected)
-    later = (np.abs(rows.torque) < START_NOISE * NOISE) & ~expected
+    np.testing.assert_array_equal(at_rest(measurement), expected)
+    np.testing.assert_array_equal(measurement.usable, ~expected)
+    later = (np.abs(measurement.rows.torque) < START_NOISE * NOISE) & ~expected
     assert later.sum() > 20  # passes through zero that stay
 
 
 def test_a_position_that_starts_loaded_loses_no_row(tmp_path):
     table = pd.concat([cycle(0.45), cycle(0.0, 1), cycle(-3.0, crank=90.0), cycle(0.0, 1, 90.0)], ignore_index=True)
-    unit, rows = read(tmp_path, table)
-    assert not at_rest(unit, rows).any()
-    assert usable_rows(unit, rows).all()
+    measurement = read(tmp_path, table)
+    assert not at_rest(measurement).any()
+    assert measurement.usable.all()
 
 
 def test_the_digit_of_the_torque_adds_to_its_noise(tmp_path):
-    unit, rows = read(tmp_path, cycle(), DECLARED + "torque_resolution_Nm = 0.4\n")
-    assert np.flatnonzero(at_rest(unit, rows)).tolist() == [0, 1, 2, 3, 4, 5]  # up to 0.75 of 0.8 N m
+    measurement = read(tmp_path, cycle(), DECLARED + "torque_resolution_Nm = 0.4\n")
+    assert np.flatnonzero(at_rest(measurement)).tolist() == [0, 1, 2, 3, 4, 5]  # up to 0.75 of 0.8 N m
 
 
 def test_a_hold_before_the_load_is_left_out_by_the_scatter_of_its_torque(tmp_path):
@@ -58,13 +65,13 @@ def test_a_hold_before_the_load_is_left_out_by_the_scatter_of_its_torque(tmp_pat
     torque = np.concatenate([np.zeros(hold), path_of([0.0, 12.0, -12.0, 0.0], 200)])
     table = pd.DataFrame({"cycle": 0, "crank_deg": 0.0, "angle_arcmin": loop(torque)})
     table["torque_Nm"] = torque + 0.02 * rng.standard_normal(torque.size)
-    unit, rows = read(tmp_path, table, UNIT)
-    found = np.flatnonzero(at_rest(unit, rows))
+    measurement = read(tmp_path, table, UNIT)
+    found = np.flatnonzero(at_rest(measurement))
     assert found.tolist() == list(range(len(found)))
     assert hold <= len(found) <= hold + 3  # 0.08 N m are less than two steps of the ramp
 
 
 def test_without_noise_only_rows_of_no_torque_at_all_are_at_rest(tmp_path):
     table = measured()
-    unit, rows = read(tmp_path, table, UNIT)
-    np.testing.assert_array_equal(at_rest(unit, rows), ~table.duplicated("crank_deg"))
+    measurement = read(tmp_path, table, UNIT)
+    np.testing.assert_array_equal(at_rest(measurement), ~table.duplicated("crank_deg"))

@@ -9,7 +9,7 @@ from scipy.stats import binom, norm
 
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates
-from pipeline.identification.identify import identify
+from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.model_selection import FORM, STRUCTURE, Selection
@@ -178,5 +178,5 @@ def test_unit_with_a_data_fault_has_no_model(tmp_path):
     found = identify(unit, lambda *_: pytest.fail("nothing is to be computed of faulty data"))
     assert found.verdict.verdict == "data fault"
     assert found.verdict.named == ()
-    assert found.problem is None
-    assert any(fault.message in found.verdict.sentence for fault in found.faults if fault.severity == "fatal")
+    assert isinstance(found, FaultyUnit)
+    assert all(fault.message in found.verdict.sentence for fault in found.measurement.fatal)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import CELLS_PER_SENSE
+from pipeline.identification.measurement.cells import CELLS_PER_SENSE
 from pipeline.model.effects import Conditions
 
 Real = NDArray[np.float64]

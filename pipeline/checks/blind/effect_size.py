@@ -15,10 +15,7 @@ from pipeline.config.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model, Problem
-from pipeline.identification.measurement.branches import cells, find_blocks, history
-from pipeline.identification.measurement.repeatability import measured_noise
-from pipeline.identification.measurement.row_filters import usable_rows
-from pipeline.identification.measurement.rows import read_rows
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile, load_measured_unit
 
 Real = NDArray[np.float64]
@@ -35,22 +32,9 @@ SLACK = 1e-9
 
 def problem_of(unit: UnitFile, condensed: Compliances) -> tuple[Problem, Callable[[Real], Real]]:
     """The problem of a unit, and what averages values of its rows (n_rows,) over its cells."""
-    rows = read_rows(unit)
-    usable = usable_rows(unit, rows)
-    blocks = find_blocks(unit, rows, usable)
-    averaged = cells(rows, usable, blocks)
-    noise = measured_noise(unit, rows, blocks, averaged)
-    compliances = condensed(unit.study, rows.cranks.tolist())
-    problem = build_problem(unit, rows, usable, blocks, averaged, history(rows, blocks), noise, compliances)
-    kept = np.flatnonzero(usable)
-    first = np.searchsorted(kept, averaged.first_row)
-
-    def over_cells(values: Real) -> Real:
-        return np.array(
-            [values[kept[k : k + n]].mean() for k, n in zip(first, averaged.count, strict=True)],
-        )
-
-    return problem, over_cells
+    measurement = Measurement.read(unit)
+    compliances = condensed(unit.study, measurement.rows.cranks.tolist())
+    return build_problem(measurement, compliances), measurement.over_cells
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from pipeline.checks.blind.catalogue import catalogue, condense
 from pipeline.checks.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate
 from pipeline.engine import progress
 from pipeline.engine.store import write_atomic
-from pipeline.identification.identify import Identification, identify
+from pipeline.identification.identify import FaultyUnit, Identification, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.verdict import ADEQUATE, LARGEST_CLASS, UNEXPLAINED
 
@@ -120,7 +120,7 @@ def _failed(made: Made, error: Exception, **own: Any) -> Row:
     return Row(**{**values, **own, "verdict": FAILED, "reason": f"{type(error).__name__}: {error}"})
 
 
-def _row(made: Made, found: Identification, near: Mapping[str, float], **own: Any) -> Row:
+def _row(made: Made, found: Identification | FaultyUnit, near: Mapping[str, float], **own: Any) -> Row:
     truth, said = made.truth, found.verdict
     kind, size = truth["kind"], truth["size_over_noise"]
     parts = [frozenset(name.split("+")) for name in said.named]
@@ -139,7 +139,7 @@ def _row(made: Made, found: Identification, near: Mapping[str, float], **own: An
         rms_declared_arcmin=declared,
         rms_recalibrated_arcmin=recalibrated,
         rms_after_arcmin=after,
-        noise_floor_arcmin=found.problem.data.noise if found.problem else float("nan"),
+        noise_floor_arcmin=found.problem.data.noise if isinstance(found, Identification) else float("nan"),
         parameter_covered=_covered(found, truth) if kind == ONE else None,
         both=true in parts if kind == TWO else None,
         nearest=nearest,
@@ -165,7 +165,7 @@ def is_correct(kind: str, size: float, true: frozenset[str], named: Sequence[fro
     return any(one <= true for one in named)
 
 
-def _covered(found: Identification, truth: Mapping[str, Any]) -> bool | None:
+def _covered(found: Identification | FaultyUnit, truth: Mapping[str, Any]) -> bool | None:
     """Whether all parameters of the true effect lie in their intervals; None if it has none."""
     effect = truth["effects"][0]
     own = [p for p in found.verdict.parameters if p.effect == effect["name"]]
@@ -174,7 +174,7 @@ def _covered(found: Identification, truth: Mapping[str, Any]) -> bool | None:
     return all(p.ci_low <= value <= p.ci_high for p, value in zip(own, effect["values"], strict=True))
 
 
-def _parameters(found: Identification, truth: Mapping[str, Any]) -> str:
+def _parameters(found: Identification | FaultyUnit, truth: Mapping[str, Any]) -> str:
     values = {effect["name"]: effect.get("values", ()) for effect in truth["effects"]}
     out = []
     for name in dict.fromkeys(p.effect for p in found.verdict.parameters):
@@ -185,14 +185,14 @@ def _parameters(found: Identification, truth: Mapping[str, Any]) -> str:
     return "; ".join(out)
 
 
-def errors_of(found: Identification) -> tuple[float, float, float]:
+def errors_of(found: Identification | FaultyUnit) -> tuple[float, float, float]:
     """Held-out errors [arcmin] as declared, recalibrated and with the chosen model: rms in sigmas times the floor."""
-    if found.problem is None or found.curves is None or found.held_out is None:
+    if isinstance(found, FaultyUnit):
         return (float("nan"),) * 3
-    data = found.problem.data
+    data, held_out = found.problem.data, found.held_out
 
     def error(predicted: Real) -> float:
-        used = found.held_out & np.isfinite(predicted)
+        used = held_out & np.isfinite(predicted)
         return float(np.sqrt(np.mean(((data.angle - predicted) / data.sigma)[used] ** 2)) * data.noise)
 
     curves = found.curves

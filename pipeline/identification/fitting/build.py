@@ -14,9 +14,7 @@ from pipeline.config.design import Design
 from pipeline.config.study import Study
 from pipeline.identification.bench.simulator import Course, Forward
 from pipeline.identification.fitting.problem import FEWEST_CRANKS, Data, Problem, first_states, mean_gap, prior_modes
-from pipeline.identification.measurement.branches import Blocks, Cells, History
-from pipeline.identification.measurement.repeatability import Noise
-from pipeline.identification.measurement.rows import Rows
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.effects import Conditions
 from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
@@ -101,20 +99,12 @@ def _softness(design: Design) -> float:
     return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
 
 
-def build_problem(
-    unit: UnitFile,
-    rows: Rows,
-    usable: NDArray[np.bool_],
-    blocks: Blocks,
-    cells: Cells,
-    turns: History,
-    noise: Noise,
-    compliances: Sequence[Real],
-) -> Problem:
+def build_problem(measurement: Measurement, compliances: Sequence[Real]) -> Problem:
     """The problem of a measured unit; ``compliances`` per position (n_contacts, n_contacts) [mm/N]."""
+    unit, rows = measurement.unit, measurement.rows
     study = unit.study
-    states, conditions = _states(unit, rows, blocks, cells, turns)
-    courses = [_course(unit, rows, usable, cells, turns, states, p) for p in range(len(rows.cranks))]
+    states, conditions = _states(measurement)
+    courses = [_course(measurement, states, position) for position in range(len(rows.cranks))]
     keys = refitted(study.design)
     own = one_unit(study, unit.dimensions)
     sampled = draw(own, 0, 1) if unit.dimensions is not None else _usual(_population(study))
@@ -143,7 +133,7 @@ def build_problem(
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
     plain = Forward([course.without_states() for course in courses], nmm)
-    data = _data(unit, blocks, cells, noise)
+    data = _data(measurement)
     spread = np.array([np.log(CALIBRATED_SPREAD)] * len(keys) + [LAW_SPREAD] * 2)
     modes, limit = _modes(unit, first_states(drives((1.0,) * len(spread))), plain, data.noise)
     return Problem(
@@ -156,15 +146,14 @@ def build_problem(
         modes=modes,
         gap_limit=limit,
         conditions=tuple(conditions),
-        offered=_offered(unit, rows, cells),
+        offered=_offered(measurement),
         rated_torque=rated,
     )
 
 
-def _states(
-    unit: UnitFile, rows: Rows, blocks: Blocks, cells: Cells, turns: History
-) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
+def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
     """State of every leg of each position, and the conditions of each state: one per cycle."""
+    rows, blocks, cells, turns = measurement.rows, measurement.branches, measurement.cells, measurement.history
     states, conditions = [], []
     for position in range(len(rows.cranks)):
         mine = blocks.position == position
@@ -179,20 +168,13 @@ def _states(
         if rows.temperature is not None:
             at = [cells.temperature_mean[(cells.position == position) & (cells.cycle == cycle)] for cycle in cycles]
             rise = np.array([np.nanmean(one) if np.any(np.isfinite(one)) else np.nan for one in at])
-            rise = np.nan_to_num(rise - unit.settings.environment.temperature_C)
+            rise = np.nan_to_num(rise - measurement.unit.settings.environment.temperature_C)
         conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
     return states, conditions
 
 
-def _course(
-    unit: UnitFile,
-    rows: Rows,
-    usable: NDArray[np.bool_],
-    cells: Cells,
-    turns: History,
-    states: Sequence[NDArray[np.int64]],
-    position: int,
-) -> Course:
+def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], position: int) -> Course:
+    unit, rows, cells, turns = measurement.unit, measurement.rows, measurement.cells, measurement.history
     mine = cells.position == position
     crank, lobes = np.radians(rows.cranks[position]), unit.study.design.cycloid.lobes
     timed = bool(np.all(np.isfinite(cells.time_mean)))
@@ -202,16 +184,16 @@ def _course(
         torque=turns.torque[position],
         leg=turns.leg[cells.block[mine]],
         state=states[position],
-        at=_within(rows, usable, cells, np.flatnonzero(mine)),
+        at=_within(measurement, np.flatnonzero(mine)),
         time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),
     )
 
 
-def _within(rows: Rows, usable: NDArray[np.bool_], cells: Cells, numbers: NDArray[np.intp]) -> Real:
+def _within(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two; each row stands for its surroundings."""
-    kept = np.flatnonzero(usable)
+    rows, cells, kept = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
     first = np.searchsorted(kept, cells.first_row[numbers])
     shares = np.arange(PARTS + 1) / PARTS
     found = []
@@ -224,7 +206,9 @@ def _within(rows: Rows, usable: NDArray[np.bool_], cells: Cells, numbers: NDArra
     return np.array(found)
 
 
-def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
+def _data(measurement: Measurement) -> Data:
+    unit, blocks = measurement.unit, measurement.branches
+    cells, noise = measurement.cells, measurement.repeatability
     resolution = (unit.settings.instrument.angle_resolution_arcmin or 0.0) / np.sqrt(12)
     known = [
         value
@@ -265,7 +249,8 @@ def _data(unit: UnitFile, blocks: Blocks, cells: Cells, noise: Noise) -> Data:
     )
 
 
-def _offered(unit: UnitFile, rows: Rows, cells: Cells) -> frozenset[str]:
+def _offered(measurement: Measurement) -> frozenset[str]:
+    unit, rows, cells = measurement.unit, measurement.rows, measurement.cells
     offered = set()
     gear = unit.study.design.cycloid
     turned = max(np.ptp(cells.angle_mean[cells.position == p]) for p in range(len(rows.cranks))) * gear.lobes / ARCMIN

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import Blocks, find_blocks
+from pipeline.identification.measurement.branches import Blocks
 from pipeline.identification.measurement.plausibility import implausible_angle, implausible_torque
-from pipeline.identification.measurement.row_filters import SATURATION_RULE, numeric, saturated, spikes, usable_rows
+from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_file import UnitFile
+
+if TYPE_CHECKING:
+    from pipeline.identification.measurement.measurement import Measurement
 
 Truth = NDArray[np.bool_]
 Severity = Literal["fatal", "note"]
@@ -48,10 +51,10 @@ class Fault:
     count: int = 0
 
 
-def data_faults(unit: UnitFile, rows: Rows) -> list[Fault]:
+def data_faults(measurement: Measurement) -> list[Fault]:
     """All faults of the data; those that rest on numbers are looked for only if there are any."""
+    unit, rows, good = measurement.unit, measurement.rows, measurement.numeric
     faults = [*_missing_columns(rows), *_not_numbers(rows)]
-    good = numeric(rows)
     if not good.any():
         return faults
     faults += [*_order(rows, good), *_duplicates(rows)]
@@ -60,9 +63,8 @@ def data_faults(unit: UnitFile, rows: Rows) -> list[Fault]:
     if any(fault.severity == "fatal" for fault in constant):
         return faults
     faults += _implausible(unit, rows, good)
-    faults += _left_out(rows, saturated(unit, rows) & good, spikes(unit, rows))
-    usable = usable_rows(unit, rows)
-    blocks = find_blocks(unit, rows, usable)
+    faults += _left_out(rows, measurement.saturated & good, measurement.spikes)
+    usable, blocks = measurement.usable, measurement.branches
     faults += [*_cycles(rows, blocks, usable), *_few(rows, blocks, usable), *_offsets(unit, rows, usable)]
     return faults
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import Blocks, Cells
-from pipeline.identification.measurement.rows import Rows
-from pipeline.identification.measurement.scatter import MAD_TO_STD, torque_noise
-from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.measurement.branches import Blocks
+from pipeline.identification.measurement.cells import Cells
+from pipeline.identification.measurement.scatter import MAD_TO_STD
+from pipeline.statistics.blocks import resampled_counts, resampled_means
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -26,6 +26,7 @@ RESAMPLES = 1000
 SURE = 3.0
 """Standard deviations of a difference of two cells that a step must exceed the steep slope by: where cells are narrow,
 noise alone looks steep, and to leave out what is noisy would make the floor too low."""
+SEED = 79
 FEWEST_CELLS = 3
 """Cells of a branch that a line between neighbours needs."""
 
@@ -70,28 +71,23 @@ class Noise:
     torque_noise_Nm: float
 
 
-def measured_noise(unit: UnitFile, rows: Rows, blocks: Blocks, cells: Cells, seed: int = 0) -> Noise:
-    """Noise of the cells of a unit.
-
-    Parameters
-    ----------
-    seed : of the bootstrap.
+def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float) -> Noise:
+    """Noise of the cells of a unit, whose rows have a noise of the torque [N m].
 
     Notes
     -----
     The first branch of a position starts from a state that nobody knows and is left out of repeats. Branches are
     compared by their number in the cycle and direction, at the torques of the earlier one, by linear interpolation.
     """
-    rng = np.random.default_rng(seed)
     count = np.maximum(cells.count - 2, 0)
     within = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
     return Noise(
-        floor=_rms(_repeats(blocks, cells), np.sqrt(2), rng),
-        random=_random(blocks, cells, rng),
-        within_branch=_robust(_from_neighbours(cells), rng),
-        between_positions=_rms(_positions_apart(blocks, cells), np.sqrt(2), rng),
+        floor=_rms(_repeats(blocks, cells), np.sqrt(2)),
+        random=_random(blocks, cells),
+        within_branch=_robust(_from_neighbours(cells)),
+        between_positions=_rms(_positions_apart(blocks, cells), np.sqrt(2)),
         row_scatter_arcmin=float(np.sqrt(within)),
-        torque_noise_Nm=torque_noise(unit, rows),
+        torque_noise_Nm=torque_noise,
     )
 
 
@@ -187,7 +183,7 @@ def _interpolated(branch: Branch, at: Real) -> tuple[Real, Real]:
     return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
 
 
-def _random(blocks: Blocks, cells: Cells, rng: np.random.Generator) -> Estimate:
+def _random(blocks: Blocks, cells: Cells) -> Estimate:
     """Repeats less what cycle number and temperature explain of their differences at equal torque."""
     pairs = _pairs(blocks, cells)
     if len({position for position, _ in pairs}) < 2:
@@ -212,7 +208,7 @@ def _random(blocks: Blocks, cells: Cells, rng: np.random.Generator) -> Estimate:
         free[np.ix_(pattern, nodes)] = (1 - np.sum(basis**2, axis=1))[:, None]
     squares, weights = np.nansum(left**2, axis=1), np.nansum(free, axis=1)
     kept = weights > 1e-6
-    return _pooled(squares[kept], weights[kept], np.sqrt(2), rng)
+    return _pooled(squares[kept], weights[kept], np.sqrt(2))
 
 
 def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
@@ -293,35 +289,31 @@ def _from_neighbours(cells: Cells) -> list[Real]:
     return [values for values in found if values.size]
 
 
-def _rms(groups: list[Real], divisor: float, rng: np.random.Generator) -> Estimate:
+def _rms(groups: list[Real], divisor: float) -> Estimate:
     """Root mean square over `divisor`, bootstrapped over groups."""
     squares = np.array([np.sum(values**2) for values in groups])
-    return _pooled(squares, np.array([float(values.size) for values in groups]), divisor, rng)
+    return _pooled(squares, np.array([float(values.size) for values in groups]), divisor)
 
 
-def _pooled(squares: Real, counts: Real, divisor: float, rng: np.random.Generator) -> Estimate:
+def _pooled(squares: Real, counts: Real, divisor: float) -> Estimate:
     """Root of the sum of `squares` over that of `counts`, over `divisor`, bootstrapped over the groups."""
     if not counts.sum():
         return Estimate(np.nan, np.nan, np.nan, 0, 0)
-    drawn = rng.integers(len(squares), size=(RESAMPLES, len(squares)))
-    means = np.sqrt(squares[drawn].sum(axis=1) / counts[drawn].sum(axis=1)) / divisor
+    drawn = resampled_means(np.column_stack([squares, counts]), RESAMPLES, SEED)
     value = float(np.sqrt(squares.sum() / counts.sum()) / divisor)
-    return _interval(value, means, round(counts.sum()), len(squares))
+    return _interval(value, np.sqrt(drawn[:, 0] / drawn[:, 1]) / divisor, round(counts.sum()), len(squares))
 
 
-def _robust(groups: list[Real], rng: np.random.Generator) -> Estimate:
+def _robust(groups: list[Real]) -> Estimate:
     """Standard deviation by the median absolute value, bootstrapped over groups."""
     if not groups:
         return Estimate(np.nan, np.nan, np.nan, 0, 0)
-    sizes = [np.abs(values) for values in groups]
-    means = np.array(
-        [
-            MAD_TO_STD * np.median(np.concatenate([sizes[i] for i in rng.integers(len(sizes), size=len(sizes))]))
-            for _ in range(RESAMPLES)
-        ]
-    )
-    joined = np.concatenate(sizes)
-    return _interval(float(MAD_TO_STD * np.median(joined)), means, joined.size, len(sizes))
+    sizes = np.abs(np.concatenate(groups))
+    order = np.argsort(sizes)
+    group = np.repeat(np.arange(len(groups)), [values.size for values in groups])
+    below = np.cumsum(resampled_counts(len(groups), RESAMPLES, SEED)[:, group[order]], axis=1)
+    medians = sizes[order][np.argmax(2 * below >= below[:, -1:], axis=1)]
+    return _interval(float(MAD_TO_STD * np.median(sizes)), MAD_TO_STD * medians, sizes.size, len(groups))
 
 
 def _interval(value: float, resampled: Real, n: int, blocks: int) -> Estimate:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.rows import Rows
-from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step, torque_noise
-from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step
+from pipeline.identification.measurement.unit_file import Instrument
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -33,14 +33,9 @@ SPIKE_FACTOR = 8.0
 """Robust standard deviations by which a spike stands out from both neighbours."""
 
 
-def usable_rows(unit: UnitFile, rows: Rows) -> Truth:
-    """Whether each row may be fitted (n,)."""
-    return numeric(rows) & ~saturated(unit, rows) & ~spikes(unit, rows) & ~at_rest(unit, rows)
-
-
-def at_rest(unit: UnitFile, rows: Rows) -> Truth:
+def at_rest(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
     """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
-    least = START_NOISE * torque_noise(unit, rows) + (unit.settings.instrument.torque_resolution_Nm or 0.0)
+    least = START_NOISE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
     found = np.zeros(len(rows), bool)
     for position in range(len(rows.cranks)):
         mine = np.flatnonzero(rows.position == position)
@@ -55,31 +50,28 @@ def numeric(rows: Rows) -> Truth:
     return ~rows.misnumbered & np.isfinite(rows.torque) & np.isfinite(rows.angle) & command
 
 
-def saturated(unit: UnitFile, rows: Rows) -> Truth:
+def saturated(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
     """Whether the torque of each row is cut off (n,), by `SATURATION_RULE`."""
-    limit = unit.settings.instrument.torque_saturation_Nm
+    limit = instrument.torque_saturation_Nm
     cut = np.zeros(len(rows), bool) if limit is None else np.abs(rows.torque) >= limit
-    noise = torque_noise(unit, rows)
     good = numeric(rows)
     for position in range(len(rows.cranks)):
         mine = np.flatnonzero(good & (rows.position == position))
         for sense in (1, -1):
             torque = sense * rows.torque[mine]
             if rows.command is None:
-                cut[mine] |= _repeated_extreme(torque, noise)
+                cut[mine] |= _repeated_extreme(torque, torque_noise)
             else:
-                cut[mine] |= _flat_tail(sense * rows.command[mine], torque, noise)
+                cut[mine] |= _flat_tail(sense * rows.command[mine], torque, torque_noise)
     return cut
 
 
-def spikes(unit: UnitFile, rows: Rows) -> Truth:
+def spikes(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
     """Whether the angle of each row stands out from both neighbours, which its torque does not (n,).
 
     The scale of an ordinary step is robust over the run of one cycle, and at least the angle's resolution and noise. A
     torque that goes out and back in three rows may well take the angle along: that is a turn.
     """
-    instrument = unit.settings.instrument
-    noise = torque_noise(unit, rows)
     least = max(instrument.angle_resolution_arcmin or 0.0, instrument.angle_noise_arcmin or 0.0)
     least = max(least, smallest_step(rows.angle))
     found = np.zeros(len(rows), bool)
@@ -93,7 +85,7 @@ def spikes(unit: UnitFile, rows: Rows) -> Truth:
         limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), least)
         out_and_back = (step[:-1] * step[1:] < 0) & (np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > limit)
         bend = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
-        turn = bend > np.abs(torque[2:] - torque[:-2]) + NOISE_FACTOR * noise
+        turn = bend > np.abs(torque[2:] - torque[:-2]) + NOISE_FACTOR * torque_noise
         found[mine[1:-1]] = out_and_back & ~turn
     return found
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.rows import Rows
-from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.measurement.unit_file import Instrument
 
 Real = NDArray[np.float64]
 
@@ -34,10 +34,9 @@ def smallest_step(values: Real) -> float:
     return float(steps.min()) if steps.size else 0.0
 
 
-def torque_noise(unit: UnitFile, rows: Rows) -> float:
+def torque_noise(rows: Rows, instrument: Instrument) -> float:
     """Standard deviation of the torque of a row [N m]: as declared, else the scatter of its rows; 0 if unknown."""
-    declared = unit.settings.instrument.torque_noise_Nm
-    if declared is not None:
-        return declared
+    if instrument.torque_noise_Nm is not None:
+        return instrument.torque_noise_Nm
     estimate = high_frequency_scatter(rows.torque, [run for *_, run in rows.runs()])
     return estimate if np.isfinite(estimate) else 0.0

@@ -31,10 +31,8 @@ def study_file(unit: str) -> str:
     return f"corrected-{unit}.toml"
 
 
-def corrected_trial(found: Identification) -> Trial | None:
+def corrected_trial(found: Identification) -> Trial:
     """The model that is written: with the named effect, the best of a class, or with refitted numbers alone."""
-    if found.selection is None:
-        return None
     named = found.verdict.named
     if found.verdict.verdict in (IDENTIFIED, EQUIVALENT) and named:
         best = found.selection.best
@@ -51,23 +49,19 @@ class Corrected:
 
 
 def write_corrected(found: Identification, folder: Path) -> Corrected:
-    """Write the corrected design and study into ``folder``, where the data bear a verdict and it can be built."""
-    trial = corrected_trial(found)
-    if trial is None:
-        return Corrected((), "the data bear no verdict")
+    """Write the corrected design and study into ``folder``, where it can be built."""
     try:
-        text = _design_text(found, trial)
+        text = _design_text(found, corrected_trial(found))
     except InputError as error:
         return Corrected((), f"the refitted numbers make no reducer: {'; '.join(error.problems)}")
-    design, study = folder / DESIGN_FILE, folder / study_file(found.unit.name)
+    design, study = folder / DESIGN_FILE, folder / study_file(found.measurement.unit.name)
     write_atomic(design, text.encode())
     write_atomic(study, _study_text(found).encode())
     return Corrected((design, study))
 
 
 def _design_text(found: Identification, trial: Trial) -> str:
-    assert found.problem is not None
-    unit, problem, fit = found.unit, found.problem, trial.fit
+    unit, problem, fit = found.measurement.unit, found.problem, trial.fit
     own = unit.study.design
     content: dict[str, Any] = scaled_design(
         own, problem.calibrated, np.exp(fit.unknowns.scales[: len(problem.calibrated)]).tolist()
@@ -101,15 +95,14 @@ def _design_text(found: Identification, trial: Trial) -> str:
 
 
 def _reading(found: Identification) -> str:
-    verdict = found.verdict.verdict
+    verdict, start = found.verdict.verdict, f"Verdict on {found.measurement.unit.name}"
     if verdict == IDENTIFIED:
-        return f"Verdict on {found.unit.name}: identified."
+        return f"{start}: identified."
     if verdict == EQUIVALENT:
-        others = ", ".join(found.verdict.named)
-        return f"Verdict on {found.unit.name}: equivalent; the data do not tell apart {others}. The best is written."
+        return f"{start}: equivalent; the data do not tell apart {', '.join(found.verdict.named)}. The best is written."
     if verdict == ADEQUATE:
-        return f"Verdict on {found.unit.name}: adequate; calibrated numbers are refitted, no effect is added."
-    return f"Verdict on {found.unit.name}: {verdict}; calibrated numbers are refitted, nothing else is claimed."
+        return f"{start}: adequate; calibrated numbers are refitted, no effect is added."
+    return f"{start}: {verdict}; calibrated numbers are refitted, nothing else is claimed."
 
 
 def _not_in_a_study(effect: Effect | InstrumentEffect) -> str:
@@ -129,7 +122,7 @@ def _round(content: dict[str, Any], key: str) -> None:
 
 
 def _study_text(found: Identification) -> str:
-    unit = found.unit
+    unit = found.measurement.unit
     content = _study_content(unit.study, found)
     name = study_file(unit.name)
     parse_study(content, Path(name).stem, name, lambda _: unit.study.design)
@@ -141,11 +134,11 @@ def _study_text(found: Identification) -> str:
 
 
 def _study_content(study: Study, found: Identification) -> Mapping[str, Any]:
-    unit = found.unit
+    unit = found.measurement.unit
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design", "cases"})
     content["title"] = f"{unit.settings.title}: corrected model"
     content["description"] = f"The design corrected for the measured unit {unit.name}."
-    cranks = tuple(dict.fromkeys(round(float(crank) % 360, 6) for crank in found.rows.cranks))
+    cranks = tuple(dict.fromkeys(round(float(crank) % 360, 6) for crank in found.measurement.rows.cranks))
     content["cycle"] = {**content["cycle"], "crank_deg": cranks, "keep_contacts": (0,)}
     if unit.dimensions is not None:
         content.pop("tolerances", None)

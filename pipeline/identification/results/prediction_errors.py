@@ -58,9 +58,6 @@ class LoopError:
 
 def angle_errors(found: Identification) -> dict[str, AngleError]:
     """Errors of each curve on the held-out cells."""
-    assert found.curves is not None
-    assert found.problem is not None
-    assert found.held_out is not None
     data = found.problem.data
     errors = {}
     for stage in STAGES:
@@ -69,7 +66,7 @@ def angle_errors(found: Identification) -> dict[str, AngleError]:
         rms = _rms(misfit, data.count, kept)
         cranks = {
             float(crank): _rms(misfit, data.count, kept & (data.position == position))
-            for position, crank in enumerate(found.rows.cranks)
+            for position, crank in enumerate(found.measurement.rows.cranks)
             if np.any(kept & (data.position == position))
         }
         errors[stage] = AngleError(
@@ -97,8 +94,6 @@ def loop_errors(found: Identification) -> dict[str, LoopError]:
     on that side, since the play may lie in the first. The separation is that of the branches at the lower torque of
     the rigidity, mean of both senses.
     """
-    assert found.curves is not None
-    assert found.problem is not None
     curves = {"measured": found.problem.data.angle} | {name: getattr(found.curves, name) for name in STAGES}
     read: dict[str, list[dict[str, float]]] = {name: [] for name in METRICS}
     for loop in _loops(found):
@@ -119,8 +114,7 @@ def loop_errors(found: Identification) -> dict[str, LoopError]:
 
 
 def _why_not(found: Identification, metric: str) -> str:
-    metrics, rated = found.unit.study.metrics, found.unit.study.design.cycloid.rated_torque_Nm
-    assert found.problem is not None
+    metrics, rated = found.measurement.unit.study.metrics, found.measurement.unit.study.design.cycloid.rated_torque_Nm
     reached = float(np.max(np.abs(found.problem.data.torque)))
     asked = {
         "torsional_rigidity_Nm_per_arcmin": metrics.rigidity_percent[1],
@@ -136,9 +130,7 @@ def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
 
     Under positive load a cycle 0, +T, -T, 0 rises before it falls, any other one after it.
     """
-    assert found.cells is not None
-    assert found.held_out is not None
-    cells, torque, pairs = found.cells, found.cells.torque_mean, []
+    cells, torque, pairs = found.measurement.cells, found.measurement.cells.torque_mean, []
     blocks = [np.flatnonzero(cells.block == block) for block in np.unique(cells.block)]
     nothing = np.zeros(0, np.intp)
     for number, falling in enumerate(blocks):
@@ -160,9 +152,8 @@ def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
 
 
 def _read(found: Identification, loop: tuple[Numbers, Numbers], angle: Real) -> dict[str, float]:
-    assert found.problem is not None
     torque = found.problem.data.torque
-    metrics, rated = found.unit.study.metrics, found.unit.study.design.cycloid.rated_torque_Nm
+    metrics, rated = found.measurement.unit.study.metrics, found.measurement.unit.study.design.cycloid.rated_torque_Nm
     falling, rising = loop
 
     def at(branch: Numbers, level: float) -> float:

@@ -83,7 +83,7 @@ def signatures(found: Identification, predicted: Real) -> tuple[Signature, ...]:
         *_friction(at),
         *_play(at),
         _rigidity(at),
-        *_over_the_crank(at, len(found.rows.cranks)),
+        *_over_the_crank(at, len(found.measurement.rows.cranks)),
         *_over_the_angle(at),
         *_over_time(at),
         _over_temperature(at),
@@ -93,9 +93,7 @@ def signatures(found: Identification, predicted: Real) -> tuple[Signature, ...]:
 
 
 def _cells(found: Identification, predicted: Real) -> _Cells:
-    assert found.cells is not None
-    assert found.problem is not None
-    cells, data = found.cells, found.problem.data
+    cells, data = found.measurement.cells, found.problem.data
     residual = data.angle - predicted
     kept = np.isfinite(residual)
     zero = cells.angle_mean - np.array([cells.angle_mean[cells.position == p].mean() for p in cells.position])
@@ -103,7 +101,7 @@ def _cells(found: Identification, predicted: Real) -> _Cells:
         residual=residual[kept],
         torque=data.torque[kept],
         falling=-cells.direction[kept].astype(float),
-        crank=np.radians(found.rows.cranks)[cells.position[kept]],
+        crank=np.radians(found.measurement.rows.cranks)[cells.position[kept]],
         angle=zero[kept],
         cycle=cells.cycle[kept].astype(float),
         hours=cells.time_mean[kept] / 3600,
@@ -283,7 +281,6 @@ def _over_temperature(at: _Cells) -> Signature:
 
 def _shift(at: _Cells, found: Identification) -> Signature:
     name, title, unit = "shift", "constant shift of the angle", "arcmin"
-    assert found.problem is not None
     if not found.problem.data.common_offset:
         return not_testable(name, title, unit, "every position has its own zero of the angle")
     columns = np.column_stack([np.ones(len(at.residual)), at.torque])

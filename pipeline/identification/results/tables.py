@@ -90,14 +90,11 @@ NOT_SHORTLISTED = "screened only: its best misfit on a coarse grid is behind tho
 
 def residual_rows(found: Identification) -> Columns:
     """Columns of `RESIDUAL`."""
-    assert found.cells is not None
-    assert found.problem is not None
-    assert found.curves is not None
-    cells, data = found.cells, found.problem.data
+    cells, data = found.measurement.cells, found.problem.data
     predictions = {stage: getattr(found.curves, stage) for stage in STAGES}
     return {
         "position": cells.position,
-        "crank_deg": found.rows.cranks[cells.position],
+        "crank_deg": found.measurement.rows.cranks[cells.position],
         "cycle": cells.cycle,
         "block": cells.block,
         "direction": cells.direction,
@@ -143,8 +140,6 @@ def parameters_of(fit: Fit) -> dict[str, dict[str, float]]:
 
 def candidate_rows(found: Identification) -> Columns:
     """Columns of `CANDIDATES`: fitted ones by their held-out error, then the screened, then the untestable."""
-    assert found.selection is not None
-    assert found.why_not is not None
     selection = found.selection
     fitted = sorted(selection.trials, key=lambda name: selection.trials[name].rms)
     screened = sorted(set(selection.screened) - set(fitted), key=lambda name: selection.screened[name])
@@ -160,9 +155,6 @@ def candidate_rows(found: Identification) -> Columns:
 
 def _candidate(found: Identification, name: str, few: bool) -> dict[str, Any]:
     selection, why_not = found.selection, found.why_not
-    assert selection is not None
-    assert why_not is not None
-    assert found.problem is not None
     trial = selection.trials.get(name)
     reason = why_not.get(name, "" if trial else NOT_SHORTLISTED)
     if trial and few:

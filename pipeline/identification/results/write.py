@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.store import write_atomic, write_json
-from pipeline.identification.identify import Identification
+from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import DESIGN_FILE, corrected_trial, study_file, write_corrected
 from pipeline.identification.results.prediction_errors import STAGES, AngleError, LoopError, angle_errors, loop_errors
 from pipeline.identification.results.residual_signatures import Signature, signatures
 
 VERDICT_FILE = "verdict.json"
+NO_VERDICT = "the data do not support a verdict"
 STALE = (*(f"{table.name}.parquet" for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES)), DESIGN_FILE)
 """What an earlier run of the unit may have left that this one does not write."""
 
@@ -38,9 +39,7 @@ class Findings:
 
 
 def findings(found: Identification) -> Findings:
-    """Signatures and errors of an identification; none where the data bear no verdict."""
-    if found.curves is None:
-        return Findings(found, {}, {}, {})
+    """Signatures and errors of an identification."""
     return Findings(
         found,
         {stage: signatures(found, getattr(found.curves, stage)) for stage in STAGES[1:]},
@@ -49,31 +48,39 @@ def findings(found: Identification) -> Findings:
     )
 
 
-def write(of: Findings, folder: Path) -> None:
-    """Write tables, verdict, and the corrected design and study into ``folder``, the verdict last."""
-    found = of.found
-    for name in (*STALE, study_file(found.unit.name)):
+def write(of: Findings | FaultyUnit, folder: Path) -> None:
+    """Write tables, verdict, and the corrected design and study into ``folder``, the verdict last.
+
+    Of a faulty unit the verdict alone is written.
+    """
+    found = of if isinstance(of, FaultyUnit) else of.found
+    for name in (*STALE, study_file(found.measurement.unit.name)):
         (folder / name).unlink(missing_ok=True)
-    if found.curves is not None:
-        for table, columns in (
-            (tables.RESIDUAL, tables.residual_rows(found)),
-            (tables.SIGNATURES, tables.signature_rows(of.signatures)),
-            (tables.CANDIDATES, tables.candidate_rows(found)),
-        ):
-            write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
-    written = write_corrected(found, folder)
-    corrected = {"corrected": [path.name for path in written.paths], "not_corrected": written.why_not}
-    write_json(folder / VERDICT_FILE, _finite(verdict_of(of) | corrected))
+    if isinstance(of, FaultyUnit):
+        content = _common(of) | _untested() | {"corrected": [], "not_corrected": NO_VERDICT}
+    else:
+        _write_tables(of, folder)
+        written = write_corrected(of.found, folder)
+        content = _common(of.found) | _tested(of)
+        content |= {"corrected": [path.name for path in written.paths], "not_corrected": written.why_not}
+    write_json(folder / VERDICT_FILE, _finite(content))
 
 
-def verdict_of(of: Findings) -> dict[str, Any]:
-    """The content of verdict.json; numbers that are not known are None."""
-    found = of.found
-    verdict = found.verdict
-    trial = corrected_trial(found)
+def _write_tables(of: Findings, folder: Path) -> None:
+    for table, columns in (
+        (tables.RESIDUAL, tables.residual_rows(of.found)),
+        (tables.SIGNATURES, tables.signature_rows(of.signatures)),
+        (tables.CANDIDATES, tables.candidate_rows(of.found)),
+    ):
+        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+
+
+def _common(found: Identification | FaultyUnit) -> dict[str, Any]:
+    """What verdict.json says of any unit."""
+    verdict, unit = found.verdict, found.measurement.unit
     return {
-        "unit": found.unit.name,
-        "title": found.unit.settings.title,
+        "unit": unit.name,
+        "title": unit.settings.title,
         "verdict": verdict.verdict,
         "named": list(verdict.named),
         "traced": list(verdict.traced),
@@ -81,17 +88,29 @@ def verdict_of(of: Findings) -> dict[str, Any]:
         "advice": verdict.advice,
         "structure_floors": verdict.structure,
         "parameters": [asdict(parameter) for parameter in verdict.parameters],
-        "calibrated": _calibrated(found) if trial else {},
+        "data_faults": [asdict(fault) for fault in found.measurement.faults],
+    }
+
+
+def _untested() -> dict[str, Any]:
+    """The keys of ``_tested`` where nothing was computed."""
+    return {"calibrated": {}, "noise": None, "held_out_errors": {}, "loop_errors": {}, "not_testable": {}}
+
+
+def _tested(of: Findings) -> dict[str, Any]:
+    """What verdict.json says of a unit that was fitted; numbers that are not known are None."""
+    found = of.found
+    noise = found.measurement.repeatability
+    return {
+        "calibrated": _calibrated(found),
         "noise": {
-            "floor_arcmin": asdict(found.noise.floor),
-            "random_arcmin": asdict(found.noise.random),
-            "within_branch_arcmin": asdict(found.noise.within_branch),
-            "between_positions_arcmin": asdict(found.noise.between_positions),
-            "torque_noise_Nm": found.noise.torque_noise_Nm,
-            "used_arcmin": found.problem.data.noise if found.problem else None,
-        }
-        if found.noise
-        else None,
+            "floor_arcmin": asdict(noise.floor),
+            "random_arcmin": asdict(noise.random),
+            "within_branch_arcmin": asdict(noise.within_branch),
+            "between_positions_arcmin": asdict(noise.between_positions),
+            "torque_noise_Nm": noise.torque_noise_Nm,
+            "used_arcmin": found.problem.data.noise,
+        },
         "held_out_errors": {stage: asdict(error) for stage, error in of.angle.items()},
         "loop_errors": {
             name: {
@@ -106,17 +125,13 @@ def verdict_of(of: Findings) -> dict[str, Any]:
             }
             for name, error in of.loops.items()
         },
-        "not_testable": dict(found.why_not or {}),
-        "data_faults": [asdict(fault) for fault in found.faults],
+        "not_testable": dict(found.why_not),
     }
 
 
 def _calibrated(found: Identification) -> dict[str, float]:
     """Factor of every refitted number of the design."""
-    trial = corrected_trial(found)
-    assert trial is not None
-    assert found.problem is not None
-    scales = trial.fit.unknowns.scales.tolist()
+    scales = corrected_trial(found).fit.unknowns.scales.tolist()
     return {key: math.exp(scale) for key, scale in zip(found.problem.calibrated, scales, strict=False)}
 
 

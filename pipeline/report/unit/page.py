@@ -15,6 +15,7 @@ from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.style import save
 from pipeline.figures.unit import candidates_figure, loops_figure, time_figure, torque_figure
 from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.prediction_errors import STAGES, LoopError
 from pipeline.identification.results.write import VERDICT_FILE, Findings
@@ -51,20 +52,23 @@ CAPTIONS = {
 }
 
 
-def write_page(of: Findings, folder: Path, shown_folder: Path) -> None:
+def write_page(of: Findings | FaultyUnit, folder: Path, shown_folder: Path) -> None:
     """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
 
     Parameters
     ----------
     shown_folder : the folder as a user would type it.
     """
-    pictures = _pictures(of, folder) if of.found.curves is not None else {}
-    page = rendered(TEMPLATE, **_values(of, read_json(folder / VERDICT_FILE), shown_folder), pictures=pictures)
+    verdict = read_json(folder / VERDICT_FILE)
+    if isinstance(of, FaultyUnit):
+        values = _common(of, verdict, shown_folder) | {"data_facts": _rows_facts(of), "tested": False, "pictures": {}}
+    else:
+        values = _common(of.found, verdict, shown_folder) | _tested(of, verdict) | {"pictures": _pictures(of, folder)}
+    page = rendered(TEMPLATE, **values)
     write_atomic(folder / "report.html", page.encode())
 
 
 def _pictures(of: Findings, folder: Path) -> dict[str, Picture]:
-    assert of.found.selection is not None
     cells = pd.read_parquet(folder / "residual.parquet")
     tried = pd.read_parquet(folder / "candidates.parquet")
     figures = {
@@ -82,35 +86,35 @@ def _pictures(of: Findings, folder: Path) -> dict[str, Picture]:
     return pictures
 
 
-def _values(of: Findings, verdict: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    found = of.found
-    own = {
+def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What the page says of any unit."""
+    unit = found.measurement.unit
+    return {
         "verdict": verdict,
-        "tested": found.curves is not None,
-        "design": found.unit.settings.design,
-        "design_title": found.unit.study.design.title,
+        "design": unit.settings.design,
+        "design_title": unit.study.design.title,
         "traced": [tables.title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
         "parameters": [_parameter(one) for one in verdict["parameters"]],
-        "data_facts": _data_facts(of),
-        "faults": found.faults,
-        "not_testable": [(_sentence(tables.title_of(name)), why) for name, why in (found.why_not or {}).items()],
+        "faults": found.measurement.faults,
+        "not_testable": [(_sentence(tables.title_of(name)), why) for name, why in verdict["not_testable"].items()],
         "corrected": verdict["corrected"],
         "not_corrected": verdict["not_corrected"],
         "folder": folder,
         "versions": package_versions(),
     }
-    return own | (_tested(of, verdict) if found.curves is not None else {})
 
 
 def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page says of a unit that was fitted."""
     found = of.found
-    assert found.problem is not None
     rows = pd.DataFrame(tables.candidate_rows(found))
     fitted = rows[rows["rms_after_floors"].notna()]
     screened = rows[rows["why_not"] == tables.NOT_SHORTLISTED]
     pairs = list(zip(*of.signatures.values(), strict=True))
     floor = found.problem.data.noise
     return {
+        "tested": True,
+        "data_facts": _data_facts(found),
         "headlines": [
             (
                 STAGE_TITLES[stage],
@@ -147,7 +151,7 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
         "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
         "calibrated": _calibrated(of, verdict["calibrated"]),
         "tolerances": "All tolerances are as measured."
-        if found.unit.dimensions is not None
+        if found.measurement.unit.dimensions is not None
         else f"The tolerances were not measured: {counted(found.problem.n_modes, 'mode')} of them "
         "stand for what units of the study's distributions differ by.",
     }
@@ -251,32 +255,34 @@ def _loop(name: str, error: LoopError) -> dict[str, Any]:
 def _calibrated(of: Findings, factors: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
     rows = []
     for key, factor in factors.items():
-        value: Any = of.found.unit.study.design.model_dump()
+        value: Any = of.found.measurement.unit.study.design.model_dump()
         for name in key.split("."):
             value = value[name]
         rows.append((key, plain(value), digits(value * factor), digits(factor)))
     return rows
 
 
-def _data_facts(of: Findings) -> list[tuple[str, str]]:
-    found = of.found
-    rows, noise = found.rows, found.noise
-    facts = [
+def _rows_facts(found: Identification | FaultyUnit) -> list[tuple[str, str]]:
+    rows = found.measurement.rows
+    return [
         ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
         ("Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()])),
     ]
-    if found.cells is None or found.blocks is None or noise is None or found.problem is None:
-        return facts
+
+
+def _data_facts(found: Identification) -> list[tuple[str, str]]:
+    measurement = found.measurement
+    noise = measurement.repeatability
     errors: Sequence[tuple[str, Any]] = (
         ("Noise floor", noise.floor),
         ("Scatter within a branch", noise.within_branch),
         ("Between positions", noise.between_positions),
     )
-    by = "crank positions" if len(rows.cranks) > 1 else "cycles"
-    chosen = found.unit.settings.held_out.train
-    counts = counted(len(found.blocks), "branch", "branches"), counted(len(found.cells), "cell")
+    by = "crank positions" if len(measurement.rows.cranks) > 1 else "cycles"
+    chosen = measurement.unit.settings.held_out.train
+    counts = counted(len(measurement.branches), "branch", "branches"), counted(len(measurement.cells), "cell")
     return [
-        *facts,
+        *_rows_facts(found),
         ("Branches and cells", ", ".join(counts)),
         ("Held out", "what unit.toml names" if chosen else f"whole {by}, each predicted by a fit to the others"),
         *(

@@ -1,0 +1,137 @@
+"""Rows of a branch averaged over cells of torque: what is fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.branches import Blocks, monotone
+from pipeline.identification.measurement.rows import Rows
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+CELLS_PER_SENSE = 24
+CELL_POWER = 1.5
+"""Edges of the cells at T_max (k/n)^1.5: the play and the knees of the curve are near zero torque."""
+FEWEST_ROWS = 3
+"""Rows in a cell: fewer give no scatter about a line."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Averages of the usable rows of a block over neighbouring torques, in time order, block by block.
+
+    Attributes
+    ----------
+    block, position, cycle, direction : (n_cells,)
+    torque_mean, angle_mean : (n_cells,) [N m], [arcmin].
+    count : (n_cells,) rows.
+    angle_spread : (n_cells,) [arcmin] standard deviation of the angle about its line over the torque.
+    time_mean, temperature_mean : (n_cells,) [s], [deg C]; NaN where not measured.
+    first_row : (n_cells,)
+    """
+
+    block: Whole
+    position: Whole
+    cycle: Whole
+    direction: Whole
+    torque_mean: Real
+    angle_mean: Real
+    count: Whole
+    angle_spread: Real
+    time_mean: Real
+    temperature_mean: Real
+    first_row: Whole
+
+    def __len__(self) -> int:
+        return len(self.block)
+
+
+def cells(rows: Rows, usable: Truth, blocks: Blocks, levels: int = CELLS_PER_SENSE) -> Cells:
+    """Usable rows of each block averaged over cells of torque, at least three rows in each.
+
+    Parameters
+    ----------
+    levels : cells in each sense of the torque, denser near zero; the same edges for all blocks of a position.
+
+    Notes
+    -----
+    A row belongs to the cell of its place on the monotone (isotonic least-squares) fit of the torque over the block's
+    rows: cells are then runs of rows in time, and noise of the torque does not bias their mean. A block with fewer than
+    three usable rows has no cell.
+    """
+    owners: list[int] = []
+    averages: list[tuple[float, ...]] = []
+    for position in range(len(rows.cranks)):
+        inside = usable & (rows.position == position)
+        top = np.max(np.abs(rows.coordinate[inside]), initial=0.0)
+        ladder = top * (np.arange(levels + 1) / levels) ** CELL_POWER
+        edges = np.concatenate([-ladder[:0:-1], ladder])[1:-1]
+        for block in np.flatnonzero(blocks.position == position).tolist():
+            kept = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
+            if kept.size < FEWEST_ROWS:
+                continue
+            place = np.searchsorted(edges, monotone(rows.coordinate[kept], blocks.direction[block]))
+            groups = _merged(place, levels - 1)
+            owners += [block] * len(groups)
+            averages += [_average(rows, kept[first:last]) for first, last in groups]
+    block_of = np.array(owners, dtype=np.int64)
+    torque, angle, count, spread, time, temperature, first_row = np.array(averages, float).reshape(-1, 7).T
+    return Cells(
+        block=block_of,
+        position=blocks.position[block_of],
+        cycle=blocks.cycle[block_of],
+        direction=blocks.direction[block_of],
+        torque_mean=torque,
+        angle_mean=angle,
+        count=count.astype(np.int64),
+        angle_spread=spread,
+        time_mean=time,
+        temperature_mean=temperature,
+        first_row=first_row.astype(np.int64),
+    )
+
+
+def _merged(place: Whole, zero: int) -> list[tuple[int, int]]:
+    """First and last + 1 of each run of equal `place`, runs of fewer than three joined to the shorter neighbour.
+
+    A run is joined across zero torque (from `zero` to `zero` + 1) only where it has no other neighbour: the play lies
+    there.
+    """
+    cuts = np.flatnonzero(np.diff(place)) + 1
+    bounds = [0, *cuts.tolist(), len(place)]
+    while len(bounds) > 2:
+        sizes = np.diff(bounds)
+        small = int(np.argmin(sizes))
+        if sizes[small] >= FEWEST_ROWS:
+            break
+        sides = []
+        for neighbour, cut in ((small - 1, small), (small + 1, small + 1)):
+            if 0 <= neighbour < len(sizes):
+                ends = place[bounds[cut] - 1], place[bounds[cut]]
+                across = min(ends) <= zero < max(ends)
+                sides.append((across, sizes[neighbour], cut))
+        del bounds[min(sides)[2]]
+    return list(zip(bounds[:-1], bounds[1:], strict=True))
+
+
+def _average(rows: Rows, kept: Whole) -> tuple[float, ...]:
+    """The averages of `Cells` over some rows, from `torque_mean` to `first_row`."""
+    torque, angle = rows.torque[kept], rows.angle[kept]
+    from_mean = torque - torque.mean()
+    scatter = np.sum(from_mean**2)
+    slope = np.sum(from_mean * angle) / scatter if scatter > 0 else 0.0
+    rest = angle - angle.mean() - slope * from_mean
+    return (
+        torque.mean(),
+        angle.mean(),
+        kept.size,
+        np.sqrt(np.sum(rest**2) / max(kept.size - 2, 1)),
+        np.nan if rows.time is None else rows.time[kept].mean(),
+        np.nan if rows.temperature is None else rows.temperature[kept].mean(),
+        kept[0],
+    )

@@ -1,0 +1,65 @@
+"""The torques at which each position turned, over all its cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.branches import Blocks, monotone
+from pipeline.identification.measurement.rows import Rows
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class History:
+    """Turning torques of each position in time order, over all its cycles, from the first row's torque to the last's.
+
+    Attributes
+    ----------
+    torque : per position (n_turns + 2,) [N m]; rises and falls in turn.
+    leg : (n_blocks,) each block lies between torque[leg] and torque[leg + 1] of its position.
+    """
+
+    torque: tuple[Real, ...]
+    leg: Whole
+
+
+def history(rows: Rows, blocks: Blocks) -> History:
+    """Turning torques over all cycles of each position: measured ones, averaged near each end of a branch."""
+    torques: list[Real] = []
+    leg = np.zeros(len(blocks), np.int64)
+    for position in range(len(rows.cranks)):
+        turns: list[float] = []
+        for block in np.flatnonzero(blocks.position == position).tolist():
+            start, end = _end_torques(rows, blocks, block)
+            if not turns:
+                turns = [start]
+            elif abs(turns[-1] - start) > blocks.threshold[position]:
+                _go_on(turns, start)  # between two cycles the bench went elsewhere
+            _go_on(turns, end)
+            leg[block] = len(turns) - 2
+        torques.append(np.array(turns))
+    return History(tuple(torques), leg)
+
+
+def _go_on(turns: list[float], torque: float) -> None:
+    """Add a torque to the sequence; one further in the same direction takes the place of the last."""
+    if len(turns) > 1 and (torque - turns[-1]) * (turns[-1] - turns[-2]) >= 0:
+        turns[-1] = torque
+    else:
+        turns.append(torque)
+
+
+def _end_torques(rows: Rows, blocks: Blocks, block: int) -> tuple[float, float]:
+    """Mean torque near the first and the last row of a block [N m]."""
+    span = blocks.rows[block]
+    known = np.isfinite(rows.coordinate[span]) & np.isfinite(rows.torque[span])
+    torque = rows.torque[span][known]
+    fit = monotone(rows.coordinate[span][known], blocks.direction[block])
+    near = blocks.end_band[blocks.position[block]]
+    start, end = (float(np.mean(torque[np.abs(fit - place) <= near])) for place in (fit[0], fit[-1]))
+    return start, end

@@ -1,0 +1,120 @@
+"""All that is known of a measured unit before any model: each part is computed once, when it is first asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement import row_filters
+from pipeline.identification.measurement.branches import Blocks, find_blocks
+from pipeline.identification.measurement.cells import Cells, cells
+from pipeline.identification.measurement.data_faults import Fault, data_faults
+from pipeline.identification.measurement.load_history import History, history
+from pipeline.identification.measurement.repeatability import Noise, measured_noise
+from pipeline.identification.measurement.rows import Rows, read_rows, training_rows
+from pipeline.identification.measurement.scatter import torque_noise
+from pipeline.identification.measurement.unit_file import UnitFile
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """A unit's rows and what follows from them.
+
+    Branches, cells and what rests on them can be computed only of data without a fatal fault.
+
+    Attributes
+    ----------
+    unit : the file unit.toml.
+    rows : of all its data files.
+    """
+
+    unit: UnitFile
+    rows: Rows
+
+    @classmethod
+    def read(cls, unit: UnitFile) -> Measurement:
+        """The measurement of a unit.
+
+        Raises
+        ------
+        InputError : as ``read_rows``.
+        """
+        return cls(unit, read_rows(unit))
+
+    @cached_property
+    def torque_noise(self) -> float:
+        """Standard deviation of the torque of a row [N m]; 0 if unknown."""
+        return torque_noise(self.rows, self.unit.settings.instrument)
+
+    @cached_property
+    def numeric(self) -> Truth:
+        """Rows (n_rows,) whose quantities are numbers."""
+        return row_filters.numeric(self.rows)
+
+    @cached_property
+    def saturated(self) -> Truth:
+        """Rows (n_rows,) whose torque is cut off."""
+        return row_filters.saturated(self.rows, self.unit.settings.instrument, self.torque_noise)
+
+    @cached_property
+    def spikes(self) -> Truth:
+        """Rows (n_rows,) at which the encoder jumps."""
+        return row_filters.spikes(self.rows, self.unit.settings.instrument, self.torque_noise)
+
+    @cached_property
+    def usable(self) -> Truth:
+        """Rows (n_rows,) that may be fitted: numbers, not saturated, no jumps, not at rest before the first load."""
+        at_rest = row_filters.at_rest(self.rows, self.unit.settings.instrument, self.torque_noise)
+        return self.numeric & ~self.saturated & ~self.spikes & ~at_rest
+
+    @cached_property
+    def branches(self) -> Blocks:
+        """Monotone branches of every cycle."""
+        return find_blocks(self.rows, self.usable, self.torque_noise)
+
+    @cached_property
+    def cells(self) -> Cells:
+        """Usable rows averaged over neighbouring torques of a branch."""
+        return cells(self.rows, self.usable, self.branches)
+
+    @cached_property
+    def history(self) -> History:
+        """Turning torques of each position."""
+        return history(self.rows, self.branches)
+
+    @cached_property
+    def repeatability(self) -> Noise:
+        """Noise of the cells."""
+        return measured_noise(self.branches, self.cells, self.torque_noise)
+
+    @cached_property
+    def faults(self) -> tuple[Fault, ...]:
+        """Faults of the data, fatal ones and notes."""
+        return tuple(data_faults(self))
+
+    @property
+    def fatal(self) -> tuple[Fault, ...]:
+        """Faults with which nothing can be fitted."""
+        return tuple(fault for fault in self.faults if fault.severity == "fatal")
+
+    @cached_property
+    def training_cells(self) -> Truth:
+        """Cells (n_cells,) that unit.toml, or its default, lets a fit see.
+
+        Raises
+        ------
+        InputError : as ``training_rows``.
+        """
+        return training_rows(self.unit, self.rows)[self.cells.first_row]
+
+    def over_cells(self, values: Real) -> Real:
+        """Means (n_cells,) of values of the rows (n_rows,)."""
+        kept = np.flatnonzero(self.usable)
+        first = np.searchsorted(kept, self.cells.first_row)
+        return np.array([values[kept[k : k + n]].mean() for k, n in zip(first, self.cells.count, strict=True)])
