@@ -8,7 +8,7 @@ from typing import Any
 from pipeline.config.design import Design, PinInHole
 from pipeline.config.effects import study_effect_problems
 from pipeline.config.section import MISSING, Problem, nearest_name
-from pipeline.config.study import Clearance, Cycle, Metrics, Reduce, Samples
+from pipeline.config.study import FEWEST_BASE_SAMPLES, Clearance, Cycle, Drivers, Metrics, Reduce, Samples
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
@@ -32,6 +32,8 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
         found.append(Problem("file name", parts["name"], "is the run folder of another target; rename the study file"))
     if samples:
         found += _samples(samples, raw)
+    if samples and parts.get("drivers"):
+        found += _drivers(parts["drivers"], samples)
     if cycle:
         found += _cycle(cycle, samples)
     if cycle and metrics:
@@ -88,6 +90,14 @@ def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Problem]:
             samples.count,
             f"must be a multiple of randomisations = {samples.randomisations}; take {rounded}",
         )
+
+
+def _drivers(drivers: Drivers, samples: Samples) -> Iterator[Problem]:
+    key, count = "drivers.base_samples", drivers.base_samples
+    if 0 < count < FEWEST_BASE_SAMPLES:
+        yield Problem(key, count, f"must be 0 (no drivers by variance) or >= {FEWEST_BASE_SAMPLES}; 1000 tell well")
+    if count and samples.experiment == "cases":
+        yield Problem(key, count, "must be 0 where cases are listed: stated units have no variance to share")
 
 
 def _cycle(cycle: Cycle, samples: Samples | None) -> Iterator[Problem]:

@@ -98,6 +98,19 @@ class Limits(Section):
     peak_pressure_MPa: Positive | None = None
 
 
+FEWEST_BASE_SAMPLES = 30
+"""Fewer rows of a pick-freeze design tell nothing of the variance: their bootstrap intervals are too narrow."""
+
+
+class Drivers(Section):
+    """Extra units for variance-based indices: `base_samples` for each tolerance that varies; 0 for none.
+
+    In a Monte Carlo study the two base sets are its own samples; units that it lacks of them are solved too.
+    """
+
+    base_samples: Annotated[int, Field(ge=0, le=10**6)] = 0
+
+
 class Run(Section):
     """How the work is divided; changes no result."""
 
@@ -121,4 +134,5 @@ class Study(Section):
     cycle: Cycle
     metrics: Metrics = Metrics()
     limits: Limits = Limits()
+    drivers: Drivers = Drivers()
     run: Run = Run()

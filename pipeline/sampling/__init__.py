@@ -2,5 +2,6 @@
 
 from pipeline.sampling.designs import replicates
 from pipeline.sampling.errors import Errors, draw, oval_shift
+from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
 
-__all__ = ["Errors", "draw", "oval_shift", "replicates"]
+__all__ = ["Errors", "draw", "draw_mixed", "drawn_units", "error_groups", "oval_shift", "replicates"]

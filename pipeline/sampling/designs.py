@@ -40,7 +40,7 @@ def uniforms(samples: Samples, dimensions: int, start: int, stop: int) -> Real:
     """
     match samples.experiment:
         case "monte_carlo":
-            return _philox(samples.seed, dimensions, start, stop)
+            return independent_uniforms(samples.seed, dimensions, start, stop)
         case "sobol" | "latin_hypercube":
             return _interleaved(samples, dimensions, start, stop)
     raise ValueError(f"the experiment {samples.experiment!r} has no random numbers")
@@ -61,7 +61,8 @@ def replicates(samples: Samples, sample: NDArray[np.integer]) -> NDArray[np.inte
     return (sample - samples.nominal_first) % samples.randomisations if samples.replicated else None
 
 
-def _philox(seed: int, dimensions: int, start: int, stop: int) -> Real:
+def independent_uniforms(seed: int, dimensions: int, start: int, stop: int) -> Real:
+    """Independent uniform numbers of the draws [start, stop), (stop - start, dimensions) in [0, 1)."""
     steps = -(-dimensions // BLOCK)
     stream = np.random.Philox(np.random.SeedSequence(seed))
     stream.advance(start * steps)

@@ -98,10 +98,19 @@ def oval_shift(amplitude: Real, phase: Real, order: int, pins: int) -> Real:
 
 
 def _random(study: Study, start: int, stop: int) -> Errors:
-    dimensions = {**dict.fromkeys((*SCALARS, *PHASES), 1), **elements(study.design)}
-    numbers = uniforms(study.samples, sum(dimensions.values()), start, stop)
-    ends = np.cumsum(list(dimensions.values()))
-    columns = dict(zip(dimensions, np.split(numbers, ends[:-1], axis=1), strict=True))
+    return errors_at(study, uniforms(study.samples, sum(dimensions(study.design).values()), start, stop))
+
+
+def dimensions(design: Design) -> dict[str, int]:
+    """Dimensions of the design of experiment that belong to each tolerance and phase, in their order."""
+    return {**dict.fromkeys((*SCALARS, *PHASES), 1), **elements(design)}
+
+
+def errors_at(study: Study, numbers: Real) -> Errors:
+    """Errors at points of the unit cube, ``numbers`` (n_samples, n_dimensions)."""
+    sizes = dimensions(study.design)
+    ends = np.cumsum(list(sizes.values()))
+    columns = dict(zip(sizes, np.split(numbers, ends[:-1], axis=1), strict=True))
     values = {name: 2 * np.pi * columns.pop(name) for name in PHASES}
     for name, probability in columns.items():
         tolerance = getattr(study.tolerances, name)

@@ -300,3 +300,10 @@ def test_a_file_that_is_no_toml(tmp_path):
     (tmp_path / "s.toml").write_text("count = \n")
     with pytest.raises(InputError, match="s.toml: not a TOML file: .*line 1"):
         load_study(tmp_path / "s.toml", ROOT)
+
+
+def test_drivers_by_variance_need_enough_units_of_a_distribution(study_data):
+    (few,) = study_problems(changed(study_data, "drivers.base_samples", 29))
+    assert "drivers.base_samples = 29; must be 0 (no drivers by variance) or >= 30" in few
+    listed = changed(changed(study_data, "samples.experiment", "cases"), "drivers.base_samples", 100)
+    assert any("must be 0 where cases are listed" in problem for problem in study_problems(listed))
