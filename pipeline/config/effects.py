@@ -32,7 +32,12 @@ def effect_problems(effects: Effects) -> Iterator[Problem]:
 
 def study_effect_problems(effects: Effects) -> Iterator[Problem]:
     """Effects that a load cycle of equilibria cannot show."""
-    if "creep" in effects:
-        yield Problem(
-            "design.effects.creep", None, "a study's load cycle has no time; delete it from the design of the study"
-        )
+    if not effects:
+        return
+    from pipeline.model.effects import library  # the mechanics are slow to import
+    from pipeline.model.effects.effect import TIME
+
+    for name in effects:
+        if name in library() and TIME in library()[name].needs:
+            reason = "a study's load cycle has no time; delete it from the design of the study"
+            yield Problem(f"design.effects.{name}", None, reason)

@@ -24,8 +24,8 @@ TEMPLATES = (".html", ".css")
 """Files beside the modules of a package that are sources too."""
 NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects")
 """Modules that no value depends on: they show progress, or refuse settings."""
-FOUND_BY_FILE = ("pipeline.model.effects",)
-"""Packages that import whatever modules lie in them."""
+FOUND_BY_FILE = {"pipeline.model.effects": "cycloid_effects"}
+"""Packages that import whatever modules lie in them, and the group of entry points in which others register more."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,9 @@ def source_hashes(module: str) -> dict[str, str]:
                 data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
                 if name in FOUND_BY_FILE:
-                    waiting += [f"{name}.{file.stem}" for file in sorted(path.parent.glob("*.py"))]
+                    registered = [entry.module for entry in importlib.metadata.entry_points(group=FOUND_BY_FILE[name])]
+                    own |= {module.partition(".")[0] for module in registered}
+                    waiting += [f"{name}.{file.stem}" for file in sorted(path.parent.glob("*.py"))] + registered
             waiting += imports
             waiting.append(name.rpartition(".")[0])
     if not hashes:

@@ -19,6 +19,7 @@ from pipeline.checks.blind.outside_effects import OUTSIDE
 from pipeline.checks.blind.rates import lower_bound, rates
 from pipeline.checks.blind.report import write_reports
 from pipeline.checks.blind.true_unit import true_unit
+from pipeline.engine.fingerprint import source_hashes
 from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model, candidates
@@ -177,6 +178,21 @@ def test_three_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "one_case", lambda *_: pytest.fail("a finished case was solved again"))
     assert [row.truth for row in run.blind(3, 8, 1, ROOT, tmp_path)] == [row.truth for row in rows]
     assert {one.name for one in rates(rows)} >= {"no effect: none named"}
+
+
+def test_a_row_depends_on_every_source_and_on_the_catalogues_studies(smallest, monkeypatch):
+    sources, before = source_hashes(run.__name__), run.source_hash(smallest.reducers)
+    used = "assembly mounting sampling/errors identification/identify model/effects/creep checks/blind/bench"
+    paths = [*(f"pipeline/{name}.py" for name in used.split()), "stages/condensed.py", "stages/reduce.py"]
+    assert set(paths) <= set(sources)
+    for path in paths:
+        monkeypatch.setattr(run, "source_hashes", lambda _, path=path: sources | {path: "edited"})
+        assert run.source_hash(smallest.reducers) != before
+    monkeypatch.undo()
+    assert run.source_hash(smallest.reducers) == before
+    reducer = smallest.reducers[0]
+    finer = reducer.truth.model_copy(update={"reduce": reducer.model.reduce})
+    assert run.source_hash((replace(reducer, truth=finer),)) != before
 
 
 def test_unit_whose_identification_fails_keeps_its_row_with_the_reason(smallest, tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.model_selection import FORM, STRUCTURE, Selection
-from pipeline.identification.selection.verdict import DISTINGUISHING, intervals, judge
+from pipeline.identification.selection.verdict import intervals, judge
 
 BLOCKS, CELLS = 24, 20
 BOUNDS = (-4.0, 6.0)
@@ -165,10 +165,6 @@ def test_words_of_the_verdict(name):
     assert bool(verdict.advice) == (word in ("equivalent", "unexplained"))
     if word == "unexplained":
         assert "nothing is claimed" in verdict.sentence
-
-
-def test_every_effect_has_a_measurement_that_tells_it_apart():
-    assert set(DISTINGUISHING) == set(candidates())
 
 
 def test_unit_with_a_data_fault_has_no_model(tmp_path):

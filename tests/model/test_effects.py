@@ -41,7 +41,7 @@ def put(drive, name, *values, conditions=None):
 def test_texts_are_complete_and_names_are_known(name):
     effect = ALL_NAMES[name]
     assert effect.name == name
-    for text in (effect.title, effect.physics, effect.source, effect.changes, effect.signature):
+    for text in (effect.title, effect.physics, effect.source, effect.changes, effect.signature, effect.told_apart_by):
         assert len(text) > 5
         assert text == text.strip()
     assert 1 <= len(effect.parameters) <= 3
@@ -51,6 +51,8 @@ def test_texts_are_complete_and_names_are_known(name):
             assert parameter.name.endswith("_" + UNITS[parameter.unit])
     assert len({parameter.name for parameter in effect.parameters}) == len(effect.parameters)
     assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
+    assert effect.limit_case in {"", *ALL_NAMES}
+    assert effect.starts in ("secants", "periods")
     assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL}
 
 

@@ -20,9 +20,8 @@ from pipeline.config.cases import Case
 from pipeline.config.study import Study
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, unmapped
-from pipeline.identification.fitting.problem import Candidate, Model, candidates
+from pipeline.identification.fitting.problem import Candidate, Model, candidates, limit_cases
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.model_selection import NESTED
 
 Real = NDArray[np.float64]
 
@@ -75,7 +74,7 @@ def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dic
     looked = {
         name: _look(fitter, base, candidate)
         for name, candidate in candidates().items()
-        if not problem.why_not(candidate) and name != true and NESTED.get(name) != true
+        if not problem.why_not(candidate) and name != true and limit_cases().get(name) != true
     }
     found = {}
     for name in sorted(looked, key=lambda name: looked[name][0])[:NEAREST]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -16,9 +17,10 @@ from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 
 from pipeline.checks.blind import oracle
-from pipeline.checks.blind.catalogue import catalogue, condense
+from pipeline.checks.blind.catalogue import Reducer, catalogue, condense
 from pipeline.checks.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate
 from pipeline.engine import progress
+from pipeline.engine.fingerprint import package_versions, source_hashes
 from pipeline.engine.store import write_atomic
 from pipeline.identification.identify import FaultyUnit, Identification, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -82,7 +84,7 @@ def blind(cases: int, seed: int, jobs: int, root: Path, runs: Path) -> list[Row]
     folder = runs / "blind"
     reducers = catalogue(root)
     maker = Maker(reducers, condense(reducers, folder / "condensed", jobs), folder, root, seed)
-    table, code = folder / "cases.csv", source_hash(root)
+    table, code = folder / "cases.csv", source_hash(reducers)
     rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code and row.case < cases}
     left = [case for case in range(cases) if case not in rows]
     with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
@@ -199,13 +201,11 @@ def errors_of(found: Identification | FaultyUnit) -> tuple[float, float, float]:
     return error(curves.declared), error(curves.recalibrated), error(curves.after)
 
 
-def source_hash(root: Path) -> str:
-    """Of all that a row depends on."""
-    digest = hashlib.sha256()
-    for package in ("pipeline/config", "pipeline/identification", "pipeline/model", "pipeline/statistics"):
-        for path in sorted((root / package).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
+def source_hash(reducers: Sequence[Reducer]) -> str:
+    """Hash of all that a row depends on: sources that this module imports, packages, and the catalogue's studies."""
+    studies = [study.model_dump(mode="json") for reducer in reducers for study in (reducer.model, reducer.truth)]
+    content = json.dumps([source_hashes(__name__), package_versions(), studies], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:

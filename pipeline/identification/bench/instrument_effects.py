@@ -34,10 +34,13 @@ class InstrumentEffect:
     changes: str
     signature: str
     confused_with: tuple[str, ...]
+    told_apart_by: str
     bounds: Callable[[float, float, float], tuple[tuple[float, float], ...]]
     apply: Callable[[Instrument, Sequence[float]], Instrument]
     needs: frozenset[str] = frozenset()
     common_offset: bool = False
+    limit_case: str = ""
+    starts: str = "secants"
 
 
 def _ripple(instrument: Instrument, values: Sequence[float]) -> Instrument:
@@ -56,6 +59,7 @@ EFFECTS = (
         changes="torque read",
         signature="the loop stands off centre along the torque",
         confused_with=("flank_wear",),
+        told_apart_by="the torque sensor unloaded and unmounted",
         bounds=lambda rated, span, hours: ((-0.3 * rated, 0.3 * rated),),
         apply=lambda instrument, values: replace(instrument, torque_zero=values[0]),
     ),
@@ -68,6 +72,7 @@ EFFECTS = (
         changes="torque read",
         signature="all of the curve is stretched along the torque, friction too",
         confused_with=("output_torsion", "seat_compliance"),
+        told_apart_by="the torque sensor under a known weight",
         bounds=lambda rated, span, hours: ((-0.3, 0.5),),
         apply=lambda instrument, values: replace(instrument, torque_gain=values[0]),
     ),
@@ -80,6 +85,7 @@ EFFECTS = (
         changes="angle read",
         signature="cycles stand off one another by equal steps, loops do not close",
         confused_with=("creep", "run_in"),
+        told_apart_by="the angle over an hour without load",
         bounds=lambda rated, span, hours: ((-2 * span / hours, 2 * span / hours),),
         apply=lambda instrument, values: replace(instrument, drift=values[0]),
         needs=frozenset({TIME}),
@@ -96,6 +102,7 @@ EFFECTS = (
         changes="angle read, with the encoder's own angle",
         signature="offsets of the positions, and twist, vary once a turn of the encoder",
         confused_with=("ovality_2", "ovality_3"),
+        told_apart_by="an encoder with two heads half a turn apart",
         bounds=lambda rated, span, hours: ((-2 * span, 2 * span),) * 2,
         apply=lambda instrument, values: replace(instrument, encoder=(values[0], values[1])),
         needs=frozenset({CRANKS}),
@@ -114,6 +121,8 @@ EFFECTS = (
         changes="torque in the reducer, with the angle of the output",
         signature="a staircase of constant step in the angle, most where the curve is steep",
         confused_with=(),
+        told_apart_by="the motor alone, turned slowly by hand",
+        starts="periods",
         bounds=lambda rated, span, hours: (
             (-0.15 * rated, 0.15 * rated),
             (-0.15 * rated, 0.15 * rated),

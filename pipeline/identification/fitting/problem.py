@@ -162,6 +162,11 @@ def candidates() -> Mapping[str, Candidate]:
     return {**library(), **instrument_effects()}
 
 
+def limit_cases() -> Mapping[str, str]:
+    """By name of an effect, the simpler one that it becomes at a limit of its parameters."""
+    return {name: effect.limit_case for name, effect in candidates().items() if effect.limit_case}
+
+
 @dataclass(frozen=True)
 class Model:
     """A set of effects that are put into the declared drives."""

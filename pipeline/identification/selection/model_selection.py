@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
-from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.fitting.problem import Model, candidates, limit_cases
 from pipeline.identification.selection.cross_validation import Trial, trial
 from pipeline.identification.selection.screening import Promise, screened
 from pipeline.statistics.blocks import confidence_set, max_t
@@ -112,9 +112,10 @@ class Selector:
             nothing = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
             declared = Vector(nothing[0], base.unknowns.shares, nothing[1])
             bases.append(self.fitter.fit(base.model, cells, declared, 0))
+        nested = limit_cases()
         held = {effect.name for effect in base.model.effects}
-        held |= {name for name, simpler in NESTED.items() if simpler in held} | {
-            NESTED.get(name, name) for name in held
+        held |= {name for name, simpler in nested.items() if simpler in held} | {
+            nested.get(name, name) for name in held
         }
         return screened(self.fitter, cells, bases, [one for name, one in self.testable.items() if name not in held])
 
@@ -189,7 +190,7 @@ class Selector:
         fit, found = selection.chosen.fit, {}
         parts = fit.model.split(fit.unknowns.shares.tolist())
         for number, (effect, shares) in enumerate(parts):
-            simpler = NESTED.get(effect.name)
+            simpler = effect.limit_case
             for own in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
                 kept = [*parts[:number], *own, *parts[number + 1 :]]
                 model = Model(tuple(one for one, _ in kept))
@@ -271,15 +272,12 @@ class Selector:
         return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
 
 
-NESTED: Mapping[str, str] = {"presliding": "coulomb"}
-"""Effects that become a simpler one at a limit of their parameters: not needed where that one does as well."""
-
-
 def _alike(trial: Trial) -> float:
     """Difference of mean losses that decides nothing, in squared floors."""
     return float(ALIKE * max(1.0, trial.rms**2))
 
 
 def _simplest(name: str) -> str:
-    """Name of a model with the simpler of nested effects in their place."""
-    return "+".join(sorted(NESTED.get(part, part) for part in name.split("+")))
+    """Name of a model with the simpler of nested effects in their place: they are not needed where it does as well."""
+    nested = limit_cases()
+    return "+".join(sorted(nested.get(part, part) for part in name.split("+")))

@@ -30,8 +30,8 @@ RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
 RADII, PHASES = (0.05, 0.15, 0.35), 8
 """Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
-RIPPLE = "motor_cogging"
-"""The effect whose starts are periods; looked at beside the first base alone, since there are many of them."""
+PERIODIC = "periods"
+"""Starts of an effect that has a period; looked at beside the first base alone, since there are many of them."""
 WAVE_STEP, WAVE_PHASES = 0.75, 5
 """Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each."""
 SIZES, COARSER = (0.75, 1.0, 1.3, 1.6, 2.0), 5
@@ -94,7 +94,7 @@ class Screening:
 
     def starts(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts for an effect beside the base with their sums of squares, where an equilibrium was found."""
-        if effect.name == RIPPLE:
+        if effect.starts == PERIODIC:
             return self._ripples(effect)
         model = Model((*self.base.model.effects, effect))
         bounds = np.array(self.fitter.problem.bounds(effect))
@@ -210,7 +210,7 @@ def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequen
     looks = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
     promises = {}
     for effect in effects:
-        around = looks[:1] if effect.name == RIPPLE else looks
+        around = looks[:1] if effect.starts == PERIODIC else looks
         found = sorted((one for look in around for one in look.starts(effect)), key=lambda one: one[0])
         if found:
             least = found[0][0]

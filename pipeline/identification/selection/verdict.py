@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -192,40 +192,12 @@ def _number(p: FittedParameter) -> str:
     return f"{p.name} = {p.value:.3g}{unit}, {CONFIDENCE:.0%} interval {p.ci_low:.3g} to {p.ci_high:.3g}"
 
 
-DISTINGUISHING: Mapping[str, str] = {
-    "coulomb": "a slow ramp to a tenth of the load: constant friction opens it as wide as the full one",
-    "contact_friction": "loops to a quarter, half and all of the load: their width tells friction that grows with it",
-    "load_friction": "the same loop at two loads: its width is in proportion to the torque",
-    "presliding": "minor loops about a constant load: presliding friction makes lenses of them",
-    "bearing_clearance": "the radial play of the input bearing with a dial gauge",
-    "pin_circle_error": "the diameter over the pins on a coordinate measuring machine",
-    "pin_radius_error": "the pins' diameter with a micrometer",
-    "preload": "the running torque without load: interference raises it",
-    "eccentricity_error": "the throw of the crank with a dial gauge",
-    "ovality_2": "the housing's roundness, or six crank angles over half a turn",
-    "ovality_3": "the housing's roundness, or six crank angles over a third of a turn",
-    "flank_wear": "both flanks of a lobe on a form tester, or an absolute zero of the angle",
-    "seat_compliance": "the twist of the housing ring against the frame under load",
-    "output_torsion": "the twist between the reducer's flange and the lever",
-    "thermal_growth": "the same loop at two temperatures",
-    "run_in": "further cycles: wear settles",
-    "creep": "the angle over an hour at constant load",
-    "torque_zero": "the torque sensor unloaded and unmounted",
-    "torque_gain": "the torque sensor under a known weight",
-    "angle_drift": "the angle over an hour without load",
-    "encoder_eccentricity": "an encoder with two heads half a turn apart",
-    "motor_cogging": "the motor alone, turned slowly by hand",
-}
-"""The measurement that tells an effect from those that it is confused with."""
-
-
 def _advice(verdict: str, named: Sequence[str], selection: Selection) -> str:
     """What to measure next."""
     if verdict == EQUIVALENT:
         parts = [part for name in named for part in name.split("+")]
-        return (
-            "To tell them apart, measure " + "; or ".join(DISTINGUISHING[part] for part in dict.fromkeys(parts)) + "."
-        )
+        measurements = [candidates()[part].told_apart_by for part in dict.fromkeys(parts)]
+        return f"To tell them apart, measure {'; or '.join(measurements)}."
     if verdict == UNEXPLAINED:
         return "Look at the residual over torque, angle, time and crank angle: its shape names what the library lacks."
     return ""

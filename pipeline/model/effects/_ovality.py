@@ -8,8 +8,8 @@ from pipeline.model.effects.effect import CRANKS, LARGEST_INTERFERENCE, Conditio
 from pipeline.model.load_history.drive import Drive
 
 
-def ovality(order: int, word: str, other: str) -> Effect:
-    """The effect of a pin circle with ``order`` lobes, ``word`` for people, confused with the effect ``other``."""
+def ovality(order: int, word: str, period: str, other: str) -> Effect:
+    """The effect of a pin circle with ``order`` lobes, ``word`` for people, of some ``period``; ``other`` is alike."""
 
     def apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
         angle = order * drive.profile.pin_angle()
@@ -31,6 +31,7 @@ def ovality(order: int, word: str, other: str) -> Effect:
         changes="radial position of every pin",
         signature=f"play varies over the crank angle, {word} waves a turn",
         confused_with=(other,),
+        told_apart_by=f"the housing's roundness, or six crank angles over {period} of a turn",
         bounds=bounds,
         apply=apply,
         needs=frozenset({CRANKS}),

@@ -20,6 +20,7 @@ EFFECT = Effect(
     changes="radial clearance of the bearing",
     signature="play grows, and the same at every crank angle; little at high torque",
     confused_with=("pin_circle_error", "pin_radius_error", "eccentricity_error"),
+    told_apart_by="the radial play of the input bearing with a dial gauge",
     bounds=lambda drive: ((0.0, 1e3 * drive.profile.eccentricity / 3),),
     apply=_apply,
 )

@@ -23,6 +23,7 @@ EFFECT = Effect(
     changes="a slider at every pin, pressed by its force",
     signature="branches part the further the higher the load; no width at zero torque of its own",
     confused_with=("coulomb", "presliding", "load_friction"),
+    told_apart_by="loops to a quarter, half and all of the load: their width tells friction that grows with it",
     bounds=lambda drive: ((0.0, 0.4),),
     apply=_apply,
     needs=frozenset({STILL}),

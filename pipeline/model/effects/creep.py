@@ -24,6 +24,7 @@ EFFECT = Effect(
     changes="adds a delayed rotation to that of the output",
     signature="angle runs on at constant torque; loops open with slow loading",
     confused_with=("presliding",),
+    told_apart_by="the angle over an hour at constant load",
     bounds=lambda drive: ((0.0, largest_twist(drive)), (0.05, 1e4)),
     apply=_apply,
     needs=frozenset({TIME}),

@@ -26,6 +26,7 @@ EFFECT = Effect(
     changes="eccentricity",
     signature="other pins touch first; rigidity and play change together, alike at every crank angle",
     confused_with=("bearing_clearance", "pin_circle_error"),
+    told_apart_by="the throw of the crank with a dial gauge",
     bounds=lambda drive: (_symmetric(drive),),
     apply=_apply,
 )

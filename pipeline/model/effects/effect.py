@@ -1,6 +1,7 @@
 """What an effect is, and the library of all."""
 
 import importlib
+import importlib.metadata
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ CRANKS, CYCLES, TIME, TEMPERATURE, STILL = "cranks", "cycles", "time", "temperat
 """What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
 varies, a crank that stays within half a pitch of the pins."""
 
+ENTRY_POINTS = "cycloid_effects"
+"""Group in which an installed package registers effects of its own (name = "module:EFFECT")."""
 LARGEST_CLEARANCE = 1 / 3
 """Clearance that an effect may give, over the eccentricity."""
 LARGEST_INTERFERENCE = 1 / 30
@@ -64,9 +67,12 @@ class Effect:
     changes : what it changes in the model.
     signature : how it shows in measured curves.
     confused_with : names of effects that curves alone hardly tell from it.
+    told_apart_by : the measurement that tells it from them.
     bounds : of a drive: (low, high) of every parameter.
     apply : drive, values, conditions to the drive with the effect.
-    needs : what the data must offer.
+    needs : what the data must offer; a study's load cycle has no ``TIME``.
+    limit_case : name of the simpler effect that it becomes at a limit of its parameters, or "".
+    starts : where its fit starts: from "secants" of its parameters, or from many "periods" of a ripple.
     """
 
     name: str
@@ -77,9 +83,12 @@ class Effect:
     changes: str
     signature: str
     confused_with: tuple[str, ...]
+    told_apart_by: str
     bounds: Callable[[Drive], tuple[tuple[float, float], ...]]
     apply: Callable[[Drive, Sequence[float], Conditions], Drive]
     needs: frozenset[str] = frozenset()
+    limit_case: str = ""
+    starts: str = "secants"
 
 
 SOFTEST = 100.0
@@ -99,8 +108,20 @@ def largest_twist(drive: Drive) -> float:
 
 @cache
 def library() -> Mapping[str, Effect]:
-    """All effects by name."""
+    """All effects by name: the files beside this one, and what installed packages register as ``ENTRY_POINTS``.
+
+    Raises
+    ------
+    ValueError
+        If a registered effect has the name of another one.
+    """
     package = importlib.import_module("pipeline.model.effects")
     names = sorted(file.name for file in pkgutil.iter_modules(package.__path__))
     names = [name for name in names if name != "effect" and not name.startswith("_")]
-    return {name: importlib.import_module(f"pipeline.model.effects.{name}").EFFECT for name in names}
+    effects = {name: importlib.import_module(f"pipeline.model.effects.{name}").EFFECT for name in names}
+    for entry in sorted(importlib.metadata.entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
+        effect = entry.load()
+        if effect.name in effects:
+            raise ValueError(f"{entry.value}: the effect {effect.name} is in the library already; give it another name")
+        effects[effect.name] = effect
+    return effects

@@ -24,6 +24,7 @@ EFFECT = Effect(
     changes="gap of the pins that carry one sense of torque",
     signature="one end of the play moves, the other stays",
     confused_with=("pin_circle_error", "pin_radius_error"),
+    told_apart_by="both flanks of a lobe on a form tester, or an absolute zero of the angle",
     bounds=lambda drive: ((-1e3 * drive.profile.eccentricity / 3, 1e3 * drive.profile.eccentricity / 3),),
     apply=_apply,
 )

@@ -24,6 +24,7 @@ EFFECT = Effect(
     changes="a slider on the rotation of the output, its limit in proportion to the torque in the reducer",
     signature="branches part in proportion to the torque; after a reversal the angle stays where it is",
     confused_with=("contact_friction", "presliding"),
+    told_apart_by="the same loop at two loads: its width is in proportion to the torque",
     bounds=lambda drive: ((0.0, 0.6),),
     apply=_apply,
 )

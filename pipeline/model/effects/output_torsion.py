@@ -21,6 +21,7 @@ EFFECT = Effect(
     changes="adds torsion times torque to the rotation of the output",
     signature="the same angle per torque at every load and crank angle",
     confused_with=("seat_compliance", "torque_gain"),
+    told_apart_by="the twist between the reducer's flange and the lever",
     bounds=lambda drive: ((0.0, largest_twist(drive)),),
     apply=_apply,
 )

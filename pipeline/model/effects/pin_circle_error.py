@@ -21,6 +21,7 @@ EFFECT = Effect(
     changes="radial position of all pins",
     signature="play grows or shrinks alike in both senses and at every crank angle",
     confused_with=("pin_radius_error", "preload", "bearing_clearance"),
+    told_apart_by="the diameter over the pins on a coordinate measuring machine",
     bounds=lambda drive: (clearances(drive),),
     apply=_apply,
 )

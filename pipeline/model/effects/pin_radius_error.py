@@ -21,6 +21,7 @@ EFFECT = Effect(
     changes="radius of all pins",
     signature="play grows or shrinks alike in both senses and at every crank angle",
     confused_with=("pin_circle_error", "preload", "bearing_clearance"),
+    told_apart_by="the pins' diameter with a micrometer",
     bounds=lambda drive: (clearances(drive, shrinks=True),),
     apply=_apply,
 )

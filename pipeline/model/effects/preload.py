@@ -23,6 +23,7 @@ EFFECT = Effect(
     changes="gap of every pin",
     signature="no play, high rigidity near zero torque",
     confused_with=("pin_radius_error", "pin_circle_error"),
+    told_apart_by="the running torque without load: interference raises it",
     bounds=lambda drive: ((0.0, 1e3 * LARGEST_INTERFERENCE * drive.profile.eccentricity),),
     apply=_apply,
 )

@@ -32,6 +32,8 @@ EFFECT = Effect(
     changes="four sliders on the rotation of the output",
     signature="branches part smoothly after a reversal; minor loops are lenses",
     confused_with=("coulomb", "contact_friction"),
+    told_apart_by="minor loops about a constant load: presliding friction makes lenses of them",
+    limit_case="coulomb",
     bounds=lambda drive: ((0.0, 0.5e-3 * drive.rated_torque), (0.1, 10.0)),
     apply=_apply,
 )

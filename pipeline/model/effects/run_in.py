@@ -27,6 +27,7 @@ EFFECT = Effect(
     changes="gap of every pin, with the cycle",
     signature="play grows from cycle to cycle and settles",
     confused_with=("thermal_growth", "angle_drift"),
+    told_apart_by="further cycles: wear settles",
     bounds=lambda drive: ((0.0, 1e3 * drive.profile.eccentricity / 3), (0.3, 30.0)),
     apply=_apply,
     needs=frozenset({CYCLES}),

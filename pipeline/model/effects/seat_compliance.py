@@ -30,6 +30,7 @@ EFFECT = Effect(
     changes="the linear part of the pins' force laws",
     signature="rigidity falls at all loads, and more pins share the load",
     confused_with=("output_torsion",),
+    told_apart_by="the twist of the housing ring against the frame under load",
     bounds=_bounds,
     apply=_apply,
 )

@@ -20,6 +20,7 @@ EFFECT = Effect(
     changes="radial position of all pins, with the temperature of each cycle",
     signature="play follows the temperature",
     confused_with=("run_in",),
+    told_apart_by="the same loop at two temperatures",
     bounds=lambda drive: ((-200.0, 200.0),),
     apply=_apply,
     needs=frozenset({TEMPERATURE}),
