@@ -14,7 +14,7 @@ from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.reducer import PIN, Bearing, Reducer
 from pipeline.model.load_history.drive import Drive, GapReading
-from pipeline.model.load_history.frictional_cycle import solve_frictional_cycle
+from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle, solve_cycle
 from pipeline.mounting import with_effects
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
@@ -154,12 +154,12 @@ def solve_samples(shared: Shared, gap_um: np.ndarray, bearing_um: np.ndarray) ->
     solved = []
     for k, at in enumerate(shared.reducers):
         spring = at, shared.bearing, shared.laws[k], shared.compliances[k]
-        of_samples = gap_um[:, k] / UM_PER_MM, loose + shared.looser[k], shared.cycle
-        solved.append(
-            solve_frictional_cycle(*spring, *of_samples, shared.sliders[k])
-            if shared.frictional
-            else solve_cycle(*spring, *of_samples)
-        )
+        of_samples = gap_um[:, k] / UM_PER_MM, loose + shared.looser[k]
+        if shared.frictional:
+            states = solve_cycle(*spring, *of_samples, refined(shared.cycle))
+            solved.append(solve_frictional_cycle(*spring, *of_samples, shared.cycle, shared.sliders[k], states))
+        else:
+            solved.append(solve_cycle(*spring, *of_samples, shared.cycle))
     return solved
 
 

@@ -18,7 +18,7 @@ from pipeline.engine.store import Cache, Output
 from pipeline.errors import InputError
 from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects import library
-from pipeline.model.load_history.frictional_cycle import solve_frictional_cycle
+from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
@@ -155,7 +155,8 @@ def _spring(study: Study, outputs: Outputs) -> tuple:
 def test_work_of_constant_friction_is_its_torque_times_the_way(study: Study, outputs: Outputs) -> None:
     torque, cycle = 700.0, LoadCycle.evenly(12e3, 300, 1.0, (0.03, 0.5, 1.0))
     at, *spring = _spring(study, outputs)
-    solved = solve_frictional_cycle(at, *spring, cycle, output_sliders(at, np.array([torque]), np.array([1e-7])))
+    friction = output_sliders(at, np.array([torque]), np.array([1e-7]))
+    solved = solve_frictional_cycle(at, *spring, cycle, friction, solve_cycle(at, *spring, refined(cycle)))
     branch, state = cycle.steps
     loop = branch > 0
     angle, load = solved.motion[:, loop, at.output_motion], cycle.state_torque[state][loop]
@@ -167,7 +168,7 @@ def test_path_without_sliders_is_the_frictionless_cycle(study: Study, outputs: O
     at, *spring = _spring(study, outputs)
     cycle = assembly.load_cycle(study)
     weak = output_sliders(at, np.array([1e-6]), np.array([1e-5]))
-    followed = solve_frictional_cycle(at, *spring, cycle, weak)
+    followed = solve_frictional_cycle(at, *spring, cycle, weak, solve_cycle(at, *spring, refined(cycle)))
     states = solve_cycle(at, *spring, cycle)
     _, state = cycle.steps
     loaded = cycle.state_torque[state] != 0

@@ -1,6 +1,6 @@
 """The load cycle of samples with friction, where a state depends on the way to it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.load_history.drive import NO_LOAD, ladder
 from pipeline.model.load_history.incremental import solve_path
-from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
+from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.output_path import Ripple, condensed_path
 
 LEVELS = 12
@@ -60,6 +60,11 @@ class _Sample:
         return motion, force, worst
 
 
+def refined(cycle: LoadCycle) -> LoadCycle:
+    """The cycle with at least ``LEVELS`` torques on a branch, among them ``NO_LOAD``."""
+    return replace(cycle, fractions=np.union1d(ladder(LEVELS, float(cycle.fractions[-1])), cycle.fractions))
+
+
 def solve_frictional_cycle(
     reducer: Reducer,
     bearing: Bearing,
@@ -69,6 +74,7 @@ def solve_frictional_cycle(
     bearing_clearance: Real,
     cycle: LoadCycle,
     sliders: Sliders,
+    frictionless: Equilibria,
 ) -> Equilibria:
     """The steps of the cycle for every sample; arrays (n, n_steps, ...) in the order of ``cycle.steps``.
 
@@ -77,14 +83,14 @@ def solve_frictional_cycle(
     compliance : (n_contacts, n_contacts) [mm/N]
     gap : (n, n_contacts) [mm]
     bearing_clearance : (n,) [mm]
+    frictionless : states of the ``refined`` cycle without friction.
 
     Notes
     -----
     The cycle is followed from rest. Rows at zero torque are solved at +-``NO_LOAD`` of the rated torque on the branch's
     side. Residual and convergence are those of the whole way, the same at all its steps.
     """
-    fine = LoadCycle(cycle.rated_torque, np.union1d(ladder(LEVELS, float(cycle.fractions[-1])), cycle.fractions))
-    states = solve_cycle(reducer, bearing, laws, compliance, gap, bearing_clearance, fine)
+    fine, states = refined(cycle), frictionless
     order = np.argsort(fine.state_torque, kind="stable")
     order = order[fine.state_torque[order] != 0]
     _, state = fine.steps

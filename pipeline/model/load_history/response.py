@@ -1,0 +1,101 @@
+"""The load cycle of a drive: its curve with friction, and the ends of its free play without.
+
+One definition of the three numbers at zero torque, with or without effects:
+
+* clearance backlash: angle between the limits T -> 0- and T -> 0+ of the *frictionless elastic* drive. Where the gaps
+  leave room the forces vanish with the torque, so the limits are the ends of the rigid play (the program of
+  ``rigid_backlash``); where contacts interfere the elastic equilibria take their place, which deform the bodies under
+  the preload and may leave some play, or none;
+* zero-torque width: width of the loop at zero torque, friction included;
+* hysteresis loss: the width less the backlash.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
+from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle
+
+
+@dataclass(frozen=True)
+class CycleResponse:
+    """A drive's ``n`` states (samples) through a load cycle.
+
+    Attributes
+    ----------
+    branch : (n_steps,) branch of every step, its index in ``BRANCHES``.
+    torque : (n_steps,) on the output [N mm]; 0 stands for the limit from the branch's side.
+    angle : (n, n_steps) of the output [rad], the torsion behind the reducer included.
+    state : (n_steps,) equilibrium that a step visits: its second index in ``equilibria``.
+    equilibria : (n, n_equilibria, ...); without friction a torque has one, with friction every step has its own.
+    play : (n, 2) angle [rad] at the frictionless limits T -> 0- and T -> 0+.
+    converged : (n,) whether every step and both limits were solved.
+    """
+
+    branch: np.ndarray
+    torque: Real
+    angle: Real
+    state: np.ndarray
+    equilibria: Equilibria
+    play: Real
+    converged: np.ndarray
+
+    @property
+    def clearance_backlash(self) -> Real:
+        """(n,) [rad]"""
+        return self.play[:, 1] - self.play[:, 0]
+
+    @property
+    def zero_torque_width(self) -> Real:
+        """(n,) [rad] angle on the way down from +T less that on the way up from -T, both at zero torque."""
+        down, up = (self._zero_of(name) for name in ("unloading+", "unloading-"))
+        return self.angle[:, down] - self.angle[:, up]
+
+    @property
+    def hysteresis_loss(self) -> Real:
+        """(n,) [rad] exactly zero without friction."""
+        return self.zero_torque_width - self.clearance_backlash
+
+    def _zero_of(self, branch: str) -> int:
+        return int(np.flatnonzero((self.branch == BRANCHES.index(branch)) & (self.torque == 0))[0])
+
+
+def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
+    """The drive through the load cycle 0 -> +T -> -T -> +T, with friction if it has any.
+
+    Parameters
+    ----------
+    cycle : its levels; those of the metrics alone (``LoadCycle.evenly`` with no levels but the marks) are enough, with
+        friction too: the history between them is followed in smaller steps all the same.
+
+    Raises
+    ------
+    ValueError
+        If the drive creeps: a load cycle has no time.
+    """
+    if drive.creep is not None:
+        raise ValueError("a load cycle has no time, so a drive that creeps has no response to it")
+    springs = drive.reducer, drive.bearing, drive.laws, drive.compliance, drive.gap, drive.bearing_clearance
+    frictional = len(drive.sliders.acting) > 0
+    levels = refined(cycle) if frictional else cycle
+    frictionless = solve_cycle(*springs, levels)
+    branch, state = cycle.steps
+    torque = cycle.state_torque[state]
+    limits = [len(levels.fractions) + 1, 0]  # 0-, 0+
+    motion = drive.reducer.output_motion
+    equilibria, converged = frictionless, np.all(frictionless.converged[:, limits], axis=1)
+    if frictional:
+        equilibria, state = solve_frictional_cycle(*springs, cycle, drive.sliders, frictionless), np.arange(len(state))
+    return CycleResponse(
+        branch,
+        torque,
+        equilibria.motion[:, state, motion] + drive.torsion * torque,
+        state,
+        equilibria,
+        frictionless.motion[:, limits, motion],
+        converged & np.all(equilibria.converged, axis=1),
+    )
