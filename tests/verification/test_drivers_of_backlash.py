@@ -1,0 +1,106 @@
+"""Variance-based indices of the paper's rigid backlash against brute force: conditional variances by double loops.
+
+The double loop shares no code with the design or the estimator: it freezes a group in the errors themselves (not in the
+unit cube), draws the others anew, and splits the variance by an analysis of variance.
+"""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import assembly
+from pipeline.config import load_study
+from pipeline.config.study import Drivers
+from pipeline.model.geometry.clearance import gaps
+from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.sampling import draw, draw_mixed, error_groups, oval_shift
+from pipeline.statistics.variance_indices import variance_indices
+
+CRANKS = 0.0, 90.0, 180.0, 270.0
+STUDY = load_study("paper", Path(__file__).parents[2])
+REDUCERS = [assembly.reducer(STUDY.design, crank) for crank in CRANKS]
+OVALS = {"ovality_2": 2, "ovality_3": 3}
+
+
+def worst_backlash(sampled):
+    """Largest rigid backlash over the crank angles (n,) [arcmin]."""
+    errors, profile = assembly.errors(sampled), assembly.profile(STUDY.design)
+    loose = np.zeros(len(sampled))
+    plays = [rigid_play(at, gaps(profile, at, errors, **dict(STUDY.clearance)), loose).backlash for at in REDUCERS]
+    return np.degrees(np.max(plays, axis=0)) * 60
+
+
+def rows(errors, index):
+    return type(errors)(**{field.name: getattr(errors, field.name)[index] for field in fields(errors)})
+
+
+def with_group(errors, donor, group):
+    """``errors`` with one group's values from ``donor``; the pins' radial errors hold the ovalities' shift."""
+
+    def shift(units, name):
+        pins = units.pin_radial.shape[1]
+        return oval_shift(getattr(units, f"{name}_amplitude"), getattr(units, f"{name}_phase"), OVALS[name], pins)
+
+    if group in OVALS:
+        names = f"{group}_amplitude", f"{group}_phase"
+        radial = errors.pin_radial - shift(errors, group) + shift(donor, group)
+        return replace(errors, pin_radial=radial, **{name: getattr(donor, name) for name in names})
+    if group == "pin_radial":
+        oval = sum(shift(errors, name) - shift(donor, name) for name in OVALS)
+        return replace(errors, pin_radial=donor.pin_radial + oval)
+    return replace(errors, **{group: getattr(donor, group)})
+
+
+def split_variance(values):
+    """Variance between and within the rows of ``values`` (n_outer, n_inner), both without bias."""
+    within = values.var(axis=1, ddof=1).mean()
+    return values.mean(axis=1).var(ddof=1) - within / values.shape[1], within
+
+
+def brute_force(group, outer, inner, rng):
+    """First-order and total index of a group on the worst backlash, by two double loops."""
+    pool = draw(STUDY, 1, STUDY.samples.rows)
+    index = rng.integers(0, len(pool), (3, outer * inner))
+    frozen = np.repeat(index[0, :outer], inner)
+    alone = worst_backlash(with_group(rows(pool, index[1]), rows(pool, frozen), group))
+    others = worst_backlash(with_group(rows(pool, frozen), rows(pool, index[2]), group))
+    between, within = split_variance(alone.reshape(outer, inner))
+    _, vanishing = split_variance(others.reshape(outer, inner))
+    return between / (between + within), vanishing / (between + within)
+
+
+def by_pick_freeze(count):
+    study = STUDY.model_copy(update={"drivers": Drivers(base_samples=count)})
+    groups = error_groups(study)
+    values = worst_backlash(draw_mixed(study, 0, (2 + len(groups)) * count)).reshape(-1, count)
+    return groups, variance_indices(values[0], values[1], values[2:], 0.95)
+
+
+@pytest.fixture(scope="module")
+def estimated():
+    return by_pick_freeze(400)
+
+
+@pytest.mark.parametrize("group", ["ovality_2", "pin_radial", "pin_tangential", "disk_profile", "lobe_profile"])
+def test_indices_of_the_rigid_backlash_are_those_of_a_double_loop(estimated, group):
+    """Within the interval and two standard deviations of the double loop's own share."""
+    groups, indices = estimated
+    outer, inner, g = 200, 20, groups.index(group)
+    for shares, truth in zip(
+        (indices.first_order, indices.total), brute_force(group, outer, inner, np.random.default_rng(1)), strict=True
+    ):
+        half = (shares.ci_high[g] - shares.ci_low[g]) / 2
+        assert abs(shares.value[g] - truth) < half + 2 * (truth + 1 / inner) * np.sqrt(2 / outer)
+        assert half < 0.12
+
+
+if __name__ == "__main__":  # the long form: python tests/verification/test_drivers_of_backlash.py
+    names, long = by_pick_freeze(2000)
+    for g, name in enumerate(names):
+        double_loop = brute_force(name, 1000, 40, np.random.default_rng(g))
+        for kind, truth in zip(("first_order", "total"), double_loop, strict=True):
+            estimate = getattr(long, kind)
+            interval = f"{estimate.value[g]:6.3f} {estimate.ci_low[g]:6.3f} {estimate.ci_high[g]:6.3f}"
+            print(f"{name:16} {kind:12} {interval} {truth:6.3f}")
