@@ -126,4 +126,4 @@ def _held_out(
 
 def _fault_verdict(measurement: Measurement) -> Verdict:
     why = "; ".join(fault.message for fault in measurement.fatal)
-    return Verdict(FAULT, (), (), (), float("nan"), f"The data do not support a verdict: {why}", "")
+    return Verdict(FAULT, (), (), (), float("nan"), None, f"The data do not support a verdict: {why}", "")

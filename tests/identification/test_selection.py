@@ -59,7 +59,8 @@ def trials_of(losses, apart=None):
 def best_of(losses, **more):
     trials = trials_of(losses)
     survivors = sorted(trials, key=lambda name: trials[name].scores.mean())
-    return selector(**more)._best(survivors, trials)
+    made = selector(**more)
+    return made._best(survivors, trials, made.most_effects)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +205,7 @@ def test_best_is_tried_without_each_effect_and_with_the_simpler_one():
     made.trial = lambda name, _: trial(name, 2.0)
     trials = trials_of({"presliding+preload": 1.0, "preload": 1.5, "presliding": 3.0})
     trials = {one.fit.model.name: one for one in trials.values()}
-    found = made._without(Selection(trial("", 9.0), trials, {}, {}, {}, (), "preload+presliding", ()), EVERYTHING)
+    found = made._without(Selection(trial("", 9.0), trials, {}, {}, {}, (), "preload+presliding", "", ()), EVERYTHING)
     shares = trials["preload+presliding"].fit.unknowns.shares  # presliding's two, then preload's
     expected = {"presliding": shares[:2], "preload": shares[2:], "coulomb+preload": shares[[0, 2]]}
     assert starts.keys() == expected.keys()

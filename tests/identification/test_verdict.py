@@ -8,12 +8,13 @@ from measured_bench import ROOT, measured, write_unit
 from scipy.stats import binom, norm
 
 from pipeline.identification.fitting.parameters import Fit, Vector
-from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.fitting.problem import Data, Model, candidates
 from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.model_selection import FORM, STRUCTURE, Selection
-from pipeline.identification.selection.verdict import intervals, judge
+from pipeline.identification.selection.model_selection import Selection
+from pipeline.identification.selection.parameter_intervals import FORM, intervals
+from pipeline.identification.selection.verdict import MOSTLY_REMOVED, judge
 
 BLOCKS, CELLS = 24, 20
 BOUNDS = (-4.0, 6.0)
@@ -33,8 +34,23 @@ class LinearFitter:
         block = np.repeat(np.arange(BLOCKS), CELLS)
         shared = 0.5 * noise * rng.normal(size=BLOCKS)[block]  # what the cells of a block have in common
         angle = self.design @ np.append(scale, truth) + shared + noise * rng.normal(size=n)
-        data = SimpleNamespace(angle=angle, sigma=np.full(n, noise), block=block, branch=block)
-        self.problem = SimpleNamespace(data=data)
+        torque = np.tile(np.linspace(-1, 1, CELLS), BLOCKS)
+        count, whole = np.ones(n, np.int64), block // BLOCKS
+        self.problem = SimpleNamespace(
+            data=Data(
+                position=block % 2,
+                cycle=whole,
+                block=block,
+                branch=block,
+                torque=torque,
+                angle=angle,
+                count=count,
+                spread=np.full(n, noise),
+                noise=noise,
+                sigma=np.full(n, noise),
+                common_offset=False,
+            )
+        )
 
     def bounds(self, model):
         return [BOUNDS] * model.n_parameters
@@ -122,7 +138,8 @@ def selection_of(fitter, base_rms, trials, members, best):
         return Trial(fitter.fit(model), np.full(BLOCKS, rms**2))
 
     made = {name: trial(name, rms) for name, rms in trials.items()}
-    return Selection(trial("", base_rms), made, {}, {}, {}, tuple(made) if best else (), best, members)
+    claimed = best if best.count("+") < 2 else ""
+    return Selection(trial("", base_rms), made, {}, {}, {}, tuple(made) if best else (), best, claimed, members)
 
 
 SINGLES = ("coulomb", "flank_wear", "preload", "seat_compliance")
@@ -138,11 +155,15 @@ CASES = {
     "nothing in the library": (5.0, {"coulomb": 4.9}, (), "", "unexplained", ()),
     "not enough": (
         5.0,
-        {"coulomb": 1.05 * np.hypot(STRUCTURE, FORM * 5.0)},
+        {"coulomb": 1.05 * (1 - MOSTLY_REMOVED) * 5.0},
         ("coulomb",),
         "coulomb",
         "unexplained",
         (),
+    ),
+    "most of it": (
+        *(50.0, {"coulomb": 0.95 * (1 - MOSTLY_REMOVED) * 50.0}, ("coulomb",), "coulomb"),
+        *("mostly explained", ("coulomb",)),
     ),
     "three together": (
         *(5.0, {"coulomb+preload+flank_wear": 1.0}, ("coulomb+preload+flank_wear",), "coulomb+preload+flank_wear"),
@@ -162,7 +183,7 @@ def test_words_of_the_verdict(name):
     if len(named) <= 3:
         assert all(title in verdict.sentence for title in titles)
     assert [p.effect for p in verdict.parameters] == [part for one in named for part in one.split("+")]
-    assert bool(verdict.advice) == (word in ("equivalent", "unexplained"))
+    assert bool(verdict.advice) == (word in ("equivalent", "mostly explained", "unexplained"))
     if word == "unexplained":
         assert "nothing is claimed" in verdict.sentence
 

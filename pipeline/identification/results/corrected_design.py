@@ -18,7 +18,7 @@ from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.build import scaled_design
 from pipeline.identification.identify import Identification
 from pipeline.identification.selection.model_selection import Trial
-from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED
+from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
 
@@ -34,7 +34,7 @@ def study_file(unit: str) -> str:
 def corrected_trial(found: Identification) -> Trial:
     """The model that is written: with the named effect, the best of a class, or with refitted numbers alone."""
     named = found.verdict.named
-    if found.verdict.verdict in (IDENTIFIED, EQUIVALENT) and named:
+    if found.verdict.verdict in (IDENTIFIED, EQUIVALENT, MOSTLY) and named:
         best = found.selection.best
         return found.selection.trials[best if best in named else named[0]]
     return found.selection.base
@@ -98,6 +98,8 @@ def _reading(found: Identification) -> str:
     verdict, start = found.verdict.verdict, f"Verdict on {found.measurement.unit.name}"
     if verdict == IDENTIFIED:
         return f"{start}: identified."
+    if verdict == MOSTLY:
+        return f"{start}: mostly explained by {found.verdict.named[0]}; structure is left that nothing here describes."
     if verdict == EQUIVALENT:
         return f"{start}: equivalent; the data do not tell apart {', '.join(found.verdict.named)}. The best is written."
     if verdict == ADEQUATE:

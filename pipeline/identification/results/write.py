@@ -87,6 +87,7 @@ def _common(found: Identification | FaultyUnit) -> dict[str, Any]:
         "sentence": verdict.sentence,
         "advice": verdict.advice,
         "structure_floors": verdict.structure,
+        "remainder": asdict(verdict.remainder) if verdict.remainder else None,
         "parameters": [asdict(parameter) for parameter in verdict.parameters],
         "data_faults": [asdict(fault) for fault in found.measurement.faults],
     }

@@ -12,6 +12,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases
 from pipeline.identification.selection.cross_validation import Trial, trial
+from pipeline.identification.selection.parameter_intervals import FORM
 from pipeline.identification.selection.screening import Promise, screened
 from pipeline.statistics.blocks import confidence_set, max_t
 
@@ -26,9 +27,6 @@ FAMILYWISE = 0.05
 SET_LEVEL = 0.9
 STRUCTURE = 1.25
 """Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
-FORM = 0.05
-"""Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave. Calibrated: the
-parameters of blind units came out 1 to 6 % off."""
 LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
 LEAST_SHARE = 0.1
@@ -71,6 +69,7 @@ class Selection:
     t, p : of the gain over the base, p adjusted over all that were tried.
     survivors : models whose gain is significant and of use, best first.
     best : name, or "" without survivors.
+    claimed : the best of so few effects that they may be named together, or "".
     members : names of the class of the best.
     """
 
@@ -81,6 +80,7 @@ class Selection:
     p: Mapping[str, float]
     survivors: tuple[str, ...]
     best: str
+    claimed: str
     members: tuple[str, ...]
 
     @property
@@ -128,7 +128,7 @@ class Selector:
         base_fit = self.fitter.fit(Model(), cells, self.fitter.start(Model()))
         base = self.trial(base_fit, cells)
         if base.rms <= STRUCTURE:
-            return Selection(base, {}, {}, {}, {}, (), "", ())
+            return Selection(base, {}, {}, {}, {}, (), "", "", ())
         promises = self.screen(cells, base_fit)
         if only:
             fits = [self._joint_fit(name, cells, promises) for name in only]
@@ -205,7 +205,7 @@ class Selector:
     ) -> Selection:
         names = list(trials)
         if not names or len(base.losses) < FEWEST_BLOCKS or base.rms <= STRUCTURE:
-            return Selection(base, trials, screened, {}, {}, (), "", ())
+            return Selection(base, trials, screened, {}, {}, (), "", "", ())
         t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
         gain = np.array([base.rms**2 - trials[name].rms ** 2 for name in names])
         useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
@@ -214,7 +214,9 @@ class Selector:
             useful[k] = useful[k] and not self.problem.within_tolerance(fit.model, fit.values.tolist())
         scores = np.array([trials[name].scores.mean() for name in names])
         survivors = [names[k] for k in np.argsort(scores) if useful[k]]
-        best = self._best(survivors, trials)
+        best = self._best(survivors, trials, self.most_effects)
+        claimed = best if best and trials[best].fit.model.n_effects <= MOST_NAMED else ""
+        claimed = claimed or self._best(survivors, trials, MOST_NAMED)
         members = self._members(best, survivors, trials, cells) if best else ()
         return Selection(
             base,
@@ -224,13 +226,14 @@ class Selector:
             dict(zip(names, p.tolist(), strict=True)),
             tuple(survivors),
             best,
+            claimed,
             members,
         )
 
-    def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial]) -> str:
+    def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial], most_effects: int) -> str:
         """Least held-out loss; more effects only where they gain significantly over the best with fewer."""
         best = ""
-        for count in range(1, self.most_effects + 1):
+        for count in range(1, most_effects + 1):
             alike = [name for name in survivors if trials[name].fit.model.n_effects == count]
             if not alike:
                 continue

@@ -1,0 +1,93 @@
+"""Fitted parameters of effects with their intervals, and why some of them support no claim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, mapped
+from pipeline.statistics.blocks import resampled_means
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+FORM = 0.05
+"""Share of what an effect explains that the form of the model (contact law, mesh, cells) may leave. Calibrated: the
+parameters of blind units came out 1 to 6 % off."""
+RESAMPLES = 400
+CONFIDENCE = 0.95
+SEED = 79
+
+
+@dataclass(frozen=True)
+class FittedParameter:
+    """A parameter of a named effect with its interval; NaN limits where the data give none, and why."""
+
+    effect: str
+    name: str
+    unit: str
+    value: float
+    ci_low: float
+    ci_high: float
+    note: str = ""
+
+
+def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[FittedParameter, ...]:
+    """Parameters of a fit with intervals of a bootstrap of the score, each resample one Newton step from the optimum.
+
+    Notes
+    -----
+    Drawn are branches with all their cycles: a fault of the model's form is the same in every cycle of a branch, and
+    more cycles tell no more of it. What the priors hold (tolerances, calibrated numbers) is drawn from them.
+    """
+    data, bounds = fitter.problem.data, fitter.bounds(fit.model)
+    penalty = fitter.penalty(fit.unknowns)
+    rows = fit.jacobian[cells] / fit.sigma[cells][:, None]
+    misfit = ((data.angle - fit.predicted) / fit.sigma)[cells]
+    _, block = np.unique(data.branch[cells], return_inverse=True)
+    n_blocks, k = int(block.max()) + 1, rows.shape[1]
+    products = np.zeros((n_blocks, k, k + 1))
+    for b in range(n_blocks):
+        mine = rows[block == b]
+        products[b, :, :k], products[b, :, k] = mine.T @ mine, mine.T @ misfit[block == b]
+    drawn = n_blocks * resampled_means(products, RESAMPLES, SEED)
+    drawn[:, :, k] += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
+    whole = products[:, :, :k].sum(axis=0)
+    hessian = whole + np.diag(penalty**2) + 1e-9 * np.trace(whole) / max(k, 1) * np.eye(k)
+    steps = np.linalg.solve(hessian, (drawn[:, :, k] - penalty**2 * fit.unknowns.flat).T).T
+    first = len(fit.unknowns.scales)
+    own = slice(first, first + len(fit.unknowns.shares))
+    tails = 50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)
+    # about the median step, which is not zero where a bound or the last steps of the fit hold it;
+    # few branches: their spread is widened as Student's t is over the normal distribution
+    spread = (steps - np.median(steps, axis=0))[:, own] * _student(n_blocks)
+    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * FORM * before
+    form = form * np.sqrt(len(misfit) * np.diag(np.linalg.inv(hessian))[own])
+    low, high = (
+        fit.unknowns.shares + sense * np.hypot(np.percentile(spread, tail, axis=0), form)
+        for sense, tail in zip((-1, 1), tails, strict=True)
+    )
+    values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
+    found = []
+    number = -1
+    for effect in fit.model.effects:
+        for parameter in effect.parameters:
+            number += 1
+            at_bound = not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
+            note = "at the bound of what the library allows: no interval" if at_bound else ""
+            value, ci_low, ci_high = (float(one[number]) for one in values)
+            if at_bound:
+                ci_low = ci_high = float("nan")
+            found.append(FittedParameter(effect.name, parameter.name, parameter.unit, value, ci_low, ci_high, note))
+    return tuple(found)
+
+
+def _student(n_blocks: int) -> float:
+    """How much wider an interval is for the few blocks that it rests on."""
+    tail = 0.5 * (1 + CONFIDENCE)
+    return float(student.ppf(tail, max(n_blocks - 1, 2)) / norm.ppf(tail))

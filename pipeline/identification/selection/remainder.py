@@ -1,0 +1,78 @@
+"""What a fitted model leaves of a unit: how much, and whether it is alike at all positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.problem import Data
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+TORQUE_BINS = 12
+"""Intervals of the range of the torque, of each sense of loading, over which residuals are compared."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """Residual of a model in parts.
+
+    Attributes
+    ----------
+    structure : held-out rms in noise floors.
+    removed : share of the recalibrated model's held-out rms that the model removes.
+    rms_arcmin : of the cells.
+    common_arcmin : rms of the part that all positions have in common at equal torque and sense of loading.
+    by_position_arcmin : rms of the rest of the positions' means; NaN with one position.
+    noise_arcmin : noise floor of a cell.
+    """
+
+    structure: float
+    removed: float
+    rms_arcmin: float
+    common_arcmin: float
+    by_position_arcmin: float
+    noise_arcmin: float
+
+
+def remainder(data: Data, predicted: Real, cells: Truth, structure: float, before: float) -> Remainder:
+    """Parts of the residual of a prediction (n_cells,) [arcmin]; ``structure`` and ``before`` in noise floors.
+
+    Notes
+    -----
+    Means over the cells of a position in one interval of the torque and one sense of loading: their mean over the
+    positions is common to them, what is left of it goes with the position. The offset of each position is removed.
+    """
+    residual = data.angle[cells] - predicted[cells]
+    _, position = np.unique(data.position[cells], return_inverse=True)
+    residual = residual - (np.bincount(position, residual) / np.bincount(position))[position]
+    torque, sense = data.torque[cells], senses(data)[cells]
+    edges = np.linspace(torque.min(), torque.max(), TORQUE_BINS + 1)
+    kind = 2 * np.clip(np.searchsorted(edges, torque, side="right") - 1, 0, TORQUE_BINS - 1) + (sense > 0)
+    count = np.zeros((position.max() + 1, 2 * TORQUE_BINS))
+    total = count.copy()
+    np.add.at(count, (position, kind), 1)
+    np.add.at(total, (position, kind), residual)
+    mean = total[:, np.all(count > 0, axis=0)] / count[:, np.all(count > 0, axis=0)]
+    common = mean.mean(axis=0)
+    several = len(mean) > 1 and mean.size
+    return Remainder(
+        structure,
+        1 - structure / before,
+        float(np.sqrt(np.mean(residual**2))),
+        float(np.sqrt(np.mean(common**2))) if mean.size else float("nan"),
+        float(np.sqrt(np.mean((mean - common) ** 2) * len(mean) / (len(mean) - 1))) if several else float("nan"),
+        data.noise,
+    )
+
+
+def senses(data: Data) -> Real:
+    """+1 for cells (n_cells,) of a branch on which the torque rises, -1 where it falls."""
+    out = np.zeros(len(data))
+    for block in np.unique(data.block):
+        own = np.flatnonzero(data.block == block)
+        out[own] = np.sign(data.torque[own[-1]] - data.torque[own[0]])
+    return out
