@@ -9,9 +9,10 @@ import pandas as pd
 
 from pipeline.cli import settings
 from pipeline.config import Study, load_study, load_unit
-from pipeline.engine.runner import run, why
+from pipeline.engine.cache import Cache
+from pipeline.engine.runner import damages, run, why
 from pipeline.engine.stage import Job
-from pipeline.engine.store import Cache, Output, write_atomic
+from pipeline.engine.store import Output, write_atomic
 from stages import hysteresis
 from stages.aggregate import METRIC_COLUMNS
 from stages.chain import STAGES
@@ -38,6 +39,9 @@ def add(command: settings.Commands) -> None:
     resolving.add_argument("study", help="study file, or the stem of one in data/studies")
     resolving.add_argument("--sample", required=True, type=int)
     settings.jobs_option(resolving)
+
+    checking = command("check", _check, "compare every byte of a run with its records, and say what to run again")
+    checking.add_argument("run", help="folder of a run, or the name of one in data/runs")
 
     command("clean-runs", _clean_runs, "forget all runs, never inputs")
 
@@ -86,6 +90,18 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
     loose = outputs["sample"].read_items("reducer", sample, sample + 1)["bearing_clearance_um"]
     solved = hysteresis.solve_samples(shared, gap_um, loose)
     return hysteresis.contact_rows(shared, np.array([sample]), gap_um, solved)
+
+
+def _check(options: argparse.Namespace) -> None:
+    folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
+    found = damages(folder)
+    for damage in found:
+        print(f"{folder / damage.stage / damage.name}: damaged or missing; removed")
+    if found:
+        stages = " ".join(dict.fromkeys(damage.stage for damage in found))
+        print(f"run again: python -m pipeline run {stages} --study {folder.name}")
+        raise SystemExit(1)
+    print(f"{settings.shown(folder)}: every file is what was written")
 
 
 def _clean_runs(_: argparse.Namespace) -> None:

@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine import progress
+from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import Fingerprint, fingerprint
+from pipeline.engine.lock import locked
 from pipeline.engine.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
-from pipeline.engine.store import Cache, Output, Work, locked
+from pipeline.engine.store import RECORD, Output
+from pipeline.engine.work import Work
 from pipeline.errors import InputError
 
 PICTURES = (".png", ".svg")
@@ -99,6 +102,33 @@ def why(stages: Sequence[Stage], study: Any, target: str, runs: Path) -> list[st
             outputs[stage.name] = output
         sentences += reasons if stage.name == target else [f"{stage.name} runs first: {text}" for text in reasons]
     return sentences or ["up to date"]
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A file of a stage that is missing or not what was written."""
+
+    stage: str
+    name: str
+
+
+def damages(run_folder: Path) -> list[Damage]:
+    """Compare every byte of a run with what its records say; what is damaged is removed, so that a run makes it anew.
+
+    Raises
+    ------
+    InputError
+        If another process writes the run, or there is none.
+    """
+    folders = sorted(path.parent for path in run_folder.glob(f"[!.]*/{RECORD}"))
+    if not folders:
+        raise InputError(f"{run_folder}: no run; see {run_folder.parent} for the runs that there are")
+    found = []
+    with locked(run_folder):
+        for folder in folders:
+            output = Output.open(folder)
+            found += [Damage(folder.name, name) for name in ([RECORD] if output is None else output.verify())]
+    return found
 
 
 def _needed(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:

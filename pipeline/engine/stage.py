@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.store import Cache, Output
+from pipeline.engine.cache import Cache
+from pipeline.engine.store import Output
 from pipeline.engine.table import Columns, Table
 
 Tables = Mapping[str, Columns]

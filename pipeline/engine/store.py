@@ -1,4 +1,4 @@
-"""Files of a run: reading what a stage left, building the next output beside it, swapping it in when complete.
+"""Files of a run: writing a file whole or not at all, and reading what a finished stage left.
 
 <runs>/<study>/<stage>/            record.json, <table>.parquet (a file, or a folder of part-*.parquet), extra files
 <runs>/<study>/.work/<stage>/      the stage being built: state.json, chunks/ (what is finished), output/
@@ -6,29 +6,25 @@
 <runs>/.cache/<sha256>/            computations shared by studies
 """
 
-import contextlib
-import fcntl
 import hashlib
 import json
 import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.engine.table import ITEM, Columns, Part, Table, columns_of, content_hash
+from pipeline.engine.record import valid_record
+from pipeline.engine.table import ITEM, Columns, columns_of
 from pipeline.errors import InputError
 
 RECORD = "record.json"
-LAYOUT = 1
-"""Of the record; an output with a record of another layout counts as never made."""
 
 
 def write_atomic(path: Path, data: bytes) -> None:
@@ -52,8 +48,16 @@ def read_json(path: Path) -> Any:
     """Read JSON; None if there is no such file or it is no JSON."""
     try:
         return json.loads(path.read_bytes())
-    except (FileNotFoundError, ValueError):
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError, ValueError, RecursionError):
         return None
+
+
+def remove(path: Path) -> None:
+    """Remove a file, a folder with all that is in it, or a link (never what it points to), if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def sha256_of(path: Path) -> str:
@@ -68,12 +72,14 @@ class Output:
 
     folder: Path
     record: Mapping[str, Any]
+    _verified: set[str] = field(default_factory=set, compare=False, repr=False)
+    """Files whose bytes were compared with their recorded hash, which is done once, before they are used."""
 
     @classmethod
     def open(cls, folder: Path) -> "Output | None":
-        """The output in a folder; None if the stage never finished there."""
-        record = read_json(folder / RECORD)
-        return cls(folder, record) if record and record.get("layout") == LAYOUT else None
+        """The output in a folder; None if the stage never finished there, or its record is damaged."""
+        record = valid_record(read_json(folder / RECORD), folder.name)
+        return None if record is None else cls(folder, record)
 
     @cached_property
     def hashes(self) -> dict[str, str]:
@@ -120,10 +126,17 @@ class Output:
         """Path of an extra file, its content verified; raises as `read`."""
         if filename not in self.record["files"]:
             raise TypeError(f"stage {self.folder.name} has no file {filename}; it has {list(self.record['files'])}")
-        path = self.folder / filename
-        if not path.exists() or sha256_of(path) != self._files[filename]["sha256"]:
-            raise self._damaged(filename)
-        return path
+        return self._sound(filename)
+
+    def verify(self) -> list[str]:
+        """Names of all files that are missing or not what was written; each is removed, as when it is read."""
+        damaged = []
+        for name in self._files:
+            try:
+                self._sound(name)
+            except InputError:
+                damaged.append(name)
+        return damaged
 
     def _table(self, name: str) -> dict[str, Any]:
         tables = self.record["tables"]
@@ -132,26 +145,31 @@ class Output:
         return tables[name]
 
     def _decode(self, file: Mapping[str, Any], items: tuple[int, int] | None) -> pa.Table:
-        path = self.folder / file["name"]
-        try:
-            return read_parquet(path, items)
-        except (OSError, pa.ArrowException) as error:
-            if path.exists() and sha256_of(path) == file["sha256"]:
-                raise
-            raise self._damaged(file["name"]) from error
+        return read_parquet(self._sound(file["name"]), items)
 
-    def _damaged(self, name: str) -> InputError:
-        (self.folder / name).unlink(missing_ok=True)  # a bad file of the right size would look fresh to the next run
+    def _sound(self, name: str) -> Path:
+        """Path of a file of which every byte is as it was written; raises InputError, and removes it, if not."""
+        path = self.folder / name
+        if name not in self._verified:
+            if not path.is_file() or sha256_of(path) != self._files[name]["sha256"]:
+                self._discard(path)
+            self._verified.add(name)
+        return path
+
+    def _discard(self, path: Path) -> NoReturn:
+        """Remove a bad file: it has perhaps the right size, and would look fresh to the next run."""
+        if path.parent.resolve().is_relative_to(self.folder.resolve()):
+            remove(path)
         stage = self.folder.name
-        return InputError(f"{self.folder / name}: damaged or missing; removed; run stage {stage} again to make it anew")
+        raise InputError(f"{path}: damaged or missing; removed; run stage {stage} again to make it anew")
 
 
 def read_parquet(path: Path, items: tuple[int, int] | None = None) -> pa.Table:
-    """Rows of one file, page checksums verified; only those of the given items (start, stop), if given.
+    """Rows of one file; only those of the given items (start, stop), if given.
 
     Decodes the row groups that hold the items and cuts the range out, which the order of the rows allows.
     """
-    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+    with pq.ParquetFile(path) as file:
         if items is None:
             return file.read()
         column = file.schema_arrow.get_field_index(ITEM)
@@ -159,144 +177,3 @@ def read_parquet(path: Path, items: tuple[int, int] | None = None) -> pa.Table:
         table = file.read_row_groups([g for g, b in enumerate(bounds) if b.min < items[1] and b.max >= items[0]])
     first, last = np.searchsorted(table[ITEM].to_numpy(), items)
     return table.slice(first, last - first)
-
-
-def table_record(table: Table, files: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What the record says of a table, from its files in the order of rows.
-
-    `by_item` says whether the rows are sorted by item, so that a range of items can be read on its own.
-    """
-    return {
-        "rows": sum(file["rows"] for file in files),
-        "hash": content_hash(table, (int(file["content"], 16) for file in files)),
-        "by_item": ITEM in table.schema.names and all(f["first"] is not None for f in files if f["rows"]),
-        "files": list(files),
-    }
-
-
-class Work:
-    """A stage being built. Chunks that an interrupted process finished are kept if `state` is the same.
-
-    Parameters
-    ----------
-    run : Path
-        Folder of the run.
-    stage : str
-        Name of the stage.
-    state : mapping or None
-        What finished chunks are valid for: fingerprint and chunk size. None: keep nothing.
-
-    Attributes
-    ----------
-    finished : dict of int to dict
-        What is known of each chunk whose files are written, by its first item.
-    """
-
-    def __init__(self, run: Path, stage: str, state: Mapping[str, Any] | None) -> None:
-        self.target = run / stage
-        self.folder = run / ".work" / stage
-        self.output = self.folder / "output"
-        if state is None or read_json(self.folder / "state.json") != state:
-            shutil.rmtree(self.folder, ignore_errors=True)
-            self.output.mkdir(parents=True)
-            write_json(self.folder / "state.json", state)
-        for leftover in self.folder.rglob(".*.tmp"):
-            leftover.unlink()
-        notes = {int(path.stem): read_json(path) for path in (self.folder / "chunks").glob("*.json")}
-        self.finished = {start: note for start, note in notes.items() if note and self._whole(note)}
-
-    def _whole(self, note: Mapping[str, Any]) -> bool:
-        hashes = {self.output / file["name"]: file["sha256"] for file in note["parts"].values()}
-        return all(path.exists() and sha256_of(path) == expected for path, expected in hashes.items())
-
-    def write_whole(self, parts: Mapping[str, Part]) -> None:
-        """Write each table as one file."""
-        self.finished[0] = {"parts": {table: self._write(f"{table}.parquet", part) for table, part in parts.items()}}
-
-    def write_chunk(self, start: int, parts: Mapping[str, Part], failed: int) -> None:
-        """Write the parts of a chunk, then the note that says it is finished."""
-        files = {table: self._write(f"{table}.parquet/part-{start:09d}.parquet", part) for table, part in parts.items()}
-        self.finished[start] = {"failed": failed, "parts": files}
-        write_json(self.folder / "chunks" / f"{start:09d}.json", self.finished[start])
-
-    def _write(self, name: str, part: Part) -> dict[str, Any]:
-        write_atomic(self.output / name, part.data)
-        return {
-            "name": name,
-            "rows": part.rows,
-            "first": part.first,
-            "last": part.last,
-            "bytes": len(part.data),
-            "sha256": hashlib.sha256(part.data).hexdigest(),
-            "content": f"{part.content:064x}",
-        }
-
-    def contents(self, tables: Sequence[Table]) -> dict[str, Any]:
-        """The part of the record that describes the tables and extra files."""
-        described = {}
-        for table in tables:
-            parts = [self.finished[start]["parts"] for start in sorted(self.finished)]
-            files = [part[table.name] for part in parts if table.name in part]
-            # a table without rows still says its columns
-            files = files or [self._write(f"{table.name}.parquet/part-{0:09d}.parquet", table.part(table.empty()))]
-            described[table.name] = table_record(table, files)
-        written = {file["name"] for entry in described.values() for file in entry["files"]} | {RECORD}
-        names = sorted(p.relative_to(self.output).as_posix() for p in self.output.rglob("*") if p.is_file())
-        return {"tables": described, "files": {name: self._file_record(name) for name in names if name not in written}}
-
-    def _file_record(self, name: str) -> dict[str, Any]:
-        digest = sha256_of(self.output / name)
-        return {"hash": digest, "sha256": digest, "bytes": (self.output / name).stat().st_size}
-
-    def publish(self, record: Mapping[str, Any]) -> Output:
-        """Write the record and put the output in the place of the old one."""
-        record = {"layout": LAYOUT, **record}
-        write_json(self.output / RECORD, record)
-        if self.target.exists():
-            self.target.rename(self.folder / "old")
-        self.output.rename(self.target)
-        shutil.rmtree(self.folder)
-        return Output(self.target, record)
-
-
-@dataclass(frozen=True)
-class Cache:
-    """Computations shared by studies, found by the hash of their key and of the code that made them."""
-
-    root: Path
-    code: str
-
-    def folder(self, key: str, make: Callable[[Path], None]) -> Path:
-        """Folder filled by `make(folder)`, called only if no run has done so; it appears whole or not at all."""
-        target = self.root / hashlib.sha256(f"{self.code}\n{key}".encode()).hexdigest()
-        if not target.exists():
-            self.root.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=self.root, prefix=".making-") as temporary:
-                filled = Path(temporary) / "filled"
-                filled.mkdir()
-                make(filled)
-                try:
-                    filled.rename(target)
-                except OSError:
-                    if not target.exists():  # else another process was first
-                        raise
-        return target
-
-
-@contextlib.contextmanager
-def locked(run: Path) -> Iterator[None]:
-    """Hold a run for writing; raises InputError, naming the holder, if another process has it."""
-    run.mkdir(parents=True, exist_ok=True)
-    with (run / ".lock").open("a+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.seek(0)
-            holder = file.read().strip()
-            raise InputError(
-                f"{run}: process {holder} is writing this run; one process at a time may; wait for it or stop it"
-            ) from None
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
-        yield

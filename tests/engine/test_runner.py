@@ -20,10 +20,11 @@ from toy_study import ADD, DRAW, FINISH, STAGES, Numbers, Toy
 
 from pipeline.engine import runner
 from pipeline.engine.fingerprint import package_versions
+from pipeline.engine.lock import locked
 from pipeline.engine.parallel import ChunkError
 from pipeline.engine.runner import Resources, run, why
 from pipeline.engine.stage import Chunk, Job
-from pipeline.engine.store import Output, locked
+from pipeline.engine.store import Output
 from pipeline.errors import InputError
 
 ONE = Resources(jobs=1, chunk=10)

@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.engine import table as table_module
-from pipeline.engine.store import Cache, Work, write_atomic
+from pipeline.engine.cache import Cache
+from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table
+from pipeline.engine.work import Work
 from pipeline.errors import InputError
 
 ROWS = Table("rows", "sample, row", (Column("sample", "int32", "1", ""), Column("x_mm", "float64", "mm", "")))

@@ -12,9 +12,10 @@ from conftest import ROOT, run_study, small_study
 from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study
 from pipeline.config.reading import parse_design, read_toml
+from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.engine.stage import Job
-from pipeline.engine.store import Cache, Output
+from pipeline.engine.store import Output
 from pipeline.errors import InputError
 from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects import library

@@ -13,9 +13,10 @@ import pytest
 
 from pipeline.config import Study, load_design, parse_study
 from pipeline.config.study import Limits
+from pipeline.engine.cache import Cache
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Job, Sections
-from pipeline.engine.store import Cache, Output
+from pipeline.engine.store import Output
 from pipeline.figures.labels import METRICS
 from pipeline.report.cases import case_rows
 from pipeline.report.drawings import drawings

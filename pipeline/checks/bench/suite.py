@@ -10,9 +10,10 @@ from pipeline.checks.bench.rates import hot_parts
 from pipeline.checks.bench.rivals import calculix, condensing
 from pipeline.checks.bench.table import STAGE, Result
 from pipeline.config import Study
+from pipeline.engine.cache import Cache
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Job
-from pipeline.engine.store import Cache, Output
+from pipeline.engine.store import Output
 from stages import hysteresis
 from stages.chain import STAGES
 

@@ -1,0 +1,74 @@
+"""Computations shared by studies: folders found by what they depend on, and believed only if their hashes fit."""
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.engine import progress
+from pipeline.engine.store import read_json, remove, sha256_of, write_json
+
+ENTRY = "entry.json"
+"""Beside the files of an entry: its key, and each file's hash, size and, of an array, shape."""
+
+
+@dataclass(frozen=True)
+class Cache:
+    """Computations shared by studies, found by the hash of their key and of the code that made them."""
+
+    root: Path
+    code: str
+
+    def folder(self, key: str, make: Callable[[Path], None]) -> Path:
+        """Folder filled by `make(folder)`, called only if no run has done so; it appears whole or not at all.
+
+        An entry whose files are not those that were written is named, discarded and made anew.
+        """
+        target = self.root / hashlib.sha256(f"{self.code}\n{key}".encode()).hexdigest()
+        if target.exists() and (fault := self._fault(target, key)):
+            progress.say("cache", f"{target / fault}; discarded, made anew")
+            remove(target)
+        if not target.exists():
+            self.root.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=self.root, prefix=".making-") as temporary:
+                filled = Path(temporary) / "filled"
+                filled.mkdir()
+                make(filled)
+                files = {path.name: _described(path) for path in sorted(filled.iterdir())}
+                write_json(filled / ENTRY, {"key": key, "code": self.code, "files": files})
+                try:
+                    filled.rename(target)
+                except OSError:
+                    if not target.exists():  # else another process was first
+                        raise
+        return target
+
+    def _fault(self, target: Path, key: str) -> str:
+        """What is wrong with an entry, beginning with the file's name; empty if nothing is."""
+        entry = read_json(target / ENTRY)
+        if not isinstance(entry, dict) or not isinstance(entry.get("files"), dict):
+            return f"{ENTRY}: missing or damaged"
+        if (entry.get("key"), entry.get("code")) != (key, self.code):
+            return f"{ENTRY}: of another key"
+        found = {path.name for path in target.iterdir()} - {ENTRY}
+        for name in sorted(found ^ set(entry["files"])):
+            return f"{name}: {'not of this entry' if name in found else 'missing'}"
+        for name, written in entry["files"].items():
+            if _described(target / name) != written:
+                return f"{name}: not what was written ({json.dumps(written)})"
+        return ""
+
+
+def _described(path: Path) -> Mapping[str, Any]:
+    described: dict[str, Any] = {"sha256": sha256_of(path), "bytes": path.stat().st_size}
+    if path.suffix == ".npy":
+        try:
+            described["shape"] = list(np.load(path, mmap_mode="r", allow_pickle=False).shape)
+        except (OSError, ValueError):
+            described["shape"] = None
+    return described

@@ -1,0 +1,118 @@
+"""A stage that is being built, beside its old output, and swapped in when it is complete."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.record import LAYOUT, seal, table_record, valid_note
+from pipeline.engine.store import RECORD, Output, read_json, remove, sha256_of, write_atomic, write_json
+from pipeline.engine.table import Part, Table
+
+WORK = ".work"
+
+
+class Work:
+    """A stage being built. Chunks that an interrupted process finished are kept if `state` is the same.
+
+    Parameters
+    ----------
+    run : Path
+        Folder of the run.
+    stage : str
+        Name of the stage.
+    state : mapping or None
+        What finished chunks are valid for: fingerprint and chunk size. None: keep nothing.
+
+    Attributes
+    ----------
+    finished : dict of int to dict
+        What is known of each chunk whose files are written, by its first item.
+    """
+
+    def __init__(self, run: Path, stage: str, state: Mapping[str, Any] | None) -> None:
+        self.target = run / stage
+        self.folder = run / WORK / stage
+        self.output = self.folder / "output"
+        self.replaced = run / WORK / f".replaced-{stage}"
+        remove(self.replaced)
+        if (run / WORK).is_symlink():
+            remove(run / WORK)
+        if state is None or _has_links(self.folder) or read_json(self.folder / "state.json") != state:
+            remove(self.folder)
+            self.output.mkdir(parents=True)
+            write_json(self.folder / "state.json", state)
+        for leftover in self.folder.rglob(".*.tmp"):
+            leftover.unlink()
+        self.finished = dict(self._finished_chunks())
+
+    def _finished_chunks(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        for path in (self.folder / "chunks").glob("*.json"):
+            note = valid_note(read_json(path), int(path.stem)) if path.stem.isdecimal() else None
+            if note and all(self._whole(part) for part in note["parts"].values()):
+                yield int(path.stem), note
+
+    def _whole(self, part: Mapping[str, Any]) -> bool:
+        path = self.output / part["name"]
+        return path.is_file() and sha256_of(path) == part["sha256"]
+
+    def write_whole(self, parts: Mapping[str, Part]) -> None:
+        """Write each table as one file."""
+        self.finished[0] = {"parts": {table: self._write(f"{table}.parquet", part) for table, part in parts.items()}}
+
+    def write_chunk(self, start: int, parts: Mapping[str, Part], failed: int) -> None:
+        """Write the parts of a chunk, then the note that says it is finished."""
+        files = {table: self._write(f"{table}.parquet/part-{start:09d}.parquet", part) for table, part in parts.items()}
+        self.finished[start] = {"failed": failed, "parts": files}
+        write_json(self.folder / "chunks" / f"{start:09d}.json", self.finished[start])
+
+    def _write(self, name: str, part: Part) -> dict[str, Any]:
+        write_atomic(self.output / name, part.data)
+        return {
+            "name": name,
+            "rows": part.rows,
+            "first": part.first,
+            "last": part.last,
+            "bytes": len(part.data),
+            "sha256": hashlib.sha256(part.data).hexdigest(),
+            "content": f"{part.content:064x}",
+        }
+
+    def contents(self, tables: Sequence[Table]) -> dict[str, Any]:
+        """The part of the record that describes the tables and extra files."""
+        described = {}
+        for table in tables:
+            parts = [self.finished[start]["parts"] for start in sorted(self.finished)]
+            files = [part[table.name] for part in parts if table.name in part]
+            # a table without rows still says its columns
+            files = files or [self._write(f"{table.name}.parquet/part-{0:09d}.parquet", table.part(table.empty()))]
+            described[table.name] = table_record(table, files)
+        written = {file["name"] for entry in described.values() for file in entry["files"]} | {RECORD}
+        names = sorted(p.relative_to(self.output).as_posix() for p in self.output.rglob("*") if p.is_file())
+        return {"tables": described, "files": {name: self._file_record(name) for name in names if name not in written}}
+
+    def _file_record(self, name: str) -> dict[str, Any]:
+        digest = sha256_of(self.output / name)
+        return {"hash": digest, "sha256": digest, "bytes": (self.output / name).stat().st_size}
+
+    def publish(self, record: Mapping[str, Any]) -> Output:
+        """Write the record and put the output in the place of the old one.
+
+        What is replaced is moved into one folder before any of it is removed: killed at any point, the next run finds
+        either the finished chunks or the new output, and a folder to clear.
+        """
+        record = {"layout": LAYOUT, **record}
+        record["seal"] = seal(record)
+        write_json(self.output / RECORD, record)
+        self.replaced.mkdir()
+        if self.target.exists():
+            self.target.rename(self.replaced / "output")
+        self.output.rename(self.target)
+        self.folder.rename(self.replaced / "work")
+        remove(self.replaced)
+        return Output(self.target, record)
+
+
+def _has_links(folder: Path) -> bool:
+    """Whether a folder is a link or holds one: the engine makes none, and what it builds must not land elsewhere."""
+    return folder.is_symlink() or any(path.is_symlink() for path in folder.rglob("*"))

@@ -1,0 +1,310 @@
+"""What lies on the disk is believed only if it is what was written: cache, records, parts, leftovers, links."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_study import ADD, DRAW, STAGES, Toy
+
+from pipeline.engine import record, runner
+from pipeline.engine.cache import ENTRY, Cache
+from pipeline.engine.lock import locked
+from pipeline.engine.parallel import ChunkError
+from pipeline.engine.runner import Resources, run, why
+from pipeline.engine.store import Output
+from pipeline.errors import InputError
+
+RESOURCES = Resources(jobs=1, chunk=10)
+
+
+def flip(path: Path, position: int | None = None, bit: int = 0) -> None:
+    """Turn over one bit, in the middle of the file unless said."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 if position is None else position] ^= 1 << bit
+    path.write_bytes(data)
+
+
+def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
+    return {name: output.hashes for name, output in outputs.items()}
+
+
+@pytest.fixture
+def finished(tmp_path: Path) -> dict[str, dict[str, str]]:
+    """A finished toy study in tmp_path, and its hashes."""
+    return hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES))
+
+
+# --- cache ------------------------------------------------------------------------------------------------------------
+
+
+def _truncated(entry: Path) -> None:
+    path = entry / "m.npy"
+    path.write_bytes(path.read_bytes()[:-8])
+
+
+def _of_another_shape(entry: Path) -> None:
+    np.save(entry / "m.npy", np.zeros((3, 2)))
+
+
+def _foreign(entry: Path) -> None:
+    (entry / "more.npy").touch()
+
+
+def _of_another_key(entry: Path) -> None:
+    written = json.loads((entry / ENTRY).read_text())
+    (entry / ENTRY).write_text(json.dumps(written | {"key": "another"}))
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda entry: flip(entry / "m.npy", -3), "m.npy: not what was written"),
+        (_truncated, "m.npy: not what was written"),
+        (_of_another_shape, r'm.npy: not what was written .*"shape": \[2, 3\]'),
+        (lambda entry: (entry / "m.npy").unlink(), "m.npy: missing"),
+        (_foreign, "more.npy: not of this entry"),
+        (lambda entry: (entry / ENTRY).unlink(), f"{ENTRY}: missing or damaged"),
+        (lambda entry: (entry / ENTRY).write_text("[" * 100_000), f"{ENTRY}: missing or damaged"),
+        (_of_another_key, f"{ENTRY}: of another key"),
+    ],
+)
+def test_a_damaged_cache_entry_is_named_discarded_and_made_anew(tmp_path, capsys, damage, said) -> None:
+    made = []
+
+    def make(folder: Path) -> None:
+        made.append(folder)
+        np.save(folder / "m.npy", np.arange(6.0).reshape(2, 3))
+
+    cache = Cache(tmp_path, "code")
+    damage(cache.folder("key", make))
+    found = cache.folder("key", make)
+    assert len(made) == 2
+    np.testing.assert_array_equal(np.load(found / "m.npy"), np.arange(6.0).reshape(2, 3))
+    told = capsys.readouterr().err
+    assert "discarded, made anew" in told
+    assert re.search(said, told)
+    assert cache.folder("key", make) == found
+    assert len(made) == 2
+
+
+def test_a_flipped_bit_in_the_cache_changes_no_result(tmp_path: Path, finished, capsys) -> None:
+    (cached,) = (tmp_path / ".cache").glob("*/powers.npy")
+    flip(cached, -1, 6)
+    shutil.rmtree(tmp_path / "toy")
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+    assert "powers.npy: not what was written" in capsys.readouterr().err
+
+
+# --- records ----------------------------------------------------------------------------------------------------------
+
+
+def _edited(**changes: object):
+    return lambda found: found | changes
+
+
+def _sealed(change):
+    """A change by one who knows how a record is sealed: the schema alone must refuse it."""
+
+    def edit(found: dict) -> dict:
+        changed = json.loads(json.dumps(found))
+        change(changed)
+        return changed | {"seal": record.seal(changed)}
+
+    return edit
+
+
+def _part(found: dict) -> dict:
+    return found["tables"]["sums"]["files"][0]
+
+
+INVALID = {
+    "a list": lambda _: [],
+    "a string": lambda _: "record",
+    "a number": lambda _: 1,
+    "layout alone": lambda _: {"layout": record.LAYOUT},
+    "another layout": _edited(layout=record.LAYOUT - 1),
+    "no tables": lambda found: {name: value for name, value in found.items() if name != "tables"},
+    "no sources": _sealed(lambda found: found.update(sources=None)),
+    "no files of a table": _sealed(lambda found: found["tables"]["sums"].update(files=[])),
+    "rows as text": _sealed(lambda found: _part(found).update(rows="10")),
+    "a missing part": lambda found: _edited(tables={"sums": found["tables"]["sums"]})(found),
+    "swapped files": lambda found: (
+        found | {"tables": {"sums": found["tables"]["kept"], "kept": found["tables"]["sums"]}}
+    ),
+    "swapped and sealed": _sealed(
+        lambda found: found["tables"].update(sums=found["tables"]["kept"], kept=found["tables"]["sums"])
+    ),
+    "parts in another order": lambda found: (
+        found
+        | {
+            "tables": found["tables"]
+            | {"sums": found["tables"]["sums"] | {"files": found["tables"]["sums"]["files"][::-1]}}
+        }
+    ),
+    "of another stage": _sealed(lambda found: found.update(stage="draw")),
+    "an absolute path": _sealed(lambda found: _part(found).update(name="/etc/hostname")),
+    "a path upwards": _sealed(lambda found: _part(found).update(name="../draw/points.parquet")),
+    "a hidden file": _sealed(lambda found: found["files"].update({".lock": found["files"]["powers.txt"]})),
+    "a drive": _sealed(lambda found: found["files"].update({"C:x.txt": found["files"]["powers.txt"]})),
+    "a backslash": _sealed(lambda found: found["files"].update({"a\\b.txt": found["files"]["powers.txt"]})),
+    "a path upwards in the files": _sealed(
+        lambda found: found["files"].update({"a/../../x": found["files"]["powers.txt"]})
+    ),
+}
+
+
+@pytest.mark.parametrize("edit", INVALID.values(), ids=INVALID)
+def test_an_invalid_record_is_a_stage_that_never_ran(tmp_path: Path, finished, edit) -> None:
+    path = tmp_path / "toy/add/record.json"
+    path.write_text(json.dumps(edit(json.loads(path.read_text()))))
+    assert why(STAGES, Toy(), "add", tmp_path) == ["never run"]
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+
+
+def test_a_record_removes_no_file_outside_its_stage(tmp_path: Path, finished) -> None:
+    outside = tmp_path / "mine.txt"
+    for name in (str(outside), "../../mine.txt", "link/mine.txt"):
+        outside.write_text("precious")
+        folder = tmp_path / "toy/add"
+        (folder / "link").unlink(missing_ok=True)
+        (folder / "link").symlink_to(tmp_path)
+        found = json.loads((folder / "record.json").read_text())
+        found["files"][name] = found["files"]["powers.txt"]
+        found["seal"] = record.seal(found)
+        (folder / "record.json").write_text(json.dumps(found))
+        opened = Output.open(folder)
+        if opened is not None:  # a link below the folder is no escape by its name
+            with pytest.raises(InputError, match="damaged"):
+                opened.path(name)
+        assert outside.read_text() == "precious"
+        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+
+
+@pytest.mark.parametrize("where", [".work", ".work/add", ".work/add/output", ".work/add/chunks"])
+def test_links_inside_the_work_folder_are_not_followed(tmp_path: Path, monkeypatch, where: str) -> None:
+    """An interrupted run whose folders were moved elsewhere and linked: nothing is written or removed there."""
+    monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}')
+    with pytest.raises(ChunkError):
+        run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+    monkeypatch.delenv("TOY_TROUBLE")
+    outside, link = tmp_path / "outside", tmp_path / "toy" / where
+    link.rename(outside)
+    (outside / ".mine.tmp").write_text("precious")
+    link.symlink_to(outside)
+    before = {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()}
+    again = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+    assert {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()} == before
+    assert hashes(again) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
+
+
+# --- parts ------------------------------------------------------------------------------------------------------------
+
+
+def test_every_flipped_bit_of_a_part_is_found_when_it_is_read(tmp_path: Path, finished) -> None:
+    """Equal size, any place: footer and statistics, of which a Parquet reader checks nothing, too."""
+    output = Output.open(tmp_path / "toy/add")
+    assert output is not None
+    part = tmp_path / "toy/add/sums.parquet/part-000000010.parquet"
+    data = part.read_bytes()
+    places = np.unique(np.linspace(0, len(data) - 1, 300).astype(int))
+    for position in places:
+        flip(part, int(position), int(position) % 8)
+        with pytest.raises(InputError, match="part-000000010.parquet: damaged"):
+            replace(output, _verified=set()).read("sums")
+        part.write_bytes(data)
+    assert len(places) > 200
+    assert output.read("sums")["sample"].size == 40
+
+
+def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: Path, finished) -> None:
+    assert runner.damages(tmp_path / "toy") == []
+    flip(tmp_path / "toy/add/sums.parquet/part-000000010.parquet", -20)
+    flip(tmp_path / "toy/add/powers.txt")
+    (tmp_path / "toy/finish/record.json").write_text("{}")
+    (tmp_path / "toy/draw/points.parquet").unlink()
+    found = runner.damages(tmp_path / "toy")
+    assert [(one.stage, one.name) for one in found] == [
+        ("add", "sums.parquet/part-000000010.parquet"),
+        ("add", "powers.txt"),
+        ("draw", "points.parquet"),
+        ("finish", "record.json"),
+    ]
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+    assert runner.damages(tmp_path / "toy") == []
+
+
+# --- leftovers --------------------------------------------------------------------------------------------------------
+
+KILLED_AT = """
+import os, sys
+from pathlib import Path
+from toy_study import STAGES, Toy
+from pipeline.engine import work
+from pipeline.engine.parallel import ChunkError
+from pipeline.engine.runner import Resources, run
+runs, steps = Path(sys.argv[1]), int(sys.argv[2])
+armed, done = False, 0
+publish = work.Work.publish
+def publishing(self, record):
+    global armed
+    armed = self.target.name == "add"
+    return publish(self, record)
+work.Work.publish = publishing
+def counted(function):
+    def step(*arguments, **options):
+        global done
+        if armed:
+            done += 1
+            if done > steps:
+                os.kill(os.getpid(), 9)
+        return function(*arguments, **options)
+    return step
+for name in ("rename", "replace", "unlink", "rmdir", "mkdir"):
+    setattr(os, name, counted(getattr(os, name)))
+run(STAGES, Toy(), ["finish"], runs, Resources(1, 10))
+"""
+
+
+def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path, finished) -> None:
+    """With an old output to replace; then the new one is damaged too, so that the stage is built once more."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    killed = 0
+    for step in range(0, 60, 3):
+        (tmp_path / "toy/add/powers.txt").write_text("cut")
+        ended = subprocess.run(
+            [sys.executable, "-c", KILLED_AT, str(tmp_path), str(step)], env=environment, check=False
+        )
+        assert ended.returncode in (0, -signal.SIGKILL)
+        killed += ended.returncode == -signal.SIGKILL
+        for _ in range(2):
+            assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+            (tmp_path / "toy/add/powers.txt").write_text("cut")
+        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+        assert list((tmp_path / "toy/.work").iterdir()) == []
+        if ended.returncode == 0:
+            break
+    assert killed >= 4
+    assert ended.returncode == 0
+
+
+def test_the_lock_of_a_killed_process_holds_nobody_up(tmp_path: Path) -> None:
+    script = "import sys, os; from pathlib import Path; from pipeline.engine.lock import locked\n"
+    script += "with locked(Path(sys.argv[1])): os.kill(os.getpid(), 9)"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", script, str(tmp_path / "toy")], env=environment, check=False)
+    with locked(tmp_path / "toy"):
+        assert (tmp_path / "toy/.holder").read_text() == str(os.getpid())
+
+
+def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, finished, capsys) -> None:
+    capsys.readouterr()
+    run((DRAW, ADD), Toy(), ["add"], tmp_path, RESOURCES)
+    assert capsys.readouterr().err == "draw  up to date\nadd  up to date\n"
