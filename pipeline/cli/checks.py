@@ -4,11 +4,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from pipeline.checks import calibrate
+from pipeline.checks import calibrate, coverage
 from pipeline.checks.paper import comparison
 from pipeline.cli import settings
 from pipeline.config import load_study
 from pipeline.engine.runner import run
+from pipeline.engine.store import write_atomic
+from pipeline.errors import InputError
 from stages.chain import STAGES
 
 COARSE = "quick"
@@ -32,6 +34,11 @@ def add(command: settings.Commands) -> None:
 
     verifying = command("verify", _verify, "hold the mechanics against exact answers and independent solvers")
     verifying.add_argument("--mesh", choices=("coarse", "paper"), default="paper", help="default: paper")
+
+    counting = command("coverage", _coverage, "count how often intervals of a study's statistics hold the truth")
+    settings.study_option(counting)
+    counting.add_argument("--repeats", type=int, default=2000, help="experiments per design; default: 2000")
+    counting.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
 
     exporting = command("export-ccx", _export_ccx, "write a sample of a study as an input deck of CalculiX")
     exporting.add_argument("study", help="study file, or the stem of one in data/studies")
@@ -86,6 +93,22 @@ def _verify(options: argparse.Namespace) -> None:
     if failed:
         print(f"{failed} rows failed", file=sys.stderr)
         raise SystemExit(1)
+
+
+def _coverage(options: argparse.Namespace) -> None:
+    for name in ("repeats", "jobs"):
+        if getattr(options, name) < 1:
+            raise InputError(f"--{name} = {getattr(options, name)}; must be at least 1")
+    study = load_study(options.study, settings.ROOT)
+    truth = coverage.truths(coverage.reference(study, jobs=options.jobs))
+    rows = []
+    for experiment in coverage.EXPERIMENTS:
+        for count in coverage.COUNTS:
+            rows += coverage.coverages(study, experiment, count, options.repeats, truth, options.jobs)
+    table = settings.RUNS / "coverage" / "coverage.csv"
+    write_atomic(table, coverage.text(rows).encode())
+    print(table.read_text(), end="")
+    print(f"table: {settings.shown(table)}")
 
 
 def _export_ccx(options: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from pipeline.config.study import FEWEST_BASE_SAMPLES, Clearance, Cycle, Drivers
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
-RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify", "population")
+RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify", "population", "coverage")
 """Run folders of the targets that are no study."""
 
 

@@ -10,6 +10,7 @@ from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.results import Results
 from pipeline.report.validity import beyond_law, overloaded
+from pipeline.statistics.replicated import FEWEST_BEYOND
 
 TEMPLATE = "page.html"
 
@@ -67,6 +68,7 @@ def report_page(
         case_inputs=[(case.label, inputs.case_cells(case, cases)) for case in study.cases[:ROWS_SHOWN]],
         rows_shown=ROWS_SHOWN,
         drawn_cases=DRAWN_CASES,
+        fewest_beyond=FEWEST_BEYOND,
         law=inputs.LAWS[study.springs.law],
         stress=inputs.STRESS[study.design.disk.stress],
     )

@@ -1,21 +1,28 @@
 """Mean, standard deviation, quantiles and yield of a metric, each with a confidence interval.
 
 Independent samples (Monte Carlo) have intervals without an assumed distribution. The points of a Sobol' sequence or a
-Latin hypercube are not independent; their intervals come from the spread between independent randomisations.
+Latin hypercube are not independent; their intervals come from the spread between independent randomisations
+(module ``replicated``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-Real = NDArray[np.float64]
-Interval = tuple[float, float]
+from pipeline.statistics.replicated import (
+    Interval,
+    Real,
+    Statistic,
+    by_replicate,
+    replicated_interval,
+    replicated_quantile_interval,
+    replicated_share_interval,
+)
 
 QUANTILES = {"p01": 0.01, "p05": 0.05, "p25": 0.25, "p50": 0.50, "p75": 0.75, "p95": 0.95, "p99": 0.99}
 
@@ -48,21 +55,35 @@ def distribution(values: Real, confidence: float, replicate: NDArray[np.integer]
 
     Notes
     -----
-    Independent samples: mean by Student's t, std by Bonett, quantiles by order statistics. Replicates: Student's t over
-    the replicates' own statistics, about the statistic of all samples together, whose bias is smaller.
+    Independent samples: mean by Student's t, std by Bonett, quantiles by order statistics. Replicates: mean and std by
+    Student's t over the replicates' own statistics, about the statistic of all samples together, whose bias is smaller;
+    quantiles by order statistics of all samples together (``replicated_quantile_interval``).
     """
     values = np.asarray(values, float)
     if values.size == 0 or not np.all(np.isfinite(values)):
         raise ValueError(f"{np.sum(~np.isfinite(values))} of {values.size} values are not finite; select them first")
-    statistics: dict[str, Callable[[Real], float]] = {"mean": _mean, "std": _std}
-    intervals: dict[str, Callable[[Real, float], Interval]] = {"mean": mean_interval, "std": std_interval}
-    for name, level in QUANTILES.items():
-        statistics[name] = partial(_quantile, level=level)
-        intervals[name] = partial(quantile_interval, level=level)
-    return {
-        name: _estimate(statistic, intervals[name], values, confidence, replicate)
-        for name, statistic in statistics.items()
+    moments: dict[str, tuple[Statistic, Callable[[Real, float], Interval]]] = {
+        "mean": (_mean, mean_interval),
+        "std": (_std, std_interval),
     }
+    found = {}
+    for name, (statistic, interval) in moments.items():
+        whole = statistic(values)
+        ends = (
+            interval(values, confidence)
+            if replicate is None
+            else replicated_interval(whole, by_replicate(statistic, values, replicate), confidence)
+        )
+        found[name] = _estimate(whole, ends, values.size)
+    for name, level in QUANTILES.items():
+        whole = _quantile(values, level)
+        ends = (
+            quantile_interval(values, confidence, level)
+            if replicate is None
+            else replicated_quantile_interval(whole, values, confidence, level, replicate)
+        )
+        found[name] = _estimate(whole, ends, values.size)
+    return found
 
 
 def pass_share(passed: NDArray[np.bool_], confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:
@@ -78,9 +99,12 @@ def pass_share(passed: NDArray[np.bool_], confidence: float, replicate: NDArray[
     Clopper-Pearson for independent samples. Replicates that all pass, or all fail, have no spread to tell how sure that
     is; they then get the interval of independent samples, which is wider than theirs.
     """
-    unanimous = bool(np.all(passed) or not np.any(passed))
-    estimate = _estimate(_mean, share_interval, np.asarray(passed, float), confidence, None if unanimous else replicate)
-    return Estimate(estimate.value, max(0.0, estimate.ci_low), min(1.0, estimate.ci_high), estimate.n)
+    counts = np.asarray(passed, float)
+    if replicate is None or np.ptp(counts) == 0:
+        ends = share_interval(counts, confidence)
+    else:
+        ends = replicated_share_interval(counts, confidence, replicate)
+    return _estimate(_mean(counts), ends, counts.size)
 
 
 def mean_interval(values: Real, confidence: float) -> Interval:
@@ -139,26 +163,8 @@ def share_interval(passed: Real, confidence: float) -> Interval:
     return float(interval.low), float(interval.high)
 
 
-def replicated_interval(whole: float, parts: Real, confidence: float) -> Interval:
-    """Student's t interval about `whole`, from the spread of one statistic per independent replicate."""
-    half = stats.t.ppf((1 + confidence) / 2, parts.size - 1) * np.std(parts, ddof=1) / np.sqrt(parts.size)
-    return whole - float(half), whole + float(half)
-
-
-def _estimate(
-    statistic: Callable[[Real], float],
-    interval: Callable[[Real, float], Interval],
-    values: Real,
-    confidence: float,
-    replicate: NDArray[np.integer] | None,
-) -> Estimate:
-    whole = statistic(values)
-    if replicate is None:
-        low, high = interval(values, confidence)
-    else:
-        parts = np.array([statistic(values[replicate == r]) for r in np.unique(replicate)])
-        low, high = replicated_interval(whole, parts, confidence)
-    return Estimate(whole, float(low), float(high), values.size)
+def _estimate(value: float, ends: Interval, n: int) -> Estimate:
+    return Estimate(value, float(ends[0]), float(ends[1]), n)
 
 
 def _mean(values: Real) -> float:

@@ -6,13 +6,12 @@ from scipy import stats
 from scipy.stats import qmc
 
 from pipeline.statistics import distribution, pass_share
-from pipeline.statistics.intervals import (
-    QUANTILES,
-    mean_interval,
-    quantile_interval,
+from pipeline.statistics.intervals import QUANTILES, mean_interval, quantile_interval, share_interval, std_interval
+from pipeline.statistics.replicated import (
+    effective_number,
     replicated_interval,
-    share_interval,
-    std_interval,
+    replicated_quantile_interval,
+    replicated_share_interval,
 )
 
 # Backlash of a drive is skewed like a gamma variable; the others bracket it.
@@ -116,6 +115,46 @@ def test_replicates_tell_that_a_sobol_mean_is_sharper():
 def test_replicated_interval_is_a_t_interval_of_the_parts():
     parts = np.array([1.0, 2.0, 4.0, 5.0])
     np.testing.assert_allclose(replicated_interval(parts.mean(), parts, 0.95), mean_interval(parts, 0.95))
+
+
+def test_effective_number_of_stated_replicates():
+    """Shares 0.2, 0.4, 0.6, 0.8 have the variance 1/15; their mean is known to (1/15)/4, one of n samples to 0.25/n."""
+    replicate = np.repeat(np.arange(4), 10)
+    passed = np.concatenate([np.arange(10) < count for count in (2, 4, 6, 8)]).astype(float)
+    for_few = (stats.norm.ppf(0.975) / stats.t.ppf(0.975, 3)) ** 2
+    assert effective_number(passed, 0.5, 0.95, replicate) == pytest.approx(15 * for_few)
+
+
+def test_equal_replicates_are_not_certain():
+    """Replicates of 10 points whose shares are equal may each be wrong by the rounding of their shares."""
+    passed, replicate = np.tile(np.arange(10) < 5, 4).astype(float), np.repeat(np.arange(4), 10)
+    low, high = replicated_share_interval(passed, 0.95, replicate)
+    half = stats.t.ppf(0.975, 3) * 0.1 / np.sqrt(12) / 2
+    assert (low, high) == pytest.approx((0.5 - half, 0.5 + half), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["p01", "p05", "p50", "p99"])
+def test_replicates_of_independent_samples_have_the_level_of_independent_samples(name):
+    """Nothing but chance lies between such replicates: quantile and yield of any population keep their level."""
+    level, replicate = QUANTILES[name], np.arange(1024) % 8
+    samples = stats.gamma(4).rvs((1500, 1024), random_state=np.random.default_rng(6))
+    exact = stats.gamma(4).ppf(level)
+    wholes = np.quantile(samples, level, axis=1, method="median_unbiased")
+    intervals = [
+        replicated_quantile_interval(whole, x, 0.95, level, replicate) for whole, x in zip(wholes, samples, strict=True)
+    ]
+    shares = [replicated_share_interval((x <= exact).astype(float), 0.95, replicate) for x in samples]
+    error = 3 * np.sqrt(0.95 * 0.05 / 1500)
+    assert 0.93 - error < covered(intervals, exact) < 0.97 + error
+    assert 0.93 - error < covered(shares, level) < 0.97 + error
+
+
+def test_a_quantile_of_few_replicated_samples_has_no_interval():
+    values, replicate = np.arange(200.0), np.arange(200) % 8
+    estimates = distribution(values, 0.95, replicate)
+    for name in ("p01", "p99"):
+        assert (estimates[name].ci_low, estimates[name].ci_high) == (-np.inf, np.inf)
+    assert np.isfinite([estimates["p05"].ci_low, estimates["p05"].ci_high]).all()  # just 10 beyond
 
 
 def test_statistics_of_known_values():
