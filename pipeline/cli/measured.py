@@ -59,9 +59,9 @@ def _identify(options: argparse.Namespace) -> None:
     of = found if isinstance(found, FaultyUnit) else results.findings(found)
     results.write(of, folder)
     write_page(of, folder, settings.shown(folder))
-    print(f"{found.verdict.verdict}: {found.verdict.sentence}")
-    if found.verdict.advice:
-        print(found.verdict.advice)
+    print(f"{found.verdict.verdict}: {found.statement.sentence}")
+    if found.statement.advice:
+        print(found.statement.advice)
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 

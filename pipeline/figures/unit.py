@@ -12,9 +12,9 @@ from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, legend_be
 MODELS = {
     "declared": ("model as declared", MUTED, ":"),
     "recalibrated": ("calibrated numbers refitted", ALARM, "--"),
-    "after": ("best model", ACCENT, "-"),
+    "after": ("with what is named", ACCENT, "-"),
 }
-STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After: best model"}
+STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After: with what is named"}
 SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
 MOST_LOOPS = 6
 """Positions that share a figure."""
@@ -108,8 +108,8 @@ def time_figure(cells: pd.DataFrame) -> Figure:
 
 @styled
 def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
-    """Held-out error of every effect that was fitted, against that of the recalibrated model and the noise floor."""
-    fitted = candidates[candidates["rms_after_floors"].notna()].iloc[::-1]
+    """Score of every effect that was fitted, against that of the recalibrated model and the noise."""
+    fitted = candidates[candidates["score_after"].notna()].iloc[::-1]
     figure = new_figure(0.9 + 0.27 * max(len(fitted), 3))
     axes = figure.subplots()
     place = np.arange(len(fitted))
@@ -117,11 +117,11 @@ def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
         ACCENT if member else (COLOURS[5] if good else MUTED)
         for member, good in zip(fitted["member_of_class"], fitted["significant"], strict=True)
     ]
-    axes.barh(place, fitted["rms_after_floors"], color=colours, height=0.62)
+    axes.barh(place, fitted["score_after"], color=colours, height=0.62)
     axes.set_yticks(place, [_label(*one) for one in zip(fitted["effect"], fitted["title"], strict=True)])
     axes.axvline(before, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
     axes.axvline(1.0, color=INK, linewidth=1.0, linestyle=":", label="noise of the cells")
-    axes.set_xlabel("held-out error (noise of the cells)")
+    axes.set_xlabel("score (1: noise of the cells)")
     axes.set_xlim(left=0)
     axes.grid(axis="y", visible=False)
     legend_below(figure, axes)

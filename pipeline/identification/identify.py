@@ -11,26 +11,18 @@ from numpy.typing import NDArray
 from pipeline.config.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.problem import Model, Problem, candidates
+from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
-from pipeline.identification.selection.cross_validation import conditioned, groups, predicted_by_folds
+from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds
 from pipeline.identification.selection.model_selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
+from pipeline.identification.selection.remainder import Remainder, remainder
+from pipeline.identification.selection.statement import Statement, fault_statement, stated
 from pipeline.identification.selection.verdict import FAULT, Verdict, judge
 
 Real = NDArray[np.float64]
-Truth = NDArray[np.bool_]
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
 """Compliances of a study's design at crank angles [deg]: each (n_contacts, n_contacts) [mm/N]."""
-
-
-@dataclass(frozen=True)
-class Curves:
-    """Predictions of the cells [arcmin] (n_cells,), each by a fit that has not seen it; NaN where there is none."""
-
-    declared: Real
-    recalibrated: Real
-    after: Real
 
 
 @dataclass(frozen=True)
@@ -39,6 +31,7 @@ class FaultyUnit:
 
     measurement: Measurement
     verdict: Verdict
+    statement: Statement
 
 
 @dataclass(frozen=True)
@@ -48,17 +41,25 @@ class Identification:
     Attributes
     ----------
     why_not : by name of each effect that the data cannot test, why.
-    held_out : (n_cells,) cells on which the errors are reported.
-    curves : predictions there: declared, recalibrated, with the chosen model.
+    folds : predictions of held-out cells.
+    errors : of these, by stage: declared, recalibrated, after.
+    remainder : what the claimed model leaves on these cells, or the one that describes best.
     """
 
     measurement: Measurement
     verdict: Verdict
+    statement: Statement
     problem: Problem
     selection: Selection
     why_not: Mapping[str, str]
-    held_out: Truth
-    curves: Curves
+    folds: Folds
+    errors: Mapping[str, AngleError]
+    remainder: Remainder
+
+    @property
+    def curves(self) -> dict[str, Real]:
+        """Predictions (n_cells,) [arcmin] of the held-out cells by stage."""
+        return {stage: curve for stage, (curve, _) in self.folds.curves(bool(self.verdict.named)).items()}
 
 
 def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Identification | FaultyUnit:
@@ -76,54 +77,27 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
     """
     measurement = Measurement.read(unit)
     if measurement.fatal:
-        return FaultyUnit(measurement, _fault_verdict(measurement))
+        return FaultyUnit(measurement, Verdict(FAULT, (), (), (), float("nan")), fault_statement(measurement.fatal))
     fitter = Fitter(build_problem(measurement, condensed(unit.study, measurement.rows.cranks.tolist())))
-    everything = np.ones(len(fitter.problem.data), bool)
-    split, given = measurement.training_cells, bool(unit.settings.held_out.train)
-    seen = split if given else everything
+    data, cranks = fitter.problem.data, measurement.rows.cranks
+    seen = measurement.training_cells if unit.settings.held_out.train else np.ones(len(data), bool)
     selector = Selector(fitter, seen, MOST_EFFECTS if nested else MOST_NAMED)
-    selection = _selected(selector, seen)
-    held_out, curves = _held_out(selector, selection, seen, everything, nested)
+    selection = selector.extended(selector.select(seen), seen)
+    verdict = judge(fitter, selection, seen)
+    folds = predicted_folds(selector, selection, seen, nested)
+    curves = folds.curves(bool(verdict.named))
+    errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
+    best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
+    rest = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
     reasons = {name: fitter.problem.why_not(effect, seen) for name, effect in candidates().items()}
     return Identification(
         measurement,
-        judge(fitter, selection, seen),
+        verdict,
+        stated(verdict, selection, errors["recalibrated"], best, rest, folds.in_sample),
         fitter.problem,
         selection,
         {name: reason for name, reason in reasons.items() if reason},
-        held_out,
-        curves,
+        folds,
+        errors,
+        rest,
     )
-
-
-def _selected(selector: Selector, seen: Truth) -> Selection:
-    """The selection on some cells; with further effects where one leaves structure."""
-    return selector.extended(selector.select(seen), seen)
-
-
-def _held_out(
-    selector: Selector, selection: Selection, seen: Truth, everything: Truth, nested: bool
-) -> tuple[Truth, Curves]:
-    """Cells that judge, and their predictions by fits without them."""
-    fitter, data = selector.fitter, selector.problem.data
-    plain = fitter.predict(Model(), fitter.start(Model())).angle
-    if not np.all(seen):
-        left = everything & ~seen
-        declared = plain + fitter.offsets(plain, seen, data.sigma)
-        return left, Curves(declared, selection.base.fit.predicted, selection.chosen.fit.predicted)
-    declared, after = np.full(len(data), np.nan), np.full(len(data), np.nan)
-    group = groups(data, seen)
-    for one in np.unique(group):
-        left = group == one
-        declared[left] = (plain + fitter.offsets(plain, ~left, data.sigma))[left]
-        if nested:
-            inner = selector.select(~left, tuple(selection.trials))
-            after[left] = conditioned(fitter, inner.chosen.fit, ~left, left)
-    recalibrated = predicted_by_folds(fitter, selection.base.fit, everything)
-    chosen = after if nested else predicted_by_folds(fitter, selection.chosen.fit, everything)
-    return everything, Curves(declared, recalibrated, chosen)
-
-
-def _fault_verdict(measurement: Measurement) -> Verdict:
-    why = "; ".join(fault.message for fault in measurement.fatal)
-    return Verdict(FAULT, (), (), (), float("nan"), None, f"The data do not support a verdict: {why}", "")

@@ -215,17 +215,13 @@ def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatc
     rows.to_csv(folder / "rows.csv", index=False)
     found.append(identify(load_measured_unit(folder, ROOT), condensed))
     for one in found:
-        np.testing.assert_array_equal(one.held_out, one.problem.data.position == 2)
+        np.testing.assert_array_equal(one.folds.cells, one.problem.data.position == 2)
         assert one.verdict.verdict == "identified"
         assert one.verdict.named == ("coulomb",)
-        left = one.held_out
-        assert np.all(np.isfinite(one.curves.after[left]))
+        assert np.all(np.isfinite(one.curves["after"][one.folds.cells]))
     first, second = (one.selection.chosen.fit for one in found)
     np.testing.assert_allclose(second.values, first.values, rtol=0.02)
-    before, after = (
-        np.sqrt(np.mean(((one.problem.data.angle - one.curves.after) / one.problem.data.sigma)[one.held_out] ** 2))
-        for one in found
-    )
+    before, after = (one.errors["after"].to_noise for one in found)
     assert before < 1.0
     assert after > 10.0
 

@@ -13,13 +13,10 @@ from pipeline.identification.selection.cross_validation import (
     OPEN_SHARE,
     Trial,
     block_losses,
-    conditioned,
-    predicted_by_folds,
     trial,
 )
 
 DATA = linear_data(positions=3, cells=6)
-SEEN = DATA.position < 2
 TIGHT = (0.05, 0.2)
 """Prior standard deviations of the scales, below ``OPEN_SHARE``."""
 
@@ -78,27 +75,6 @@ def test_losses_are_the_mahalanobis_distance_under_the_covariance_of_the_predict
         assert found == pytest.approx(dense(fitter, fit, prior, out), rel=2e-2)
 
 
-def test_prediction_that_failed_is_not_conditioned():
-    fitter, fold = unit(0, n_modes=2)
-    fold = replace(fold, predicted=np.where(np.arange(len(DATA)) == len(DATA) - 1, np.nan, fold.predicted))
-    np.testing.assert_array_equal(conditioned(fitter, fold, SEEN, ~SEEN), fold.predicted[~SEEN])
-
-
-def test_only_tolerances_are_conditioned_on_the_cells_left_out():
-    fitter, fold = unit(1)
-    np.testing.assert_array_equal(conditioned(fitter, fold, SEEN, ~SEEN), fold.predicted[~SEEN])
-    fitter, fold = unit(1, n_modes=2)
-    before, after = fold.predicted[~SEEN], conditioned(fitter, fold, SEEN, ~SEEN)
-    change, *_ = np.linalg.lstsq(fold.jacobian[~SEEN][:, -2:], after - before, rcond=None)
-    np.testing.assert_allclose(fold.jacobian[~SEEN][:, -2:] @ change, after - before, atol=1e-9)
-    data = fitter.problem.data
-
-    def misfit(angle):
-        return np.sum(((data.angle[~SEEN] - angle) / fold.sigma[~SEEN]) ** 2)
-
-    assert misfit(after) < misfit(before)
-
-
 def test_losses_are_means_by_block_and_a_failed_cell_counts_as_far():
     data = linear_data(positions=2, cycles=1, branches=2, cells=2, sigma=0.5)
     data = replace(data, angle=np.array([1.0, 2.0, 3.0, 4.0, 9.0, 9.0, 0.0, 0.0]))
@@ -126,7 +102,6 @@ def test_losses_of_the_true_model_are_one_and_those_of_too_small_a_model_are_not
             model = model_of(columns)
             fit = fitter.fit(model, everything, fitter.start(model))
             judged = trial(fitter, fit, everything)
-            assert np.all(np.isfinite(predicted_by_folds(fitter, fit, everything)))
             one.append(judged.rms)
         found.append(one)
     right, wrong = np.mean(found, axis=0)

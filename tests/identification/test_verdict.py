@@ -12,8 +12,11 @@ from pipeline.identification.fitting.problem import Data, Model, candidates
 from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.cross_validation import Trial
+from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.model_selection import Selection
 from pipeline.identification.selection.parameter_intervals import FORM, intervals
+from pipeline.identification.selection.remainder import Remainder
+from pipeline.identification.selection.statement import stated
 from pipeline.identification.selection.verdict import MOSTLY_REMOVED, judge
 
 BLOCKS, CELLS = 24, 20
@@ -176,16 +179,22 @@ CASES = {
 def test_words_of_the_verdict(name):
     before, trials, members, best, word, named = CASES[name]
     fitter = fitter_at([1.0, 0.5, -0.5], effects=3)
-    verdict = judge(fitter, selection_of(fitter, before, trials, members, best), EVERYTHING)
+    selection = selection_of(fitter, before, trials, members, best)
+    verdict = judge(fitter, selection, EVERYTHING)
+    errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (before, selection.answer.rms)]
+    rest = Remainder(errors[1].to_noise, 1 - errors[1].to_noise / before, 1.0, 1.0, 1.0, 0.1)
+    said = stated(verdict, selection, *errors, rest, in_sample=False)
     assert verdict.verdict == word
     assert verdict.named == named
     titles = {candidates()[part].title for one in named for part in one.split("+")}
     if len(named) <= 3:
-        assert all(title in verdict.sentence for title in titles)
+        assert all(title in said.sentence for title in titles)
     assert [p.effect for p in verdict.parameters] == [part for one in named for part in one.split("+")]
-    assert bool(verdict.advice) == (word in ("equivalent", "mostly explained", "unexplained"))
+    assert bool(said.advice) == (word in ("equivalent", "mostly explained", "unexplained"))
     if word == "unexplained":
-        assert "nothing is claimed" in verdict.sentence
+        assert "nothing is claimed" in said.sentence
+    assert f"{2 * before:.3g} arcmin ({before:.3g} noise floors)" in said.sentence
+    assert said.sentence.count("noise floors)") == (2 if best else 1)
 
 
 def test_unit_with_a_data_fault_has_no_model(tmp_path):
@@ -196,4 +205,4 @@ def test_unit_with_a_data_fault_has_no_model(tmp_path):
     assert found.verdict.verdict == "data fault"
     assert found.verdict.named == ()
     assert isinstance(found, FaultyUnit)
-    assert all(fault.message in found.verdict.sentence for fault in found.measurement.fatal)
+    assert all(fault.message in found.statement.sentence for fault in found.measurement.fatal)

@@ -24,6 +24,7 @@ from pipeline.engine.fingerprint import package_versions, source_hashes
 from pipeline.engine.store import write_atomic
 from pipeline.identification.identify import FaultyUnit, Identification, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.verdict import ADEQUATE, LARGEST_CLASS, UNEXPLAINED
 
 Real = NDArray[np.float64]
@@ -191,14 +192,9 @@ def errors_of(found: Identification | FaultyUnit) -> tuple[float, float, float]:
     """Held-out errors [arcmin] as declared, recalibrated and with the chosen model: rms in sigmas times the floor."""
     if isinstance(found, FaultyUnit):
         return (float("nan"),) * 3
-    data, held_out = found.problem.data, found.held_out
-
-    def error(predicted: Real) -> float:
-        used = held_out & np.isfinite(predicted)
-        return float(np.sqrt(np.mean(((data.angle - predicted) / data.sigma)[used] ** 2)) * data.noise)
-
-    curves = found.curves
-    return error(curves.declared), error(curves.recalibrated), error(curves.after)
+    floor = found.problem.data.noise
+    declared, recalibrated, after = (floor * found.errors[stage].to_noise for stage in STAGES)
+    return declared, recalibrated, after
 
 
 def source_hash(reducers: Sequence[Reducer]) -> str:

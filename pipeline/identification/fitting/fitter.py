@@ -130,14 +130,12 @@ class Fitter:
         start: Vector,
         iterations: int = ITERATIONS,
         near: Fit | None = None,
-        frozen: bool = False,
     ) -> Fit:
         """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
 
-        Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move;
-        of a ``frozen`` fit all derivatives are those of ``near``.
+        Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move.
         """
-        descent = Descent(self, model, fitted, start, near, frozen)
+        descent = Descent(self, model, fitted, start, near)
         descent.run(iterations)
         now = descent.now
         whole, _, _, sound = self.predict(model, now)

@@ -63,9 +63,8 @@ class Descent:
     penalty : (n_unknowns,) inverse standard deviations by which the unknowns are held.
     """
 
-    def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, near: Fit | None, frozen: bool):
-        self.fitter, self.model, self.fitted, self.near = fitter, model, fitted, near
-        self.frozen = frozen and near is not None
+    def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, near: Fit | None):
+        self.fitter, self.model, self.fitted = fitter, model, fitted
         data = fitter.problem.data
         self.positions = np.unique(data.position[fitted]).tolist()
         self.penalty = fitter.penalty(start)
@@ -157,7 +156,7 @@ class Descent:
         return 0.0
 
     def _predicted(self, unknowns: Vector) -> Prediction:
-        return self.fitter.predict(self.model, unknowns, self.positions, modes=not self.frozen)
+        return self.fitter.predict(self.model, unknowns, self.positions, modes=True)
 
     def _misfit(self, angle: Real) -> Real:
         return self.fitter.centred(self.fitter.problem.data.angle - angle, self.weight)[self.fitted] * self.root
@@ -167,9 +166,6 @@ class Descent:
             return float(misfit @ misfit + np.sum((self.penalty * unknowns.flat) ** 2))
 
     def _derive(self) -> None:
-        if self.frozen and self.near is not None:
-            self.jacobian, self.stale = self.fitter.centred(self.near.jacobian, self.weight), False
-            return
         before = self.known
         self.jacobian, self.known = self.fitter.jacobian(
             self.model, self.now, self.at, self.positions, self.weight, before

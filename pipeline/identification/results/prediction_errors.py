@@ -1,4 +1,4 @@
-"""Errors of predictions on held-out data: of the angle, and of what is read off a loop."""
+"""Errors of predictions on held-out data of what is read off a loop: width, lost motion, rigidity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ Numbers = NDArray[np.intp]
 
 BEYOND = 0.05
 """Share of the largest torque by which a branch may be continued along its last cells, whose means end before it."""
-STAGES = ("declared", "recalibrated", "after")
 METRICS = (
     "zero_torque_width_arcmin",
     "lost_motion_arcmin",
@@ -23,27 +22,6 @@ METRICS = (
     "branch_separation_arcmin",
 )
 NO_LOSS = "a measured loop alone does not part friction from play; branch_separation_arcmin is friction alone"
-
-
-@dataclass(frozen=True)
-class AngleError:
-    """Of predictions on held-out cells.
-
-    Attributes
-    ----------
-    rms_arcmin, max_arcmin : over the cells, each counted by its rows, and the largest.
-    by_crank_deg : the same rms at each held-out crank angle [deg].
-    to_noise : rms over the noise floor.
-    in_sigmas : rms of the cells over their own noise.
-    cells : their number.
-    """
-
-    rms_arcmin: float
-    max_arcmin: float
-    by_crank_deg: Mapping[float, float]
-    to_noise: float
-    in_sigmas: float
-    cells: int
 
 
 @dataclass(frozen=True)
@@ -56,35 +34,6 @@ class LoopError:
     why_not: str = ""
 
 
-def angle_errors(found: Identification) -> dict[str, AngleError]:
-    """Errors of each curve on the held-out cells."""
-    data = found.problem.data
-    errors = {}
-    for stage in STAGES:
-        misfit = np.where(found.held_out, data.angle - getattr(found.curves, stage), np.nan)
-        kept = np.isfinite(misfit)
-        rms = _rms(misfit, data.count, kept)
-        cranks = {
-            float(crank): _rms(misfit, data.count, kept & (data.position == position))
-            for position, crank in enumerate(found.measurement.rows.cranks)
-            if np.any(kept & (data.position == position))
-        }
-        errors[stage] = AngleError(
-            rms,
-            float(np.max(np.abs(misfit[kept]), initial=0.0)),
-            cranks,
-            rms / data.noise,
-            float(np.sqrt(np.mean((misfit[kept] / data.sigma[kept]) ** 2))) if kept.any() else np.nan,
-            int(kept.sum()),
-        )
-    return errors
-
-
-def _rms(misfit: Real, rows: NDArray[np.int64], kept: NDArray[np.bool_]) -> float:
-    """Rms over cells, each counted by its rows; NaN without any."""
-    return float(np.sqrt(np.average(misfit[kept] ** 2, weights=rows[kept]))) if kept.any() else np.nan
-
-
 def loop_errors(found: Identification) -> dict[str, LoopError]:
     """Width, lost motion, rigidity and separation of the branches: measured, and of each curve.
 
@@ -94,7 +43,7 @@ def loop_errors(found: Identification) -> dict[str, LoopError]:
     on that side, since the play may lie in the first. The separation is that of the branches at the lower torque of
     the rigidity, mean of both senses.
     """
-    curves = {"measured": found.problem.data.angle} | {name: getattr(found.curves, name) for name in STAGES}
+    curves = {"measured": found.problem.data.angle} | found.curves
     read: dict[str, list[dict[str, float]]] = {name: [] for name in METRICS}
     for loop in _loops(found):
         of_curves = {name: _read(found, loop, angle) for name, angle in curves.items()}
@@ -146,7 +95,7 @@ def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
             ]
             sides.append(next((part for part in parts if len(part)), nothing))
         rising = np.concatenate(sides)
-        if found.held_out[falling].all() and found.held_out[rising].all():
+        if found.folds.cells[falling].all() and found.folds.cells[rising].all():
             pairs.append((falling, rising))
     return pairs
 

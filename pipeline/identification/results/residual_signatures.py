@@ -40,7 +40,7 @@ class Signature:
     unit : of value and interval.
     p_value : of none, each signature by itself; NaN where it is not tested.
     significant : whether p is below 5 %.
-    why_not : why the data cannot test it; empty if they can.
+    why_not : why the data cannot test it, or give it no interval; empty if they can.
     """
 
     name: str
@@ -70,10 +70,10 @@ class _Cells:
     block: NDArray[np.int64]
 
     def near_zero(self) -> Truth:
-        return np.abs(self.torque) <= LOW * np.max(np.abs(self.torque))
+        return np.abs(self.torque) <= LOW * np.max(np.abs(self.torque), initial=0.0)
 
     def loaded(self) -> Truth:
-        return np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque))
+        return np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
 
 
 def signatures(found: Identification, predicted: Real) -> tuple[Signature, ...]:
@@ -114,6 +114,8 @@ def _cells(found: Identification, predicted: Real) -> _Cells:
 def _line(at: _Cells, mine: Truth, columns: Real, wanted: int, free_offset: bool = True) -> tuple[Real, Real, int]:
     """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``wanted`` of ``columns`` (n, k)."""
     residual, columns = at.residual[mine], columns[mine]
+    if not len(residual):
+        return np.array([np.nan]), np.array([np.nan]), 0
     if free_offset:
         _, group = np.unique(at.position[mine], return_inverse=True)
         own = np.eye(int(group.max()) + 1)[group]
@@ -135,7 +137,8 @@ def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> S
     """The signature of a coefficient; few blocks widen its interval as Student's t does."""
     (value,), drawn, n = line
     if n < FEWEST_BLOCKS:
-        return not_testable(name, title, unit, f"fewer than {FEWEST_BLOCKS} branches")
+        nothing = np.nan, np.nan, np.nan
+        return Signature(name, title, unit, float(value), *nothing, False, f"no interval of {n} branches")
     error = float(np.std(drawn, ddof=1))
     reach = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * error
     p = float(2 * stats.t.sf(abs(value) / error, n - 1)) if error > 0 else float(value == 0)

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import Identification
-from pipeline.identification.results.prediction_errors import STAGES
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.selection.model_selection import FEWEST_BLOCKS
+from pipeline.identification.selection.statement import title_of
 
 Real = NDArray[np.float64]
 
@@ -73,10 +72,8 @@ CANDIDATES = Table(
         Column("effect", "label", "", "name in the library; + joins effects that act together"),
         Column("title", "label", "", "what it is"),
         Column("parameters", "label", "", "fitted parameters as JSON; empty where it was not fitted in full"),
-        Column("rms_before_arcmin", "float64", "arcmin", "held-out error of the recalibrated model, noise included"),
-        Column("rms_after_arcmin", "float64", "arcmin", "the same with the effect"),
-        Column("rms_before_floors", "float64", "1", "the same in noise of the cells, mean over the blocks"),
-        Column("rms_after_floors", "float64", "1", "the same with the effect"),
+        Column("score_before", "float64", "1", "score of the recalibrated model by which effects are chosen; 1: noise"),
+        Column("score_after", "float64", "1", "the same with the effect"),
         Column("t", "float64", "1", "gain over its standard error between blocks"),
         Column("p", "float64", "1", "of no gain, over all that were tried (familywise)"),
         Column("significant", "bool", "", "whether the gain is significant and of use"),
@@ -91,7 +88,7 @@ NOT_SHORTLISTED = "screened only: its best misfit on a coarse grid is behind tho
 def residual_rows(found: Identification) -> Columns:
     """Columns of `RESIDUAL`."""
     cells, data = found.measurement.cells, found.problem.data
-    predictions = {stage: getattr(found.curves, stage) for stage in STAGES}
+    predictions = found.curves
     return {
         "position": cells.position,
         "crank_deg": found.measurement.rows.cranks[cells.position],
@@ -104,7 +101,7 @@ def residual_rows(found: Identification) -> Columns:
         "angle_arcmin": data.angle,
         "rows": data.count,
         "sigma_arcmin": data.sigma,
-        "held_out": found.held_out,
+        "held_out": found.folds.cells,
         **{f"{stage}_arcmin": angle for stage, angle in predictions.items()},
         **{f"residual_{stage}_arcmin": data.angle - angle for stage, angle in predictions.items()},
     }
@@ -123,11 +120,6 @@ def signature_rows(of: Mapping[str, Sequence[Signature]]) -> Columns:
         "significant": np.array([one.significant for _, one in rows], bool),
         "why_not": [one.why_not for _, one in rows],
     }
-
-
-def title_of(name: str) -> str:
-    """Title of an effect, or of several joined by +."""
-    return " and ".join(candidates()[part].title for part in name.split("+"))
 
 
 def parameters_of(fit: Fit) -> dict[str, dict[str, float]]:
@@ -163,10 +155,8 @@ def _candidate(found: Identification, name: str, few: bool) -> dict[str, Any]:
         "effect": name,
         "title": title_of(name),
         "parameters": json.dumps(parameters_of(trial.fit)) if trial else "",
-        "rms_before_arcmin": selection.base.rms * found.problem.data.noise if trial else np.nan,
-        "rms_after_arcmin": trial.rms * found.problem.data.noise if trial else np.nan,
-        "rms_before_floors": selection.base.rms if trial else np.nan,
-        "rms_after_floors": trial.rms if trial else np.nan,
+        "score_before": selection.base.rms if trial else np.nan,
+        "score_after": trial.rms if trial else np.nan,
         "t": selection.t.get(name, np.nan),
         "p": selection.p.get(name, np.nan),
         "significant": name in selection.survivors,

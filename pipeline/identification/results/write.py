@@ -12,8 +12,9 @@ from pipeline.engine.store import write_atomic, write_json
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import DESIGN_FILE, corrected_trial, study_file, write_corrected
-from pipeline.identification.results.prediction_errors import STAGES, AngleError, LoopError, angle_errors, loop_errors
+from pipeline.identification.results.prediction_errors import LoopError, loop_errors
 from pipeline.identification.results.residual_signatures import Signature, signatures
+from pipeline.identification.selection.held_out import STAGES
 
 VERDICT_FILE = "verdict.json"
 NO_VERDICT = "the data do not support a verdict"
@@ -28,13 +29,11 @@ class Findings:
     Attributes
     ----------
     signatures : of the residual by what it is of: recalibrated, after.
-    angle : errors of the angle by curve.
     loops : errors of what is read off the loops.
     """
 
     found: Identification
     signatures: Mapping[str, Sequence[Signature]]
-    angle: Mapping[str, AngleError]
     loops: Mapping[str, LoopError]
 
 
@@ -42,8 +41,7 @@ def findings(found: Identification) -> Findings:
     """Signatures and errors of an identification."""
     return Findings(
         found,
-        {stage: signatures(found, getattr(found.curves, stage)) for stage in STAGES[1:]},
-        angle_errors(found),
+        {stage: signatures(found, found.curves[stage]) for stage in STAGES[1:]},
         loop_errors(found),
     )
 
@@ -84,10 +82,9 @@ def _common(found: Identification | FaultyUnit) -> dict[str, Any]:
         "verdict": verdict.verdict,
         "named": list(verdict.named),
         "traced": list(verdict.traced),
-        "sentence": verdict.sentence,
-        "advice": verdict.advice,
+        "sentence": found.statement.sentence,
+        "advice": found.statement.advice,
         "structure_floors": verdict.structure,
-        "remainder": asdict(verdict.remainder) if verdict.remainder else None,
         "parameters": [asdict(parameter) for parameter in verdict.parameters],
         "data_faults": [asdict(fault) for fault in found.measurement.faults],
     }
@@ -95,7 +92,8 @@ def _common(found: Identification | FaultyUnit) -> dict[str, Any]:
 
 def _untested() -> dict[str, Any]:
     """The keys of ``_tested`` where nothing was computed."""
-    return {"calibrated": {}, "noise": None, "held_out_errors": {}, "loop_errors": {}, "not_testable": {}}
+    empty: dict[str, Any] = dict.fromkeys(("calibrated", "held_out_errors", "loop_errors", "not_testable"), {})
+    return empty | {"noise": None, "remainder": None, "in_sample": False, "models_of_folds": []}
 
 
 def _tested(of: Findings) -> dict[str, Any]:
@@ -104,6 +102,7 @@ def _tested(of: Findings) -> dict[str, Any]:
     noise = found.measurement.repeatability
     return {
         "calibrated": _calibrated(found),
+        "remainder": asdict(found.remainder),
         "noise": {
             "floor_arcmin": asdict(noise.floor),
             "random_arcmin": asdict(noise.random),
@@ -112,7 +111,9 @@ def _tested(of: Findings) -> dict[str, Any]:
             "torque_noise_Nm": noise.torque_noise_Nm,
             "used_arcmin": found.problem.data.noise,
         },
-        "held_out_errors": {stage: asdict(error) for stage, error in of.angle.items()},
+        "held_out_errors": {stage: asdict(error) for stage, error in found.errors.items()},
+        "in_sample": found.folds.in_sample,
+        "models_of_folds": list(found.folds.models),
         "loop_errors": {
             name: {
                 "measured": error.measured,

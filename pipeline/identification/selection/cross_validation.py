@@ -17,7 +17,6 @@ Truth = NDArray[np.bool_]
 
 LEAST_LOSS = 0.1
 """Loss below which blocks are alike: far under the noise floor."""
-FOLD_ITERATIONS = 4
 OPEN_SHARE = 0.3
 """Standard deviation, in shares of its bounds, of a parameter that the cells seen do not determine at all."""
 FAILED = 1e3
@@ -66,8 +65,9 @@ def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
     """
     data, group = fitter.problem.data, groups(fitter.problem.data, cells)
     strain = np.zeros(len(data))
-    for one in np.unique(group[cells]):
-        left_out = cells & (group == one)
+    parts = np.unique(group[cells])
+    for part in parts if len(parts) > 1 else []:  # one loop alone is judged in sample
+        left_out = cells & (group == part)
         moved, precision = _moved(fitter, fit, cells & ~left_out)
         strain[left_out] = moved @ precision @ moved / left_out.sum()
     return Trial(fit, block_losses(data, fit.predicted, strain, cells))
@@ -75,18 +75,15 @@ def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
 
 def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
     """How the unknowns (n_unknowns,) move if only the cells seen are fitted, and the precision that these give them."""
-    data, now = fitter.problem.data, fit.unknowns.flat
-    penalty = fitter.penalty(fit.unknowns)
-    open_ones = np.concatenate(
-        [np.zeros(len(fit.unknowns.scales)), np.ones(len(fit.unknowns.shares)), np.zeros(len(fit.unknowns.modes))]
-    )
+    data, now, penalty = fitter.problem.data, fit.unknowns.flat, fitter.penalty(fit.unknowns)
     rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
     misfit = ((data.angle - fit.predicted) / fit.sigma)[seen]
+    precision = precision_of(fitter, fit, seen)
     if data.common_offset:
         rows = np.column_stack([rows, 1 / fit.sigma[seen]])
-        now, penalty, open_ones = np.append(now, 0.0), np.append(penalty, 0.0), np.append(open_ones, 0.0)
-    precision = rows.T @ rows + np.diag(penalty**2 + open_ones / OPEN_SHARE**2)
-    precision += 1e-12 * np.trace(precision) * np.eye(len(precision))
+        now, penalty = np.append(now, 0.0), np.append(penalty, 0.0)
+        precision = np.pad(precision, (0, 1))
+        precision[-1, :] = precision[:, -1] = rows.T @ rows[:, -1]
     gradient = rows.T @ misfit - penalty**2 * now
     free = np.ones(len(gradient), bool)
     free[: len(fit.unknowns.flat)] = fit.unknowns.free(gradient[: len(fit.unknowns.flat)])
@@ -95,35 +92,13 @@ def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
     return moved, precision
 
 
-def predicted_by_folds(fitter: Fitter, fit: Fit, cells: Truth) -> Real:
-    """Prediction (n_cells,) [arcmin] of each cell by a fit that has not seen its group; NaN outside the cells."""
-    group = groups(fitter.problem.data, cells)
-    held = np.full(len(fitter.problem.data), np.nan)
-    for one in np.unique(group[cells]):
-        left_out = cells & (group == one)
-        fold = fitter.fit(fit.model, cells & ~left_out, fit.unknowns, FOLD_ITERATIONS, fit, frozen=True)
-        held[left_out] = conditioned(fitter, fold, cells & ~left_out, left_out)
-    return held
-
-
-def conditioned(fitter: Fitter, fold: Fit, seen: Truth, left_out: Truth) -> Real:
-    """Prediction [arcmin] of the cells left out, the unit's tolerances conditioned on them.
-
-    Like the offset, tolerances that were not measured belong to the unit and not to the model: their modes are
-    conditioned on the cells left out, with what the cells seen leave open of them as their prior. Effects and
-    calibrated numbers stay as the cells seen gave them.
-    """
-    data, n_modes = fitter.problem.data, len(fold.unknowns.modes)
-    predicted, sigma, penalty = fold.predicted[left_out], fold.sigma[left_out], fitter.penalty(fold.unknowns)
-    if not n_modes or not np.all(np.isfinite(predicted)):
-        return predicted
-    rows = fold.jacobian[seen] / fold.sigma[seen][:, None]
-    precision = rows.T @ rows + np.diag(penalty**2)
-    precision += 1e-12 * np.trace(precision) * np.eye(len(precision))
-    prior = np.linalg.inv(np.linalg.inv(precision)[-n_modes:, -n_modes:])
-    own = fold.jacobian[left_out, -n_modes:] / sigma[:, None]
-    shift = np.linalg.solve(own.T @ own + prior, own.T @ ((data.angle[left_out] - predicted) / sigma))
-    return predicted + sigma * (own @ shift)
+def precision_of(fitter: Fitter, fit: Fit, seen: Truth) -> Real:
+    """Inverse covariance (n_unknowns, n_unknowns) of the unknowns of a fit, by the cells seen and the priors."""
+    parts = fit.unknowns
+    rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
+    loose = np.concatenate([np.zeros(len(parts.scales)), np.ones(len(parts.shares)), np.zeros(len(parts.modes))])
+    precision = rows.T @ rows + np.diag(fitter.penalty(parts) ** 2 + loose / OPEN_SHARE**2)
+    return precision + 1e-12 * np.trace(precision) * np.eye(len(precision))
 
 
 def block_losses(data: Data, predicted: Real, strain: Real, cells: Truth) -> Real:

@@ -89,6 +89,11 @@ class Selection:
         return self.trials[self.best] if self.best else self.base
 
     @property
+    def answer(self) -> Trial:
+        """The trial of the model that may be named, else of the best that describes, else the base's."""
+        return self.trials[self.claimed] if self.claimed else self.chosen
+
+    @property
     def limit(self) -> float:
         """Held-out rms in floors up to which the best model leaves nothing structured."""
         return float(np.hypot(STRUCTURE, FORM * self.base.rms)) if self.best else STRUCTURE
@@ -156,6 +161,17 @@ class Selector:
             self.fitter.fit(fit.model, cells, fit.unknowns, near=fit) if fit.cost < FAR * first[0].cost else fit
             for fit in near
         ]
+
+    def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
+        """A model fitted to some cells from what they alone show, effect by effect on top of a base.
+
+        An effect of which these cells show nothing stays out.
+        """
+        fit = base
+        for effect in model.effects:
+            promises = screened(self.fitter, cells, [fit], [effect])
+            fit = next(iter(self.fits(fit, cells, promises, 1)), fit)
+        return fit
 
     def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise]) -> Fit:
         """Fit of a model by the names of its effects, from what the screening found of each."""

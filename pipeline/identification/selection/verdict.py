@@ -1,18 +1,15 @@
-"""The verdict on a unit: what the selection says in one of six words, with parameters, errors and a sentence."""
+"""The verdict on a unit: what the selection says in one of six words, with parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.selection.model_selection import MOST_NAMED, Selection
-from pipeline.identification.selection.parameter_intervals import CONFIDENCE, FittedParameter, intervals
-from pipeline.identification.selection.remainder import Remainder, remainder
+from pipeline.identification.selection.parameter_intervals import FittedParameter, intervals
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -43,9 +40,6 @@ class Verdict:
     traced : effects of the best model, then those that explain a significant part alone, named or not.
     parameters : of the named effects.
     structure : held-out rms of the best model in noise floors.
-    remainder : what the model leaves that is claimed, or the best one.
-    sentence : for an engineer to sign.
-    advice : what to measure next, or "".
     """
 
     verdict: str
@@ -53,9 +47,6 @@ class Verdict:
     traced: tuple[str, ...]
     parameters: tuple[FittedParameter, ...]
     structure: float
-    remainder: Remainder | None
-    sentence: str
-    advice: str
 
 
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
@@ -74,16 +65,7 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     parameters = tuple(
         p for name in named for p in intervals(fitter, selection.trials[name].fit, cells, selection.base.rms)
     )
-    return Verdict(
-        verdict,
-        named,
-        _traced(selection),
-        parameters,
-        structure,
-        rest := remainder(fitter.problem.data, chosen.fit.predicted, cells, structure, selection.base.rms),
-        _sentence(verdict, named, parameters, rest, selection),
-        _advice(verdict, named, selection),
-    )
+    return Verdict(verdict, named, _traced(selection), parameters, structure)
 
 
 def _mostly(selection: Selection) -> bool:
@@ -96,55 +78,3 @@ def _mostly(selection: Selection) -> bool:
 def _traced(selection: Selection) -> tuple[str, ...]:
     alone = [name for name in selection.survivors if "+" not in name]
     return tuple(dict.fromkeys([*filter(None, selection.best.split("+")), *alone]))
-
-
-def _titles(named: Sequence[str]) -> list[str]:
-    known = candidates()
-    return [" and ".join(known[part].title for part in name.split("+")) for name in named]
-
-
-def _sentence(
-    verdict: str, named: Sequence[str], parameters: Sequence[FittedParameter], rest: Remainder, selection: Selection
-) -> str:
-    """One sentence that an engineer would sign."""
-    before, structure = selection.base.rms, rest.structure
-    if verdict == ADEQUATE:
-        return f"The model with its calibrated numbers refitted explains the unit to {structure:.2f} noise floors."
-    if verdict == UNEXPLAINED:
-        traced = f" (the nearest, {_titles([selection.best])[0]}, is not enough)" if selection.best else ""
-        return (
-            f"The unit departs from the model by {before:.2f} noise floors and no effect of the library explains it"
-            f"{traced}: {structure:.2f} floors of structure are left; nothing is claimed."
-        )
-    numbers = ", ".join(_number(p) for p in parameters)
-    if verdict == MOSTLY:
-        apart = f", {rest.by_position_arcmin:.2g} arcmin of it from position to position"
-        return (
-            f"The unit is mostly explained by {_titles(named)[0]} ({numbers}): {rest.removed:.0%} of the error is "
-            f"removed; what is left ({structure:.1f} noise floors, {rest.rms_arcmin:.2g} arcmin"
-            f"{apart if np.isfinite(rest.by_position_arcmin) else ''}) is not traced."
-        )
-    gain = f"held-out error {before:.2f} before and {structure:.2f} noise floors after"
-    if verdict == IDENTIFIED:
-        return f"The unit shows {_titles(named)[0]} ({numbers}): {gain}."
-    if len(named) > LARGEST_CLASS:
-        return f"An effect is there ({gain}), but {len(named)} of the library explain it equally well: unresolved."
-    return f"The unit shows one of these, which the data do not tell apart: {'; '.join(_titles(named))} ({gain})."
-
-
-def _number(p: FittedParameter) -> str:
-    unit = f" {p.unit}" if p.unit != "1" else ""
-    if np.isnan(p.ci_low):
-        return f"{p.name} = {p.value:.3g}{unit}, no interval"
-    return f"{p.name} = {p.value:.3g}{unit}, {CONFIDENCE:.0%} interval {p.ci_low:.3g} to {p.ci_high:.3g}"
-
-
-def _advice(verdict: str, named: Sequence[str], selection: Selection) -> str:
-    """What to measure next."""
-    if verdict == EQUIVALENT:
-        parts = [part for name in named for part in name.split("+")]
-        measurements = [candidates()[part].told_apart_by for part in dict.fromkeys(parts)]
-        return f"To tell them apart, measure {'; or '.join(measurements)}."
-    if verdict in (MOSTLY, UNEXPLAINED):
-        return "Look at the residual over torque, angle, time and crank angle: its shape names what the library lacks."
-    return ""

@@ -17,13 +17,15 @@ from pipeline.figures.unit import candidates_figure, loops_figure, time_figure, 
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
-from pipeline.identification.results.prediction_errors import STAGES, LoopError
+from pipeline.identification.results.prediction_errors import LoopError
 from pipeline.identification.results.write import VERDICT_FILE, Findings
+from pipeline.identification.selection.held_out import STAGES
+from pipeline.identification.selection.statement import title_of
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.wording import NOTHING, counted, listed, plain
 
 TEMPLATE = "unit/unit.html"
-STAGE_TITLES = {"declared": "As declared", "recalibrated": "Calibrated numbers refitted", "after": "Best model"}
+STAGE_TITLES = {"declared": "As declared", "recalibrated": "Refitted"}
 LOOP_TITLES = {
     "zero_torque_width_arcmin": ("Zero-torque width", "arcmin"),
     "lost_motion_arcmin": ("Lost motion", "arcmin"),
@@ -93,10 +95,10 @@ def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], fold
         "verdict": verdict,
         "design": unit.settings.design,
         "design_title": unit.study.design.title,
-        "traced": [tables.title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
+        "traced": [title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
         "parameters": [_parameter(one) for one in verdict["parameters"]],
         "faults": found.measurement.faults,
-        "not_testable": [(_sentence(tables.title_of(name)), why) for name, why in verdict["not_testable"].items()],
+        "not_testable": [(_sentence(title_of(name)), why) for name, why in verdict["not_testable"].items()],
         "corrected": verdict["corrected"],
         "not_corrected": verdict["not_corrected"],
         "folder": folder,
@@ -107,20 +109,23 @@ def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], fold
 def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
     """What the page says of a unit that was fitted."""
     found = of.found
+    titles = STAGE_TITLES | {"after": _after(found)}
     rows = pd.DataFrame(tables.candidate_rows(found))
-    fitted = rows[rows["rms_after_floors"].notna()]
+    fitted = rows[rows["score_after"].notna()]
     screened = rows[rows["why_not"] == tables.NOT_SHORTLISTED]
     pairs = list(zip(*of.signatures.values(), strict=True))
     floor = found.problem.data.noise
     return {
         "tested": True,
+        "judged_on": _judged_on(found),
+        "errors_title": "Errors in sample" if found.folds.in_sample else "Errors on held-out data",
         "data_facts": _data_facts(found),
         "headlines": [
             (
-                STAGE_TITLES[stage],
-                digits(of.angle[stage].rms_arcmin),
+                titles[stage],
+                digits(found.errors[stage].rms_arcmin),
                 "arcmin",
-                f"{digits(of.angle[stage].to_noise)} times the noise floor",
+                f"{digits(found.errors[stage].to_noise)} noise floors",
             )
             for stage in STAGES
         ],
@@ -129,25 +134,27 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
         "signatures": [
             {"title": _sentence(pair[0].title), "unit": pair[0].unit, "cells": [_signature(one) for one in pair]}
             for pair in pairs
-            if not all(one.why_not for one in pair)
+            if any(math.isfinite(one.value) for one in pair)
         ],
         "untested_signatures": [
-            (_sentence(pair[0].title), pair[0].why_not) for pair in pairs if all(one.why_not for one in pair)
+            (_sentence(pair[0].title), pair[0].why_not)
+            for pair in pairs
+            if not any(math.isfinite(one.value) for one in pair)
         ],
-        "cells": of.angle["after"].cells,
+        "cells": found.errors["after"].cells,
         "floor": digits(floor),
         "angle_errors": [
             {
-                "title": STAGE_TITLES[stage],
+                "title": titles[stage],
                 "rms": digits(error.rms_arcmin),
                 "by_crank": [digits(rms) for rms in error.by_crank_deg.values()],
                 "largest": digits(error.max_arcmin),
                 "to_noise": digits(error.to_noise),
-                "in_sigmas": digits(error.in_sigmas),
+                "expected": digits(error.expected_to_noise),
             }
-            for stage, error in of.angle.items()
+            for stage, error in found.errors.items()
         ],
-        "held_out_cranks": [digits(crank) for crank in of.angle["after"].by_crank_deg],
+        "held_out_cranks": [digits(crank) for crank in found.errors["after"].by_crank_deg],
         "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
         "calibrated": _calibrated(of, verdict["calibrated"]),
         "tolerances": "All tolerances are as measured."
@@ -155,6 +162,20 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
         else f"The tolerances were not measured: {counted(found.problem.n_modes, 'mode')} of them "
         "stand for what units of the study's distributions differ by.",
     }
+
+
+def _after(found: Identification) -> str:
+    """What the third of the models is."""
+    return "With what is named" if found.verdict.named else "After: nothing is claimed, as refitted"
+
+
+def _judged_on(found: Identification) -> str:
+    """Which cells the errors are of, and which model each fold chose."""
+    if found.folds.in_sample:
+        return "In sample: the fit has seen these data, nothing is held out."
+    names = [title_of(name) if name else "nothing added" for name in found.folds.models]
+    chosen = f" With effects, each fold took: {'; '.join(names)}." if any(found.folds.models) else ""
+    return f"On data that the fit had not seen.{chosen}"
 
 
 def digits(value: float | None, figures: int = 3) -> str:
@@ -208,10 +229,8 @@ def _fitted(row: Mapping[str, Any]) -> dict[str, str]:
     return {
         "title": _sentence(row["title"]),
         "parameters": _numbers(row["effect"], row["parameters"]),
-        "before": digits(row["rms_before_arcmin"]),
-        "after": digits(row["rms_after_arcmin"]),
-        "before_floors": digits(row["rms_before_floors"]),
-        "after_floors": digits(row["rms_after_floors"]),
+        "before": digits(row["score_before"]),
+        "after": digits(row["score_after"]),
         "t": f"{row['t']:.1f}".replace("-", "\u2212") if math.isfinite(row["t"]) else NOTHING,
         "p": _p(row["p"]),
         "judgement": judgement,
@@ -230,7 +249,7 @@ def _numbers(name: str, parameters: str) -> str:
 
 def _signature(one: Any) -> dict[str, Any]:
     return {
-        "value": digits(one.value) if not one.why_not else NOTHING,
+        "value": digits(one.value),
         "interval": one.why_not or _interval(one.ci_low, one.ci_high),
         "strong": one.significant,
     }

@@ -1,0 +1,162 @@
+"""Predictions of cells by fits that have not seen them: the model as declared, refitted, and with the best effects.
+
+Before, refitted and after come from one procedure. In each fold everything is estimated anew from the training cells
+alone: calibrated numbers, tolerances, effects. Of the cells left out nothing is used but the zero of the angle, where
+every position has its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.problem import Data, Model
+from pipeline.identification.selection.cross_validation import groups, precision_of
+from pipeline.identification.selection.model_selection import FEWEST_BLOCKS, Selection, Selector
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+STAGES = ("declared", "recalibrated", "after")
+
+
+@dataclass(frozen=True)
+class AngleError:
+    """Error of predictions of held-out cells.
+
+    Attributes
+    ----------
+    rms_arcmin, max_arcmin : over the cells, each counted by its rows, and the largest.
+    by_crank_deg : the same rms at each held-out crank angle [deg].
+    to_noise : rms of the cells, each in its own noise.
+    expected_to_noise : the same that a right model would have, by its covariance: noise, and what the training cells
+        leave open of tolerances, calibrated numbers and effects.
+    cells : their number.
+    """
+
+    rms_arcmin: float
+    max_arcmin: float
+    by_crank_deg: Mapping[float, float]
+    to_noise: float
+    expected_to_noise: float
+    cells: int
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Predictions [arcmin] (n_cells,); NaN at cells that do not judge.
+
+    Attributes
+    ----------
+    cells : (n_cells,) those that judge.
+    declared, recalibrated : of the model as declared, and with its calibrated numbers refitted.
+    best : with the effects that were chosen, claimed or not.
+    open_recalibrated, open_best : standard deviations that the training cells leave open.
+    models : name of the model that was chosen in each fold; "" for none.
+    in_sample : whether the fits have seen the cells, since nothing could be held out.
+    """
+
+    cells: Truth
+    declared: Real
+    recalibrated: Real
+    best: Real
+    open_recalibrated: Real
+    open_best: Real
+    models: tuple[str, ...]
+    in_sample: bool = False
+
+    def curves(self, claimed: bool) -> dict[str, tuple[Real, Real]]:
+        """Prediction and its open standard deviation by stage; after is refitted where no effect is claimed."""
+        refitted = self.recalibrated, self.open_recalibrated
+        return {
+            "declared": (self.declared, np.zeros_like(self.declared)),
+            "recalibrated": refitted,
+            "after": (self.best, self.open_best) if claimed else refitted,
+        }
+
+
+def predicted_folds(selector: Selector, selection: Selection, seen: Truth, nested: bool) -> Folds:
+    """Predictions of held-out cells.
+
+    Parameters
+    ----------
+    selection : on the cells ``seen`` (n_cells,); where these are not all, the others are held out. Else whole positions
+        are left out in turn, or whole cycles of a single position. One loop alone is predicted in sample.
+    nested : choose the model anew in every fold that has enough branches; else each fold refits the one chosen.
+    """
+    fitter = selector.fitter
+    data = selector.problem.data
+    plain = fitter.predict(Model(), fitter.start(Model())).angle
+    group = groups(data, seen)
+    declared, recalibrated, best, open_recalibrated, open_best = (np.full(len(data), np.nan) for _ in range(5))
+    models = []
+    if not np.all(seen):
+        splits = [(seen, ~seen)]
+    elif len(np.unique(group)) == 1:
+        splits = [(seen, seen)]
+    else:
+        splits = [(group != number, group == number) for number in np.unique(group)]
+    for training, judged in splits:
+        if len(splits) == 1:
+            base, chosen = selection.base.fit, selection.answer.fit
+        else:
+            base, chosen = _fold(selector, selection, training, nested)
+        models.append(chosen.model.name)
+        declared[judged] = (plain + fitter.offsets(plain, training, data.sigma))[judged]
+        for fit, predicted, left_open in ((base, recalibrated, open_recalibrated), (chosen, best, open_best)):
+            predicted[judged] = fit.predicted[judged]
+            left_open[judged] = _left_open(fitter, fit, training)[judged]
+    cells = np.isfinite(declared + recalibrated + best)  # errors are compared over the same cells
+    in_sample = splits[0][0] is splits[0][1]
+    return Folds(cells, declared, recalibrated, best, open_recalibrated, open_best, tuple(models), in_sample)
+
+
+def _fold(selector: Selector, selection: Selection, training: Truth, nested: bool) -> tuple[Fit, Fit]:
+    """The model refitted, and with effects, from the training cells alone."""
+    fitter, data = selector.fitter, selector.problem.data
+    enough = len(np.unique(data.block[training])) >= FEWEST_BLOCKS
+    if selection.best and nested and enough:
+        inner = selector.select(training, tuple(selection.trials))
+        return inner.base.fit, inner.answer.fit
+    base = fitter.fit(Model(), training, fitter.start(Model()))
+    return base, selector.refitted(selection.answer.fit.model, training, base)
+
+
+def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
+    """Standard deviation [arcmin] (n_cells,) of a fit's prediction by what the training cells leave open."""
+    data = fitter.problem.data
+    at = fitter.predict(fit.model, fit.unknowns, modes=True)
+    weight = 1 / data.sigma**2
+    jacobian, _ = fitter.jacobian(fit.model, fit.unknowns, at, fitter.positions, weight, None)
+    covariance = np.linalg.inv(precision_of(fitter, fit, training))
+    return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+
+
+def angle_error(data: Data, cranks: Real, predicted: Real, left_open: Real, cells: Truth) -> AngleError:
+    """Error of a prediction (n_cells,) [arcmin] over the cells that judge; ``cranks`` by position [deg]."""
+    misfit = np.where(cells, data.angle - predicted, np.nan)
+    known = np.isfinite(misfit)
+    by_crank = {
+        float(crank): _rms(misfit, data, known & (data.position == position))
+        for position, crank in enumerate(cranks)
+        if np.any(known & (data.position == position))
+    }
+    in_noise, open_share = misfit[known] / data.sigma[known], left_open[known] / data.sigma[known]
+    return AngleError(
+        _rms(misfit, data, known),
+        float(np.max(np.abs(misfit[known]), initial=0.0)),
+        by_crank,
+        float(np.sqrt(np.mean(in_noise**2))) if known.any() else np.nan,
+        float(np.sqrt(np.mean(1 + open_share**2))) if known.any() else np.nan,
+        int(known.sum()),
+    )
+
+
+def _rms(misfit: Real, data: Data, known: Truth) -> float:
+    """Rms over cells, each counted by its rows; NaN without any."""
+    return float(np.sqrt(np.average(misfit[known] ** 2, weights=data.count[known]))) if known.any() else np.nan

@@ -1,0 +1,56 @@
+"""One position with one loop, the commonest commercial test: fitted in sample, said so, with what to measure next."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from synthetic_unit import ROOT, Bench, make_unit
+
+from pipeline.identification.identify import identify
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.results.write import findings, write
+from pipeline.report.unit.page import write_page
+
+
+@pytest.fixture(scope="module", params=[20, 200], ids=["sparse", "dense"])
+def answer(request, tmp_path_factory, condensed):
+    """Identification and page of one loop with friction, of so many rows a branch."""
+    home = tmp_path_factory.mktemp("loop")
+    bench = Bench(cranks=(0.0,), cycles=1, rows=request.param)
+    found = identify(load_measured_unit(make_unit(home / "u", {"coulomb": [0.5]}, bench, condensed), ROOT), condensed)
+    of = findings(found)
+    write(of, home / "out")
+    write_page(of, home / "out", home / "out")
+    return found, home / "out"
+
+
+def test_the_fit_is_in_sample_and_says_so(answer):
+    found, folder = answer
+    assert found.folds.in_sample
+    assert found.folds.cells.all()
+    np.testing.assert_array_equal(found.curves["recalibrated"], found.selection.base.fit.predicted)
+    page = re.sub(r"<[^>]*>", "", (folder / "report.html").read_text())
+    for text in (found.statement.sentence, page):
+        assert "in sample" in text
+        assert "othing is held out" in text
+    assert "held-out error" not in found.statement.sentence
+    assert "two or more other crank angles" in found.statement.advice
+
+
+def test_nothing_is_claimed_of_one_loop_but_the_effect_describes_it(answer):
+    found, _ = answer
+    assert found.verdict.named == ()
+    if len(found.measurement.rows) > 100:  # 60 rows do not resolve the corners of the loop
+        assert found.verdict.verdict == "unexplained"
+        assert "friction" in found.statement.sentence
+        assert "not claimed" in found.statement.sentence
+
+
+def test_signatures_of_one_loop_have_values(answer):
+    """Friction of 0.5 N m holds each branch back by its angle of the slope; the refit leaves it in the residual."""
+    _, folder = answer
+    signatures = pd.read_parquet(folder / "signatures.parquet").set_index(["of", "signature"])
+    half = signatures.loc[("recalibrated", "branch_half_difference")]
+    assert half["value"] > 0.02
+    assert np.isfinite(signatures.loc[("recalibrated", "play"), "value"])

@@ -1,0 +1,101 @@
+"""Sentence, cards, tables and figures of a unit's page say the same, and come from the table of residuals.
+
+``ALL_UNITS=1`` draws twenty units in place of three.
+"""
+
+import json
+import os
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import CRANKS
+from synthetic_unit import ROOT, Bench, make_unit
+
+from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.identify import identify
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.results.write import findings, write
+from pipeline.identification.selection import model_selection
+from pipeline.report.unit.page import STAGE_TITLES, write_page
+
+OFFERED = ("coulomb", "angle_drift", "output_torsion", "preload")
+UNITS = 20 if os.environ.get("ALL_UNITS") else 3
+
+
+def drawn(number):
+    """Effects of a unit: none, a drift, friction, and then what a seed draws."""
+    fixed = [{}, {"angle_drift": [1.4]}, {"coulomb": [0.5]}]
+    if number < len(fixed):
+        return fixed[number]
+    rng = np.random.default_rng(number)
+    values = {"coulomb": 0.5, "angle_drift": 6.0, "output_torsion": 0.1, "preload": 20.0}
+    return {name: [rng.uniform(0.05, 1) * values[name]] for name in rng.choice(OFFERED, rng.integers(0, 3), False)}
+
+
+@pytest.fixture(scope="module", params=range(UNITS))
+def answer(request, tmp_path_factory, condensed):
+    """Verdict, page and residuals of a unit as the command leaves them."""
+    home = tmp_path_factory.mktemp("unit")
+    bench = Bench(cranks=CRANKS, cycles=3, rows=30, known=request.param % 2 == 0, seconds=5.0, seed=request.param)
+    folder = make_unit(home / "u", drawn(request.param), bench, condensed)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in OFFERED})
+        of = findings(identify(load_measured_unit(folder, ROOT), condensed))
+    write(of, home)
+    write_page(of, home, home)
+    verdict = json.loads((home / "verdict.json").read_text())
+    return verdict, (home / "report.html").read_text(), pd.read_parquet(home / "residual.parquet")
+
+
+def rms(cells, stage):
+    residual = cells.loc[cells["held_out"], f"residual_{stage}_arcmin"]
+    rows, sigma = (cells.loc[cells["held_out"], name] for name in ("rows", "sigma_arcmin"))
+    return np.sqrt(np.average(residual**2, weights=rows)), np.sqrt(np.mean((residual / sigma) ** 2))
+
+
+def number(text):
+    return float(text.replace(",", "").replace("\u2212", "-"))
+
+
+def test_numbers_of_the_verdict_are_those_of_the_residuals_that_the_figures_show(answer):
+    verdict, _, cells = answer
+    for stage, error in verdict["held_out_errors"].items():
+        assert (error["rms_arcmin"], error["to_noise"]) == pytest.approx(rms(cells, stage))
+        assert error["max_arcmin"] == pytest.approx(cells[f"residual_{stage}_arcmin"].abs().max())
+
+
+def test_sentence_and_cards_say_the_same(answer):
+    verdict, page, _ = answer
+    errors = verdict["held_out_errors"]
+    cards = re.findall(r'<p class="big">([^ ]+) <small>arcmin</small></p><p class="line">([^ ]+) noise floors', page)
+    assert len(cards) == len(errors) == len(STAGE_TITLES) + 1
+    for (arcmin, floors), error in zip(cards, errors.values(), strict=True):
+        assert number(arcmin) == pytest.approx(error["rms_arcmin"], rel=5.1e-3)
+        assert number(floors) == pytest.approx(error["to_noise"], rel=5.1e-3)
+    said = re.findall(r"([\d.e+-]+) arcmin \(([\d.e+-]+) noise floors\)", verdict["sentence"])
+    assert said[0] == (f"{errors['recalibrated']['rms_arcmin']:.3g}", f"{errors['recalibrated']['to_noise']:.3g}")
+    if verdict["named"]:
+        assert said[1] == (f"{errors['after']['rms_arcmin']:.3g}", f"{errors['after']['to_noise']:.3g}")
+
+
+def test_after_is_refitted_where_nothing_is_named_and_better_where_an_effect_is(answer):
+    verdict, _, cells = answer
+    after, refitted = (verdict["held_out_errors"][stage] for stage in ("after", "recalibrated"))
+    if verdict["named"]:
+        assert after["to_noise"] < 0.9 * refitted["to_noise"]
+    else:
+        assert after == refitted
+        np.testing.assert_array_equal(cells["after_arcmin"], cells["recalibrated_arcmin"])
+
+
+def test_the_table_of_errors_repeats_the_cards(answer):
+    verdict, page, _ = answer
+    (table,) = re.findall(r"<caption>Of the angle.*?</table>", page, re.S)
+    rows = re.findall(r"<tr><th scope=\"row\">.*?</tr>", table, re.S)
+    assert len(rows) == len(verdict["held_out_errors"])
+    for row, error in zip(rows, verdict["held_out_errors"].values(), strict=True):
+        values = [number(text) for text in re.findall(r'class="n">([^<]+)</td>', row)]
+        expected = [error["rms_arcmin"], *error["by_crank_deg"].values(), error["max_arcmin"]]
+        assert values == pytest.approx([*expected, error["to_noise"], error["expected_to_noise"]], rel=5.1e-3)
