@@ -181,9 +181,13 @@ def calibrated(
 
 def computed(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
     """The study's own values (n_targets,) of the targets."""
-    values = metrics_of(study, solved(study, disk))
+    return of_targets(study, metrics_of(study, solved(study, disk)), targets)
+
+
+def of_targets(study: Study, metrics: Real, targets: Sequence[Target]) -> Real:
+    """The values (n_targets,) of the targets among the ``metrics`` (n_cases, 3) of the study's cases."""
     case = {one.label: row for row, one in enumerate(study.cases)}
-    return np.array([values[case[target.case], METRICS.index(target.metric)] for target in targets])
+    return np.array([metrics[case[target.case], METRICS.index(target.metric)] for target in targets])
 
 
 def write(calibration: Calibration, targets: Sequence[Target], source: str, folder: Path) -> None:

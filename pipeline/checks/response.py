@@ -1,7 +1,8 @@
 """The metrics of a study's cases as a function of the design's numbers, fast enough to fit them.
 
 The disk is condensed once; its compliance goes with 1/(thickness x modulus), so those need no new mesh. What moves
-patches or changes the mesh asks for another `condensed`.
+patches or changes the mesh asks for another `condensed`. Effects that the design names are in the springs, the gaps and
+the torsion; with friction the clearance backlash is still the frictionless one.
 """
 
 from collections.abc import Mapping
@@ -15,11 +16,11 @@ from pipeline import assembly, elastic
 from pipeline.config.design import Design
 from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle, curve_metrics, solve_cycle
+from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle, curve_metrics
+from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
 METRICS = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
@@ -51,13 +52,24 @@ class Condensed:
 
 @dataclass(frozen=True)
 class Solved:
-    """The study's cases at its first crank angle: ``gap`` (n, n_contacts) [mm] and the states of the cycle."""
+    """The study's cases at its first crank angle: ``gap`` (n, n_contacts) [mm] and the response to the load cycle."""
 
     reducer: Reducer
     laws: ContactLaws
     gap: Real
     cycle: LoadCycle
-    states: Equilibria
+    response: CycleResponse
+
+    def step(self, branch: str, percent: float) -> int:
+        """Step of a branch at ``percent`` of the rated torque, the nearest that it has."""
+        of_branch = np.flatnonzero(self.response.branch == BRANCHES.index(branch))
+        torque = percent / 100 * self.cycle.rated_torque
+        return int(of_branch[np.argmin(np.abs(self.response.torque[of_branch] - torque))])
+
+    def force(self, percent: float) -> Real:
+        """Contact forces (n, n_contacts) [N] on loading to ``percent`` of the rated torque; below 0 the other way."""
+        step = self.step("loading+" if percent > 0 else "loading-", percent)
+        return self.response.equilibria.force[:, self.response.state[step]]
 
 
 def condensed(study: Study) -> Condensed:
@@ -84,13 +96,17 @@ def with_numbers(study: Study, values: Mapping[str, float]) -> Study:
 
 def _replaced(section: Any, path: list[str], value: float) -> Any:
     name, *rest = path
-    if isinstance(section, BaseModel):
-        return section.model_copy(update={name: _replaced(getattr(section, name), rest, value) if rest else value})
-    return {**section, name: _replaced(section[name], rest, value)}
+    model = isinstance(section, BaseModel)
+    changed = _replaced(getattr(section, name) if model else section[name], rest, value) if rest else value
+    return section.model_copy(update={name: changed}) if model else {**section, name: changed}
 
 
-def solved(study: Study, disk: Condensed) -> Solved:
+def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> Solved:
     """All cases of the study through their load cycle.
+
+    Parameters
+    ----------
+    backlash_percent : of the rated torque, a torque besides those of the metrics; 0 is none.
 
     Raises
     ------
@@ -98,37 +114,44 @@ def solved(study: Study, disk: Condensed) -> Solved:
         If a load step has no solution.
     """
     design, metrics = study.design, study.metrics
-    at = assembly.reducer(design, study.cycle.crank_deg[0])
     sampled = draw(study, 0, study.samples.rows)
-    gap = gaps(assembly.profile(design), at, assembly.errors(sampled), **dict(study.clearance))
-    marks = tuple(percent / 100 for percent in (metrics.lost_motion_percent, *metrics.rigidity_percent))
-    cycle = LoadCycle.evenly(
-        assembly.NMM_PER_NM * design.cycloid.rated_torque_Nm, LEVELS, study.cycle.torque_fraction, marks
-    )
-    laws = assembly.contact_laws(study, at)
     loose = assembly.bearing_clearance(design, sampled.bearing_clearance)
-    states = solve_cycle(at, assembly.bearing(design), laws, disk.compliance(design), gap, loose, cycle)
-    if not np.all(states.converged):
-        raise ArithmeticError(f"no equilibrium: residual {np.max(states.residual):.1e}")
-    return Solved(at, laws, gap, cycle, states)
+    drive = drive_of(study, study.cycle.crank_deg[0], disk.compliance(design), assembly.errors(sampled), loose)
+    percents = metrics.lost_motion_percent, *metrics.rigidity_percent, *([backlash_percent] if backlash_percent else [])
+    marks = tuple(percent / 100 for percent in percents)
+    cycle = LoadCycle.evenly(drive.rated_torque, LEVELS, study.cycle.torque_fraction, marks)
+    response = respond(drive, cycle)
+    if not np.all(response.converged):
+        raise ArithmeticError(f"no equilibrium: residual {np.max(response.equilibria.residual):.1e}")
+    return Solved(drive.reducer, drive.laws, drive.gap, cycle, response)
 
 
-def metrics_of(study: Study, cases: Solved) -> Real:
-    """The ``METRICS`` of every case (n, 3)."""
-    branch, state = cases.cycle.steps
+def metrics_of(study: Study, cases: Solved, backlash_percent: float = 0.0) -> Real:
+    """The ``METRICS`` of every case (n, 3).
+
+    Parameters
+    ----------
+    backlash_percent : of the rated torque, where the backlash is read on the way up in both senses; at 0 it is the
+        limit of no torque.
+    """
+    response = cases.response
+    angle = ARCMIN * response.angle
     numbers = curve_metrics(
-        np.array(BRANCHES)[branch],
-        NM_PER_NMM * cases.cycle.state_torque[state],
-        ARCMIN * cases.states.motion[:, state, cases.reducer.output_motion],
+        np.array(BRANCHES)[response.branch],
+        NM_PER_NMM * response.torque,
+        angle,
         study.design.cycloid.rated_torque_Nm,
         study.metrics.lost_motion_percent / 100,
         (study.metrics.rigidity_percent[0] / 100, study.metrics.rigidity_percent[1] / 100),
     )
-    return np.stack([numbers.zero_torque_width, numbers.lost_motion, numbers.torsional_rigidity], axis=1)
+    backlash = ARCMIN * response.clearance_backlash
+    if backlash_percent:
+        plus, minus = cases.step("loading+", backlash_percent), cases.step("loading-", -backlash_percent)
+        backlash = angle[:, plus] - angle[:, minus]
+    return np.stack([backlash, numbers.lost_motion, numbers.torsional_rigidity], axis=1)
 
 
 def pins_in_contact(study: Study, cases: Solved) -> np.ndarray:
     """Pins that carry force at the lost-motion torque (n,)."""
-    wanted = cases.cycle.rated_torque * study.metrics.lost_motion_percent / 100
-    state = int(np.argmin(np.abs(cases.cycle.state_torque - wanted)))
-    return np.count_nonzero(cases.states.force[:, state, : cases.reducer.n_pins] > 0, axis=1)
+    force = cases.force(study.metrics.lost_motion_percent)
+    return np.count_nonzero(force[:, : cases.reducer.n_pins] > 0, axis=1)

@@ -66,7 +66,8 @@ def _paper(options: argparse.Namespace) -> None:
     with settings.resources(study, options) as resources:
         outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
     folder = settings.RUNS / study.name
-    comparison.write(comparison.compared(study, outputs, settings.PUBLISHED, folder), folder)
+    variations = settings.PUBLISHED.parent / comparison.VARIATIONS
+    comparison.write(comparison.compared(study, outputs, settings.PUBLISHED, folder), folder, variations)
     print((folder / "table2.csv").read_text(), end="")
     print(f"page: {folder / 'paper.html'}")
 

@@ -159,10 +159,15 @@ class PinInHole(Section):
 
 
 class Provenance(Section):
-    """Where a number comes from, and why it can be trusted or not."""
+    """Where a number comes from, and why it can be trusted or not.
+
+    `in_sight_of` names published or measured data that a chosen number was picked in sight of: their agreement with the
+    design owes something to it, as to a number fitted to them.
+    """
 
     status: Literal["published", "given", "chosen", "calibrated"]
     reason: Annotated[str, Field(min_length=1)]
+    in_sight_of: Annotated[str, Field(min_length=1)] | None = None
 
 
 class Design(Section):

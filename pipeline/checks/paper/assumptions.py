@@ -1,28 +1,59 @@
-"""What the fit of Table 2 owes to each assumption: one is changed at a time and the same numbers are fitted again."""
+"""What the fit of Table 2 and the elastic part owe to each assumption: the study with one thing changed at a time."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from pipeline.checks.calibrate import Calibration, Parameter, Target, calibrated
-from pipeline.checks.paper.table2 import Misfit
-from pipeline.checks.response import Condensed, condensed, pins_in_contact, solved, with_numbers
+from pipeline import assembly
+from pipeline.checks.calibrate import Parameter
+from pipeline.checks.response import Condensed, with_numbers
 from pipeline.config import Study
+from pipeline.config.design import RollerPlate
 from pipeline.model.geometry.clearance import DISK_READINGS, ROLLER_READINGS
 
 HALF_PIN_PITCH = 0.5
+FREED = (
+    ("thickness of the disk", "disk.thickness_mm", 0.5, 8.0),
+    ("exponent of the bearing", "bearing.exponent", 1.0, 4.0),
+)
+"""Numbers of the design that are fitted besides the calibrated ones: name, key, lower and upper bound."""
+FREED_EFFECTS = (
+    ("a linear compliance at the pins", "seat_compliance", "compliance_um_per_N", 1e-4, 1e-5, 10.0),
+    ("a torsion behind the output", "output_torsion", "compliance_arcmin_per_Nm", 1e-3, 1e-5, 1.0),
+    ("a clearance of the bearing", "bearing_clearance", "clearance_um", 0.1, 1e-3, 3.0),
+)
+"""Effects of which one number is fitted besides: name, effect, its parameter, start, lower and upper bound."""
+FRICTION = (
+    ("friction of 0.1 N m on the output", {"coulomb": {"torque_Nm": 0.1}}),
+    ("friction of a tenth of the torque on the output", {"load_friction": {"coefficient": 0.1}}),
+    ("friction at the pins, coefficient 0.1", {"contact_friction": {"coefficient": 0.1}}),
+)
+"""Friction: name and the effects of the design."""
+PLATES = (("a tenth as elastic", 0.1), ("as elastic", 1.0))
+"""How elastic plate and output are beside the disk."""
 
 
 @dataclass(frozen=True)
 class Assumption:
-    """The study with one assumption changed; ``remesh`` where the condensed disk changes with it."""
+    """The study with one assumption changed.
+
+    Attributes
+    ----------
+    remesh : whether the condensed disk changes with it.
+    added : numbers that are fitted besides the calibrated ones.
+    tied : what follows from the fitted numbers, from study to study; None: nothing.
+    plate : compliance of plate and output under their rollers over the disk's.
+    backlash_percent : of the rated torque, where the backlash is read; 0 is the limit of no torque.
+    """
 
     name: str
     study: Study
     remesh: bool = False
+    added: tuple[Parameter, ...] = ()
+    tied: Callable[[Study], Study] | None = None
+    plate: float = 0.0
+    backlash_percent: float = 0.0
 
 
 def _with(study: Study, section: str, **values: object) -> Study:
@@ -32,6 +63,10 @@ def _with(study: Study, section: str, **values: object) -> Study:
 def _designed(study: Study, section: str, **values: object) -> Study:
     changed = getattr(study.design, section).model_copy(update=values)
     return study.model_copy(update={"design": study.design.model_copy(update={section: changed})})
+
+
+def _affected(study: Study, effects: dict[str, dict[str, float]]) -> Study:
+    return study.model_copy(update={"design": study.design.model_copy(update={"effects": effects})})
 
 
 def readings(study: Study) -> Iterator[Assumption]:
@@ -44,59 +79,114 @@ def readings(study: Study) -> Iterator[Assumption]:
 def assumptions(study: Study) -> Iterator[Assumption]:
     """The declared study, then one change at a time."""
     yield Assumption("as declared", study)
+    yield from _definitions(study)
+    yield from _bearing_and_contacts(study)
+    yield from _disk(study)
+    yield from _output(study)
+    yield from _softer(study)
+    for name, effects in FRICTION:
+        yield Assumption(name, _affected(study, effects))
+
+
+def _definitions(study: Study) -> Iterator[Assumption]:
     for low in (3.0, 10.0, 25.0, 50.0):
         changed = _with(study, "metrics", rigidity_percent=(low, 100.0))
         yield Assumption(f"rigidity between {low:g} and 100 % of the rated torque", changed)
+    for percent in (2.5, 4.0):
+        changed = _with(study, "metrics", lost_motion_percent=percent)
+        yield Assumption(f"lost motion at {percent:g} % of the rated torque", changed)
+    yield Assumption("backlash read at 0.1 % of the rated torque", study, backlash_percent=0.1)
+    yield Assumption("clearances to first order", _with(study, "clearance", method="first_order"))
+    pitch = 360 / study.design.cycloid.pins
+    for name, share in (("half a pin pitch", HALF_PIN_PITCH), ("a quarter of a turn", study.design.cycloid.pins / 4)):
+        yield Assumption(f"crank {name} on", _with(study, "cycle", crank_deg=(share * pitch,)), remesh=True)
+
+
+def _bearing_and_contacts(study: Study) -> Iterator[Assumption]:
     for name, exponent in (("linear", 1.0), ("of rollers, exponent 10/9", 10 / 9)):
         yield Assumption(f"input bearing {name}", _designed(study, "bearing", exponent=exponent))
     yield Assumption("Palmgren's law in place of Hertz'", _with(study, "springs", law="palmgren"))
-    yield Assumption("clearances to first order", _with(study, "clearance", method="first_order"))
-    yield Assumption("sliding plate floats", _designed(study, "output", plate="floats"))
-    for depth in (2.0, 10.0):
-        yield Assumption(f"flats under the rollers {depth:g} mm deep", _designed(study, "output", flat_depth_mm=depth))
+    wider = 2 * study.reduce.patch_half_width_mm
+    name = f"pressure patches of the pins {wider:g} mm in half width"
+    yield Assumption(name, _with(study, "reduce", patch_half_width_mm=wider), remesh=True)
+
+
+def _disk(study: Study) -> Iterator[Assumption]:
     for thickness in (1.0, 1.5, 3.0):
         yield Assumption(f"disk {thickness:g} mm thick", _designed(study, "disk", thickness_mm=thickness))
     yield Assumption("plane strain", _designed(study, "disk", stress="plane_strain"), remesh=True)
-    small = with_numbers(study, {"disk.bore_radius_mm": 3.0, "output.face_offset_mm": 5.0})
-    yield Assumption("bore 3 mm in radius, rollers 5 mm off the axis", small, remesh=True)
+    for bore, face in ((3.0, 5.0), (8.0, 9.5)):
+        changed = with_numbers(study, {"disk.bore_radius_mm": bore, "output.face_offset_mm": face})
+        yield Assumption(f"bore {bore:g} mm in radius, rollers {face:g} mm off the axis", changed, remesh=True)
+
+
+def _output(study: Study) -> Iterator[Assumption]:
+    yield Assumption("sliding plate floats", _designed(study, "output", plate="floats"))
+    for depth in (1.5, 10.0):
+        yield Assumption(f"flats under the rollers {depth:g} mm deep", _designed(study, "output", flat_depth_mm=depth))
+    width = 0.5 * study.reduce.roller_patch_half_width_mm
+    name = f"rollers spread over {width:g} mm in half width"
+    yield Assumption(name, _with(study, "reduce", roller_patch_half_width_mm=width), remesh=True)
     turned = _designed(study, "output", slide_angle_deg=0.0)
     yield Assumption("first slide along the crank", turned, remesh=True)
-    pitch = 360 / study.design.cycloid.pins
-    yield Assumption(
-        "crank half a pin pitch on", _with(study, "cycle", crank_deg=(HALF_PIN_PITCH * pitch,)), remesh=True
+    yield Assumption("R on the first slide alone, and whole on each side", _on_first_slide(study))
+    yield from _stations(study)
+
+
+def _stations(study: Study) -> Iterator[Assumption]:
+    """The rollers of a row 4 mm apart, and touching; then what stiffens the disk or the flats besides."""
+    yield Assumption("rollers of a row 4 mm apart", _spaced(study, 4.0), remesh=True)
+    yield Assumption("rollers of a row touching", _touching(study), remesh=True, tied=_touching)
+    shallow = _designed(_touching(study), "output", flat_depth_mm=1.5)
+    yield Assumption("rollers touching, flats 1.5 mm deep", shallow, remesh=True, tied=_touching)
+    small = with_numbers(_touching(study), {"disk.bore_radius_mm": 8.0, "output.face_offset_mm": 9.5})
+    name = "rollers touching and 9.5 mm off the axis, bore 8 mm in radius"
+    yield Assumption(name, small, remesh=True, tied=_touching)
+
+
+def _spaced(study: Study, pitch: float) -> Study:
+    """The rollers of a row ``pitch`` [mm] apart, counted from the outermost."""
+    output = study.design.output
+    assert isinstance(output, RollerPlate)
+    return _designed(study, "output", inner_station_mm=output.outer_station_mm - pitch * (output.stations - 1))
+
+
+def _touching(study: Study) -> Study:
+    """The rollers of a row against each other."""
+    return _spaced(study, 2 * study.design.output.contact_radius_mm)
+
+
+def _on_first_slide(study: Study) -> Study:
+    """Twice R on the rollers of the first slide, none on those of the second: the same backlash."""
+    at = assembly.reducer(study.design, study.cycle.crank_deg[0])
+    share = 2.0 * (at.contacts.interface[at.n_pins :] == 0)
+    cases = tuple(
+        case.model_copy(update={"roller_diameter": tuple((np.asarray(case.roller_diameter) * share).tolist())})
+        for case in study.cases
     )
+    return study.model_copy(update={"cases": cases})
 
 
-def refitted(
-    changes: Iterator[Assumption], disk: Condensed, targets: Sequence[Target], parameters: Sequence[Parameter]
-) -> pd.DataFrame:
-    """One row per assumption: errors, pins in contact at the lost-motion torque, fitted numbers, and what is met."""
-    rows: list[Mapping[str, Any]] = []
-    for change in changes:
-        own = condensed(change.study) if change.remesh else disk
-        rows.append(
-            {"assumption": change.name, **_row(calibrated(change.study, targets, parameters, None, own), targets)}
-        )
-    return pd.DataFrame(rows)
+def _softer(study: Study) -> Iterator[Assumption]:
+    for name, key, lower, upper in FREED:
+        yield Assumption(f"{name} fitted besides", study, added=(Parameter(key, lower, upper),))
+    for name, effect, value, start, lower, upper in FREED_EFFECTS:
+        added = Parameter(f"effects.{effect}.{value}", lower, upper)
+        yield Assumption(f"{name} fitted besides", _affected(study, {effect: {value: start}}), added=(added,))
+    for name, plate in PLATES:
+        yield Assumption(f"plate and output {name} as the disk", study, plate=plate)
 
 
-def _row(fit: Calibration, targets: Sequence[Target]) -> dict[str, Any]:
-    misfit = Misfit.of(fit.fit.residual)
-    used = [target for target, one in zip(targets, fit.used, strict=True) if one]
-    errors = {f"{target.metric} {target.case}": error for target, error in zip(used, fit.fit.residual, strict=True)}
-    pins = pins_in_contact(fit.study, solved(fit.study, fit.disk))
-    numbers = {one.key: value for one, value in zip(fit.parameters, fit.fit.value, strict=True)}
-    at_bound = [
-        one.key
-        for one, value in zip(fit.parameters, fit.fit.value, strict=True)
-        if min(np.log(value / one.lower), np.log(one.upper / value)) < 1e-3
-    ]
-    return {
-        "largest_error": misfit.largest,
-        "rms_error": misfit.rms,
-        "compatible": misfit.met,
-        "pins_in_contact": " ".join(str(count) for count in pins),
-        **numbers,
-        "at_bound": " ".join(at_bound),
-        **errors,
-    }
+def with_elastic_plate(study: Study, disk: Condensed, share: float) -> Condensed:
+    """The disk, and a plate and an output that give way under their rollers by a share of what the disk does.
+
+    Either slide then has a second elastic body and the second slide two, each with the compliance between the rollers
+    of the first slide, times ``share``; what the rollers of one slide do to those of the other is left out.
+    """
+    contacts = assembly.reducer(study.design, study.cycle.crank_deg[0]).contacts
+    of_disk, of_output = (np.flatnonzero(contacts.interface == slide) for slide in (0, 1))
+    between = share * disk.matrix[np.ix_(of_disk, of_disk)]
+    matrix = disk.matrix.copy()
+    matrix[np.ix_(of_disk, of_disk)] += between
+    matrix[np.ix_(of_output, of_output)] += 2 * between
+    return Condensed(matrix)

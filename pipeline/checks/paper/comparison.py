@@ -10,6 +10,8 @@ from pipeline.checks.calibrate import calibrated, read_parameters, read_targets
 from pipeline.checks.paper import assumptions, procedures, table2
 from pipeline.checks.paper.drawings import drawings
 from pipeline.checks.paper.page import Comparison, FigureOfPaper, paper_page
+from pipeline.checks.paper.refits import ELASTIC_PART, refitted
+from pipeline.checks.paper.shortfalls import shortfalls
 from pipeline.checks.paper.statements import statements
 from pipeline.checks.paper.tables import Tables
 from pipeline.checks.response import Condensed, solved
@@ -21,6 +23,7 @@ from stages.condensed import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"
 TARGETS, FITTED, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"
+VARIATIONS = "elastic_part_variations.csv"
 CONFIDENCE = 0.95
 
 
@@ -35,9 +38,10 @@ def compared(study: Study, outputs: Mapping[str, Output], published: Path, folde
     return Comparison(
         study,
         pd.concat([own, predicted], ignore_index=True),
+        shortfalls(study, targets, parameters, own, predicted, tables),
         table2.contacts(study, outputs["hysteresis"].read("curves"), published / CONTACTS),
-        assumptions.refitted(assumptions.readings(study), disk, targets, parameters),
-        assumptions.refitted(assumptions.assumptions(study), disk, targets, parameters),
+        refitted(assumptions.readings(study), disk, targets, parameters),
+        refitted(assumptions.assumptions(study), disk, targets, parameters),
         procedures.procedures(study, disk, solved(study, disk)),
         calibrated(study, targets, parameters, CONFIDENCE, disk),
         _figures(tables, published, folder / "figures"),
@@ -63,11 +67,15 @@ def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPape
     return figures
 
 
-def write(comparison: Comparison, folder: Path) -> None:
-    """The tables as CSV and the page, into ``folder``."""
+def write(comparison: Comparison, folder: Path, variations: Path) -> None:
+    """The tables as CSV and the page, into ``folder``; the elastic part under each assumption, to ``variations``."""
+    write_atomic(variations, variations_csv(comparison.assumptions))
     stated = pd.DataFrame([vars(one) for figure in comparison.figures for one in figure.statements])
     frames = {
         "table2": comparison.table2,
+        "elastic_part": comparison.shortfalls.elastic_part,
+        "predictions": comparison.shortfalls.predictions,
+        "choices": comparison.shortfalls.choices,
         "contacts": comparison.contacts,
         "readings": comparison.readings,
         "assumptions": comparison.assumptions,
@@ -77,3 +85,10 @@ def write(comparison: Comparison, folder: Path) -> None:
     for name, frame in frames.items():
         write_atomic(folder / f"{name}.csv", frame.to_csv(index=False).encode())
     write_atomic(folder / "paper.html", paper_page(comparison).encode())
+
+
+def variations_csv(assumptions: pd.DataFrame) -> bytes:
+    """The columns of ``refits.refitted`` that tell of the elastic part, as CSV."""
+    parts = [column for column in assumptions.columns if str(column).startswith(ELASTIC_PART)]
+    columns = ["assumption", "fitted_to", *parts, "elastic_error", "largest_error", "rms_error", "closes"]
+    return assumptions[[*columns, "pins_in_contact"]].to_csv(index=False, float_format="%.4f").encode()

@@ -9,6 +9,8 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from pipeline.checks.calibrate import Calibration
+from pipeline.checks.paper.refits import BACKLASH, BOTH, ELASTIC_ERROR, ELASTIC_PART, LOST_MOTION, TABLE
+from pipeline.checks.paper.shortfalls import FITTED, GEOMETRY, MODEL, RIGIDITY, Shortfalls
 from pipeline.checks.paper.statements import Statement
 from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, fit_rows
 from pipeline.config import Study
@@ -17,6 +19,7 @@ from pipeline.report import inputs
 from pipeline.report.rendering import Picture
 from pipeline.report.wording import NOTHING, plain
 
+METRICS_OF_TABLE = (BACKLASH, LOST_MOTION, RIGIDITY)
 HERE = Path(__file__).parent
 REPORT = HERE.parents[1] / "report"
 
@@ -37,6 +40,7 @@ class Comparison:
     Attributes
     ----------
     table2 : Table 2 and the prediction of its last column.
+    shortfalls : what its agreement does not show.
     contacts, readings, assumptions, procedures : the tables of these names.
     calibration : the fit that the design came from, made again, with intervals.
     figures : in the order of the paper.
@@ -44,6 +48,7 @@ class Comparison:
 
     study: Study
     table2: pd.DataFrame
+    shortfalls: Shortfalls
     contacts: pd.DataFrame
     readings: pd.DataFrame
     assumptions: pd.DataFrame
@@ -61,7 +66,7 @@ def paper_page(comparison: Comparison) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"plain": plain, "percent": _percent, "significant": _significant}
+    environment.filters |= {"plain": plain, "percent": _percent, "significant": _significant, "digits": _digits}
     fit = comparison.table2[~comparison.table2["predicted"].to_numpy(bool)]
     predicted = comparison.table2[comparison.table2["predicted"].to_numpy(bool)]
     study = comparison.study
@@ -76,8 +81,10 @@ def paper_page(comparison: Comparison) -> str:
         freedom=comparison.calibration.fit.freedom,
         warnings=comparison.calibration.warnings,
         contacts=comparison.contacts.to_dict("records"),
-        readings=comparison.readings.to_dict("records"),
-        assumptions=comparison.assumptions.to_dict("records"),
+        **_shortfall_rows(comparison.shortfalls),
+        elastic_error=ELASTIC_ERROR,
+        readings=_variations(comparison.readings),
+        assumptions=_variations(comparison.assumptions),
         procedures=comparison.procedures.to_dict("records"),
         figures=comparison.figures,
         numbers=inputs.design_numbers(study.design),
@@ -101,9 +108,48 @@ def _table_rows(table: pd.DataFrame) -> list[Mapping[str, object]]:
     return rows
 
 
+def _shortfall_rows(found: Shortfalls) -> Mapping[str, object]:
+    """What the section on the shortfalls shows."""
+    largest, fitted = found.largest, found.choices["part"] == FITTED
+    rises = found.bearing.iloc[:, -1] > found.bearing.iloc[:, 1]
+    errors = found.predictions.pivot(index="predictor", columns="metric", values="relative_error")
+    return {
+        "elastic": found.elastic_part.to_dict("records"),
+        "predictors": [
+            {"name": name, "largest": error, "errors": errors.loc[name, list(METRICS_OF_TABLE)].tolist()}
+            for name, error in largest.items()
+        ],
+        "metric_names": [METRICS[metric].axis for metric in METRICS_OF_TABLE],
+        "model_error": largest[MODEL],
+        "line_error": largest[GEOMETRY],
+        "fitted_count": int(fitted.sum()),
+        "choices_count": int((~fitted).sum()),
+        "choices": found.choices["key"].tolist(),
+        "targets_count": found.targets,
+        "bearing": [list(row) for row in found.bearing.itertuples(index=False)],
+        "bearing_trend": "more" if rises.all() else "less" if not rises.any() else "partly more",
+    }
+
+
+def _variations(table: pd.DataFrame) -> list[Mapping[str, object]]:
+    """One row per assumption: the fit to Table 2 alone, and ``reached``, the one that has the elastic part in sight."""
+    reached = {row["assumption"]: row for row in _of_fit(table, BOTH)}
+    return [{**row, "reached": reached[row["assumption"]]} for row in _of_fit(table, TABLE)]
+
+
+def _of_fit(table: pd.DataFrame, fitted_to: str) -> list[dict[str, object]]:
+    rows = table[table["fitted_to"] == fitted_to].to_dict("records")
+    parts = [column for column in table.columns if str(column).startswith(ELASTIC_PART)]
+    return [{**row, "parts": [row[part] for part in parts]} for row in rows]
+
+
 def _percent(share: float) -> str:
     return f"{signed(100 * share, 2)} %" if np.isfinite(share) else NOTHING
 
 
 def _significant(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}".replace("-", "\u2212") if np.isfinite(value) else NOTHING
+
+
+def _digits(value: float, count: int) -> str:
+    return f"{value:.{count}f}"

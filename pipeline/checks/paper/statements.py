@@ -153,6 +153,12 @@ def _deflection(curve: pd.DataFrame) -> np.ndarray:
     return np.hypot(curve["bearing_x_um"].to_numpy(), curve["bearing_y_um"].to_numpy())
 
 
+def bearing_deflections(tables: Tables, torque: float) -> list[float]:
+    """Deflection [um] of the input bearing in every case at a torque [N m] of the first loading."""
+    curves = [tables.loading(case.label) for case in tables.study.cases]
+    return [float(np.interp(torque, curve["torque_Nm"], _deflection(curve))) for curve in curves]
+
+
 def _bearing(tables: Tables) -> Iterator[Statement]:
     curves = [tables.loading(case.label) for case in tables.study.cases]
     for case, curve in zip(tables.study.cases, curves, strict=True):
@@ -163,14 +169,12 @@ def _bearing(tables: Tables) -> Iterator[Statement]:
             f"up to {deflection[-1]:.3f} µm",
             bool(np.all(np.diff(deflection) > 0)),
         )
-    lost_motion = [
-        float(np.interp(tables.lost_motion_torque, curve["torque_Nm"], _deflection(curve))) for curve in curves
-    ]
     across = [float(abs(curve["bearing_y_um"].iloc[-1])) for curve in curves]
-    for name, values in (
-        (f"{tables.lost_motion_torque:g} N m", lost_motion),
-        ("the rated torque", [float(_deflection(curve)[-1]) for curve in curves]),
+    for name, torque in (
+        (f"{tables.lost_motion_torque:g} N m", tables.lost_motion_torque),
+        ("the rated torque", tables.study.design.cycloid.rated_torque_Nm),
     ):
+        values = bearing_deflections(tables, torque)
         yield Statement(
             "12",
             f"the bearing deflects more as the tolerances increase, at {name}",
