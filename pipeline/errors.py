@@ -1,6 +1,11 @@
-"""The one exception that a user sees: a mistake of his own, said in full and without a traceback."""
+"""The two errors that end a command, each said in full and without a traceback."""
 
+import re
 from collections.abc import Iterable
+
+LONGEST_WORD = 160
+"""Characters of an echoed value or path, more than a path has: a longer one is cut in its middle."""
+LONGEST_LINE = 1200
 
 
 class InputError(Exception):
@@ -23,3 +28,18 @@ class InputError(Exception):
 
     def __str__(self) -> str:
         return "\n".join(self.problems)
+
+
+class ChunkError(RuntimeError):
+    """A body failed on a chunk; says stage, items and how to come back to it."""
+
+
+def shortened(line: str) -> str:
+    """A line in which whatever a file or a command line put into it is cut to a readable length."""
+    words = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: _cut(word[0], LONGEST_WORD), line)
+    return _cut(words, LONGEST_LINE)
+
+
+def _cut(text: str, length: int) -> str:
+    tail = length // 4
+    return text if len(text) <= length else f"{text[: length - tail - 3]}...{text[-tail:]}"

@@ -241,11 +241,15 @@ def _design_file(calibration: Calibration, source: str) -> str:
 def _rows(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
     if not path.is_file():
         raise InputError(f"{path.name}: no such file; give a CSV file, or the stem of one in data/published")
-    with path.open(encoding="utf-8", newline="") as file:
-        reader = csv.DictReader(file)
-        if tuple(reader.fieldnames or ()) != columns:
-            raise InputError(f"{path.name}: columns {', '.join(reader.fieldnames or ())}; must be {', '.join(columns)}")
-        return list(reader)
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file, restval="")
+            if tuple(reader.fieldnames or ()) != columns:
+                found = ", ".join(reader.fieldnames or ())
+                raise InputError(f"{path.name}: columns {found}; must be {', '.join(columns)}")
+            return list(reader)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path.name}: no table: {error}; give a CSV file") from None
 
 
 def _numbers(

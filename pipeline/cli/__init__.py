@@ -1,40 +1,22 @@
 """The command line: studies and their stages, measured units, and what holds the model against the world."""
 
-import argparse
+import importlib
 import sys
 from collections.abc import Sequence
 
-from pipeline.cli import checks, measured, settings, studies
-from pipeline.engine.parallel import ChunkError
-from pipeline.errors import InputError
+from pipeline.cli.boundary import answer
+from pipeline.cli.parser import parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit status: 0, 2 for a mistake of the user's, 1 for a failure of ours."""
-    options = _parser().parse_args(arguments)
+    """Run one command; returns the exit status: 0, 2 for what the user can mend, 1 for a failure of ours."""
     try:
-        options.command(options)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except ChunkError as error:
-        print(error, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on from the finished chunks", file=sys.stderr)
-        return 130
+        options = parser().parse_args(arguments)
+        module, _, action = options.command.partition(".")
+        getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)
+    except (Exception, KeyboardInterrupt) as error:
+        told = answer(error)
+        for line in told.lines:
+            print(line, file=sys.stderr)
+        return told.status
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m pipeline", description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-
-    def command(name: str, action: settings.Action, text: str) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(command=action)
-        return sub
-
-    for group in (studies, measured, checks):
-        group.add(command)
-    return parser

@@ -2,9 +2,9 @@
 
 import argparse
 import sys
-from pathlib import Path
 
-from pipeline.checks import calibrate, coverage
+from pipeline.checks import bench, calibrate, coverage, verify
+from pipeline.checks.calculix import export
 from pipeline.checks.paper import comparison
 from pipeline.cli import settings
 from pipeline.config import load_study
@@ -17,38 +17,8 @@ COARSE = "quick"
 """Study whose mesh CalculiX takes minutes for, not hours."""
 
 
-def add(command: settings.Commands) -> None:
-    """Add the commands."""
-    measuring = command("bench", _bench, "measure the speed of a study's hot parts")
-    settings.study_option(measuring)
-
-    settings.jobs_option(command("paper", _paper, "hold the paper's Table 2, contacts and figures against the model"))
-
-    fitting = command("calibrate", _calibrate, "fit numbers of a study's design to published metrics of its cases")
-    fitting.add_argument("--study", default=comparison.STUDY, help="study of cases, or its stem in data/studies")
-    for name, stem, what in (
-        ("--targets", comparison.TARGETS, "CSV of published metrics"),
-        ("--parameters", comparison.FITTED, "CSV of fitted numbers: key, lower, upper"),
-    ):
-        fitting.add_argument(name, type=Path, default=settings.PUBLISHED / stem, help=what)
-
-    verifying = command("verify", _verify, "hold the mechanics against exact answers and independent solvers")
-    verifying.add_argument("--mesh", choices=("coarse", "paper"), default="paper", help="default: paper")
-
-    counting = command("coverage", _coverage, "count how often intervals of a study's statistics hold the truth")
-    settings.study_option(counting)
-    counting.add_argument("--repeats", type=int, default=2000, help="experiments per design; default: 2000")
-    counting.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
-
-    exporting = command("export-ccx", _export_ccx, "write a sample of a study as an input deck of CalculiX")
-    exporting.add_argument("study", help="study file, or the stem of one in data/studies")
-    exporting.add_argument("--sample", required=True, type=int)
-    exporting.add_argument("--crank", type=float, metavar="DEG", help="crank angle; default: the study's first")
-
-
-def _bench(options: argparse.Namespace) -> None:
-    from pipeline.checks import bench  # slow to import
-
+def measure_speed(options: argparse.Namespace) -> None:
+    """Measure the speed of a study's hot parts."""
     study = load_study(options.study, settings.ROOT)
     settings.RUNS.mkdir(parents=True, exist_ok=True)
     results = []
@@ -61,7 +31,8 @@ def _bench(options: argparse.Namespace) -> None:
     print(f"table: {settings.RUNS / 'bench' / 'bench.csv'}")
 
 
-def _paper(options: argparse.Namespace) -> None:
+def compare_paper(options: argparse.Namespace) -> None:
+    """Hold the paper's numbers and figures against the model."""
     study = load_study(comparison.STUDY, settings.ROOT)
     with settings.resources(study, options) as resources:
         outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
@@ -72,13 +43,16 @@ def _paper(options: argparse.Namespace) -> None:
     print(f"page: {folder / 'paper.html'}")
 
 
-def _calibrate(options: argparse.Namespace) -> None:
-    study = load_study(options.study, settings.ROOT)
-    targets = calibrate.read_targets(options.targets, study)
-    parameters = calibrate.read_parameters(options.parameters, study.design)
+def fit_design(options: argparse.Namespace) -> None:
+    """Fit numbers of a design to published metrics."""
+    study = load_study(options.study or comparison.STUDY, settings.ROOT)
+    source = options.targets or settings.PUBLISHED / comparison.TARGETS
+    targets = calibrate.read_targets(source, study)
+    fitted = options.parameters or settings.PUBLISHED / comparison.FITTED
+    parameters = calibrate.read_parameters(fitted, study.design)
     fit = calibrate.calibrated(study, targets, parameters, study.metrics.confidence)
     folder = settings.RUNS / "calibrate" / study.name
-    calibrate.write(fit, targets, options.targets.name, folder)
+    calibrate.write(fit, targets, source.name, folder)
     for name in ("fit.csv", "targets.csv"):
         print((folder / name).read_text(), end="")
     print(f"singular values: {', '.join(f'{value:.3g}' for value in fit.fit.singular_values)}")
@@ -87,16 +61,16 @@ def _calibrate(options: argparse.Namespace) -> None:
     print(f"design: {folder / 'design.toml'}")
 
 
-def _verify(options: argparse.Namespace) -> None:
-    from pipeline.checks import verify  # slow to import
-
+def verify_mechanics(options: argparse.Namespace) -> None:
+    """Hold the mechanics against exact answers and independent solvers."""
     failed = verify.verify(options.mesh, settings.ROOT, settings.RUNS / "verify" / "results.csv")
     if failed:
         print(f"{failed} rows failed", file=sys.stderr)
         raise SystemExit(1)
 
 
-def _coverage(options: argparse.Namespace) -> None:
+def count_coverage(options: argparse.Namespace) -> None:
+    """Count how often intervals of a study's statistics hold the truth."""
     for name in ("repeats", "jobs"):
         if getattr(options, name) < 1:
             raise InputError(f"--{name} = {getattr(options, name)}; must be at least 1")
@@ -112,9 +86,8 @@ def _coverage(options: argparse.Namespace) -> None:
     print(f"table: {settings.shown(table)}")
 
 
-def _export_ccx(options: argparse.Namespace) -> None:
-    from pipeline.checks.calculix import export  # slow to import
-
+def export_deck(options: argparse.Namespace) -> None:
+    """Write a sample as an input deck of CalculiX."""
     study = load_study(options.study, settings.ROOT)
     settings.check_sample(study, options.sample)
     crank = study.cycle.crank_deg[0] if options.crank is None else options.crank

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -25,24 +24,8 @@ from stages.chain import STAGES
 from stages.condensed import COMPLIANCE_FILE, full_compliance
 
 
-def add(command: settings.Commands) -> None:
-    """Add the commands."""
-    naming = command("identify", _identify, "say why a measured unit differs from its model, and correct the model")
-    naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
-    settings.jobs_option(naming)
-
-    comparing = command("population", _population, "hold many measured units against the distributions of a study")
-    comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
-    settings.study_option(comparing)
-    settings.jobs_option(comparing)
-
-    testing = command("blind", _blind, "test the identification on generated units whose truth it cannot read")
-    testing.add_argument("--cases", type=int, default=FULL_RUN, help=f"default: the full run of {FULL_RUN}")
-    testing.add_argument("--seed", type=int, default=SEED, help="of the units")
-    testing.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
-
-
-def _identify(options: argparse.Namespace) -> None:
+def identify_unit(options: argparse.Namespace) -> None:
+    """Say why a measured unit differs from its model."""
     unit = load_measured_unit(options.unit, settings.ROOT)
 
     def condensed(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
@@ -65,7 +48,8 @@ def _identify(options: argparse.Namespace) -> None:
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 
-def _population(options: argparse.Namespace) -> None:
+def compare_population(options: argparse.Namespace) -> None:
+    """Hold measured units against the distributions of a study."""
     units = load_population(options.units)
     study = load_study(options.study, settings.ROOT)
     with settings.resources(study, options) as resources:
@@ -87,11 +71,14 @@ def _population(options: argparse.Namespace) -> None:
     print(f"page: {settings.shown(folder / 'population.html')}")
 
 
-def _blind(options: argparse.Namespace) -> None:
-    for name, least in (("cases", 1), ("jobs", 1), ("seed", 0)):
-        if getattr(options, name) < least:
-            raise InputError(f"--{name} = {getattr(options, name)}; must be at least {least}")
-    rows = blind(options.cases, options.seed, options.jobs, settings.ROOT, settings.RUNS)
+def run_blind(options: argparse.Namespace) -> None:
+    """Test the identification on generated units."""
+    cases = FULL_RUN if options.cases is None else options.cases
+    seed = SEED if options.seed is None else options.seed
+    for name, value, least in (("cases", cases, 1), ("jobs", options.jobs, 1), ("seed", seed, 0)):
+        if value < least:
+            raise InputError(f"--{name} = {value}; must be at least {least}")
+    rows = blind(cases, seed, options.jobs, settings.ROOT, settings.RUNS)
     folder = settings.RUNS / "blind"
     write_reports(rows, folder)
     print((folder / "rates.csv").read_text(encoding="utf-8"), end="")

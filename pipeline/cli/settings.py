@@ -1,10 +1,9 @@
-"""What the commands share: where things lie, options, and what a run may use."""
+"""What the commands share: where things lie, and what a run may use."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
 from pipeline.config import Study
 from pipeline.engine.parallel import dask_cluster
@@ -16,27 +15,6 @@ RUNS = ROOT / "data" / "runs"
 PUBLISHED = ROOT / "data" / "published"
 ALL_WORKERS = -1
 """Joblib's number of processes for as many as the cluster has."""
-
-Action = Callable[[argparse.Namespace], None]
-
-
-class Commands(Protocol):
-    """Adds a command: its name, what it does, its help text; returns its parser."""
-
-    def __call__(self, name: str, action: Action, text: str) -> argparse.ArgumentParser: ...
-
-
-def study_option(sub: argparse.ArgumentParser) -> None:
-    """The option of which study."""
-    sub.add_argument("--study", default="paper", help="study file, or the stem of one in data/studies")
-
-
-def jobs_option(sub: argparse.ArgumentParser) -> None:
-    """The options of where and with how many processes."""
-    sub.add_argument("--jobs", type=int, help="processes; default: the study's")
-    sub.add_argument("--backend", choices=("loky", "dask"), default="loky", help="this machine, or a Dask cluster")
-    sub.add_argument("--scheduler", help="address of the cluster's scheduler, as in tcp://192.0.2.1:8786")
-
 
 @contextmanager
 def resources(study: Study, options: argparse.Namespace) -> Iterator[Resources]:

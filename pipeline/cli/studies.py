@@ -1,7 +1,7 @@
 """Commands on studies: run stages, say why one is stale, solve one unit, write contact forces, clean up."""
 
 import argparse
-import shutil
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -10,57 +10,35 @@ import pandas as pd
 from pipeline.cli import settings
 from pipeline.config import Study, load_study, load_unit
 from pipeline.engine.cache import Cache
+from pipeline.engine.lock import locked
 from pipeline.engine.runner import damages, run, why
 from pipeline.engine.stage import Job
-from pipeline.engine.store import Output, write_atomic
+from pipeline.engine.store import Output, remove, write_atomic
+from pipeline.errors import InputError
 from stages import hysteresis
 from stages.aggregate import METRIC_COLUMNS
 from stages.chain import STAGES
 
 
-def add(command: settings.Commands) -> None:
-    """Add the commands."""
-    running = command("run", _run, "run stages, and whatever they depend on that is missing or stale")
-    running.add_argument("stage", nargs="*", default=[STAGES[-1].name], help=", ".join(s.name for s in STAGES))
-    settings.study_option(running)
-    settings.jobs_option(running)
-
-    asking = command("why", _why, "say which input, setting or source makes a stage stale")
-    asking.add_argument("stage")
-    settings.study_option(asking)
-
-    single = command("unit", _unit, "solve one reducer with as-measured dimensions")
-    single.add_argument("design", help="design file, or the stem of one in data/designs")
-    single.add_argument("--dimensions", required=True, type=Path, help="TOML file of measured errors in micrometres")
-    settings.study_option(single)
-    settings.jobs_option(single)
-
-    resolving = command("resolve", _resolve, "write the contact forces of any sample of a run")
-    resolving.add_argument("study", help="study file, or the stem of one in data/studies")
-    resolving.add_argument("--sample", required=True, type=int)
-    settings.jobs_option(resolving)
-
-    checking = command("check", _check, "compare every byte of a run with its records, and say what to run again")
-    checking.add_argument("run", help="folder of a run, or the name of one in data/runs")
-
-    command("clean-runs", _clean_runs, "forget all runs, never inputs")
-
-
-def _run(options: argparse.Namespace) -> None:
+def run_stages(options: argparse.Namespace) -> None:
+    """Run the stages wanted and say where the report is."""
     study = load_study(options.study, settings.ROOT)
+    stages = options.stage or [STAGES[-1].name]
     with settings.resources(study, options) as resources:
-        run(STAGES, study, options.stage, settings.RUNS, resources)
+        run(STAGES, study, stages, settings.RUNS, resources)
     report = settings.RUNS / study.name / "report" / "report.html"
-    if STAGES[-1].name in options.stage:
+    if STAGES[-1].name in stages:
         print(f"report: {settings.shown(report)}")
 
 
-def _why(options: argparse.Namespace) -> None:
+def reasons(options: argparse.Namespace) -> None:
+    """Print why a stage would run."""
     for reason in why(STAGES, load_study(options.study, settings.ROOT), options.stage, settings.RUNS):
         print(reason)
 
 
-def _unit(options: argparse.Namespace) -> None:
+def solve_unit(options: argparse.Namespace) -> None:
+    """Solve a unit with as-measured dimensions and print its metrics."""
     study = load_unit(options.dimensions, options.design, options.study, settings.ROOT)
     with settings.resources(study, options) as resources:
         outputs = run(STAGES, study, ["report"], settings.RUNS, resources)
@@ -70,7 +48,8 @@ def _unit(options: argparse.Namespace) -> None:
     print(f"tables and report: {settings.RUNS / study.name}")
 
 
-def _resolve(options: argparse.Namespace) -> None:
+def resolve_contacts(options: argparse.Namespace) -> None:
+    """Write the contact forces of one sample."""
     study = load_study(options.study, settings.ROOT)
     sample = options.sample
     settings.check_sample(study, sample)
@@ -92,7 +71,8 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
     return hysteresis.contact_rows(shared, np.array([sample]), gap_um, solved)
 
 
-def _check(options: argparse.Namespace) -> None:
+def check_run(options: argparse.Namespace) -> None:
+    """Compare every byte of a run with its records."""
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
     found = damages(folder)
     for damage in found:
@@ -104,6 +84,30 @@ def _check(options: argparse.Namespace) -> None:
     print(f"{settings.shown(folder)}: every file is what was written")
 
 
-def _clean_runs(_: argparse.Namespace) -> None:
-    shutil.rmtree(settings.RUNS, ignore_errors=True)
-    print(f"removed {settings.RUNS}")
+def clean_runs(_: argparse.Namespace) -> None:
+    """Remove all runs, and say what could not be removed.
+
+    Raises
+    ------
+    InputError
+        If another process writes one of them: nothing is removed then.
+    """
+    folders = [path for path in sorted(settings.RUNS.glob("*")) if path.is_dir() and not path.is_symlink()]
+    with contextlib.ExitStack() as held:
+        for folder in folders:
+            if not folder.name.startswith("."):
+                held.enter_context(locked(folder))
+        problems = [problem for path in sorted(settings.RUNS.glob("*")) for problem in _removed(path)]
+    if problems:
+        raise InputError(problems)
+    print(f"removed all runs in {settings.RUNS}")
+
+
+def _removed(path: Path) -> list[str]:
+    """Remove a run; what of it is still there, and why."""
+    try:
+        remove(path)
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename and not Path(error.filename).is_absolute() else ""
+        return [f"{path}: not removed: {name}{error.strerror}; remove it yourself, then run this again"]
+    return []

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from math import pi, sqrt
 from typing import Any
 
 from pipeline.config.design import Design, PinInHole
 from pipeline.config.effects import study_effect_problems
-from pipeline.config.section import MISSING, Problem, nearest_name
+from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name
 from pipeline.config.study import FEWEST_BASE_SAMPLES, Clearance, Cycle, Drivers, Metrics, Reduce, Samples
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
+LARGEST_RUN = 10**10
+"""Samples x contacts: 80 GB of gaps at each crank angle."""
+LARGEST_MESH = 2_000_000
+"""Triangles whose factors fill some 10 GB; the paper's disk has 30,000."""
 RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify", "population", "coverage")
 """Run folders of the targets that are no study."""
 
@@ -28,10 +33,14 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     samples, cycle, metrics, reduce, design = (
         parts.get(name) for name in ("samples", "cycle", "metrics", "reduce", "design")
     )
+    if "name" in parts and not NAME.fullmatch(parts["name"]):
+        found.append(Problem("file name", parts["name"], NAME_RULE))
     if parts.get("name") in RESERVED_NAMES:
         found.append(Problem("file name", parts["name"], "is the run folder of another target; rename the study file"))
     if samples:
         found += _samples(samples, raw)
+    if samples and design:
+        found += _size(samples, design)
     if samples and parts.get("drivers"):
         found += _drivers(parts["drivers"], samples)
     if cycle:
@@ -40,6 +49,7 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
         found += _metrics(metrics, cycle)
     if reduce and design:
         found += _patches(reduce, design)
+        found += _mesh(reduce, design)
     if design:
         found += study_effect_problems(design.effects)
         found += _readings(parts.get("clearance"), design)
@@ -98,6 +108,29 @@ def _drivers(drivers: Drivers, samples: Samples) -> Iterator[Problem]:
         yield Problem(key, count, f"must be 0 (no drivers by variance) or >= {FEWEST_BASE_SAMPLES}; 1000 tell well")
     if count and samples.experiment == "cases":
         yield Problem(key, count, "must be 0 where cases are listed: stated units have no variance to share")
+
+
+def _size(samples: Samples, design: Design) -> Iterator[Problem]:
+    contacts = design.cycloid.pins + design.output.contacts
+    if samples.count * contacts > LARGEST_RUN:
+        yield Problem(
+            "samples.count",
+            samples.count,
+            f"with {contacts} contacts a unit must be <= {LARGEST_RUN // contacts}: the gaps alone of more would fill "
+            "the disk; take fewer samples, whose intervals the report states",
+        )
+
+
+def _mesh(reduce: Reduce, design: Design) -> Iterator[Problem]:
+    radius, edge = design.cycloid.pin_circle_radius_mm, reduce.largest_edge_mm
+    triangles = pi * radius**2 / (sqrt(3) / 4 * edge**2) + design.cycloid.lobes * reduce.flank_edges_per_lobe
+    if triangles > LARGEST_MESH:
+        yield Problem(
+            "reduce.largest_edge_mm",
+            edge,
+            f"with {reduce.flank_edges_per_lobe} edges a lobe makes some {triangles:.2g} triangles, must be <= "
+            f"{LARGEST_MESH:.0g}; take larger or fewer edges",
+        )
 
 
 def _cycle(cycle: Cycle, samples: Samples | None) -> Iterator[Problem]:

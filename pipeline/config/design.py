@@ -6,17 +6,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.config.section import NotNegative, Positive, Section
+from pipeline.config.section import Clearance, Millimetres, Section
 
 
 class Cycloid(Section):
     """Cycloid stage: ring of pins and one disk with `pins - 1` lobes."""
 
-    pins: Annotated[int, Field(ge=4)]
-    pin_radius_mm: Positive
-    pin_circle_radius_mm: Positive
-    eccentricity_mm: Positive
-    rated_torque_Nm: Positive
+    pins: Annotated[int, Field(ge=4, le=1000)]
+    pin_radius_mm: Millimetres
+    pin_circle_radius_mm: Millimetres
+    eccentricity_mm: Millimetres
+    # From a watch to a wind turbine.
+    rated_torque_Nm: Annotated[float, Field(ge=1e-6, le=1e7)]
 
     @property
     def lobes(self) -> int:
@@ -27,14 +28,14 @@ class Cycloid(Section):
 class Housing(Section):
     """Ring that holds the pins."""
 
-    outer_diameter_mm: Positive
+    outer_diameter_mm: Millimetres
 
 
 class Material(Section):
     """Isotropic linear elastic material."""
 
-    # Diamond has 1.2e6 MPa: anything above was typed in another unit.
-    youngs_modulus_MPa: Annotated[float, Field(gt=0, le=1.3e6)]
+    # Rubber has 1 MPa, diamond 1.2e6: anything else was typed in another unit.
+    youngs_modulus_MPa: Annotated[float, Field(ge=1, le=1.3e6)]
     poisson_ratio: Annotated[float, Field(ge=0, lt=0.5)]
 
 
@@ -42,8 +43,8 @@ class Disk(Section):
     """Cycloid disk: a slice of constant thickness, carried on the input bearing in its bore."""
 
     material: str
-    thickness_mm: Positive
-    bore_radius_mm: Positive
+    thickness_mm: Millimetres
+    bore_radius_mm: Millimetres
     stress: Literal["plane_stress", "plane_strain"]
 
 
@@ -56,9 +57,11 @@ class Pins(Section):
 class Bearing(Section):
     """Input bearing between crank and disk: F = K (d - c)^n beyond its radial clearance c, with d in mm."""
 
-    stiffness_N_per_mm_power: Positive
-    exponent: Annotated[float, Field(ge=1)]
-    clearance_um: NotNegative
+    # 1e12 N/mm moves an angstrom under a tonne: rigid; 1e-3 N/mm carries nothing.
+    stiffness_N_per_mm_power: Annotated[float, Field(ge=1e-3, le=1e12)]
+    # Balls have 3/2, rollers 10/9.
+    exponent: Annotated[float, Field(ge=1, le=3)]
+    clearance_um: Clearance
 
 
 class RollerPlate(Section):
@@ -69,16 +72,16 @@ class RollerPlate(Section):
     """
 
     mechanism: Literal["roller_plate"]
-    roller_radius_mm: Positive
-    rollers: Annotated[int, Field(ge=8, multiple_of=8)]
-    roller_length_mm: Positive
+    roller_radius_mm: Millimetres
+    rollers: Annotated[int, Field(ge=8, le=800, multiple_of=8)]
+    roller_length_mm: Millimetres
     roller_material: str
-    inner_station_mm: Positive
-    outer_station_mm: Positive
-    face_offset_mm: Positive
+    inner_station_mm: Millimetres
+    outer_station_mm: Millimetres
+    face_offset_mm: Millimetres
     slide_angle_deg: Annotated[float, Field(ge=-360, le=360)]
     plate: Literal["rotates", "floats"]
-    flat_depth_mm: Positive
+    flat_depth_mm: Millimetres
     plate_material: str
 
     @property
@@ -121,11 +124,11 @@ class PinInHole(Section):
     """
 
     mechanism: Literal["pin_in_hole"]
-    pins: Annotated[int, Field(ge=3)]
-    pin_radius_mm: Positive
-    pin_circle_radius_mm: Positive
+    pins: Annotated[int, Field(ge=3, le=100)]
+    pin_radius_mm: Millimetres
+    pin_circle_radius_mm: Millimetres
     pin_material: str
-    hole_clearance_um: Annotated[float, Field(ge=0, le=1000)]
+    hole_clearance_um: Clearance
     phase_deg: Annotated[float, Field(ge=-360, le=360)]
 
     @property

@@ -3,10 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import inf
 
 from pipeline.config.section import MISSING, Problem
 
 Effects = Mapping[str, Mapping[str, float]]
+
+
+PHYSICAL_RANGE = {
+    "um": (-1000.0, 1000.0),
+    "N m": (0.0, 1e7),
+    "1": (0.0, 1e6),
+    "arcmin/(N m)": (0.0, 1e6),
+    "arcmin": (0.0, 1e4),
+    "s": (0.0, 1e9),
+    "um/N": (0.0, 1e6),
+    "um/(m K)": (-1000.0, 1000.0),
+}
+"""What a parameter may be by its unit: deviations of a millimetre, friction and compliance that take energy away, times
+of thirty years, twice the expansion of any plastic. Beyond it a value was typed in another unit."""
 
 
 def effect_problems(effects: Effects) -> Iterator[Problem]:
@@ -25,6 +40,10 @@ def effect_problems(effects: Effects) -> Iterator[Problem]:
         for key, value in values.items():
             if key not in allowed:
                 yield Problem(f"effects.{name}.{key}", value, f"unknown parameter; {name} has {shown}")
+                continue
+            lower, upper = PHYSICAL_RANGE.get(allowed[key].unit, (-inf, inf))
+            if not lower <= value <= upper:
+                yield Problem(f"effects.{name}.{key}", value, f"must be {lower:g} to {upper:g} {allowed[key].unit}")
         for key, parameter in allowed.items():
             if key not in values:
                 yield Problem(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")

@@ -15,10 +15,14 @@ from pipeline.config.design import Design
 from pipeline.config.effects import effect_problems
 from pipeline.config.geometry import geometry_problems
 from pipeline.config.messages import problems_of
-from pipeline.config.section import MISSING, Problem, nearest_name
+from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
 from pipeline.config.study import Study
 from pipeline.config.tolerances import Tolerances, tolerance_problems
 from pipeline.errors import InputError
+
+LARGEST_FILE = 1 << 24
+"""Bytes of a settings file: measured deviations of a thousand units with a hundred pins fit three times."""
+DEEPEST_TABLE = 20
 
 
 def load_design(path_or_stem: str | Path, root: Path) -> Design:
@@ -68,18 +72,19 @@ def load_unit(path: Path, design: str, study: str | Path, root: Path) -> Study:
     InputError : a file is missing, is no TOML, or holds values that are not allowed.
     """
     if not path.is_file():
-        raise InputError([f"dimensions = {str(path)!r}; no such file; give the path of a TOML file"])
+        raise InputError([f"dimensions = {shown_value(str(path))}; no such file; give the path of a TOML file"])
     nominal = load_design(design, root)
     ordinary = read_toml(found_file(study, root, "studies", [Path(), root]))
-    settings = {
+    settings: dict[str, Any] = {
         **{name: value for name, value in ordinary.items() if name not in ("tolerances", "cases")},
         "title": f"{nominal.title}: unit {path.stem}",
         "description": "",
         "design": design,
         "samples": {"count": 1, "experiment": "cases", "nominal_first": True},
         "cases": [{"label": path.stem, **read_toml(path)}],
-        "cycle": {**ordinary.get("cycle", {}), "keep_contacts": "all"},
     }
+    if isinstance(ordinary.get("cycle", {}), dict):
+        settings["cycle"] = {**ordinary.get("cycle", {}), "keep_contacts": "all"}
     return parse_study(settings, f"unit-{path.stem}", path.name, lambda _: nominal)
 
 
@@ -180,11 +185,33 @@ def with_tuples(value: Any) -> Any:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; InputError if it is none."""
+    """The tables of a TOML file; InputError if it is none, or larger or deeper than settings are."""
+    size = path.stat().st_size
+    if size > LARGEST_FILE:
+        raise InputError([f"{path.name}: has {size} bytes, settings have at most {LARGEST_FILE}; is it another file?"])
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except RecursionError:
+        raise InputError([f"{path.name}: not a settings file: lists or tables nested too deeply; flatten it"]) from None
+    except ValueError as error:  # no TOML, no text, or a number of thousands of digits
         raise InputError([f"{path.name}: not a TOML file: {error}; correct the line"]) from None
+    if _depth(tables) > DEEPEST_TABLE:
+        raise InputError([f"{path.name}: tables nested deeper than {DEEPEST_TABLE}; settings are not; correct a key"])
+    return tables
+
+
+def _depth(value: Any) -> int:
+    """How deep tables and lists are nested; counted level by level, since Python's own stack is not deep."""
+    depth, level = 0, [value]
+    while level:
+        depth += 1
+        level = [
+            item
+            for outer in level
+            for item in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(item, dict | list)
+        ]
+    return depth
 
 
 def _study_design(name: str, study: Path, root: Path) -> Design:
@@ -195,6 +222,8 @@ def _study_design(name: str, study: Path, root: Path) -> Design:
 def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], where: str = "") -> Path:
     """The file of a path (under one of `bases`) or of a stem (under data/`kind`)."""
     home = root / "data" / kind
+    if not NAME.fullmatch(Path(name).stem):
+        raise InputError([f"{where or kind} = {shown_value(str(name))}; the file's name {NAME_RULE}"])
     places = [base / name for base in bases] if Path(name).suffix == ".toml" else [home / f"{name}.toml"]
     for place in places:
         if place.is_file():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated
@@ -12,8 +13,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
-# Deviations beyond a millimetre are no tolerances of a reducer but a value typed in another unit.
+# Physical bounds: outside of them a value was typed in another unit, or is none of a machine part.
 Micrometres = Annotated[float, Field(ge=-1000, le=1000)]
+"""A deviation: beyond a millimetre it is no tolerance."""
+Clearance = Annotated[float, Field(ge=0, le=1000)]
+"""A clearance or a standard deviation [um], as a deviation."""
+Millimetres = Annotated[float, Field(ge=1e-3, le=1e4)]
+"""A length of a part: from a micrometre, below which nothing is machined, to ten metres, above which no reducer is."""
+
+NAME = re.compile(r"\w[\w.+-]{0,59}")
+"""Studies, designs and units are named by their files and name folders: no path, nothing hidden, and not too long."""
+NAME_RULE = "must be letters, digits, '_', and after the first character '.', '+', '-', at most 60; rename the file"
+LONGEST_SHOWN = 100
+"""Characters of a value that a message echoes."""
 
 
 class Section(BaseModel):
@@ -46,8 +58,17 @@ class Problem:
         if self.found is MISSING:
             shown = " is missing"
         else:
-            shown = "" if self.found is None else f" = {json.dumps(self.found, default=str)}"
+            shown = "" if self.found is None else f" = {shown_value(self.found)}"
         return f"{file}: {self.key}{shown}; {self.allowed}"
+
+
+def shown_value(value: object) -> str:
+    """A value as it stands in a file, cut where it is long."""
+    try:
+        text = json.dumps(value, default=str)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, tables nested a thousand deep
+        text = f"({type(value).__name__} that is too long to show)"
+    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 4]} ..."
 
 
 def nearest_name(name: str, known: Iterable[str]) -> str:

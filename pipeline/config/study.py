@@ -8,7 +8,7 @@ from pydantic import Field
 
 from pipeline.config.cases import Case
 from pipeline.config.design import Design
-from pipeline.config.section import NotNegative, Positive, Section
+from pipeline.config.section import Millimetres, NotNegative, Positive, Section
 from pipeline.config.tolerances import Tolerances
 
 Percent = Annotated[float, Field(gt=0, le=100)]
@@ -61,10 +61,10 @@ class Reduce(Section):
     """
 
     flank_edges_per_lobe: Annotated[int, Field(ge=8, le=2000)]
-    patch_half_width_mm: Positive
-    growth: Annotated[float, Field(gt=0, le=2)]
-    largest_edge_mm: Positive
-    roller_patch_half_width_mm: Positive
+    patch_half_width_mm: Millimetres
+    growth: Annotated[float, Field(ge=0.01, le=2)]
+    largest_edge_mm: Millimetres
+    roller_patch_half_width_mm: Millimetres
 
 
 class Cycle(Section):
@@ -115,7 +115,7 @@ class Run(Section):
     """How the work is divided; changes no result."""
 
     jobs: Annotated[int, Field(ge=1, le=1024)] = 2
-    chunk: Annotated[int, Field(ge=1)] = 250
+    chunk: Annotated[int, Field(ge=1, le=10**9)] = 250
 
 
 class Study(Section):

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pipeline.config.design import Design
-from pipeline.config.section import Micrometres, Positive, Problem, Section
+from pipeline.config.section import Clearance, Micrometres, Millimetres, Problem, Section
 
 PIN_TOLERANCES = ("pin_radial", "pin_tangential", "pin_radius")
 OVALITIES = {"ovality_2": 2, "ovality_3": 3}
@@ -42,7 +42,7 @@ class Spread(Section):
     lower_um: Micrometres
     upper_um: Micrometres
     allowance_um: Micrometres = 0.0
-    correlation_length_mm: Positive | None = None
+    correlation_length_mm: Millimetres | None = None
 
     @property
     def limits_um(self) -> tuple[float, float]:
@@ -59,7 +59,7 @@ class Normal(Spread):
     """Normal distribution truncated at the limits; unless stated, centred between them with limits at 3 sigma."""
 
     distribution: Literal["normal"]
-    sigma_um: Annotated[float, Field(ge=0)] | None = None
+    sigma_um: Clearance | None = None
     mean_um: Micrometres | None = None
 
     @property

@@ -22,15 +22,11 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import ITEM, Part
-from pipeline.errors import InputError
+from pipeline.errors import ChunkError, InputError
 
 WAVE = 32
 """Chunks a process between two moments at which every result is written. Workers outrun a slow disk by no more than
 that, which bounds memory; waiting for the last of a wave costs about half a chunk in 32."""
-
-
-class ChunkError(RuntimeError):
-    """A body failed on a chunk; says stage, items and how to come back to it."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,7 @@ def dask_cluster(scheduler: str) -> Iterator[Backend]:
         raise InputError("--backend dask: Dask is not installed; pip install 'distributed'") from None
     try:
         client = Client(scheduler, timeout="10s")
-    except (OSError, ValueError) as error:
+    except Exception as error:  # each transport of Dask has errors of its own, of any type
         raise InputError(f"--scheduler = {scheduler}; no Dask scheduler answers there ({error}); start one") from None
     with client:
         yield Backend("dask", {})

@@ -16,7 +16,7 @@ from pipeline.engine.fingerprint import Fingerprint, fingerprint
 from pipeline.engine.lock import locked
 from pipeline.engine.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
-from pipeline.engine.store import RECORD, Output
+from pipeline.engine.store import RECORD, Output, blamed
 from pipeline.engine.work import Work
 from pipeline.errors import InputError
 
@@ -168,7 +168,7 @@ def _executed(
     """Run a stage and publish its output."""
     progress.announce(stage.name)
     started = datetime.now(UTC).isoformat(timespec="seconds")
-    with progress.Meter() as meter:
+    with progress.Meter() as meter, blamed(runs / study.name / stage.name):
         state = {"key": now.key, "chunk": resources.chunk} if stage.solve else None
         work = Work(runs / study.name, stage.name, state)
         sections = Sections(study, (*stage.sections, "name"))

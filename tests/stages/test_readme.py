@@ -9,6 +9,7 @@ import pytest
 
 from pipeline import cli
 from pipeline.cli import settings
+from pipeline.cli.parser import parser
 from pipeline.engine.store import Output
 from pipeline.identification.results import tables
 
@@ -41,7 +42,7 @@ def test_every_command_line_is_understood() -> None:
     lines = commands(".venv/bin/python -m pipeline")
     assert len(lines) >= 3
     for line in lines:
-        cli._parser().parse_args(line[3:])  # exits if it does not understand
+        parser().parse_args(line[3:])  # exits if it does not understand
 
 
 def test_the_pandas_snippet_runs_on_a_run(

@@ -98,7 +98,7 @@ def test_nominal_sample_counts_as_a_row(study_data):
         ("cycloid.eccentricity_mm", 0.41, "cycloid.eccentricity_mm = 0.41; eccentricity x pins / pin circle radius"),
         ("cycloid.pin_radius_mm", 1.1, "cycloid.pin_radius_mm = 1.1; must be < 1.045 mm, the smallest convex radius"),
         ("housing.outer_diameter_mm", 34.5, "housing.outer_diameter_mm = 34.5; must be > 66.6 mm"),
-        ("disk.thickness_mm", -1.0, "disk.thickness_mm = -1.0; must be > 0"),
+        ("disk.thickness_mm", -1.0, "disk.thickness_mm = -1.0; must be >= 0.001"),
         ("disk.bore_radius_mm", 32.0, "disk.bore_radius_mm = 32.0; must be < 31.35 mm"),
         ("disk.stress", "plane_stres", "disk.stress = \"plane_stres\"; must be 'plane_stress' or 'plane_strain'"),
         ("disk.material", "stel", "disk.material = \"stel\"; no such section [materials.stel]; did you mean 'steel'?"),

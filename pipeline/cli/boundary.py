@@ -1,0 +1,69 @@
+"""The one place where an error becomes a line for the user: where, what was found, what to do; never a traceback."""
+
+import errno
+import re
+import tempfile
+import traceback
+from dataclasses import dataclass
+
+from pipeline.errors import ChunkError, InputError, shortened
+
+USER, OURS, INTERRUPTED, PIPE = 2, 1, 130, 141
+"""Exit statuses: what the user can mend; a failure of ours; Ctrl-C; nobody reads the output any more."""
+
+REMEDIES = {
+    errno.ENOSPC: "free some space there; the same command goes on from the finished chunks",
+    errno.EDQUOT: "free some of your quota; the same command goes on from the finished chunks",
+    errno.EFBIG: "raise the limit of a file's size (ulimit -f); the same command goes on from the finished chunks",
+    errno.EROFS: "work in a folder that can be written",
+    errno.EACCES: "take a folder and files that you may read and write",
+    errno.EPERM: "take a folder and files that you may read and write",
+    errno.ENOENT: "give the path of a file or folder that is there",
+    errno.ENOTDIR: "a folder is asked for; move the file out of the way",
+    errno.EISDIR: "a file is asked for; move the folder out of the way",
+    errno.ENAMETOOLONG: "take a shorter name",
+    errno.EMFILE: "raise the number of open files (ulimit -n)",
+    errno.ENOMEM: "take fewer processes (--jobs 1) or smaller chunks (run.chunk)",
+    errno.EIO: "the disk or the network to it fails; check it",
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a user is told of an error."""
+
+    lines: tuple[str, ...]
+    status: int
+
+
+def answer(error: BaseException) -> Answer:
+    """What to tell of an error that reached the command line; an unexpected one leaves its traceback in a file."""
+    match error:
+        case InputError():
+            return Answer(tuple(map(shortened, error.problems)), USER)
+        case ChunkError():
+            return Answer((shortened(str(error)),), OURS)
+        case KeyboardInterrupt():
+            return Answer(("interrupted; the same command goes on from the finished chunks",), INTERRUPTED)
+        case BrokenPipeError():
+            return Answer((), PIPE)
+        case OSError():
+            return Answer((shortened(_of_system(error)),), USER)
+        case MemoryError():
+            return Answer((f"not enough memory; {REMEDIES[errno.ENOMEM]}",), USER)
+        case RecursionError():
+            return Answer(("a file is nested too deeply to be read; flatten it",), USER)
+    return Answer((_unexpected(error),), OURS)
+
+
+def _of_system(error: OSError) -> str:
+    path = next((str(name) for name in (error.filename, error.filename2) if name), "a file")
+    reason = error.strerror or str(error) or type(error).__name__
+    return f"{path}: {reason}; {REMEDIES.get(error.errno or 0, 'see what the system says of it')}"
+
+
+def _unexpected(error: BaseException) -> str:
+    with tempfile.NamedTemporaryFile("w", prefix="cycloid-", suffix=".txt", delete=False, encoding="utf-8") as file:
+        file.write("".join(traceback.format_exception(error)))
+    text = re.sub(r"\s+", " ", f"{type(error).__name__}: {error}")
+    return shortened(f"unexpected {text}; this is a fault of the program; please report it with {file.name}")

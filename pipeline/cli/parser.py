@@ -1,0 +1,137 @@
+"""What can be typed: commands and their options. Nothing heavy is imported before a command is known."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import NoReturn, Protocol
+
+from pipeline.errors import shortened
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose messages echo no more of a value than can be read."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(shortened(message))
+
+
+class Commands(Protocol):
+    """Adds a command: its name, its action as "module.function" of this package, its help text."""
+
+    def __call__(self, name: str, action: str, text: str) -> argparse.ArgumentParser: ...
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands; `command` of the parsed options is the action."""
+    whole = Parser(prog="python -m pipeline", description="Tolerance studies of cycloid reducers.")
+    commands = whole.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, action: str, text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(command=action)
+        return sub
+
+    _studies(command)
+    _measured(command)
+    _checks(command)
+    return whole
+
+
+def _studies(command: Commands) -> None:
+    running = command("run", "studies.run_stages", "run stages, and whatever they depend on that is missing or stale")
+    running.add_argument("stage", nargs="*", help="stages wanted; default: the last one, the report")
+    _study(running)
+    _where(running)
+
+    asking = command("why", "studies.reasons", "say which input, setting or source makes a stage stale")
+    asking.add_argument("stage")
+    _study(asking)
+
+    single = command("unit", "studies.solve_unit", "solve one reducer with as-measured dimensions")
+    single.add_argument("design", help="design file, or the stem of one in data/designs")
+    single.add_argument("--dimensions", required=True, type=Path, help="TOML file of measured errors in micrometres")
+    _study(single)
+    _where(single)
+
+    resolving = command("resolve", "studies.resolve_contacts", "write the contact forces of any sample of a run")
+    resolving.add_argument("study", help="study file, or the stem of one in data/studies")
+    resolving.add_argument("--sample", required=True, type=int)
+    _where(resolving)
+
+    checking = command(
+        "check", "studies.check_run", "compare every byte of a run with its records, and say what to run again"
+    )
+    checking.add_argument("run", help="folder of a run, or the name of one in data/runs")
+
+    command("clean-runs", "studies.clean_runs", "forget all runs, never inputs")
+
+
+def _measured(command: Commands) -> None:
+    naming = command(
+        "identify", "measured.identify_unit", "say why a measured unit differs from its model, and correct the model"
+    )
+    naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
+    _where(naming)
+
+    comparing = command(
+        "population", "measured.compare_population", "hold many measured units against the distributions of a study"
+    )
+    comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
+    _study(comparing)
+    _where(comparing)
+
+    testing = command(
+        "blind", "measured.run_blind", "test the identification on generated units whose truth it cannot read"
+    )
+    testing.add_argument("--cases", type=int, help="default: the full run")
+    testing.add_argument("--seed", type=int, help="of the units")
+    testing.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
+
+
+def _checks(command: Commands) -> None:
+    _study(command("bench", "checks.measure_speed", "measure the speed of a study's hot parts"))
+
+    _where(
+        command("paper", "checks.compare_paper", "hold the paper's Table 2, contacts and figures against the model")
+    )
+
+    fitting = command(
+        "calibrate", "checks.fit_design", "fit numbers of a study's design to published metrics of its cases"
+    )
+    fitting.add_argument("--study", help="study of cases, or its stem in data/studies; default: the paper's tables")
+    fitting.add_argument("--targets", type=Path, help="CSV of published metrics; default: the paper's Table 2")
+    fitting.add_argument("--parameters", type=Path, help="CSV of fitted numbers (key, lower, upper); default: three")
+
+    verifying = command(
+        "verify", "checks.verify_mechanics", "hold the mechanics against exact answers and independent solvers"
+    )
+    verifying.add_argument("--mesh", choices=("coarse", "paper"), default="paper", help="default: paper")
+
+    counting = command(
+        "coverage", "checks.count_coverage", "count how often intervals of a study's statistics hold the truth"
+    )
+    _study(counting)
+    counting.add_argument("--repeats", type=int, default=2000, help="experiments per design; default: 2000")
+    counting.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
+
+    exporting = command("export-ccx", "checks.export_deck", "write a sample of a study as an input deck of CalculiX")
+    exporting.add_argument("study", help="study file, or the stem of one in data/studies")
+    exporting.add_argument("--sample", required=True, type=int)
+    exporting.add_argument("--crank", type=_finite, metavar="DEG", help="crank angle; default: the study's first")
+
+
+def _study(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--study", default="paper", help="study file, or the stem of one in data/studies")
+
+
+def _where(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--jobs", type=int, help="processes; default: the study's")
+    sub.add_argument("--backend", choices=("loky", "dask"), default="loky", help="this machine, or a Dask cluster")
+    sub.add_argument("--scheduler", help="address of the cluster's scheduler, as in tls://192.0.2.1:8786")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is no finite number")
+    return value

@@ -1,0 +1,276 @@
+"""No traceback reaches a user: what the system, a file or a command line can do wrong is one line and exit 2."""
+
+import errno
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline import cli
+from pipeline.cli import boundary, settings, studies
+from pipeline.engine.lock import locked
+from pipeline.errors import ChunkError, InputError
+
+ROOT = Path(__file__).parent.parent.parent
+HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "joblib", "matplotlib", "numba", "pydantic", "skfem", "tqdm")
+SAMPLE_STAGE = """
+import resource, sys
+from pathlib import Path
+from pipeline import cli
+from pipeline.cli import settings
+settings.RUNS = Path(sys.argv[1])
+if len(sys.argv) > 2:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
+sys.exit(cli.main(["run", "sample", "--study", "quick"]))
+"""
+
+
+def told(capsys: pytest.CaptureFixture, *arguments: object) -> str:
+    """What a command that must fail with status 2 says: short lines, no traceback."""
+    try:
+        status = cli.main([str(argument) for argument in arguments])
+    except SystemExit as error:  # of the parser
+        status = error.code
+    text = capsys.readouterr().err
+    assert status == 2, text
+    assert "Traceback" not in text
+    assert all(len(line) < 1300 for line in text.splitlines())
+    return text
+
+
+# --- what is imported -------------------------------------------------------------------------------------------------
+
+
+def test_help_imports_no_library() -> None:
+    """Importing them took 4 s of a help's 4 s."""
+    script = "import sys\nfrom pipeline import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass\n"
+    script += "print('imported', *sys.modules)"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    help_text, modules = done.stdout.rsplit("imported", 1)
+    assert "clean-runs" in help_text
+    assert not set(HEAVY) & set(modules.split())
+
+
+def test_every_command_has_its_action() -> None:
+    import importlib
+
+    from pipeline.cli.parser import parser
+
+    (commands,) = [action for action in parser()._actions if action.choices and action.metavar == "COMMAND"]
+    assert len(commands.choices) > 10
+    for sub in commands.choices.values():
+        module, _, action = sub.get_default("command").partition(".")
+        assert callable(getattr(importlib.import_module(f"pipeline.cli.{module}"), action))
+
+
+# --- what the system refuses ------------------------------------------------------------------------------------------
+
+
+def ran_sample_stage(runs: str, *limits: str, within: str = "") -> subprocess.CompletedProcess:
+    command = [sys.executable, "-c", SAMPLE_STAGE, runs, *limits]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    if within:
+        command = ["unshare", "-rm", "sh", "-c", f'{within}; exec "$@"', "sh", *command]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def one_line(done: subprocess.CompletedProcess, path: str, remedy: str) -> None:
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    last = done.stderr.strip().splitlines()[-1]
+    assert path in last
+    assert remedy in last
+
+
+@pytest.fixture(scope="module")
+def may_mount() -> None:
+    if (
+        not shutil.which("unshare")
+        or subprocess.run(["unshare", "-rm", "mount", "-t", "tmpfs", "x", "/mnt"]).returncode
+    ):
+        pytest.skip("mounts in a namespace of one's own are not permitted here")
+
+
+def test_a_file_larger_than_the_limit(tmp_path: Path) -> None:
+    one_line(ran_sample_stage(str(tmp_path), "2000"), str(tmp_path), "File too large; raise the limit")
+
+
+def test_a_full_disk(may_mount, tmp_path: Path) -> None:
+    done = ran_sample_stage(str(tmp_path), within=f"mount -t tmpfs -o size=32k x {tmp_path}")
+    one_line(done, str(tmp_path), "No space left on device; free some space")
+
+
+def test_a_read_only_disk(may_mount, tmp_path: Path) -> None:
+    done = ran_sample_stage(str(tmp_path / "runs"), within=f"mount -t tmpfs -o ro x {tmp_path}")
+    one_line(done, str(tmp_path), "Read-only file system; work in a folder that can be written")
+
+
+@pytest.mark.skipif(not Path("/sys/kernel").is_dir(), reason="no folder that even the superuser may not write")
+def test_a_folder_without_permission() -> None:
+    one_line(ran_sample_stage("/sys/kernel/runs"), "/sys/kernel/runs", "take a folder")
+
+
+def test_a_file_where_a_folder_is_meant(tmp_path: Path) -> None:
+    (tmp_path / "runs").touch()
+    one_line(ran_sample_stage(str(tmp_path / "runs")), "runs", "Not a directory; a folder is asked for")
+
+
+# --- files and values -------------------------------------------------------------------------------------------------
+
+QUICK = (ROOT / "data/studies/quick.toml").read_text()
+STUDIES = {
+    "deep list": "a = " + "[" * 5000 + "]" * 5000,
+    "deep table": "[" + ".".join("a" * 3000) + "]\nx = 1",
+    "deep key": ".".join("a" * 3000) + " = 1",
+    "long integer": QUICK.replace("count = 50", "count = " + "9" * 5000),
+    "long hexadecimal": QUICK.replace("count = 50", "count = 0x" + "f" * 5000),
+    "long text": QUICK.replace('experiment = "monte_carlo"', 'experiment = "' + "x" * 100_000 + '"'),
+    "long key": QUICK.replace("[samples]", "[samples]\n" + "k" * 100_000 + " = 1"),
+    "cycle is a number": "cycle = 5\n" + re.sub(r"\[cycle\].*?(?=\n\[)", "", QUICK, flags=re.S),
+    "samples is a list": "samples = [1, 2]\n" + re.sub(r"\[samples\].*?(?=\n\[)", "", QUICK, flags=re.S),
+    "too large": "# " + "x" * (1 << 24),
+    "a picture": (ROOT / "data/pictures/hysteresis.png").read_bytes(),
+    "zeros": b"\0" * 1000,
+}
+
+
+@pytest.mark.parametrize("content", STUDIES.values(), ids=STUDIES)
+def test_a_file_that_is_no_study(tmp_path: Path, capsys, content: str | bytes) -> None:
+    path = tmp_path / "s.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert told(capsys, "why", "sample", "--study", path).count("s.toml") >= 1
+
+
+def test_a_unit_on_a_study_that_is_none(tmp_path: Path, capsys) -> None:
+    (tmp_path / "d.toml").write_text("disk_profile = 1.0\n")
+    for name in ("cycle is a number", "deep table", "a picture"):
+        content = STUDIES[name]
+        (tmp_path / "s.toml").write_bytes(content if isinstance(content, bytes) else content.encode())
+        assert "toml: " in told(
+            capsys, "unit", "pham2017", "--dimensions", tmp_path / "d.toml", "--study", tmp_path / "s.toml"
+        )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("why", "sample", "--study", "x" * 300), "at most 60; rename"),
+        (("why", "sample", "--study", "x" * 300 + ".toml"), "at most 60; rename"),
+        (("why", "sample", "--study", "x/" * 3000 + "y.toml"), "shorter|no such file"),
+        (("why", "sample", "--study", "a\0b"), "rename"),
+        (("why", "sample", "--study", ".."), "rename"),
+        (("identify", "--unit", "y" * 5000), "shorter|no such folder"),
+        (("unit", "pham2017", "--dimensions", "z" * 300), "shorter|no such file"),
+        (("population", "--units", "z" * 300, "--study", "quick"), "no table|shorter"),
+        (("population", "--units", ROOT / "data/pictures/hysteresis.png", "--study", "quick"), "no table"),
+        (("calibrate", "--targets", ROOT / "data/pictures/hysteresis.png"), "no table"),
+        (("export-ccx", "quick", "--sample", "3", "--crank", "inf"), "no finite number"),
+        (("export-ccx", "quick", "--sample", "3", "--crank", "nan"), "no finite number"),
+        (("export-ccx", "quick", "--sample", "9" * 5000), "invalid int value"),
+        (("run", "--study", "quick", "--jobs", "0"), "at least 1"),
+        (("run", "--study", "quick", "--backend", "dask", "--scheduler", "ucx://127.0.0.1:1"), "--scheduler"),
+        (("run", "--study", "quick", "--backend", "dask", "--scheduler", "nonsense"), "--scheduler"),
+        (("why", "s" * 5000, "--study", "quick"), "unknown"),
+    ],
+)
+def test_a_command_line_that_cannot_be_done(tmp_path, monkeypatch, capsys, arguments, said) -> None:
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    assert re.search(said, told(capsys, *arguments))
+
+
+def test_a_study_whose_name_would_leave_the_runs(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    for name in ("..toml", ".hidden.toml", "a b.toml", "-x.toml", "é" * 61 + ".toml"):
+        (tmp_path / name).write_text(QUICK)
+        assert "rename the file" in told(capsys, "run", "sample", "--study", tmp_path / name)
+    assert not (tmp_path / "runs").exists()
+
+
+# --- other errors -----------------------------------------------------------------------------------------------------
+
+
+def test_what_else_can_happen_has_its_line_and_status() -> None:
+    assert boundary.answer(InputError(["a", "b"])) == boundary.Answer(("a", "b"), 2)
+    assert boundary.answer(ChunkError("add: failed")).status == 1
+    assert boundary.answer(KeyboardInterrupt()).status == 130
+    assert boundary.answer(BrokenPipeError()) == boundary.Answer((), 141)
+    assert "--jobs 1" in boundary.answer(MemoryError()).lines[0]
+    for number in boundary.REMEDIES:
+        told = boundary.answer(OSError(number, os.strerror(number), "a/b.parquet"))
+        if not isinstance(OSError(number, ""), BrokenPipeError):
+            assert (told.lines[0].startswith("a/b.parquet: "), told.status) == (True, 2)
+    assert boundary.answer(OSError(errno.ELOOP, "loop", "p")).lines == ("p: loop; see what the system says of it",)
+
+
+def test_a_fault_of_the_program_leaves_its_traceback_in_a_file(monkeypatch, capsys) -> None:
+    def broken(options: object) -> None:
+        raise ZeroDivisionError("one by\nnothing")
+
+    monkeypatch.setattr(studies, "reasons", broken)
+    assert cli.main(["why", "sample"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    path = Path(line.rsplit(" ", 1)[1])
+    assert line.startswith("unexpected ZeroDivisionError: one by nothing; ")
+    assert "in broken" in path.read_text()
+    path.unlink()
+
+
+# --- cleaning up ------------------------------------------------------------------------------------------------------
+
+
+def test_clean_runs_removes_all_but_what_is_linked(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    for name in ("quick/sample/a", ".cache/x/y", "verify/results.csv"):
+        (tmp_path / "runs" / name).parent.mkdir(parents=True)
+        (tmp_path / "runs" / name).touch()
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside/precious").touch()
+    (tmp_path / "runs/link").symlink_to(tmp_path / "outside")
+    assert cli.main(["clean-runs"]) == 0
+    assert list((tmp_path / "runs").iterdir()) == []
+    assert (tmp_path / "outside/precious").exists()
+    assert cli.main(["clean-runs"]) == 0
+
+
+def test_clean_runs_during_a_run_removes_nothing(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    (tmp_path / "another").mkdir()
+    (tmp_path / "another/a").touch()
+    script = "import sys; from pathlib import Path; from pipeline.engine.lock import locked\n"
+    script += "with locked(Path(sys.argv[1])): print('locked', flush=True); input()"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path / "quick")],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "locked\n"
+        assert f"process {process.pid} is writing this run" in told(capsys, "clean-runs")
+        assert (tmp_path / "another/a").exists()
+        process.communicate("\n")
+    with locked(tmp_path / "quick"):
+        pass
+    assert cli.main(["clean-runs"]) == 0
+
+
+def test_clean_runs_says_what_it_could_not_remove(may_mount, tmp_path: Path) -> None:
+    (tmp_path / "runs/quick/sample").mkdir(parents=True)
+    (tmp_path / "runs/other").mkdir()
+    script = SAMPLE_STAGE.replace('["run", "sample", "--study", "quick"]', '["clean-runs"]')
+    within = f"mount -t tmpfs x {tmp_path / 'runs/quick/sample'}"
+    command = ["unshare", "-rm", "sh", "-c", f'{within}; exec "$@"', "sh", sys.executable, "-c", script]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [*command, str(tmp_path / "runs")], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "runs/quick: not removed: sample: Device or resource busy" in done.stderr
+    assert not (tmp_path / "runs/other").exists()
