@@ -97,13 +97,13 @@ def replicated_quantile_interval(
         return -np.inf, np.inf
     below = np.asarray(values <= whole, float)
     n = effective_number(below, level, confidence, replicate)
-    ends = _rank_share(n, level, confidence), 1 - _rank_share(n, 1 - level, confidence)
+    ends = rank_share(n, level, confidence), 1 - rank_share(n, 1 - level, confidence)
     low, high = np.quantile(values, ends, method="weibull")
     rank = np.array(ends) * (values.size + 1)
     return (float(low) if rank[0] >= 1 else -np.inf), (float(high) if rank[1] <= values.size else np.inf)
 
 
-def _rank_share(n: float, level: float, confidence: float) -> float:
+def rank_share(n: float, level: float, confidence: float) -> float:
     """Rank k over n + 1 whose order statistic of n values lies below the `level` quantile as often as it should.
 
     The number of values below the quantile is at least k with probability I_level(k, n - k + 1), for any real k.

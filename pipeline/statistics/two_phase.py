@@ -1,0 +1,159 @@
+"""Far tails from few expensive values: a cheap predictor of every unit decides which of them are worth the expense.
+
+Phase 1 draws ``units`` independent units and predicts each one's value. Phase 2 finds the values of some of them; a
+unit is taken or left independently of all others, with its own known probability (Poisson sampling). Every value counts
+as the inverse of its probability (Horvitz and Thompson), so that a share is unbiased however bad the predictor: a bad
+one only makes the interval wide.
+
+Source
+------
+Sarndal, Swensson, Wretman, Model Assisted Survey Sampling (1992), sections 3.5 and 9.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from pipeline.statistics.replicated import rank_share
+
+Real = NDArray[np.float64]
+
+TAIL_FREEDOM = 4.0
+"""Degrees of freedom of Student's t for what a predictor misses: heavier tails than the normal's, whose failures far
+below the limit would be taken too rarely."""
+
+
+@dataclass(frozen=True)
+class TailEstimate:
+    """A statistic of the far tail with its confidence interval.
+
+    Attributes
+    ----------
+    value, ci_low, ci_high : a bound that the values do not determine is infinite, of a share 0 or 1.
+    units : units of phase 1.
+    solved : values that it rests on.
+    effective : independent units, all solved, that would know it as well; 0 where no value lies in the tail.
+    """
+
+    value: float
+    ci_low: float
+    ci_high: float
+    units: int
+    solved: int
+    effective: float
+
+
+def exceedance_chance(predicted: Real, limit: float, scale: float) -> Real:
+    """Chance (n_units,) that a unit's value exceeds the limit, as far as its prediction tells.
+
+    Parameters
+    ----------
+    predicted : (n_units,) in the value's unit.
+    scale : typical size of what the prediction misses, in the same unit.
+    """
+    return np.asarray(special.stdtr(TAIL_FREEDOM, (predicted - limit) / scale))
+
+
+def inclusion_probability(chance: Real, budget: float) -> Real:
+    """Probability (n_units,) with which each unit is taken, of the least variance of the tail's share.
+
+    Parameters
+    ----------
+    chance : (n_units,) that a unit lies in the tail, up to a common factor.
+    budget : number of units that are taken on average.
+
+    Notes
+    -----
+    Neyman's allocation: proportional to the root of the chance and at most 1, of sum ``budget``. What units at 1 cannot
+    use is divided among the others.
+
+    Raises
+    ------
+    ValueError
+        If the budget is not above 0, or a chance is not.
+    """
+    if budget <= 0 or np.any(chance <= 0):
+        raise ValueError(
+            "every unit needs a chance above 0, and the budget too: what can never be taken is not counted"
+        )
+    weight = np.sqrt(chance)
+    if budget >= weight.size:
+        return np.ones_like(weight)
+    descending = np.sort(weight)[::-1]
+    below = np.append(np.cumsum(descending[::-1])[::-1], 0.0)  # sum of all weights from each place on
+    certain = np.arange(weight.size)  # number of units at 1
+    factor = (budget - certain) / below[:-1]
+    first = int(np.argmax(factor * descending <= 1))
+    return np.minimum(1.0, factor[first] * weight)
+
+
+def tail_share(beyond: NDArray[np.bool_], probability: Real, units: int, confidence: float) -> TailEstimate:
+    """Share of all units that lie beyond a limit.
+
+    Parameters
+    ----------
+    beyond : (n_solved,) whether each solved unit does.
+    probability : (n_solved,) its inclusion probability.
+    units : of phase 1.
+
+    Notes
+    -----
+    The contributions beyond/probability of solved units, and 0 of all others, are independent among the units; so the
+    variance of their mean is their own over ``units``, both phases included. It gives the effective number of units,
+    and Jeffreys' interval follows with that number (Korn and Graubard). Where no solved unit lies beyond, the upper end
+    is the share that units of the smallest probability would not show in ``confidence`` of all experiments.
+    """
+    tail = (1 - confidence) / 2
+    if not np.any(beyond):
+        least = float(np.min(probability, initial=1.0))
+        return TailEstimate(0.0, 0.0, min(1.0, -np.log(tail) / (units * least)), units, beyond.size, 0.0)
+    share, effective = _share(beyond, probability, units)
+    low, high = stats.beta.ppf([tail, 1 - tail], effective * share + 0.5, effective * (1 - share) + 0.5)
+    return TailEstimate(share, float(low), float(high), units, beyond.size, effective)
+
+
+def tail_quantile(values: Real, probability: Real, units: int, level: float, confidence: float) -> TailEstimate:
+    """Quantile of all units in their upper tail.
+
+    Parameters
+    ----------
+    values : (n_solved,); of a metric of which little is bad its negative.
+    probability, units : as in ``tail_share``.
+    level : of the quantile, near 1.
+
+    Notes
+    -----
+    The share beyond a value is the sum of the weights above it, half of its own included, over ``units``. The interval
+    lies between two shares, those of the ranks that the effective number of units has at the quantile (Woodruff).
+    """
+    order = np.argsort(values)[::-1]
+    descending, weight = values[order], 1 / probability[order]
+    above = np.cumsum(weight)
+    value = _interpolated(1 - level, (above - weight / 2) / units, descending)
+    if not np.isfinite(value):
+        return TailEstimate(np.nan, -np.inf, np.inf, units, values.size, 0.0)
+    _, effective = _share(values >= value, probability, units)
+    ends = 1 - rank_share(effective, level, confidence), rank_share(effective, 1 - level, confidence)
+    low, high = (_interpolated(share, above / (units + 1), descending) for share in ends)
+    return TailEstimate(
+        value, -np.inf if np.isnan(low) else low, np.inf if np.isnan(high) else high, units, values.size, effective
+    )
+
+
+def _share(beyond: NDArray[np.bool_], probability: Real, units: int) -> tuple[float, float]:
+    """Share of the units beyond a limit, and the effective number of units that know it."""
+    weight = 1 / probability[beyond]
+    share = min(float(np.sum(weight)) / units, 1.0)
+    variance = (float(np.sum(weight**2)) / units - share**2) / (units - 1)
+    return share, share * (1 - share) / variance if variance > 0 else float(units)
+
+
+def _interpolated(share: float, shares: Real, descending: Real) -> float:
+    """Value beyond which a share lies; NaN outside of the ascending shares."""
+    if not shares[0] <= share <= shares[-1]:
+        return np.nan
+    return float(np.interp(share, shares, descending))
