@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reducers import SMALL, laws_of, random_compliance, reducer_at
+from reducers import PAPER, SMALL, laws_of, random_compliance, reducer_at
 from scipy.optimize import minimize
 
 from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.elastic.condensed_body import elastic_body
+from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
+from pipeline.model.elastic.pressure_patches import boundary_patches
 from pipeline.model.equilibrium.solve import ACCEPTED, solve
+from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing
 
 BEARINGS = {
@@ -116,6 +120,56 @@ def test_any_gaps_any_torque_converge(seed, bearing, floats, low, width, torque,
     model = Model(floats=floats, bearing=BEARINGS[bearing][0], clearance=BEARINGS[bearing][1], crank=crank, seed=seed)
     gap = random_gaps(model, 3, seed, low, low + width)
     assert_equilibrium(model, model.solve(gap, [torque]), gap, torque)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 10**6),
+    bearing=st.sampled_from(sorted(BEARINGS)),
+    floats=st.booleans(),
+    softness=st.floats(-6, -2),
+    span=st.sampled_from([0, 3, 6, 12]),
+    low=st.floats(-8e-3, 4e-3),
+    torque=st.floats(0.1, 1e5) | st.floats(-1e5, -0.1),
+)
+def test_any_compliance_converges(seed, bearing, floats, softness, span, low, torque):
+    """Every contact feels all others: eigenvalues from 10^softness mm/N down to 10^-span of it, at random."""
+    model = Model(floats=floats, bearing=BEARINGS[bearing][0], clearance=BEARINGS[bearing][1], seed=seed)
+    rng, n = np.random.default_rng(seed), len(model.laws)
+    directions, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    matrix = (directions * 10 ** (softness - span * rng.uniform(size=n))) @ directions.T
+    model.compliance = 0.5 * (matrix + matrix.T)
+    gap = random_gaps(model, 3, seed, low, low + 10e-3)
+    solution = model.solve(gap, [torque])
+    assert_equilibrium(model, solution, gap, torque)
+
+
+@pytest.fixture(scope="module")
+def ring():
+    """Compliance of a ring 2.95 mm thin at the lobes' roots, between its pins."""
+    mesh = lobed_disk_mesh(flank_nodes(PAPER, 24), 79, 28.4, 0.5, 1.0)
+    disk = elastic_body(mesh, 206e3, 0.3, 1.0, "plane_stress", "bore")
+    at = reducer_at(PAPER, 0.0)
+    turn = np.exp(-1j * disk_rotation(PAPER, 0.0))
+    place, normal = (at.pins.point - PAPER.eccentricity) * turn, at.pins.normal * turn
+    compliance = np.zeros((len(at.contacts),) * 2)
+    pins = slice(at.n_pins)
+    compliance[pins, pins] = disk.compliance(boundary_patches(disk.mesh, "flank", place, normal, 0.16)).matrix
+    return compliance
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_a_thin_ring_reaches_equilibrium(ring, sense):
+    """It bends under one pin by a hundred times what the contact gives, so a contact that closes opens many others."""
+    model = Model()
+    model.at = reducer_at(PAPER, 0.0)
+    model.laws, model.compliance = laws_of(PAPER, model.at), ring
+    assert np.linalg.eigvalsh(ring)[-1] > 20 * np.max(np.diag(ring))
+    gap = random_gaps(model, 30, 8, 0.0, 12e-3)
+    torque = sense * np.array([360.0, 6000.0, 12000.0])
+    assert_equilibrium(model, model.solve(gap, torque), gap, torque)
+    one_by_one = np.concatenate([model.solve(gap, [load]).force for load in torque], axis=1)
+    np.testing.assert_allclose(model.solve(gap, torque).force, one_by_one, atol=1e-7 * one_by_one.max())
 
 
 @PLATES

@@ -1,8 +1,10 @@
 """A start for Newton where there is none: an interior-point iteration over all contacts (compiled parts)."""
 
+import numpy as np
+
 from pipeline.model.compiled import algebraic_part
-from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, reset
-from pipeline.model.equilibrium.residual import bearing_spring, deflect, imbalance, law, misfit
+from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, reset, share_of_a_turn
+from pipeline.model.equilibrium.residual import bearing_spring, closing_force, deflect, imbalance, law, misfit
 
 INTERIOR_STEPS = 80
 """Steps of the interior-point iteration that finds another start; about 30 are usual."""
@@ -29,11 +31,17 @@ def _stride(system, torque, gap):
 
 
 @algebraic_part
-def _longest_arm(system):
+def _loads(system, torque, gap):
+    """Force of a contact that carries the torque at the longest arm, and that or the largest of an interference [N]."""
     longest = 0.0
-    for i in range(system.closing.shape[1]):
+    for i in range(gap.shape[0]):
         longest = max(longest, abs(system.closing[system.output, i]))
-    return longest
+    load = abs(torque) / longest
+    largest = load
+    for i in range(gap.shape[0]):
+        if gap[i] < 0.0:
+            largest = max(largest, closing_force(system, i, -gap[i]))
+    return load, largest
 
 
 @algebraic_part
@@ -53,27 +61,32 @@ def start_within(system, torque, gap, clearance, work):
     """Near-solution from no start at all: its motions, forces and closed contacts in ``work``.
 
     Force times slack tends to zero along the central path of the convex problem, which has no active set to guess.
+    A disk that its bearing lets go is held where it is by a spring that vanishes with them (a proximal term: it slows
+    the disk down and moves no solution).
     """
     active, force, miss, slope, slack = work.active, work.force, work.miss, work.slope, work.slack
     n = gap.shape[0]
     stride = _stride(system, torque, gap)
-    load = abs(torque) / _longest_arm(system)
+    load, largest = _loads(system, torque, gap)
     work.thrust[0] = 0.0
     for d in range(work.motion.shape[0]):
         work.motion[d] = 0.0
     reset(work)
     for i in range(n):
         activate(system, i, work)
-        force[i], slack[i] = load, stride
+        force[i], slack[i] = largest, stride
     for _ in range(INTERIOR_STEPS):
         deflect(system, gap, work)
-        if system.planar:
-            bearing_spring(system, clearance, work)
-        misfit(system, work)
-        imbalance(system, torque, work)
         complementarity = 0.0
         for j in range(n):
             complementarity += force[active[j]] * slack[j] / n
+        if system.planar:
+            bearing_spring(system, clearance, work)
+            hold = np.sqrt(complementarity * largest / stride) / (stride + clearance)
+            work.spring[2] += hold
+            work.spring[4] += hold
+        misfit(system, work)
+        imbalance(system, torque, work)
         if complementarity < INTERIOR_END * load * stride:
             break
         for j in range(n):
@@ -84,7 +97,7 @@ def start_within(system, torque, gap, clearance, work):
             break
         for j in range(n):
             slope[j] = (CENTRING * complementarity - slack[j] * miss[j]) / force[active[j]] - slack[j]
-        length = _length(work)
+        length = min(_length(work), share_of_a_turn(system, work))
         move(system, length, work)
         for j in range(n):
             force[active[j]] += length * miss[j]

@@ -32,6 +32,8 @@ PATIENCE = 2.5
 """Steps with an old inverse that cost as much as a new one, which needs about two."""
 REGULAR = 1e-9
 """Share of the mean contact stiffness that keeps a motion solvable that nothing holds at the moment."""
+LARGEST_TURN = 0.5
+"""Angle [rad] around the bearing beyond which the edge of its clearance is no arc of the second order any more."""
 OPEN = 1e-13
 """Penetration [mm] below which an open contact is not added; rounding of positions near 1e2 mm."""
 
@@ -94,7 +96,7 @@ def _close_penetrated(system, work):
 
 
 @algebraic_part
-def _advance(length, work):
+def advance(length, work):
     """Add a share of the step to the active forces; a contact that would pull opens, and closes again if penetrated."""
     active, force, miss = work.active, work.force, work.miss
     for j in range(work.counts[0]):
@@ -152,12 +154,44 @@ def newton_step(system, work):
 
 
 @algebraic_part
+def _around(length, work):
+    """Move the disk's centre by a share of the step, around the edge of the bearing's clearance where it leans on it.
+
+    A straight step along the edge would press the disk into the bearing by the square of the step.
+    """
+    x, y = work.motion[0], work.motion[1]
+    along, aside = length * work.step[0], length * work.step[1]
+    distance = np.sqrt(x * x + y * y)
+    radial, across = (along * x + aside * y) / distance, (aside * x - along * y) / distance
+    if distance + radial > 0.5 * distance:
+        angle, stretch = across / distance, (distance + radial) / distance
+        work.motion[0] = stretch * (np.cos(angle) * x - np.sin(angle) * y)
+        work.motion[1] = stretch * (np.sin(angle) * x + np.cos(angle) * y)
+    else:
+        work.motion[0] += along
+        work.motion[1] += aside
+
+
+@algebraic_part
+def share_of_a_turn(system, work):
+    """Share of the step, at most 1, that takes the disk no more than ``LARGEST_TURN`` around its bearing."""
+    if not system.planar or work.thrust[0] == 0.0:
+        return 1.0
+    x, y = work.motion[0], work.motion[1]
+    turn = abs(work.step[1] * x - work.step[0] * y) / (x * x + y * y)
+    return LARGEST_TURN / turn if turn > LARGEST_TURN else 1.0
+
+
+@algebraic_part
 def move(system, length, work):
     """Add a share of the step to the motions and to the bearing's thrust, which ends where it would pull."""
     thrust, spring, step, motion = work.thrust, work.spring, work.step, work.motion
+    straight = 0
     if system.planar and thrust[0] > 0.0:
         thrust[0] = max(thrust[0] + length * (spring[5] * step[0] + spring[6] * step[1] + spring[7]), 0.0)
-    for d in range(step.shape[0]):
+        _around(length, work)
+        straight = 2
+    for d in range(straight, step.shape[0]):
         motion[d] += length * step[d]
 
 
@@ -212,6 +246,6 @@ def converge(system, torque, gap, clearance, work):
                 break
             length = 0.5 if changes > ALTERNATING else 1.0
         move(system, length, work)
-        _advance(length, work)
+        advance(length, work)
     counts[2] = 0
     return STEP_LIMIT, max(residual, 2 * ACCEPTED)

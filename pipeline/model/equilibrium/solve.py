@@ -25,6 +25,7 @@ from pipeline.model.compiled import algebraic_part, borrowing_entry
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
+from pipeline.model.equilibrium.primal_active_set import settle
 from pipeline.model.equilibrium.residual import System, room
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
@@ -106,7 +107,7 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
                 iterations[s, t] += taken
                 if not residual[s, t] <= ACCEPTED:
                     start_within(system, torque, gap[s], clearance[s], work)
-                    taken, residual[s, t] = converge(system, torque, gap[s], clearance[s], work)
+                    taken, residual[s, t] = settle(system, torque, gap[s], clearance[s], work)
                     iterations[s, t] += taken + INTERIOR_STEPS
             for d in range(motion.shape[2]):
                 motion[s, t, d] = work.motion[d]

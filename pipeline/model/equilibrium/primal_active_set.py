@@ -1,0 +1,86 @@
+"""The last steps to an equilibrium from an interior point: a primal active set (compiled parts).
+
+Newton's active set (``newton``) closes every penetrated contact and opens every one that would pull at once. That is
+fast where contacts hardly feel each other, and may alternate for ever where a soft body couples them. Here the forces
+stay positive and the energy falls: a step ends where the first force vanishes, that contact opens, and only at the
+least energy of the closed contacts is another one closed, the most penetrated. No set of closed contacts can come
+twice, so the iteration ends (Nocedal, Wright, Numerical Optimization (2006), ch. 16.5). It changes one contact at a
+time, so it wants a start near the solution.
+"""
+
+from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.newton import (
+    ACCEPTED,
+    BALANCE_TOLERANCE,
+    FORCE_TOLERANCE,
+    OPEN,
+    ROUNDING,
+    activate,
+    advance,
+    include_all,
+    move,
+    newton_step,
+    share_of_a_turn,
+)
+from pipeline.model.equilibrium.residual import bearing_spring, closing_force, deflect, imbalance, misfit
+
+SETTLING_STEPS = 300
+"""Newton steps before it is given up; a contact that is added takes about three."""
+ENTRY = 1e-6
+"""Force of a contact that is added, over the one that would close it alone: it disturbs the others by no more."""
+
+
+@algebraic_part
+def _most_penetrated(work):
+    """Open contact with the largest penetration, -1 if there is none."""
+    depth, force = work.depth, work.force
+    deepest, contact = OPEN, -1
+    for i in range(depth.shape[0]):
+        if force[i] == 0.0 and depth[i] > deepest:
+            deepest, contact = depth[i], i
+    return contact
+
+
+@algebraic_part
+def _step_to_the_first_zero(longest, work):
+    """Share of the step, at most ``longest``, at which the first active force vanishes; it becomes exactly 0."""
+    active, force, miss = work.active, work.force, work.miss
+    length = longest
+    for j in range(work.counts[0]):
+        if force[active[j]] + miss[j] < 0.0:
+            length = min(length, -force[active[j]] / miss[j])
+    for j in range(work.counts[0]):
+        if force[active[j]] + length * miss[j] <= 1e-14 * force[active[j]]:
+            force[active[j]], miss[j] = 0.0, 0.0
+    return length
+
+
+@algebraic_part
+def settle(system, torque, gap, clearance, work):
+    """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
+    counts = work.counts
+    residual, since = 1.0, 0
+    for iteration in range(SETTLING_STEPS):
+        deflect(system, gap, work)
+        if system.planar:
+            bearing_spring(system, clearance, work)
+        off = misfit(system, work)
+        unbalanced = imbalance(system, torque, work)
+        residual = max(off, unbalanced)
+        since += 1
+        if (off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE) or (since > ROUNDING and residual <= ACCEPTED):
+            contact = _most_penetrated(work)
+            if contact < 0:
+                return iteration, residual
+            work.force[contact] = ENTRY * closing_force(system, contact, work.depth[contact])
+            activate(system, contact, work)
+            since = 0
+            continue
+        counts[2] = 0
+        if not include_all(system, work) or not newton_step(system, work):
+            break
+        length = _step_to_the_first_zero(share_of_a_turn(system, work), work)
+        move(system, length, work)
+        advance(length, work)
+    counts[2] = 0
+    return SETTLING_STEPS, max(residual, 2 * ACCEPTED)
