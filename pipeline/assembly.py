@@ -32,6 +32,7 @@ from pipeline.model.geometry.reducer import (
     roller_plate_reducer,
 )
 from pipeline.model.load_history.load_cycle import LoadCycle
+from pipeline.model.metrics import Definitions
 
 if TYPE_CHECKING:  # its statistics are slow to import, and workers import this module
     from pipeline.sampling import Errors as SampledErrors
@@ -76,16 +77,23 @@ def bearing(design: Design) -> Bearing:
     return Bearing(design.bearing.stiffness_N_per_mm_power, design.bearing.exponent)
 
 
-def load_cycle(study: Study) -> LoadCycle:
-    """The load cycle, with the torques of the metrics among its levels."""
+def load_cycle(study: Study, levels: int) -> LoadCycle:
+    """The load cycle of so many ``levels`` a branch, with the torques of the metrics among them."""
     metrics = study.metrics
     marks = (metrics.lost_motion_percent, *metrics.rigidity_percent)
     return LoadCycle.evenly(
         NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
-        study.cycle.levels_per_branch,
+        levels,
         study.cycle.torque_fraction,
         tuple(percent / 100 for percent in marks),
     )
+
+
+def definitions(study: Study) -> Definitions:
+    """Torques [N m] at which the study reads a loop."""
+    rated, metrics = study.design.cycloid.rated_torque_Nm, study.metrics
+    percents = (metrics.lost_motion_percent, *metrics.rigidity_percent)
+    return Definitions(*(percent / 100 * rated for percent in percents))
 
 
 def errors(sampled: "SampledErrors") -> Errors:

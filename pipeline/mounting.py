@@ -6,33 +6,43 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.config.study import Study
+from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.effects import Conditions, library
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive, GapReading
 
 
-def drive_of(study: Study, crank_deg: float, compliance: Real, errors: Errors, loose: Real) -> Drive:
-    """Drive of a study's design at one crank angle, with the design's effects.
+def drive_of(
+    study: Study,
+    crank_deg: float,
+    compliance: Real | None,
+    errors: Errors,
+    clearance: Real,
+    laws: ContactLaws | None = None,
+) -> Drive:
+    """Drive of a study's design at one crank angle, with the design's effects: the one place where a drive is made.
 
     Parameters
     ----------
-    compliance : (n_contacts, n_contacts) [mm/N]
+    compliance : of the bodies between the contacts (n_contacts, n_contacts) [mm/N]; None where they are rigid.
     errors : of ``n`` states.
-    loose : (n,) clearance of its bearing [mm].
+    clearance : (n,) of the input bearing [mm].
+    laws : of the contacts; the study's where none are given.
     """
-    at = assembly.reducer(study.design, crank_deg)
+    reducer = assembly.reducer(study.design, crank_deg)
+    contacts = len(reducer.contacts)
     drive = Drive(
         profile=assembly.profile(study.design),
-        reducer=at,
+        reducer=reducer,
         bearing=assembly.bearing(study.design),
-        laws=assembly.contact_laws(study, at),
-        compliance=compliance,
+        laws=assembly.contact_laws(study, reducer) if laws is None else laws,
+        compliance=np.zeros((contacts, contacts)) if compliance is None else compliance,
         rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
         errors=errors,
         reading=GapReading(**dict(study.clearance)),
-        shift=np.zeros((len(loose), len(at.contacts))),
-        bearing_clearance=loose,
+        shift=np.zeros((len(clearance), contacts)),
+        bearing_clearance=clearance,
     )
     return with_effects(drive, study.design.effects)
 

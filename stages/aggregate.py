@@ -1,55 +1,83 @@
 """Stage 5: backlash, lost motion and torsional rigidity of every sample; their distributions, yield and drivers."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 
+from pipeline.assembly import definitions
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.model.load_history.load_cycle import curve_metrics
+from pipeline.model.metrics import LoopReadings, library
 from pipeline.sampling import replicates
 from pipeline.statistics import Estimate, distribution, pass_share, rank_correlation, variance_shares
+from stages.hysteresis import READINGS
 from stages.keys import CRANK, SAMPLE, STATUS
 
-METRIC_COLUMNS = {
-    "clearance_backlash_arcmin": ("arcmin", "width of the loop at zero torque of the frictionless model"),
-    "zero_torque_width_arcmin": ("arcmin", "width of the loop at zero torque"),
-    "lost_motion_arcmin": ("arcmin", "centre line of the loop between + and - the lost-motion torque"),
-    "torsional_rigidity_Nm_per_arcmin": (
-        "N m/arcmin",
-        "torque over angle between the rigidity torques, mean of both senses",
-    ),
-    "hysteresis_loss_arcmin": ("arcmin", "zero-torque width less the clearance backlash"),
-    "peak_pressure_MPa": ("MPa", "largest Hertz pressure of any contact in the cycle"),
-}
-SMALLER_IS_WORSE = "torsional_rigidity_Nm_per_arcmin"
 SAMPLES_AT_ONCE = 10_000
-"""Samples whose curves are read together: at most a few million rows."""
+"""Samples whose loops are read together: at most a few million rows."""
 SENSITIVITY_SAMPLES = 20_000
 """Samples that the indices are taken from at most; their intervals are below 0.02 by then, and each holds 3 kB."""
+STRIDES = (8, 4, 2, 1)
+"""Every so many of the crank angles: how the worst value moves as they double."""
+FEWEST_ANGLES = 3
+"""Crank angles that a worst is looked at from at least, to see how it moves."""
+OVER = ("worst", "mean", "best")
+"""What is made of a metric's values over the turn."""
 
 METRICS = Table(
     "metrics",
-    "sample, crank",
+    "sample, loaded crank",
     (
         SAMPLE,
         CRANK,
-        *(Column(name, "float64", unit, meaning) for name, (unit, meaning) in METRIC_COLUMNS.items()),
+        *(Column(name, "float64", metric.unit, metric.inline) for name, metric in library().items()),
         Column("preloaded", "bool", "", "whether the gaps of some part interfere"),
+        STATUS,
+    ),
+)
+UNITS = Table(
+    "units",
+    "sample",
+    (
+        SAMPLE,
+        *(
+            Column(f"{name}_{over}", "float64", metric.unit, f"{metric.inline}, {over} over the turn")
+            for name, metric in library().items()
+            for over in OVER
+        ),
+        Column("preloaded", "bool", "", "whether the gaps of some part interfere at some crank angle"),
+        Column("n_angles", "int32", "1", "loaded crank angles"),
+        Column("n_rigid_angles", "int32", "1", "crank angles of the clearance backlash: of rigid bodies, and loaded"),
         STATUS,
     ),
 )
 DISTRIBUTIONS = Table(
     "distributions",
-    "metric, crank, statistic",
+    "metric, crank or turn, statistic",
     (
         Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits together"),
-        Column("crank_deg", "float64", "deg", "crank angle; null: the worst over the crank angles"),
+        Column("over", "label", "", "angle: at one crank angle; worst, mean or best: of each unit over the turn"),
+        Column("crank_deg", "float64", "deg", "crank angle; null but for over = angle"),
         Column("statistic", "label", "", "mean, std, quantile, or yield: the share within the limit"),
         Column("value", "float64", "the metric's", "estimate"),
         Column("ci_low", "float64", "the metric's", "lower end of the confidence interval"),
         Column("ci_high", "float64", "the metric's", "upper end of the confidence interval"),
         Column("n", "int32", "1", "samples that it rests on"),
+        Column("n_angles", "int32", "1", "crank angles that each sample's value rests on"),
+    ),
+)
+CONVERGENCE = Table(
+    "convergence",
+    "metric, number of crank angles",
+    (
+        Column("metric", "label", "", "column of metrics; all_limits: against all limits together"),
+        Column("n_angles", "int32", "1", "crank angles, evenly among those of the run; or twice its own"),
+        Column("worst_mean", "float64", "the metric's", "mean over the samples of the worst over these angles"),
+        Column("yield", "float64", "1", "share of the samples whose worst over these angles keeps the limit"),
+        Column("extrapolated", "bool", "", "whether the run has fewer angles: continued from the rows before"),
     ),
 )
 SENSITIVITY = Table(
@@ -69,7 +97,7 @@ SENSITIVITY = Table(
 
 
 def _metrics(job: Job) -> Columns:
-    """The metrics of every sample and crank angle; missing where there is no result."""
+    """The metrics of every sample and loaded crank angle; missing where there is no result."""
     rows = job.study.samples.rows
     parts = [_metrics_of(job, start, min(start + SAMPLES_AT_ONCE, rows)) for start in range(0, rows, SAMPLES_AT_ONCE)]
     columns: Columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -78,87 +106,185 @@ def _metrics(job: Job) -> Columns:
 
 
 def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
-    """The metrics of the samples from ``start`` to ``stop``, read from their curves."""
+    """The metrics of the samples from ``start`` to ``stop``, from the readings of their loops."""
     study: Study = job.study
-    status, curves = (job.read_items("hysteresis", name, start, stop) for name in ("status", "curves"))
-    loops = len(status["sample"])
-    steps = len(curves["step"]) // loops
-    branch = np.asarray(curves["branch"][:steps])
-    numbers = curve_metrics(
-        branch,
-        curves["torque_Nm"][:steps],
-        curves["angle_arcmin"].reshape(loops, steps),
-        study.design.cycloid.rated_torque_Nm,
-        study.metrics.lost_motion_percent / 100,
-        (study.metrics.rigidity_percent[0] / 100, study.metrics.rigidity_percent[1] / 100),
-    )
-    width = numbers.zero_torque_width
-    kinematic = job.read_items("clearance", "kinematic", start, stop)
-    backlash = kinematic["backlash_arcmin"] if study.design.effects else width  # without friction the loop is the play
-    values = {
-        "clearance_backlash_arcmin": backlash,
-        "zero_torque_width_arcmin": width,
-        "lost_motion_arcmin": numbers.lost_motion,
-        "torsional_rigidity_Nm_per_arcmin": numbers.torsional_rigidity,
-        "hysteresis_loss_arcmin": width - backlash,
-        "peak_pressure_MPa": curves["peak_pressure_MPa"].reshape(loops, steps).max(axis=1),
-    }
+    status, loops = (job.read_items("hysteresis", name, start, stop) for name in ("status", "loops"))
+    readings = LoopReadings(**{field: loops[column.name] for field, column in READINGS.items()})
+    torques = definitions(study)
     failed = np.asarray(status["status"]) != "ok"
+    values = {name: metric.value(readings, torques) for name, metric in library().items()}
+    kinematic = job.read_items("clearance", "kinematic", start, stop)
+    loaded = np.isin(kinematic["crank_deg"], study.cycle.crank_deg)
     return {
         "sample": status["sample"],
         "crank_deg": status["crank_deg"],
         **{name: np.where(failed, np.nan, value) for name, value in values.items()},
-        "preloaded": kinematic["preloaded"],
+        "preloaded": kinematic["preloaded"][loaded],
     }
 
 
-def worst_over_cranks(metrics: pd.DataFrame) -> pd.DataFrame:
-    """The worst value of each metric over the crank angles, per sample; missing if any crank angle failed."""
-    names = [*METRIC_COLUMNS, "preloaded"]
-    grouped = metrics.groupby("sample")
-    worst = grouped[names].max()
-    worst[SMALLER_IS_WORSE] = grouped[SMALLER_IS_WORSE].min()
-    failed = metrics.loc[metrics["status"] != "ok", "sample"].unique()
-    return worst.drop(index=failed)
+@dataclass(frozen=True)
+class Turn:
+    """A metric of ``n`` samples over the turn.
+
+    Attributes
+    ----------
+    values : (n, n_angles); all missing of a sample without a result at some loaded angle.
+    even : (n_angles,) which of them stand evenly over the turn, as far as they are of one kind.
+    """
+
+    values: np.ndarray
+    even: np.ndarray
+
+
+def _turns(job: Job, metrics: Columns) -> dict[str, Turn]:
+    """Every metric over the turn: at the loaded angles, and the clearance backlash of rigid bodies between them.
+
+    Where contacts interfere rigid bodies know the play of the other parts alone; the loaded angles hold the limit.
+    """
+    study: Study = job.study
+    n = study.samples.rows
+    kinematic = job.read("clearance", "kinematic")
+    rigid_deg = kinematic["crank_deg"][: len(kinematic["crank_deg"]) // n]
+    turns = {}
+    for name, metric in library().items():
+        values = np.asarray(metrics[name]).reshape(n, -1)
+        values = np.where(np.isnan(values).any(axis=1)[:, None], np.nan, values)
+        even = np.full(values.shape[1], True)
+        if metric.turn_of_rigid_bodies:
+            loaded = values
+            values = kinematic["backlash_arcmin"].reshape(n, -1).copy()
+            values[np.isnan(loaded[:, 0])] = np.nan
+            values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded
+            even = np.isin(rigid_deg, study.cycle.rigid_crank_deg)
+        turns[name] = Turn(values, even)
+    return turns
+
+
+def _units(job: Job, metrics: Columns, turns: Mapping[str, Turn]) -> Columns:
+    """Worst, mean and best of every sample over the turn; missing where some crank angle has no result."""
+    study: Study = job.study
+    n, angles = study.samples.rows, len(study.cycle.crank_deg)
+    columns: dict[str, object] = {"sample": np.arange(n)}
+    for name, turn in turns.items():
+        worst, best = library()[name].over_turn(turn.values)
+        mean = turn.values[:, turn.even].mean(axis=1)
+        columns |= {f"{name}_worst": worst, f"{name}_mean": mean, f"{name}_best": best}
+    status = np.asarray(metrics["status"]).reshape(n, angles)
+    first_failure = np.argmax(status != "ok", axis=1)
+    return {
+        **columns,
+        "preloaded": job.read("clearance", "kinematic")["preloaded"].reshape(n, -1).any(axis=1),
+        "n_angles": np.full(n, angles),
+        "n_rigid_angles": np.full(n, turns["clearance_backlash_arcmin"].values.shape[1]),
+        "status": status[np.arange(n), first_failure],
+    }
 
 
 def _within(study: Study, values: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Whether each sample keeps each limit that the study sets, and all of them."""
-    limits = {name: limit for name, limit in study.limits.model_dump().items() if limit is not None}
+    """Whether each sample keeps each limit that the study sets, and all of them; ``values`` by metric."""
     within = {
-        name: (values[name] >= limit if name == SMALLER_IS_WORSE else values[name] <= limit).to_numpy()
-        for name, limit in limits.items()
+        name: library()[name].keeps(values[name].to_numpy(), limit) for name, limit in study.limits.of_metrics.items()
     }
     return {**within, "all_limits": np.logical_and.reduce(list(within.values()))} if within else {}
 
 
-def _distribution_rows(study: Study, values: pd.DataFrame, crank_deg: float) -> list[dict[str, object]]:
-    """Rows of the distributions of one population, indexed by sample."""
+def _distribution_rows(
+    study: Study, values: pd.DataFrame, over: str, crank_deg: float, angles: Mapping[str, int]
+) -> list[dict[str, object]]:
+    """Rows of the distributions of one population, indexed by sample; ``angles`` behind each of its columns."""
     confidence, replicate = study.metrics.confidence, replicates(study.samples, values.index.to_numpy())
     estimates: list[tuple[str, str, Estimate]] = []
     if len(values):
-        for metric in METRIC_COLUMNS:
+        for metric in library():
             statistics = distribution(values[metric].to_numpy(), confidence, replicate)
             estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
         shares = _within(study, values)
         estimates += [(name, "yield", pass_share(passed, confidence, replicate)) for name, passed in shares.items()]
         preloaded = values["preloaded"].to_numpy(bool)
         estimates.append(("preloaded", "mean", pass_share(preloaded, confidence, replicate)))
+    fewest = min(angles.values())
     return [
-        {"metric": metric, "crank_deg": crank_deg, "statistic": name, **vars(estimate)}
+        {
+            "metric": metric,
+            "over": over,
+            "crank_deg": crank_deg,
+            "statistic": name,
+            **vars(estimate),
+            "n_angles": angles.get(metric, fewest),
+        }
         for metric, name, estimate in estimates
     ]
 
 
-def _distributions(study: Study, metrics: pd.DataFrame, worst: pd.DataFrame) -> Columns:
+def over_turn(units: pd.DataFrame, over: str) -> pd.DataFrame:
+    """The metrics of the units that have a result, (n, n_metrics) by sample, as `worst`, `mean` or `best`."""
+    solved = units[np.asarray(units["status"]) == "ok"].set_index("sample")
+    named = {f"{name}_{over}": name for name in library()}
+    return solved[[*named, "preloaded"]].rename(columns=named)
+
+
+def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> Columns:
     rows = []
+    single = dict.fromkeys(library(), 1)
     for crank, part in metrics[metrics["status"] == "ok"].groupby("crank_deg"):
-        rows += _distribution_rows(study, part.set_index("sample"), float(crank))
-    rows += _distribution_rows(study, worst, np.nan)
+        rows += _distribution_rows(study, part.set_index("sample"), "angle", float(crank), single)
+    if len(units):
+        counts = units.iloc[0]
+        turn = {
+            name: int(counts["n_rigid_angles" if metric.turn_of_rigid_bodies else "n_angles"])
+            for name, metric in library().items()
+        }
+        for over in OVER:
+            rows += _distribution_rows(study, over_turn(units, over), over, np.nan, turn)
     if not rows:
         return DISTRIBUTIONS.empty()
     frame = pd.DataFrame(rows, columns=[column.name for column in DISTRIBUTIONS.columns])
     return {name: frame[name].to_numpy() for name in frame}
+
+
+def _convergence(study: Study, turns: Mapping[str, Turn], counted: np.ndarray) -> Columns:
+    """How worst values and yields move with the number of crank angles, and how they would with twice as many.
+
+    Parameters
+    ----------
+    counted : (n,) samples of the statistics.
+    """
+    rows: list[dict[str, object]] = []
+    fewest = min(int(turn.even.sum()) for turn in turns.values())
+    strides = [stride for stride in STRIDES if stride == 1 or fewest // stride >= FEWEST_ANGLES]
+    for stride in strides:
+        worst, angles = {}, {}
+        for name, turn in turns.items():
+            values = turn.values[counted]
+            part = values[:, turn.even][:, ::stride] if stride > 1 else values
+            worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
+        within = _within(study, pd.DataFrame(worst))
+        for name in (*turns, *(["all_limits"] if within else [])):
+            share = float(within[name].mean()) if name in within and counted.any() else np.nan
+            mean = float(np.mean(worst[name])) if name in worst and counted.any() else np.nan
+            n_angles = angles.get(name, min(angles.values()))
+            rows.append(
+                {"metric": name, "n_angles": n_angles, "worst_mean": mean, "yield": share, "extrapolated": False}
+            )
+    frame = pd.DataFrame(rows)
+    for name, part in frame.groupby("metric", sort=False) if len(strides) > 2 else ():
+        doubled = {key: continued(part[key].to_numpy()) for key in ("worst_mean", "yield")}
+        doubled["yield"] = float(np.clip(doubled["yield"], 0.0, 1.0))
+        rows.append({"metric": name, "n_angles": 2 * int(part["n_angles"].iloc[-1]), **doubled, "extrapolated": True})
+    frame = pd.DataFrame(rows)
+    return {name: frame[name].to_numpy() for name in frame}
+
+
+def continued(values: np.ndarray) -> float:
+    """The next of values whose number of crank angles doubles from each to the next.
+
+    The last change goes on at the rate at which the changes shrank, or as large as it was where they did not.
+    """
+    changes = np.diff(values)
+    before, last = changes[-2], changes[-1]
+    rate = min(abs(last / before), 1.0) if before != 0 else 1.0
+    return float(values[-1] + rate * last)
 
 
 def _element_errors(job: Job, samples: np.ndarray) -> dict[str, np.ndarray]:
@@ -189,7 +315,7 @@ def _sensitivity(job: Job, every: pd.DataFrame) -> Columns:
     elements = _element_errors(job, samples)
     scalars = amplitudes | {f"{name}_mean_um": values.mean(axis=1) for name, values in elements.items()}
     groups = {name.removesuffix("_um"): values[:, None] for name, values in amplitudes.items()} | elements
-    names = list(METRIC_COLUMNS)
+    names = list(library())
     values = worst[names].to_numpy()
     rows = []
     for kind, indices in (
@@ -215,21 +341,34 @@ def _sensitivity(job: Job, every: pd.DataFrame) -> Columns:
 def _run(job: Job) -> Tables:
     study: Study = job.study
     columns = _metrics(job)
-    metrics = pd.DataFrame(columns)
-    counted = metrics[metrics["sample"] > 0] if study.samples.nominal_first else metrics
-    worst = worst_over_cranks(counted)
+    turns = _turns(job, columns)
+    of_units = _units(job, columns, turns)
+    counted = np.asarray(of_units["status"]) == "ok"
+    counted[: int(study.samples.nominal_first)] = False
+    metrics, units = pd.DataFrame(columns), pd.DataFrame(of_units)
+    if study.samples.nominal_first:
+        metrics, units = (table[table["sample"] > 0] for table in (metrics, units))
     return {
         "metrics": columns,
-        "distributions": _distributions(study, counted, worst),
-        "sensitivity": _sensitivity(job, worst),
+        "units": of_units,
+        "distributions": _distributions(study, metrics, units),
+        "convergence": _convergence(study, turns, counted),
+        "sensitivity": _sensitivity(job, over_turn(units, "worst")),
     }
 
 
 AGGREGATE = Stage(
     name="aggregate",
     reads=("sample", "clearance", "hysteresis"),
-    sections=("samples", "design.cycloid.rated_torque_Nm", "design.effects", "metrics", "limits"),
-    tables=(METRICS, DISTRIBUTIONS, SENSITIVITY),
+    sections=(
+        "samples",
+        "design.cycloid.rated_torque_Nm",
+        "metrics",
+        "limits",
+        "cycle.crank_deg",
+        "cycle.rigid_crank_deg",
+    ),
+    tables=(METRICS, UNITS, DISTRIBUTIONS, CONVERGENCE, SENSITIVITY),
     module="stages.aggregate",
     run=_run,
 )

@@ -1,20 +1,15 @@
 """Stage 2: errors to the gap of every contact at every crank angle, and the rigid backlash."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pipeline import assembly
 from pipeline.config.study import Study
-from pipeline.engine.stage import Chunk, Job, Stage, Tables
+from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import rigid_play
-from pipeline.model.load_history.drive import Drive, GapReading
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.mounting import with_effects
+from pipeline.mounting import drive_of
 from stages.keys import CONTACT, CRANK, SAMPLE, repeated
 from stages.sample import errors_of_columns
 
@@ -22,7 +17,7 @@ UM_PER_MM = 1e3
 
 CONTACTS = Table(
     "contacts",
-    "contact, crank (the nominal reducer)",
+    "contact, loaded crank (the nominal reducer)",
     (
         CONTACT,
         CRANK,
@@ -47,7 +42,7 @@ CONTACTS = Table(
 )
 GAPS = Table(
     "gaps",
-    "sample, crank, contact",
+    "sample, crank of a kept curve, contact",
     (
         SAMPLE,
         CRANK,
@@ -57,7 +52,7 @@ GAPS = Table(
 )
 KINEMATIC = Table(
     "kinematic",
-    "sample, crank",
+    "sample, crank of the whole turn",
     (
         SAMPLE,
         CRANK,
@@ -66,12 +61,6 @@ KINEMATIC = Table(
         Column("preloaded", "bool", "", "whether the gaps of some part interfere"),
     ),
 )
-
-
-@dataclass(frozen=True)
-class _Shared:
-    study: Study
-    reducers: tuple[Reducer, ...]
 
 
 def contact_columns(at: Reducer, crank_deg: float) -> dict[str, np.ndarray]:
@@ -99,49 +88,34 @@ def contact_columns(at: Reducer, crank_deg: float) -> dict[str, np.ndarray]:
     }
 
 
-def _prepare(job: Job) -> _Shared:
-    study = job.study
-    return _Shared(study, tuple(assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg))
+def rigid_angles(study: Study) -> np.ndarray:
+    """Crank angles [deg] at which rigid bodies are looked at, ascending: evenly over the turn, and the loaded ones."""
+    return np.union1d(study.cycle.rigid_crank_deg, study.cycle.crank_deg)
 
 
-def _unloaded(study: Study, at: Reducer, errors: Errors, loose: np.ndarray) -> Drive:
-    """Drive with the design's effects whose gaps and clearances count: its springs, all of unit stiffness, do not."""
-    n = len(at.contacts)
-    unit, none = np.ones(n), np.zeros(n)
-    drive = Drive(
-        profile=assembly.profile(study.design),
-        reducer=at,
-        bearing=Bearing(1.0, 1.0),
-        laws=ContactLaws(unit, none, none, unit, np.full(n, np.inf), none),
-        compliance=np.zeros((n, n)),
-        rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
-        errors=errors,
-        reading=GapReading(**dict(study.clearance)),
-        shift=np.zeros((len(loose), n)),
-        bearing_clearance=loose,
-    )
-    return with_effects(drive, study.design.effects)
-
-
-def _solve(shared: _Shared, chunk: Chunk) -> Tables:
-    study = shared.study
+def _solve(study: Study, chunk: Chunk) -> Tables:
     sampled = errors_of_columns(
         {name: chunk.tables[f"sample/{name}"] for name in ("reducer", "pins", "lobes", "rollers")}
     )
     errors = assembly.errors(sampled)
-    loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
-    drives = [_unloaded(study, at, errors, loose) for at in shared.reducers]
-    gap = np.stack([drive.gap for drive in drives], axis=1)
-    plays = [rigid_play(drive.reducer, drive.gap, drive.bearing_clearance) for drive in drives]
-    number, cranks = np.arange(chunk.start, chunk.stop), np.array(study.cycle.crank_deg)
-    sample, crank, contact = repeated(number, cranks, np.arange(gap.shape[2]))
+    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    number, cranks = np.arange(chunk.start, chunk.stop), rigid_angles(study)
+    plays, gaps = [], {}
+    for crank in cranks:
+        drive = drive_of(study, crank, None, errors, clearance)
+        plays.append(rigid_play(drive.reducer, drive.gap, drive.bearing_clearance))
+        if crank in study.cycle.curve_crank_deg:
+            gaps[crank] = drive.gap
+    sample, crank, contact = repeated(number, np.array(list(gaps)), np.arange(next(iter(gaps.values())).shape[1]))
     rows_sample, rows_crank = repeated(number, cranks)
-    first = [contact_columns(at, c) for at, c in zip(shared.reducers, cranks, strict=True)]
     return {
-        "contacts": {name: np.concatenate([one[name] for one in first]) for name in first[0]}
-        if chunk.start == 0
-        else CONTACTS.empty(),
-        "gaps": {"sample": sample, "crank_deg": crank, "contact": contact, "clearance_um": UM_PER_MM * gap.ravel()},
+        "contacts": _nominal_contacts(study) if chunk.start == 0 else CONTACTS.empty(),
+        "gaps": {
+            "sample": sample,
+            "crank_deg": crank,
+            "contact": contact,
+            "clearance_um": UM_PER_MM * np.stack(list(gaps.values()), axis=1).ravel(),
+        },
         "kinematic": {
             "sample": rows_sample,
             "crank_deg": rows_crank,
@@ -152,23 +126,29 @@ def _solve(shared: _Shared, chunk: Chunk) -> Tables:
     }
 
 
+def _nominal_contacts(study: Study) -> dict[str, np.ndarray]:
+    parts = [contact_columns(assembly.reducer(study.design, crank), crank) for crank in study.cycle.crank_deg]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
 CLEARANCE = Stage(
     name="clearance",
     reads=("sample",),
     sections=(
         "samples",
-        "design.cycloid",
-        "design.output",
-        "design.bearing.clearance_um",
-        "design.effects",
+        "design",
+        "springs",
+        "reduce",
         "clearance",
         "cycle.crank_deg",
+        "cycle.curve_crank_deg",
+        "cycle.rigid_crank_deg",
     ),
     tables=(CONTACTS, GAPS, KINEMATIC),
     module="stages.clearance",
     unit="samples",
     items=lambda job: job.study.samples.rows,
-    prepare=_prepare,
+    prepare=lambda job: job.study,
     solve=_solve,
     chunk_reads=("sample/reducer", "sample/pins", "sample/lobes", "sample/rollers"),
 )

@@ -1,6 +1,7 @@
-"""Stage 4b: the load cycle of every sample at every crank angle on the condensed model."""
+"""Stage 4b: the load cycle of every sample at every loaded crank angle on the condensed model."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,26 +9,61 @@ from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.reducer import PIN, Bearing, Reducer
-from pipeline.model.load_history.drive import Drive, GapReading
-from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
-from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle, solve_cycle
-from pipeline.mounting import with_effects
+from pipeline.model.geometry.reducer import PIN
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle
+from pipeline.model.load_history.loop_readings import loop_readings
+from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.mounting import drive_of
+from pipeline.sampling import Errors
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
 from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
+from stages.sample import errors_of_columns
 from stages.springs import laws_of_columns
 
 NM_PER_NMM = 1e-3
 STEP = Column("step", "int32", "1", "step of the load cycle")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")
 
+SAMPLED = ("reducer", "pins", "lobes", "rollers")
+"""Tables of the stage `sample`: the errors of every unit."""
+
+
+def _angle(name: str, meaning: str) -> Column:
+    return Column(f"{name}_arcmin", "float64", "arcmin", f"angle of the output {meaning}")
+
+
+READINGS = {
+    "limit_minus": _angle("limit_minus", "without friction in the limit T -> 0-"),
+    "limit_plus": _angle("limit_plus", "without friction in the limit T -> 0+"),
+    "zero_falling": _angle("zero_falling", "at T = 0 on the way down from +T"),
+    "zero_rising": _angle("zero_rising", "at T = 0 on the way up from -T"),
+    "lost_motion_minus": _angle("lost_motion_minus", "of the centre line at minus the lost-motion torque"),
+    "lost_motion_plus": _angle("lost_motion_plus", "of the centre line at the lost-motion torque"),
+    "low_minus": _angle("low_minus", "on the way to -T at the lower torque of the rigidity"),
+    "high_minus": _angle("high_minus", "on the way to -T at the higher torque of the rigidity"),
+    "low_plus": _angle("low_plus", "on the way back to +T at the lower torque of the rigidity"),
+    "high_plus": _angle("high_plus", "on the way back to +T at the higher torque of the rigidity"),
+    "peak_pressure": Column("peak_pressure_MPa", "float64", "MPa", "largest Hertz pressure of any contact"),
+}
+"""Columns of what the metrics are read from, by the field of `LoopReadings`."""
+
+LOOPS = Table(
+    "loops",
+    "sample, crank",
+    (
+        SAMPLE,
+        CRANK,
+        *READINGS.values(),
+        Column("bearing_force_N", "float64", "N", "largest force on the input bearing"),
+        Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
+    ),
+)
 CURVES = Table(
     "curves",
-    "sample, crank, step",
+    "sample, crank of a kept curve, step",
     (
         SAMPLE,
         CRANK,
@@ -47,7 +83,7 @@ CURVES = Table(
 )
 CONTACTS = Table(
     "contacts",
-    "kept sample, crank, step, contact",
+    "kept sample, crank of a kept curve, step, contact",
     (
         SAMPLE,
         CRANK,
@@ -70,196 +106,196 @@ STATUS_TABLE = Table("status", "sample, crank", (SAMPLE, CRANK, STATUS))
 
 @dataclass(frozen=True)
 class Shared:
-    """What every chunk needs, per crank angle, with the design's effects.
+    """What every chunk needs: per loaded crank angle the laws and the compliance of the contacts.
 
     Attributes
     ----------
-    looser : clearance of the bearing beyond the design's and the sample's [mm].
-    torsion : compliance between the reducer's output and the torque [rad/(N mm)].
+    curve, brief : load cycles where whole curves are kept, and with the torques of the metrics alone.
     """
 
     study: Study
-    cycle: LoadCycle
-    bearing: Bearing
-    reducers: tuple[Reducer, ...]
+    curve: LoadCycle
+    brief: LoadCycle
     laws: tuple[ContactLaws, ...]
     compliances: tuple[np.ndarray, ...]
-    sliders: tuple[Sliders, ...]
-    looser: tuple[float, ...]
-    torsion: tuple[float, ...]
 
-    @property
-    def frictional(self) -> bool:
-        """Whether a state depends on the way to it, so that every step has its own."""
-        return any(len(sliders.acting) for sliders in self.sliders)
-
-    @property
-    def steps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Branch number and state of every step of the cycle, (n_steps,) each."""
-        branch, state = self.cycle.steps
-        return branch, np.arange(len(state)) if self.frictional else state
-
-    @property
-    def state_torque(self) -> np.ndarray:
-        """Torque of every state (n_states,) [N mm]."""
-        torque = self.cycle.state_torque
-        return torque[self.cycle.steps[1]] if self.frictional else torque
+    def cycle(self, crank_deg: float) -> LoadCycle:
+        """The load cycle at a crank angle [deg]."""
+        return self.curve if crank_deg in self.study.cycle.curve_crank_deg else self.brief
 
 
-def _mounted(study: Study, at: Reducer, laws: ContactLaws, compliance: np.ndarray) -> Drive:
-    """The nominal drive with the design's effects; the gaps of the samples come from the stage clearance."""
-    cycloid, contacts = study.design.cycloid, len(at.contacts)
-    pins = np.zeros((1, cycloid.pins))
-    drive = Drive(
-        profile=assembly.profile(study.design),
-        reducer=at,
-        bearing=assembly.bearing(study.design),
-        laws=laws,
-        compliance=compliance,
-        rated_torque=assembly.NMM_PER_NM * cycloid.rated_torque_Nm,
-        errors=Errors(pins, pins, pins, np.zeros((1, cycloid.lobes)), np.zeros(1), np.zeros((1, contacts - at.n_pins))),
-        reading=GapReading(**dict(study.clearance)),
-        shift=np.zeros((1, contacts)),
-        bearing_clearance=np.zeros(1),
-    )
-    return with_effects(drive, study.design.effects)
+@dataclass(frozen=True)
+class Solved:
+    """The drive of ``n`` samples at one crank angle, and its response to the load cycle."""
+
+    crank_deg: float
+    drive: Drive
+    response: CycleResponse
+
+    def of(self, samples: np.ndarray) -> "Solved":
+        """Of some of the samples alone, by their positions."""
+        whole = self.response
+        states = Equilibria(**{name: values[samples] for name, values in vars(whole.equilibria).items()})
+        of_samples = {name: getattr(whole, name)[samples] for name in ("angle", "play", "converged")}
+        return Solved(self.crank_deg, self.drive.some(samples), replace(whole, equilibria=states, **of_samples))
 
 
 def prepare(job: Job) -> Shared:
     """Read the laws and compliances of every crank angle."""
     study: Study = job.study
     cranks = study.cycle.crank_deg
-    reducers = tuple(assembly.reducer(study.design, crank) for crank in cranks)
     coefficients, matrices = job.read("springs", "coefficients"), job.input_path("reduce", COMPLIANCE_FILE)
-    drives = [
-        _mounted(study, at, laws_of_columns(coefficients, crank), full_compliance(matrices, at, crank))
-        for at, crank in zip(reducers, cranks, strict=True)
-    ]
+    reducers = [assembly.reducer(study.design, crank) for crank in cranks]
     return Shared(
         study,
-        assembly.load_cycle(study),
-        assembly.bearing(study.design),
-        reducers,
-        tuple(drive.laws for drive in drives),
-        tuple(drive.compliance for drive in drives),
-        tuple(drive.sliders for drive in drives),
-        tuple(float(drive.bearing_clearance[0]) for drive in drives),
-        tuple(drive.torsion for drive in drives),
+        assembly.load_cycle(study, study.cycle.levels_per_branch),
+        assembly.load_cycle(study, 0),
+        tuple(laws_of_columns(coefficients, crank) for crank in cranks),
+        tuple(full_compliance(matrices, at, crank) for at, crank in zip(reducers, cranks, strict=True)),
     )
 
 
-def solve_samples(shared: Shared, gap_um: np.ndarray, bearing_um: np.ndarray) -> list[Equilibria]:
-    """States of the cycle per crank angle; ``gap_um`` (n, n_cranks, n_contacts), ``bearing_um`` (n,)."""
-    loose = assembly.bearing_clearance(shared.study.design, bearing_um)
-    solved = []
-    for k, at in enumerate(shared.reducers):
-        spring = at, shared.bearing, shared.laws[k], shared.compliances[k]
-        of_samples = gap_um[:, k] / UM_PER_MM, loose + shared.looser[k]
-        if shared.frictional:
-            states = solve_cycle(*spring, *of_samples, refined(shared.cycle))
-            solved.append(solve_frictional_cycle(*spring, *of_samples, shared.cycle, shared.sliders[k], states))
-        else:
-            solved.append(solve_cycle(*spring, *of_samples, shared.cycle))
-    return solved
+def solve_samples(shared: Shared, sampled: Errors) -> Iterator[Solved]:
+    """Every loaded crank angle of ``n`` units, one after the other: at a time their states are many."""
+    study = shared.study
+    errors = assembly.errors(sampled)
+    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    for crank, laws, compliance in zip(study.cycle.crank_deg, shared.laws, shared.compliances, strict=True):
+        drive = drive_of(study, crank, compliance, errors, clearance, laws)
+        yield Solved(crank, drive, respond(drive, shared.cycle(crank)))
 
 
-def _curve_values(at: Reducer, laws: ContactLaws, states: Equilibria, twist: np.ndarray) -> dict[str, np.ndarray]:
-    """Values of the curve table at every state, (n, n_states) each; ``twist`` (n_states,) [rad] lies behind it."""
-    of_pins = at.contacts.kind == PIN
-    closed = states.force > 0
-    moment = np.abs(at.contacts.arm[of_pins]) * states.force[..., of_pins]
-    beyond = np.sum(moment, axis=2, where=states.force[..., of_pins] > laws.force_limit[of_pins])
-    whole = np.sum(moment, axis=2)
+def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
+    """What the table of loops says of every sample at one crank angle, (n,) each."""
+    drive, response = solved.drive, solved.response
+    states = response.equilibria
+    peak = np.max(drive.laws.peak_pressure(states.force), axis=(1, 2))
+    readings = loop_readings(response, peak, assembly.definitions(study))
+    thrust = np.linalg.norm(states.force @ drive.reducer.closing[:, :2], axis=2)
     return {
-        "angle_arcmin": ARCMIN * (states.motion[..., at.output_motion] + twist),
+        **{column.name: getattr(readings, field) for field, column in READINGS.items()},
+        "bearing_force_N": np.max(thrust, axis=1),
+        "beyond_limit_share": np.max(_beyond_limit_share(drive, states), axis=1),
+    }
+
+
+def _beyond_limit_share(drive: Drive, states: Equilibria) -> np.ndarray:
+    """Share of the pins' moment on contacts beyond their law's range (n, n_states)."""
+    contacts = drive.reducer.contacts
+    of_pins = contacts.kind == PIN
+    force = states.force[..., of_pins]
+    moment = np.abs(contacts.arm[of_pins]) * force
+    beyond = np.sum(moment, axis=2, where=force > drive.laws.force_limit[of_pins])
+    whole = np.sum(moment, axis=2)
+    return np.divide(beyond, whole, out=np.zeros_like(whole), where=whole > 0)
+
+
+def _curve_values(solved: Solved) -> dict[str, np.ndarray]:
+    """Values of the curve table at every step, (n, n_steps) each."""
+    drive, response = solved.drive, solved.response
+    states = response.equilibria
+    closed = states.force > 0
+    of_pins = drive.reducer.contacts.kind == PIN
+    of_states = {
         "bearing_x_um": UM_PER_MM * states.motion[..., 0],
         "bearing_y_um": UM_PER_MM * states.motion[..., 1],
         "pins_in_contact": np.count_nonzero(closed[..., of_pins], axis=2),
         "outputs_in_contact": np.count_nonzero(closed[..., ~of_pins], axis=2),
-        "peak_pressure_MPa": np.max(laws.peak_pressure(states.force), axis=2),
-        "beyond_limit_share": np.divide(beyond, whole, out=np.zeros_like(whole), where=whole > 0),
+        "peak_pressure_MPa": np.max(drive.laws.peak_pressure(states.force), axis=2),
+        "beyond_limit_share": _beyond_limit_share(drive, states),
         "iterations": states.iterations,
         "residual": states.residual,
     }
+    visited = {name: values[:, response.state] for name, values in of_states.items()}
+    return {"angle_arcmin": ARCMIN * response.angle, **visited}
 
 
-def _curve_rows(shared: Shared, samples: np.ndarray, solved: list[Equilibria]) -> Columns:
-    branch, state = shared.steps
-    cranks = np.array(shared.study.cycle.crank_deg)
-    sample, crank, step = repeated(samples, cranks, np.arange(len(state)))
-    values = [
-        _curve_values(at, laws, states, torsion * shared.state_torque)
-        for at, laws, states, torsion in zip(shared.reducers, shared.laws, solved, shared.torsion, strict=True)
-    ]
-    loops = len(samples) * len(cranks)
+def curve_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
+    """Rows of the table of curves for ``samples`` (n,), solved at each kept crank angle."""
+    branch, torque = curves[0].response.branch, curves[0].response.torque
+    sample, crank, step = repeated(samples, np.array([one.crank_deg for one in curves]), np.arange(len(torque)))
+    values = [_curve_values(one) for one in curves]
+    loops = len(samples) * len(curves)
     return {
         "sample": sample,
         "crank_deg": crank,
         "step": step,
         "branch": labels(np.tile(branch, loops), BRANCHES),
-        "torque_Nm": np.tile(NM_PER_NMM * shared.state_torque[state], loops),
-        **{name: np.stack([one[name][:, state] for one in values], axis=1).ravel() for name in values[0]},
+        "torque_Nm": np.tile(NM_PER_NMM * torque, loops),
+        **{name: np.stack([part[name] for part in values], axis=1).ravel() for name in values[0]},
     }
 
 
-def contact_rows(shared: Shared, samples: np.ndarray, gap_um: np.ndarray, solved: list[Equilibria]) -> Columns:
-    """Rows of the table of contacts for ``samples`` (n,), whose states are ``solved`` per crank angle."""
-    _, state = shared.steps
-    cranks = np.array(shared.study.cycle.crank_deg)
-    sample, crank, step, contact = repeated(samples, cranks, np.arange(len(state)), np.arange(gap_um.shape[2]))
+def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
+    """Rows of the table of contacts for ``samples`` (n,), solved at each kept crank angle."""
+    torque = NM_PER_NMM * curves[0].response.torque
+    contacts = curves[0].drive.gap.shape[1]
+    cranks = np.array([one.crank_deg for one in curves])
+    sample, crank, step, contact = repeated(samples, cranks, np.arange(len(torque)), np.arange(contacts))
     parts = []
-    for k, (at, laws, compliance, states) in enumerate(
-        zip(shared.reducers, shared.laws, shared.compliances, solved, strict=True)
-    ):
-        force = states.force[:, state]
-        local, elastic = laws.deflection(force), force @ compliance
+    for one in curves:
+        drive, states, visited = one.drive, one.response.equilibria, one.response.state
+        force = states.force[:, visited]
+        local, elastic = drive.laws.deflection(force), force @ drive.compliance
         parts.append(
             {
-                "clearance_um": np.broadcast_to(gap_um[:, k, None], force.shape),
-                "approach_um": UM_PER_MM * states.motion[:, state] @ at.closing.T,
+                "clearance_um": UM_PER_MM * np.broadcast_to(drive.gap[:, None], force.shape),
+                "approach_um": UM_PER_MM * states.motion[:, visited] @ drive.reducer.closing.T,
                 "penetration_um": UM_PER_MM * (local + elastic),
                 "elastic_um": UM_PER_MM * elastic,
                 "local_um": UM_PER_MM * local,
                 "force_N": force,
-                "pressure_MPa": laws.peak_pressure(force),
+                "pressure_MPa": drive.laws.peak_pressure(force),
             }
         )
-    torque = NM_PER_NMM * shared.state_torque[state]
     return {
         "sample": sample,
         "crank_deg": crank,
         "step": step,
-        "torque_Nm": np.broadcast_to(torque[:, None], (len(samples), len(cranks), len(state), gap_um.shape[2])).ravel(),
+        "torque_Nm": np.broadcast_to(torque[:, None], (len(samples), len(cranks), len(torque), contacts)).ravel(),
         "contact": contact,
         **{name: np.stack([part[name] for part in parts], axis=1).ravel() for name in parts[0]},
     }
 
 
-def _status(shared: Shared, states: Equilibria) -> list[str]:
-    """Status of every sample at one crank angle: the first step that failed, if any."""
-    texts = np.full(len(states.converged), "ok", object)
-    for sample in np.flatnonzero(~np.all(states.converged, axis=1)):
-        first = int(np.argmin(states.converged[sample]))
-        torque, residual = NM_PER_NMM * shared.state_torque[first], states.residual[sample, first]
-        where = "on the way" if shared.frictional else f"at {torque:.4g} N m"
-        texts[sample] = f"no equilibrium {where}: residual {residual:.1e}"
-    return list(texts)
+def _status(solved: Solved) -> np.ndarray:
+    """Status of every sample at one crank angle (n,): the first step that failed, if any."""
+    response = solved.response
+    states = response.equilibria
+    texts = np.full(len(response.converged), "ok", object)
+    for sample in np.flatnonzero(~response.converged):
+        lost = np.flatnonzero(~states.converged[sample, response.state])
+        if len(lost):
+            torque = NM_PER_NMM * response.torque[lost[0]]
+            residual = states.residual[sample, response.state[lost[0]]]
+            texts[sample] = f"no equilibrium at {torque:.4g} N m or before: residual {residual:.1e}"
+        else:
+            texts[sample] = "no equilibrium without friction at the ends of the play"
+    return texts
 
 
 def _solve(shared: Shared, chunk: Chunk) -> Tables:
     samples = np.arange(chunk.start, chunk.stop)
-    cranks = np.array(shared.study.cycle.crank_deg)
-    gap_um = chunk.tables["clearance/gaps"]["clearance_um"].reshape(len(samples), len(cranks), -1)
-    solved = solve_samples(shared, gap_um, chunk.tables["sample/reducer"]["bearing_clearance_um"])
-    keep = shared.study.cycle.keep_contacts
+    study = shared.study
+    sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
+    keep = study.cycle.keep_contacts
     kept = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
-    sample, crank = repeated(samples, cranks)
-    status = np.array([_status(shared, states) for states in solved], object).T
-    few = [Equilibria(**{name: values[kept] for name, values in vars(states).items()}) for states in solved]
+    loops, status, curves = [], [], []
+    for solved in solve_samples(shared, sampled):
+        loops.append(loop_columns(study, solved))
+        status.append(_status(solved))
+        if solved.crank_deg in study.cycle.curve_crank_deg:
+            curves.append(solved)
+    sample, crank = repeated(samples, np.array(study.cycle.crank_deg))
     return {
-        "curves": _curve_rows(shared, samples, solved),
-        "contacts": contact_rows(shared, samples[kept], gap_um[kept], few) if len(kept) else CONTACTS.empty(),
-        "status": {"sample": sample, "crank_deg": crank, "status": status.ravel()},
+        "loops": {
+            "sample": sample,
+            "crank_deg": crank,
+            **{name: np.stack([loop[name] for loop in loops], axis=1).ravel() for name in loops[0]},
+        },
+        "curves": curve_rows(samples, curves),
+        "contacts": contact_rows(samples[kept], [one.of(kept) for one in curves]) if len(kept) else CONTACTS.empty(),
+        "status": {"sample": sample, "crank_deg": crank, "status": np.stack(status, axis=1).ravel()},
     }
 
 
@@ -271,7 +307,7 @@ def _failures(tables: Tables) -> int:
 
 HYSTERESIS = Stage(
     name="hysteresis",
-    reads=("sample", "clearance", "springs", "reduce"),
+    reads=("sample", "springs", "reduce"),
     sections=(
         "samples",
         "design.cycloid",
@@ -279,16 +315,20 @@ HYSTERESIS = Stage(
         "design.output",
         "design.effects",
         "clearance",
-        "cycle",
+        "cycle.crank_deg",
+        "cycle.curve_crank_deg",
+        "cycle.levels_per_branch",
+        "cycle.torque_fraction",
+        "cycle.keep_contacts",
         "metrics.lost_motion_percent",
         "metrics.rigidity_percent",
     ),
-    tables=(CURVES, CONTACTS, STATUS_TABLE),
+    tables=(LOOPS, CURVES, CONTACTS, STATUS_TABLE),
     module="stages.hysteresis",
     unit="samples",
     items=lambda job: job.study.samples.rows,
     prepare=prepare,
     solve=_solve,
-    chunk_reads=("clearance/gaps", "sample/reducer"),
+    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED),
     failures=_failures,
 )

@@ -15,7 +15,7 @@ from pipeline.report.drawings import drawings
 from pipeline.report.frames import OK, Frames, drawn_samples
 from pipeline.report.page import TableNote, report_page
 from pipeline.report.rendering import Picture
-from stages.aggregate import AGGREGATE, worst_over_cranks
+from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
 from stages.hysteresis import CONTACTS, HYSTERESIS
 from stages.reduce import MESH_FILE, REDUCE
@@ -60,8 +60,9 @@ def _frames(job: Job) -> Frames:
     return Frames(
         study=study,
         metrics=metrics,
-        worst=worst_over_cranks(metrics[metrics["sample"] > 0] if study.samples.nominal_first else metrics),
+        units=_table(job, "aggregate", "units"),
         distributions=_table(job, "aggregate", "distributions"),
+        convergence=_table(job, "aggregate", "convergence"),
         sensitivity=_table(job, "aggregate", "sensitivity"),
         status=status,
         contacts=_table(job, "clearance", "contacts"),

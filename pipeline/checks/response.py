@@ -18,13 +18,14 @@ from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle, curve_metrics
+from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle
+from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
 METRICS = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
-NM_PER_NMM = 1e-3
 LEVELS = 5
 """Equal load steps besides those that the metrics ask for: a state depends on its torque alone, more change nothing."""
 
@@ -134,21 +135,13 @@ def metrics_of(study: Study, cases: Solved, backlash_percent: float = 0.0) -> Re
     backlash_percent : of the rated torque, where the backlash is read on the way up in both senses; at 0 it is the
         limit of no torque.
     """
-    response = cases.response
-    angle = ARCMIN * response.angle
-    numbers = curve_metrics(
-        np.array(BRANCHES)[response.branch],
-        NM_PER_NMM * response.torque,
-        angle,
-        study.design.cycloid.rated_torque_Nm,
-        study.metrics.lost_motion_percent / 100,
-        (study.metrics.rigidity_percent[0] / 100, study.metrics.rigidity_percent[1] / 100),
-    )
-    backlash = ARCMIN * response.clearance_backlash
+    at = assembly.definitions(study)
+    readings = loop_readings(cases.response, np.full(len(cases.gap), np.nan), at)
+    values = np.stack([library()[name].value(readings, at) for name in METRICS], axis=1)
     if backlash_percent:
         plus, minus = cases.step("loading+", backlash_percent), cases.step("loading-", -backlash_percent)
-        backlash = angle[:, plus] - angle[:, minus]
-    return np.stack([backlash, numbers.lost_motion, numbers.torsional_rigidity], axis=1)
+        values[:, 0] = ARCMIN * (cases.response.angle[:, plus] - cases.response.angle[:, minus])
+    return values
 
 
 def pins_in_contact(study: Study, cases: Solved) -> np.ndarray:

@@ -15,9 +15,10 @@ from pipeline.engine.runner import damages, run, why
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, remove, write_atomic
 from pipeline.errors import InputError
+from pipeline.model.metrics import library
 from stages import hysteresis
-from stages.aggregate import METRIC_COLUMNS
 from stages.chain import STAGES
+from stages.sample import errors_of_columns
 
 
 def run_stages(options: argparse.Namespace) -> None:
@@ -43,7 +44,7 @@ def solve_unit(options: argparse.Namespace) -> None:
     with settings.resources(study, options) as resources:
         outputs = run(STAGES, study, ["report"], settings.RUNS, resources)
     metrics = pd.DataFrame(outputs["aggregate"].read("metrics"))
-    shown = metrics.loc[metrics["sample"] == 1, ["crank_deg", *METRIC_COLUMNS, "status"]]
+    shown = metrics.loc[metrics["sample"] == 1, ["crank_deg", *library(), "status"]]
     print(shown.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
     print(f"tables and report: {settings.RUNS / study.name}")
 
@@ -64,11 +65,10 @@ def resolve_contacts(options: argparse.Namespace) -> None:
 def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str, np.ndarray]:
     """Rows of the contacts of one sample of a finished run."""
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
-    rows = outputs["clearance"].read_items("gaps", sample, sample + 1)
-    gap_um = rows["clearance_um"].reshape(1, len(study.cycle.crank_deg), -1)
-    loose = outputs["sample"].read_items("reducer", sample, sample + 1)["bearing_clearance_um"]
-    solved = hysteresis.solve_samples(shared, gap_um, loose)
-    return hysteresis.contact_rows(shared, np.array([sample]), gap_um, solved)
+    tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in hysteresis.SAMPLED}
+    solved = hysteresis.solve_samples(shared, errors_of_columns(tables))
+    curves = [one for one in solved if one.crank_deg in study.cycle.curve_crank_deg]
+    return hysteresis.contact_rows(np.array([sample]), curves)
 
 
 def check_run(options: argparse.Namespace) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping
-from math import pi, sqrt
 from typing import Any
 
 from pipeline.config.design import Design, PinInHole
@@ -44,7 +45,8 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     if samples and parts.get("drivers"):
         found += _drivers(parts["drivers"], samples)
     if cycle:
-        found += _cycle(cycle, samples)
+        found += _cycle(cycle, samples, raw)
+        found += _phases(cycle, design)
     if cycle and metrics:
         found += _metrics(metrics, cycle)
     if reduce and design:
@@ -123,7 +125,7 @@ def _size(samples: Samples, design: Design) -> Iterator[Problem]:
 
 def _mesh(reduce: Reduce, design: Design) -> Iterator[Problem]:
     radius, edge = design.cycloid.pin_circle_radius_mm, reduce.largest_edge_mm
-    triangles = pi * radius**2 / (sqrt(3) / 4 * edge**2) + design.cycloid.lobes * reduce.flank_edges_per_lobe
+    triangles = math.pi * radius**2 / (math.sqrt(3) / 4 * edge**2) + design.cycloid.lobes * reduce.flank_edges_per_lobe
     if triangles > LARGEST_MESH:
         yield Problem(
             "reduce.largest_edge_mm",
@@ -133,9 +135,25 @@ def _mesh(reduce: Reduce, design: Design) -> Iterator[Problem]:
         )
 
 
-def _cycle(cycle: Cycle, samples: Samples | None) -> Iterator[Problem]:
-    if len(set(cycle.crank_deg)) < len(cycle.crank_deg):
-        yield Problem("cycle.crank_deg", cycle.crank_deg, "angles must differ")
+def _phases(cycle: Cycle, design: Design | None) -> Iterator[Problem]:
+    """Evenly spread angles that share a factor with the pins: they see few phases of the pins' pitch."""
+    if design is None:
+        return
+    pins = design.cycloid.pins
+    counts = {"loaded_angles": cycle.loaded_angles or 1, "rigid_angles": cycle.rigid_angles}
+    for name, angles in counts.items():
+        shared = math.gcd(angles, pins)
+        if shared > 1 and angles > 1:
+            coprime = next(k for k in itertools.count(angles + 1) if math.gcd(k, pins) == 1)
+            allowed = f"must share no factor with the {pins} pins, or the angles see {angles // shared} phase"
+            yield Problem(f"cycle.{name}", angles, f"{allowed}{'s' * (angles > shared)} of their pitch; take {coprime}")
+
+
+def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Iterator[Problem]:
+    if {"loaded_angles", "crank_deg"} <= set(raw["cycle"]):
+        yield Problem("cycle.crank_deg", cycle.crank_deg, "stands beside loaded_angles; keep the one or the other")
+    if any(after <= before for before, after in itertools.pairwise(cycle.crank_deg)):
+        yield Problem("cycle.crank_deg", cycle.crank_deg, "angles must rise")
     if cycle.keep_contacts == "all":
         return
     if len(set(cycle.keep_contacts)) < len(cycle.keep_contacts):

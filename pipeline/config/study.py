@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, create_model, model_validator
 
 from pipeline.config.cases import Case
 from pipeline.config.design import Design
-from pipeline.config.section import Millimetres, NotNegative, Positive, Section
+from pipeline.config.section import Millimetres, NotNegative, Section
 from pipeline.config.tolerances import Tolerances
+from pipeline.model.metrics import library as metric_library
 
 Percent = Annotated[float, Field(gt=0, le=100)]
 
@@ -67,16 +68,48 @@ class Reduce(Section):
     roller_patch_half_width_mm: Millimetres
 
 
-class Cycle(Section):
-    """Load cycle 0 -> +T -> -T -> +T at each crank angle, T being `torque_fraction` of the rated torque.
+LOADED_ANGLES = 31
+"""Crank angles of a turn that are loaded unless the study says otherwise."""
 
-    A branch has `levels_per_branch` equal steps and the torques of the metrics; with 0 steps, those alone.
+
+class Cycle(Section):
+    """Load cycle 0 -> +T -> -T -> +T at the loaded crank angles, T being `torque_fraction` of the rated torque.
+
+    The loaded angles are `loaded_angles` evenly over a crank turn from 0, or the list `crank_deg`; whole curves are
+    kept at `curve_angles` of them. The play of rigid bodies is taken at `rigid_angles` of each of `rigid_crank_turns`
+    turns and at the loaded ones. A branch has `levels_per_branch` equal steps and the torques of the metrics; with 0
+    steps, those alone.
     """
 
+    loaded_angles: Annotated[int, Field(ge=1, le=3600)] | None = None
     crank_deg: Annotated[tuple[Annotated[float, Field(ge=0, lt=360)], ...], Field(min_length=1)]
+    rigid_angles: Annotated[int, Field(ge=1, le=36_000)] = 181
+    rigid_crank_turns: Annotated[int, Field(ge=1, le=1000)] = 1
+    curve_angles: Annotated[int, Field(ge=1, le=3600)] = 4
     levels_per_branch: Annotated[int, Field(ge=0, le=10_000)]
     torque_fraction: Annotated[float, Field(gt=0, le=10)] = 1.0
     keep_contacts: Literal["all"] | tuple[Annotated[int, Field(ge=0)], ...] = (0,)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _spread_over_a_turn(cls, raw: Any) -> Any:
+        if not isinstance(raw, dict) or "crank_deg" in raw:
+            return raw
+        angles = raw.get("loaded_angles", LOADED_ANGLES)
+        if not isinstance(angles, int) or angles < 1:
+            return raw
+        return {**raw, "loaded_angles": angles, "crank_deg": tuple(360.0 * k / angles for k in range(angles))}
+
+    @property
+    def curve_crank_deg(self) -> tuple[float, ...]:
+        """Loaded crank angles [deg] whose whole curves are kept, evenly among all."""
+        angles, curves = len(self.crank_deg), min(self.curve_angles, len(self.crank_deg))
+        return tuple(self.crank_deg[k * angles // curves] for k in range(curves))
+
+    @property
+    def rigid_crank_deg(self) -> tuple[float, ...]:
+        """Crank angles [deg] at which rigid bodies are looked at beside the loaded ones, over `rigid_crank_turns`."""
+        return tuple(360.0 * k / self.rigid_angles for k in range(self.rigid_angles * self.rigid_crank_turns))
 
 
 class Metrics(Section):
@@ -87,15 +120,26 @@ class Metrics(Section):
     confidence: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
 
 
-class Limits(Section):
-    """Limits for the yield: upper ones, and a lower one for the torsional rigidity."""
+class _Limits(Section):
+    """Limits for the yield, one for each metric: upper ones, or lower ones where the smaller is the worse.
 
-    clearance_backlash_arcmin: NotNegative | None = None
-    zero_torque_width_arcmin: NotNegative | None = None
-    lost_motion_arcmin: NotNegative | None = None
-    hysteresis_loss_arcmin: NotNegative | None = None
-    torsional_rigidity_Nm_per_arcmin: NotNegative | None = None
-    peak_pressure_MPa: Positive | None = None
+    They hold for the worst, mean or best value `over` the turn.
+    """
+
+    over: Literal["worst", "mean", "best"] = "worst"
+
+    @property
+    def of_metrics(self) -> dict[str, float]:
+        """The limits that are set, by metric."""
+        limits = {name: getattr(self, name) for name in metric_library()}
+        return {name: limit for name, limit in limits.items() if limit is not None}
+
+
+if TYPE_CHECKING:
+    Limits = _Limits
+else:
+    _of_metrics = dict.fromkeys(metric_library(), (NotNegative | None, None))
+    Limits = create_model("Limits", __base__=_Limits, __doc__=_Limits.__doc__, **_of_metrics)
 
 
 FEWEST_BASE_SAMPLES = 30

@@ -24,7 +24,7 @@ TEMPLATES = (".html", ".css")
 """Files beside the modules of a package that are sources too."""
 NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects")
 """Modules that no value depends on: they show progress, or refuse settings."""
-FOUND_BY_FILE = {"pipeline.model.effects": "cycloid_effects"}
+FOUND_BY_FILE = {"pipeline.model.effects": "cycloid_effects", "pipeline.model.metrics": "cycloid_metrics"}
 """Packages that import whatever modules lie in them, and the group of entry points in which others register more."""
 
 

@@ -14,6 +14,9 @@ from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, legend_below, new_
 BARS = "#a9cbe4"
 BINS = (8, 40)
 """Fewest and most bars of a histogram."""
+FEW_ANGLES = 6
+"""Crank angles that are drawn one by one; more of them are lines with a band."""
+BAND = "5 % to 95 %"
 ESTIMATES = {"p05": "5 %", "mean": "mean", "p95": "95 %"}
 
 
@@ -137,23 +140,21 @@ def crank_figure(
     figure = new_figure(2.8)
     for axes, metric in zip(figure.subplots(1, len(metrics), squeeze=False)[0], metrics, strict=True):
         rows = estimates[estimates["metric"] == metric].pivot(index="crank_deg", columns="statistic", values="value")
-        axes.vlines(rows.index, rows["p05"], rows["p95"], color=ACCENT, linewidth=6, alpha=0.3, label="5 % to 95 %")
-        axes.plot(rows.index, rows["mean"], "o", color=ACCENT, markersize=4.5, label="mean")
+        many = len(rows) > FEW_ANGLES
+        if many:
+            axes.fill_between(rows.index, rows["p05"], rows["p95"], color=ACCENT, alpha=0.25, linewidth=0, label=BAND)
+        else:
+            axes.vlines(rows.index, rows["p05"], rows["p95"], color=ACCENT, linewidth=6, alpha=0.3, label=BAND)
+        size = 2.5 if many else 4.5
+        axes.plot(rows.index, rows["mean"], "-o" if many else "o", color=ACCENT, markersize=size, label="mean")
         if len(nominal):
-            axes.plot(
-                nominal["crank_deg"],
-                nominal[metric],
-                "D",
-                color=INK,
-                markerfacecolor="white",
-                markersize=4.5,
-                label="nominal",
-            )
+            style = {"color": INK, "markerfacecolor": "white", "markersize": size, "linewidth": 0.9}
+            axes.plot(nominal["crank_deg"], nominal[metric], "-D" if many else "D", label="nominal", **style)
         if metric in limits:
             axes.axhline(limits[metric], color=ALARM, linewidth=1.2, label="limit")
         axes.set(xlabel="crank angle (degrees)", title=METRICS[metric].title, ylabel=METRICS[metric].unit)
         axes.margins(x=0.15, y=0.12)
-        if len(rows) <= 6:
+        if not many:
             axes.set_xticks(rows.index)
     legend_below(figure, axes)
     return figure

@@ -1,51 +1,9 @@
 """What tables call by a column name, as an engineer calls it."""
 
-from dataclasses import dataclass
+from pipeline.model.metrics import library
 
-
-@dataclass(frozen=True)
-class Quantity:
-    """Name, unit and digits of a number that people read.
-
-    Attributes
-    ----------
-    decimals : digits after the point in tables and labels.
-    smaller_is_worse : whether its limit is a lower one.
-    """
-
-    title: str
-    unit: str
-    decimals: int
-    smaller_is_worse: bool = False
-
-    @property
-    def inline(self) -> str:
-        """The title inside a sentence."""
-        return self.title[0].lower() + self.title[1:]
-
-    @property
-    def axis(self) -> str:
-        """Label of an axis."""
-        return f"{self.title} ({self.unit})"
-
-    def text(self, value: float) -> str:
-        """The value with its digits, without the unit."""
-        return signed(value, self.decimals)
-
-
-def signed(value: float, decimals: int) -> str:
-    """A number with grouped digits and a true minus sign; what rounds to 0 has none."""
-    return f"{round(value, decimals) + 0.0:,.{decimals}f}".replace("-", "\u2212")
-
-
-METRICS = {
-    "clearance_backlash_arcmin": Quantity("Clearance backlash", "arcmin", 3),
-    "zero_torque_width_arcmin": Quantity("Zero-torque width", "arcmin", 3),
-    "hysteresis_loss_arcmin": Quantity("Hysteresis loss", "arcmin", 3),
-    "lost_motion_arcmin": Quantity("Lost motion", "arcmin", 3),
-    "torsional_rigidity_Nm_per_arcmin": Quantity("Torsional rigidity", "N m/arcmin", 3, smaller_is_worse=True),
-    "peak_pressure_MPa": Quantity("Peak Hertz pressure", "MPa", 0),
-}
+METRICS = library()
+"""The metrics by column name."""
 
 PARAMETERS = {
     "disk_profile": "disk profile (whole disk)",

@@ -5,8 +5,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.figures.labels import parameter_title, signed
+from pipeline.figures.labels import parameter_title
 from pipeline.figures.style import INK, MUTED, new_figure, styled
+from pipeline.model.metrics import signed
 
 CLEAR, PALE, REST = "#4a97c9", "#cfe2f0", "#c3cad2"
 REMAINDER = "remainder"

@@ -14,7 +14,7 @@ ROWS_SHOWN = 40
 
 @dataclass(frozen=True)
 class CaseRow:
-    """One case, its worst metrics over the crank angles or those at one; `failing` marks those beyond a limit."""
+    """One case, its worst metrics over the turn or those at one crank angle; `failing` marks those beyond a limit."""
 
     label: str
     crank: str
@@ -24,9 +24,9 @@ class CaseRow:
 
 
 def case_rows(frames: Frames) -> list[CaseRow]:
-    """Worst metrics of the first cases over the crank angles."""
+    """Worst metrics of the first cases over the turn."""
     grouped = _first_cases(frames).groupby("sample")
-    return [_case_row(frames, int(sample), rows, "", frames.worst_of(rows)) for sample, rows in grouped]
+    return [_case_row(frames, int(sample), rows, "", frames.turn_of(int(sample))) for sample, rows in grouped]
 
 
 def case_crank_rows(frames: Frames) -> list[CaseRow]:
@@ -58,4 +58,4 @@ def _fails(frames: Frames, metric: str, value: float) -> bool:
     limit = frames.limits.get(metric)
     if limit is None or np.isnan(value):
         return False
-    return value < limit if METRICS[metric].smaller_is_worse else value > limit
+    return not METRICS[metric].keeps(np.array(value), limit)

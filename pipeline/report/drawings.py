@@ -222,24 +222,29 @@ def _loop_spreads(frames: Frames) -> Mapping[str, pd.DataFrame]:
 
 
 def _distributions(frames: Frames) -> Drawing:
-    worst = frames.distributions[frames.distributions["crank_deg"].isna()]
+    worst = frames.distributions[frames.distributions["over"] == "worst"]
     level = plain(100 * frames.study.metrics.confidence)
     return Drawing(
         "distributions",
         "Distributions of the metrics over the samples",
-        f"Worst value of each of {counted(len(frames.worst), 'sample')} over the crank angles. Below each histogram: "
+        f"Worst value of each of {counted(len(frames.worst), 'sample')} over the turn. Below each histogram: "
         f"5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead marks an end that the "
         "samples do not determine. Beyond the limit the ground is shaded.",
-        distributions_figure(frames.worst[frames.shown_metrics], worst, frames.limits, frames.worst_of(frames.nominal)),
+        distributions_figure(frames.worst[frames.shown_metrics], worst, frames.limits, _nominal(frames)),
     )
 
 
+def _nominal(frames: Frames) -> dict[str, float]:
+    return frames.turn_of(0) if frames.study.samples.nominal_first else {}
+
+
 def _cranks(frames: Frames) -> Drawing:
-    by_crank = frames.distributions[frames.distributions["crank_deg"].notna()]
+    by_crank = frames.distributions[frames.distributions["over"] == "angle"]
     return Drawing(
         "cranks",
-        "The metrics at each crank angle",
-        "Mean, 5 % to 95 % quantile over the samples, and the nominal reducer.",
+        "The metrics over the turn of the crank",
+        "Mean and band of 90 % of the samples at each loaded crank angle, and the nominal reducer. A unit's worst lies "
+        "beyond the band of a single angle: it is the worst of them all.",
         crank_figure(by_crank, frames.nominal, HEADLINES, frames.limits),
     )
 
@@ -252,7 +257,7 @@ def _drivers(frames: Frames) -> Iterator[Drawing]:
             yield Drawing(
                 f"drivers_{metric}",
                 f"Which tolerance drives the {METRICS[metric].inline}",
-                f"Worst over the crank angles. Lines: {level} % intervals. Pale bars: the interval holds 0.",
+                f"Worst over the turn. Lines: {level} % intervals. Pale bars: the interval holds 0.",
                 sensitivity_figure(rows),
             )
 

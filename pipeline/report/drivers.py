@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from pipeline.figures.labels import METRICS, parameter_title, signed
+from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.figures.sensitivity import REMAINDER
+from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.wording import NOTHING, UNDETERMINED, percent
 

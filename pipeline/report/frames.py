@@ -14,7 +14,7 @@ DRAWN_CASES = 6
 """Cases that share a figure; more lines could not be told apart."""
 OK = "ok"
 NOMINAL = "nominal reducer"
-HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
+HEADLINES = tuple(name for name, metric in METRICS.items() if metric.headline)
 """The metrics that the report is about; others stand beside them in its tables."""
 
 
@@ -25,8 +25,7 @@ class Frames:
     Attributes
     ----------
     study : the settings.
-    metrics, distributions, sensitivity : of ``aggregate``, whole.
-    worst : (n,) worst metrics over the crank angles, by sample; the nominal sample and failed ones left out.
+    metrics, units, distributions, convergence, sensitivity : of ``aggregate``, whole.
     status : of ``hysteresis``, whole.
     contacts : of ``clearance``: the nominal contacts at every crank angle.
     gaps, curves : of ``clearance`` and ``hysteresis``: the rows of the first samples, all of them or enough for a band.
@@ -37,8 +36,9 @@ class Frames:
 
     study: Study
     metrics: pd.DataFrame
-    worst: pd.DataFrame
+    units: pd.DataFrame
     distributions: pd.DataFrame
+    convergence: pd.DataFrame
     sensitivity: pd.DataFrame
     status: pd.DataFrame
     contacts: pd.DataFrame
@@ -57,6 +57,24 @@ class Frames:
     def crank_deg(self) -> float:
         """The crank angle of the figures: the study's first."""
         return self.study.cycle.crank_deg[0]
+
+    @cached_property
+    def over(self) -> str:
+        """What of a unit's values over the turn the limits hold for: `worst`, `mean` or `best`."""
+        return self.study.limits.over
+
+    @cached_property
+    def worst(self) -> pd.DataFrame:
+        """(n,) worst metrics over the turn, by sample; the nominal sample and failed ones left out."""
+        nominal = [0] if self.study.samples.nominal_first else []
+        solved = self.units[np.asarray(self.units["status"]) == OK].set_index("sample")
+        columns = {f"{name}_worst": name for name in METRICS}
+        return solved.drop(index=nominal, errors="ignore")[list(columns)].rename(columns=columns)
+
+    def turn_of(self, sample: int, over: str = "worst") -> dict[str, float]:
+        """Each metric of one sample over the turn; NaN where a crank angle has no result."""
+        row = self.units[self.units["sample"] == sample]
+        return {name: float(row[f"{name}_{over}"].iloc[0]) if len(row) else np.nan for name in METRICS}
 
     @cached_property
     def failed(self) -> pd.DataFrame:
@@ -79,15 +97,14 @@ class Frames:
     def shown_metrics(self) -> list[str]:
         """Metrics worth a row: without friction the zero-torque width is the backlash and the hysteresis loss nil."""
         frictionless = not np.any(self.metrics["hysteresis_loss_arcmin"] > 0)
-        redundant = ("zero_torque_width_arcmin", "hysteresis_loss_arcmin") if frictionless else ()
+        redundant = [name for name, metric in METRICS.items() if metric.needs_friction and frictionless]
         limits = self.limits
         return [name for name in METRICS if name not in redundant or name in limits]
 
     @cached_property
     def limits(self) -> dict[str, float]:
         """The limits that the study sets, by metric."""
-        limits = {name: getattr(self.study.limits, name) for name in METRICS}
-        return {name: limit for name, limit in limits.items() if limit is not None}
+        return self.study.limits.of_metrics
 
     @cached_property
     def nominal(self) -> pd.DataFrame:
@@ -103,19 +120,11 @@ class Frames:
         """Rows at the crank angle of the figures."""
         return table[table["crank_deg"] == self.crank_deg]
 
-    def worst_of(self, rows: pd.DataFrame) -> dict[str, float]:
-        """Worst of each metric over rows of one sample; NaN where a crank angle has no result."""
-        whole = len(rows) == len(self.study.cycle.crank_deg) and np.all(np.asarray(rows["status"]) == OK)
-        return {
-            name: float(rows[name].min() if quantity.smaller_is_worse else rows[name].max()) if whole else np.nan
-            for name, quantity in METRICS.items()
-        }
-
     def of_band(self, table: pd.DataFrame, column: str) -> NDArray[np.float64]:
         """Values (n_band, n_columns) of a table on the full grid, at the crank angle of the figures."""
         samples = table["sample"].to_numpy()
         first, n = int(samples[0]), len(np.unique(samples))
-        values = table[column].to_numpy().reshape(n, len(self.study.cycle.crank_deg), -1)
+        values = table[column].to_numpy().reshape(n, len(self.study.cycle.curve_crank_deg), -1)
         return values[self.band - first, 0]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from pipeline.config.cases import Case
 from pipeline.config.consistency import number_keys
 from pipeline.config.design import Design, PinInHole
-from pipeline.config.study import Study
+from pipeline.config.study import Cycle, Study
 from pipeline.config.tolerances import PIN_TOLERANCES, Fixed, Normal, Tolerances, Triangular
 from pipeline.figures.labels import PARAMETERS
 from pipeline.report.frames import Frames
@@ -179,6 +179,15 @@ def _output_fact(design: Design) -> str:
     )
 
 
+def _crank_angles(cycle: Cycle) -> str:
+    if cycle.loaded_angles:
+        loaded = f"{cycle.loaded_angles} evenly over the turn"
+    else:
+        loaded = listed([f"{plain(crank)}°" for crank in cycle.crank_deg])
+    turns = "a turn" if cycle.rigid_crank_turns == 1 else f"each of {cycle.rigid_crank_turns} turns"
+    return f"loaded at {loaded}; rigid bodies at these and at {cycle.rigid_angles} of {turns}"
+
+
 def study_facts(frames: Frames) -> list[tuple[str, str]]:
     """The study in numbers."""
     study = frames.study
@@ -195,7 +204,7 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
     return [
         ("Samples", f"{counted(samples.count, 'case' if frames.listed else 'sample')}{nominal}"),
         ("Design of experiment", f"{experiment}{seed}"),
-        ("Crank angles", f"{listed([f'{plain(crank)}°' for crank in cycle.crank_deg])}"),
+        ("Crank angles", _crank_angles(cycle)),
         (
             "Load cycle",
             f"0 → +T → −T → +T on the output with T = {plain(top)} N m, {cycle.levels_per_branch} equal "

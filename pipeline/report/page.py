@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pipeline import assembly
+from pipeline.config.study import Study
+from pipeline.model.metrics import Metric, library
 from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
 from pipeline.report.drivers import constant_metrics, drivers, first_drivers, shares_determined
@@ -23,6 +26,12 @@ class TableNote:
     row_per: str
     rows: int
     columns: tuple[str, ...]
+
+
+def definitions(study: Study) -> list[tuple[Metric, str]]:
+    """Every metric with its definition at the torques of the study."""
+    torques = vars(assembly.definitions(study))
+    return [(metric, metric.definition.format(**torques)) for metric in library().values()]
 
 
 def report_page(
@@ -53,6 +62,7 @@ def report_page(
         constant_metrics=constant_metrics(frames),
         beyond_law=beyond_law(frames),
         overloaded=overloaded(frames),
+        definitions=definitions(study),
         pictures=pictures,
         tables=tables,
         versions=versions,

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.figures.labels import METRICS
+from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.wording import (
     NOTHING,
@@ -50,17 +51,20 @@ class Results:
     frames: Frames
 
     @cached_property
-    def _estimates(self) -> Mapping[tuple[str, float | None, str], tuple[float, float, float]]:
+    def _estimates(self) -> Mapping[tuple[str, str, float | None, str], tuple[float, float, float]]:
         table = self.frames.distributions
-        keys = zip(table["metric"], table["crank_deg"], table["statistic"], strict=True)
+        keys = zip(table["metric"], table["over"], table["crank_deg"], table["statistic"], strict=True)
         values = table[["value", "ci_low", "ci_high"]].to_numpy(float)
         return {
-            (metric, None if np.isnan(crank) else crank, statistic): tuple(row)
-            for (metric, crank, statistic), row in zip(keys, values, strict=True)
+            (metric, over, None if np.isnan(crank) else crank, statistic): tuple(row)
+            for (metric, over, crank, statistic), row in zip(keys, values, strict=True)
         }
 
-    def _estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
-        return self._estimates.get((metric, crank, statistic), (np.nan, np.nan, np.nan))
+    def _estimate(
+        self, metric: str, statistic: str, crank: float | None = None, over: str = "worst"
+    ) -> tuple[float, float, float]:
+        of = over if crank is None else "angle"
+        return self._estimates.get((metric, of, crank, statistic), (np.nan, np.nan, np.nan))
 
     def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
         value, low, high = self._estimate(metric, statistic, crank)
@@ -68,7 +72,7 @@ class Results:
         return Cell(number(value, quantity), interval(low, high, quantity) if np.isfinite(value) else "")
 
     def _share(self, metric: str, statistic: str) -> Cell:
-        value, low, high = self._estimate(metric, statistic)
+        value, low, high = self._estimate(metric, statistic, over=self.frames.over)
         return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(NOTHING)
 
     @property
@@ -77,9 +81,15 @@ class Results:
         return len(self.frames.worst)
 
     @cached_property
+    def nominal(self) -> dict[str, float]:
+        """The nominal reducer's worst of each metric over the turn; NaN without such a sample."""
+        first = 0 if self.frames.study.samples.nominal_first else -1
+        return self.frames.turn_of(first)
+
+    @cached_property
     def metric_rows(self) -> list[MetricRow]:
-        """Key results of every metric, worst over the crank angles."""
-        nominal = self.frames.worst_of(self.frames.nominal)
+        """Key results of every metric, worst over the turn."""
+        nominal = self.nominal
         return [
             MetricRow(
                 METRICS[metric].title,
@@ -113,6 +123,32 @@ class Results:
     def preloaded(self) -> Cell:
         """Share of samples that are preloaded at some crank angle."""
         return self._share("preloaded", "mean")
+
+    @cached_property
+    def angles(self) -> str:
+        """From how many crank angles a worst value is taken."""
+        counts = self.frames.units.iloc[0]
+        loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
+        return f"{counted(loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
+
+    @cached_property
+    def doubled(self) -> list[str]:
+        """How far mean worst values and the yield would move with twice as many crank angles, one phrase each."""
+        table = self.frames.convergence
+        phrases = []
+        for name in (*HEADLINES, ALL_LIMITS):
+            part = table[table["metric"] == name]
+            if len(part) < 2:
+                continue
+            now, then = part[~part["extrapolated"]].iloc[-1], part[part["extrapolated"]].iloc[-1]
+            if name == ALL_LIMITS:
+                change = 100 * (then["yield"] - now["yield"])
+                phrases.append(f"the yield against all limits by {signed(change, 1)} points")
+            elif np.isfinite(then["worst_mean"]):
+                metric = METRICS[name]
+                change = then["worst_mean"] - now["worst_mean"]
+                phrases.append(f"the mean worst {metric.inline} by {signed(change, metric.decimals)} {metric.unit}")
+        return phrases
 
     @cached_property
     def crank_rows(self) -> list[tuple[str, list[tuple[str, str, str]]]]:

@@ -2,7 +2,7 @@
 
 import math
 
-from pipeline.figures.labels import Quantity
+from pipeline.model.metrics import Quantity
 
 NOTHING = "\u2013"
 """En dash: no value, or an end of an interval that the samples do not determine."""

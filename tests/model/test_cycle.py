@@ -10,7 +10,9 @@ from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.geometry.rigid_backlash import rigid_play
-from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, curve_metrics, solve_cycle
+from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle
+from pipeline.model.load_history.loop_readings import curve_readings
+from pipeline.model.metrics import Definitions, library
 
 RATED = 12000.0  # [N mm]
 CYCLE = LoadCycle.evenly(RATED, 4, 1.0, (0.03, 0.5, 1.0))
@@ -56,6 +58,13 @@ def test_levels_of_a_partial_cycle_and_marks_above_its_top():
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
+def curve_metrics(branch, torque, angle, *levels):
+    """Every metric of curves without friction's limits, read at torques [N m]."""
+    at, n = Definitions(*levels), len(angle)
+    readings = curve_readings(branch, torque, angle, np.zeros((n, 2)), np.zeros(n), at)
+    return {name: metric.value(readings, at) for name, metric in library().items()}
+
+
 @given(
     play=st.floats(0, 10),
     friction=st.floats(0, 2),
@@ -71,22 +80,23 @@ def test_metrics_of_a_loop_with_play_friction_and_two_stiffnesses(play, friction
         return sense * (0.5 * play + kink * np.minimum(np.abs(torque), 6.0) / 6.0) + torque / stiffness
 
     branch, torque, angles = curve(CYCLE, angle, friction)
-    metrics = curve_metrics(branch, torque, np.vstack([angles, 2 * angles]), 12.0, 0.03, (0.5, 1.0))
-    assert metrics.zero_torque_width == pytest.approx([play + 2 * friction, 2 * play + 4 * friction], abs=1e-12)
+    metrics = curve_metrics(branch, torque, np.vstack([angles, 2 * angles]), 0.36, 6.0, 12.0)
+    width = play + 2 * friction
+    assert metrics["zero_torque_width_arcmin"] == pytest.approx([width, 2 * width], abs=1e-12)
     lost = play + 0.36 * (1 / stiff + 1 / other) + 2 * kink * 0.06
-    assert metrics.lost_motion == pytest.approx([lost, 2 * lost], rel=1e-12)
+    assert metrics["lost_motion_arcmin"] == pytest.approx([lost, 2 * lost], rel=1e-12)
     rigidity = 3 / (6 / stiff - friction / 4) + 3 / (6 / other + friction / 4)
-    assert metrics.torsional_rigidity == pytest.approx([rigidity, rigidity / 2], rel=1e-9)
+    assert metrics["torsional_rigidity_Nm_per_arcmin"] == pytest.approx([rigidity, rigidity / 2], rel=1e-9)
 
 
 def test_metrics_are_read_where_the_study_asks():
     cycle = LoadCycle.evenly(RATED, 4, 1.0, (0.05, 0.15, 0.75))
     branch, torque, angle = curve(cycle, lambda t, sense: sense * np.sqrt(np.abs(t)))
-    metrics = curve_metrics(branch, torque, angle, 12.0, 0.05, (0.15, 0.75))
-    assert metrics.lost_motion[0] == pytest.approx(2 * np.sqrt(0.6), rel=1e-12)
-    assert metrics.torsional_rigidity[0] == pytest.approx(7.2 / (3.0 - np.sqrt(1.8)), rel=1e-12)
+    metrics = curve_metrics(branch, torque, angle, 0.6, 1.8, 9.0)
+    assert metrics["lost_motion_arcmin"][0] == pytest.approx(2 * np.sqrt(0.6), rel=1e-12)
+    assert metrics["torsional_rigidity_Nm_per_arcmin"][0] == pytest.approx(7.2 / (3.0 - np.sqrt(1.8)), rel=1e-12)
     with pytest.raises(ValueError, match="no point at"):
-        curve_metrics(branch, torque, angle, 12.0, 0.04, (0.15, 0.75))
+        curve_metrics(branch, torque, angle, 0.48, 1.8, 9.0)
 
 
 def test_width_and_rigidity_are_those_of_the_last_loop_not_of_the_first_loading():
@@ -94,7 +104,7 @@ def test_width_and_rigidity_are_those_of_the_last_loop_not_of_the_first_loading(
     branch, torque, angle = curve(CYCLE, lambda t, sense: t / 3.0, 0.1)
     virgin = angle.copy()
     virgin[:, branch == "loading+"] *= 0.3
-    one, other = (vars(curve_metrics(branch, torque, a, 12.0, 0.03, (0.5, 1.0))) for a in (angle, virgin))
+    one, other = (curve_metrics(branch, torque, a, 0.36, 6.0, 12.0) for a in (angle, virgin))
     np.testing.assert_equal(one, other)
 
 

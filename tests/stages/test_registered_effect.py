@@ -64,7 +64,7 @@ def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path)
 
 def test_an_effect_with_the_name_of_another_is_refused(folder: Path) -> None:
     install(folder, "creep")
-    with pytest.raises(ValueError, match="rubber_of_creep:EFFECT: the effect creep is in the library already"):
+    with pytest.raises(ValueError, match="rubber_of_creep:EFFECT: creep is declared already"):
         library()
 
 

@@ -25,7 +25,6 @@ from pipeline.report.page import report_page
 from pipeline.report.validity import overloaded, ranges
 from pipeline.report.wording import interval, percent_interval, plain
 from stages import report
-from stages.aggregate import worst_over_cranks
 from stages.chain import STAGES
 
 ROOT = Path(__file__).parents[2]
@@ -79,8 +78,9 @@ def frames_of(study: Study, runs: Path) -> Frames:
     return Frames(
         study=study,
         metrics=metrics,
-        worst=worst_over_cranks(metrics[metrics["sample"] > 0] if study.samples.nominal_first else metrics),
+        units=table("aggregate/units"),
         distributions=table("aggregate/distributions"),
+        convergence=table("aggregate/convergence"),
         sensitivity=table("aggregate/sensitivity"),
         status=table("hysteresis/status"),
         contacts=table("clearance/contacts"),
@@ -147,11 +147,10 @@ def cells(page: str, heading: str) -> list[str]:
 
 
 def test_key_numbers_are_those_of_the_tables(page, frames):
-    worst = frames.distributions[frames.distributions["crank_deg"].isna()].set_index(["metric", "statistic"])
+    worst = frames.distributions[frames.distributions["over"] == "worst"].set_index(["metric", "statistic"])
     for metric in HEADLINES:
         quantity = METRICS[metric]
-        nominal = frames.metrics.loc[frames.metrics["sample"] == 0, metric]
-        expected = [quantity.text(nominal.min() if quantity.smaller_is_worse else nominal.max())]
+        expected = [quantity.text(frames.units.loc[frames.units["sample"] == 0, f"{metric}_worst"].item())]
         for statistic in ("mean", "std", "p05", "p95"):
             row = worst.loc[(metric, statistic)]
             expected.append(f"{quantity.text(row['value'])}|{interval(row['ci_low'], row['ci_high'], quantity)}")
@@ -248,10 +247,9 @@ def failing(frames: Frames, rows: list[int]) -> Frames:
     status = np.where(lost, FAILURE, "ok")
     metrics = frames.metrics.assign(status=status)
     metrics.loc[lost, list(METRICS)] = np.nan
-    counted = metrics[metrics["sample"] > 0]
-    return replace(
-        frames, metrics=metrics, status=frames.status.assign(status=status), worst=worst_over_cranks(counted)
-    )
+    units = frames.units.assign(status=np.where(lost.reshape(-1, 2).any(axis=1), FAILURE, "ok"))
+    units.loc[units["status"] != "ok", [f"{name}_worst" for name in METRICS]] = np.nan
+    return replace(frames, metrics=metrics, status=frames.status.assign(status=status), units=units)
 
 
 def test_failed_samples_are_listed_with_their_reasons_and_left_out_of_bands(frames):

@@ -1,5 +1,7 @@
 """The contract of the tables for users of pandas: columns, types, keys, joins; and balances between the tables."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -11,7 +13,10 @@ from scipy.optimize import linprog
 from pipeline import assembly
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.reducer import PIN
-from pipeline.model.load_history.load_cycle import BRANCHES, solve_cycle
+from pipeline.model.load_history.load_cycle import BRANCHES
+from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.mounting import drive_of
+from pipeline.sampling import draw
 from stages import hysteresis
 
 CONTRACT = {
@@ -42,18 +47,24 @@ CONTRACT = {
         "clearance_backlash_arcmin zero_torque_width_arcmin lost_motion_arcmin torsional_rigidity_Nm_per_arcmin "
         "hysteresis_loss_arcmin preloaded peak_pressure_MPa status",
     ),
-    "aggregate/distributions": ("metric crank_deg statistic", "value ci_low ci_high n"),
+    "hysteresis/loops": (
+        "sample crank_deg",
+        "limit_minus_arcmin limit_plus_arcmin zero_falling_arcmin zero_rising_arcmin peak_pressure_MPa bearing_force_N",
+    ),
+    "aggregate/units": ("sample", "lost_motion_arcmin_worst lost_motion_arcmin_mean lost_motion_arcmin_best status"),
+    "aggregate/convergence": ("metric n_angles", "worst_mean yield extrapolated"),
+    "aggregate/distributions": ("metric over crank_deg statistic", "value ci_low ci_high n n_angles"),
     "aggregate/sensitivity": ("metric parameter kind", "index ci_low ci_high"),
 }
 """Key and further columns of each table, from the design of the outputs; more columns may be added."""
 INTEGERS = {
     "sample", "pin", "lobe", "disk", "interface", "roller", "contact", "face", "end", "station", "row", "step",
-    "pins_in_contact", "outputs_in_contact", "iterations", "n",
+    "pins_in_contact", "outputs_in_contact", "iterations", "n", "n_angles", "n_rigid_angles",
 }  # fmt: skip
 LABELS = {
-    "kind", "body_a", "body_b", "label", "law", "branch", "status", "metric", "statistic", "parameter",
+    "kind", "body_a", "body_b", "label", "law", "branch", "status", "metric", "statistic", "parameter", "over",
 }  # fmt: skip
-TRUTHS = {"preloaded", "beyond_limit"}
+TRUTHS = {"preloaded", "beyond_limit", "extrapolated"}
 UNITS = {"um": "um", "mm": "mm", "Nm": "N m", "N": "N", "MPa": "MPa", "arcmin": "arcmin", "deg": "deg", "rad": "rad"}
 
 
@@ -106,7 +117,9 @@ def test_every_table_holds_every_combination_of_its_key(frames):
         "sample/rollers": samples * 40,
         "clearance/contacts": cranks * contacts,
         "clearance/gaps": samples * cranks * contacts,
-        "clearance/kinematic": samples * cranks,
+        "clearance/kinematic": samples * 182,  # 181 of the turn and the one loaded angle that is not among them
+            "hysteresis/loops": samples * cranks,
+            "aggregate/units": samples,
         "springs/laws": cranks * (contacts + 1) * 200,
         "reduce/contacts": cranks * 100,
         "hysteresis/curves": samples * cranks * steps,
@@ -225,9 +238,30 @@ def test_statistics_leave_the_nominal_sample_out(frames):
         assert table.loc[(name, crank, "p50"), "value"] == pytest.approx(part[name].median(), rel=0.05)
         assert table.loc[(name, crank, "mean"), "n"] == 8
     worst = counted.groupby("sample")["torsional_rigidity_Nm_per_arcmin"].min().mean()
-    of_worst = frames["aggregate/distributions"].query("crank_deg.isna() and statistic == 'mean'").set_index("metric")
+    of_worst = frames["aggregate/distributions"].query("over == 'worst' and statistic == 'mean'").set_index("metric")
     assert of_worst.loc["torsional_rigidity_Nm_per_arcmin", "value"] == pytest.approx(worst, rel=1e-12)
     assert of_worst.loc[name, "value"] == pytest.approx(counted.groupby("sample")[name].max().mean(), rel=1e-12)
+
+
+def test_values_over_the_turn_are_the_extremes_of_what_the_tables_hold(frames):
+    """By pandas from the tables alone; between the loaded angles the backlash is that of rigid bodies."""
+    units = frames["aggregate/units"].set_index("sample")
+    metrics, kinematic = frames["aggregate/metrics"], frames["clearance/kinematic"]
+    by_sample = metrics.groupby("sample")
+    for name in ("lost_motion_arcmin", "peak_pressure_MPa"):
+        for over, extreme in {"worst": by_sample[name].max(), "best": by_sample[name].min()}.items():
+            np.testing.assert_array_equal(units[f"{name}_{over}"], extreme)
+        np.testing.assert_allclose(units[f"{name}_mean"], by_sample[name].mean(), rtol=1e-12)
+    rigidity = by_sample["torsional_rigidity_Nm_per_arcmin"]
+    assert list(units["torsional_rigidity_Nm_per_arcmin_worst"]) == list(rigidity.min())
+    assert list(units["torsional_rigidity_Nm_per_arcmin_best"]) == list(rigidity.max())
+    play = kinematic[~kinematic["preloaded"]].groupby("sample")["backlash_arcmin"]
+    free = units.index[~units["preloaded"]]
+    np.testing.assert_allclose(units["clearance_backlash_arcmin_worst"][free], play.max()[free], atol=1e-6)
+    np.testing.assert_allclose(units["clearance_backlash_arcmin_best"][free], play.min()[free], atol=1e-6)
+    evenly = kinematic[np.isclose(kinematic["crank_deg"] * 181 / 360 % 1, 0)].groupby("sample")["backlash_arcmin"]
+    np.testing.assert_allclose(units["clearance_backlash_arcmin_mean"][free], evenly.mean()[free], atol=1e-4)
+    assert np.all(units["clearance_backlash_arcmin_worst"] >= by_sample["clearance_backlash_arcmin"].max())
 
 
 def test_first_order_gaps_agree_with_exact_ones_away_from_the_roots(frames, study):
@@ -322,20 +356,21 @@ def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, r
     solved = []
 
     def spoiled(*given):
-        states = solve_cycle(*given)
-        solved.append(states)
+        response = respond(*given)
+        solved.append(response)
         if len(solved) == 2:
-            states.converged[5, [3, 9]] = False
-            states.residual[5, 3] = 0.02
-        return states
+            response.equilibria.converged[5, [3, 9]] = False
+            response.equilibria.residual[5, 3] = 0.02
+            response.converged[5] = False
+        return response
 
-    monkeypatch.setattr(hysteresis, "solve_cycle", spoiled)
+    monkeypatch.setattr(hysteresis, "respond", spoiled)
     failed = run_study(study.model_copy(update={"name": "failing"}), runs)
     assert failed["hysteresis"].record["failed"] == 1
     status = pd.DataFrame(failed["hysteresis"].read("status")).set_index(["sample", "crank_deg"])["status"]
     bad = (5, 90.0)
-    torque = assembly.load_cycle(study).state_torque[3] / 1e3
-    assert status[bad] == f"no equilibrium at {torque:.4g} N m: residual 2.0e-02"
+    torque = assembly.load_cycle(study, study.cycle.levels_per_branch).state_torque[3] / 1e3
+    assert status[bad] == f"no equilibrium at {torque:.4g} N m or before: residual 2.0e-02"
     assert set(status.drop(bad)) == {"ok"}
     assert len(failed["hysteresis"].read("curves")["step"]) == len(frames["hysteresis/curves"])
     keys = ["sample", "crank_deg"]
@@ -344,8 +379,12 @@ def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, r
     expected = frames["aggregate/metrics"].set_index(keys)
     pd.testing.assert_frame_equal(metrics.drop(bad), expected.drop(bad), check_categorical=False)
     table = pd.DataFrame(failed["aggregate"].read("distributions")).query("statistic == 'mean'")
-    counts = table[table["metric"] == "lost_motion_arcmin"].set_index("crank_deg")["n"]
-    assert (counts[0.0], counts[90.0], counts[np.nan]) == (8, 7, 7)
+    rows = table[table["metric"] == "lost_motion_arcmin"]
+    assert list(rows.query("over == 'angle'").set_index("crank_deg")["n"].loc[[0.0, 90.0]]) == [8, 7]
+    assert list(rows.query("over != 'angle'")["n"]) == [7, 7, 7]
+    units = pd.DataFrame(failed["aggregate"].read("units")).set_index("sample")
+    assert units.loc[5].filter(like="_worst").isna().all()
+    assert units.loc[5, "status"] == status[bad]
 
 
 def test_interfering_cases_and_kept_samples(runs, study):
@@ -392,7 +431,11 @@ def test_numbers_of_a_curve_count_every_contact(study):
     force[0, 1, [2, 3]] = 1.0
     motion = np.arange(2.0 * len(at.motions)).reshape(1, 2, -1)
     states = Equilibria(motion, force, np.array([[3, 4]]), np.zeros((1, 2)), np.ones((1, 2), bool))
-    values = hysteresis._curve_values(at, laws, states, np.zeros(2))
+    drive = replace(drive_of(study, 0.0, None, assembly.errors(draw(study, 1, 2)), np.zeros(1), laws), reducer=at)
+    response = CycleResponse(
+        np.zeros(2, int), np.zeros(2), np.zeros((1, 2)), np.arange(2), states, np.zeros((1, 2)), np.ones(1, bool)
+    )
+    values = hysteresis._curve_values(hysteresis.Solved(0.0, drive, response))
     assert values["peak_pressure_MPa"][0, 0] == laws.pressure[100] * 100
     moment = np.abs(at.pins.arm[1:3]) * force[0, 0, 1:3]
     np.testing.assert_allclose(values["beyond_limit_share"], [[moment[0] / moment.sum(), 0.0]])

@@ -1,6 +1,7 @@
 """Design and study files: what is accepted, and how every mistake is reported."""
 
 import copy
+import itertools
 import tomllib
 from pathlib import Path
 
@@ -212,7 +213,10 @@ def test_provenance_of_a_number_that_is_not_there(design_data):
         ("samples.experiment", "cases", "cases is missing; experiment"),
         ("cases", [{"label": "a"}], 'samples.experiment = "monte_carlo"; must be "cases" where'),
         ("cycle.crank_deg", [0.0, 360.0], "cycle.crank_deg[1] = 360.0; must be < 360"),
-        ("cycle.crank_deg", [0.0, 0.0], "cycle.crank_deg = [0.0, 0.0]; angles must differ"),
+        ("cycle.crank_deg", [0.0, 0.0], "cycle.crank_deg = [0.0, 0.0]; angles must rise"),
+        ("cycle.loaded_angles", 31, "cycle.crank_deg = [0.0, 90.0]; stands beside loaded_angles; keep the one"),
+        ("cycle.rigid_angles", 180, "cycle.rigid_angles = 180; must share no factor with the 80 pins, or the angles "
+         "see 9 phases of their pitch; take 181"),
         ("cycle.keep_contacts", "some", "cycle.keep_contacts = \"some\"; must be 'all', or a list"),
         ("cycle.keep_contacts", [51], "cycle.keep_contacts = [51]; samples are numbered 0 to 50"),
         ("cycle.torque_fraction", 0.8, "metrics.rigidity_percent = [50.0, 100.0]; must be <= 80"),
@@ -228,6 +232,19 @@ def test_provenance_of_a_number_that_is_not_there(design_data):
 def test_a_wrong_study_names_file_key_value_and_remedy(study_data, key, value, line):
     problems = study_problems(changed(study_data, key, value))
     assert any(problem.startswith(f"s.toml: {line}") for problem in problems), problems
+
+
+def test_loaded_angles_stand_evenly_over_the_turn_and_see_every_phase_of_the_pins(study_data):
+    del study_data["cycle"]["crank_deg"]
+    cycle = parse_study(study_data, "s", "s.toml", read_design).cycle
+    assert cycle.crank_deg == tuple(360 * k / 31 for k in range(31))
+    assert cycle.curve_crank_deg == tuple(360 * k / 31 for k in (0, 7, 15, 23))
+    pitch = 360 / 80
+    phases = sorted(crank % pitch for crank in cycle.crank_deg)
+    assert min(after - before for before, after in itertools.pairwise(phases)) == pytest.approx(pitch / 31)
+    assert cycle.rigid_crank_deg == tuple(360 * k / 181 for k in range(181))
+    (problem,) = study_problems(changed(study_data, "cycle.loaded_angles", 32))
+    assert problem.endswith("the angles see 2 phases of their pitch; take 33")
 
 
 def test_a_latin_hypercube_must_fit_into_memory(study_data):

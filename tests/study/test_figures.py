@@ -13,7 +13,7 @@ from pipeline.config import load_design
 from pipeline.figures.clearances import pin_clearances_figure
 from pipeline.figures.distributions import crank_figure, distributions_figure
 from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
-from pipeline.figures.labels import METRICS, parameter_title, signed
+from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.figures.mesh import mesh_figure
 from pipeline.figures.pins import dead_zones_figure, pin_loads_figure, roller_loads_figure
 from pipeline.figures.reducer import reducer_figure
@@ -21,7 +21,9 @@ from pipeline.figures.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.figures.springs import spring_laws_figure
 from pipeline.figures.style import ALARM, save
-from pipeline.model.load_history.load_cycle import curve_metrics
+from pipeline.model.load_history.loop_readings import curve_readings
+from pipeline.model.metrics import Definitions as Torques
+from pipeline.model.metrics import library, signed
 from pipeline.report.drawings import flank_outline
 from stages.clearance import contact_columns
 
@@ -104,20 +106,18 @@ def test_centring_takes_off_any_shift_and_keeps_the_width():
 def test_marks_of_the_hysteresis_figure_are_the_metrics_of_the_model():
     rows = loop(0.9, 0.25)
     figure = hysteresis_figure({"tight": loop(0.2, 0.0), "wide": rows}, None, MARKS)
-    numbers = curve_metrics(
-        rows["branch"].to_numpy(),
-        rows["torque_Nm"].to_numpy(),
-        rows["angle_arcmin"].to_numpy()[None],
-        12.0,
-        0.03,
-        (0.5, 1.0),
-    )
+    at = Torques(0.36, 6.0, 12.0)
+    curve = (rows[name].to_numpy() for name in ("branch", "torque_Nm", "angle_arcmin"))
+    branch, levels, angles = curve
+    readings = curve_readings(branch, levels, angles[None], np.zeros((1, 2)), np.zeros(1), at)
+    numbers = {name: metric.value(readings, at)[0] for name, metric in library().items()}
     arrows = [text for text in figure.axes[1].texts if text.get_text() == ""]
     heights = [arrow.xy[1] - arrow.xyann[1] for arrow in arrows]
-    np.testing.assert_allclose(heights, [numbers.zero_torque_width[0], numbers.lost_motion[0]], atol=1e-12)
+    marked = [numbers[name] for name in ("zero_torque_width_arcmin", "lost_motion_arcmin")]
+    np.testing.assert_allclose(heights, marked, atol=1e-12)
     torque, angle = next(artist for artist in figure.axes[0].lines if len(artist.get_xdata()) == 3).get_data()
     rigidity = (torque[2] - torque[0]) / (angle[2] - angle[0])
-    assert rigidity == pytest.approx(numbers.torsional_rigidity[0], rel=1e-12)
+    assert rigidity == pytest.approx(numbers["torsional_rigidity_Nm_per_arcmin"], rel=1e-12)
 
 
 def test_loop_without_play_and_missing_traces_draw_nothing_false():

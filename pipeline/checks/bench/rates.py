@@ -18,9 +18,9 @@ from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import RigidPlay, rigid_play
+from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw
 from stages import hysteresis
-from stages.condensed import UM_PER_MM
 
 REPEATS = 3
 """A time is the best of so many."""
@@ -40,23 +40,22 @@ def seconds_of(action: Callable[[], object]) -> float:
 
 def hot_parts(study: Study, shared: hysteresis.Shared, samples: int) -> Iterator[Result]:
     """Rates on so many samples, solved chunk by chunk as a study does."""
-    brief = replace(shared, cycle=assembly.load_cycle(_with_levels(study, 0)))
+    whole, brief = replace(shared, brief=shared.curve), replace(shared, curve=shared.brief)
     sized = study.model_copy(update={"samples": study.samples.model_copy(update={"count": samples})})
     full, short, unloaded, sizes = 0.0, 0.0, {"first_order": 0.0, "exact": 0.0}, []
-    profile, at = assembly.profile(study.design), shared.reducers[0]
+    cranks = study.cycle.crank_deg
+    profile, at = assembly.profile(study.design), assembly.reducer(study.design, cranks[0])
     for start in range(0, samples, study.run.chunk):
         sampled = draw(sized, start, min(start + study.run.chunk, samples))
         errors, loose = assembly.errors(sampled), assembly.bearing_clearance(study.design, sampled.bearing_clearance)
-        options = dict(study.clearance)
-        gap_um = UM_PER_MM * np.stack([gaps(profile, one, errors, **options) for one in shared.reducers], axis=1)
         for method in unloaded:
-            action = partial(_unloaded, at, profile, errors, loose, {**options, "method": method})
+            action = partial(_unloaded, at, profile, errors, loose, {**study.clearance.model_dump(), "method": method})
             unloaded[method] += seconds_of(action)
-        full += seconds_of(partial(hysteresis.solve_samples, shared, gap_um, sampled.bearing_clearance))
-        short += seconds_of(partial(hysteresis.solve_samples, brief, gap_um, sampled.bearing_clearance))
-        sizes.append(_sizes(hysteresis.solve_samples(shared, gap_um, sampled.bearing_clearance), len(at.motions)))
-    loops, size = samples * len(shared.reducers), np.concatenate(sizes)
-    steps, few = (len(one.cycle.steps[1]) for one in (shared, brief))
+        full += seconds_of(partial(_solved, whole, sampled))
+        short += seconds_of(partial(_solved, brief, sampled))
+        sizes.append(_sizes(_solved(whole, sampled), len(at.motions)))
+    loops, size = samples * len(cranks), np.concatenate(sizes)
+    steps, few = (len(one.steps[1]) for one in (shared.curve, shared.brief))
     yield Result("loops_per_second_per_core", loops / full, "1/s", samples, 1, f"{steps} steps a loop")
     yield Result("metrics_only_per_second_per_core", loops / short, "1/s", samples, 1, f"{few} steps a loop")
     note = f"{size.size} equilibria, mean system of {size.mean():.1f} unknowns"
@@ -70,9 +69,9 @@ def _unloaded(at: Reducer, profile: CycloidProfile, errors: Errors, loose: Real,
     return rigid_play(at, gaps(profile, at, errors, **options), loose)
 
 
-def _with_levels(study: Study, levels: int) -> Study:
-    """The study with another number of load levels a branch."""
-    return study.model_copy(update={"cycle": study.cycle.model_copy(update={"levels_per_branch": levels})})
+def _solved(shared: hysteresis.Shared, sampled: SampledErrors) -> list[Equilibria]:
+    """Equilibria at every crank angle, the gaps included."""
+    return [solved.response.equilibria for solved in hysteresis.solve_samples(shared, sampled)]
 
 
 def _sizes(solved: list[Equilibria], motions: int) -> np.ndarray:

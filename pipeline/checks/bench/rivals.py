@@ -43,7 +43,8 @@ def calculix(study: Study, verified: Path) -> Iterator[Result]:
     """
     if calculix_program() is None:
         return
-    specimen, cycle = Specimen(study).in_stress("plane_strain"), assembly.load_cycle(study)
+    specimen = Specimen(study).in_stress("plane_strain")
+    cycle = assembly.load_cycle(study, study.cycle.levels_per_branch)
     torque = SHARES * specimen.rated_torque
     ours = loaded(specimen, torque)
     gap, loose = np.tile(specimen.gap, (COPIES, 1)), np.full(COPIES, specimen.bearing_clearance)

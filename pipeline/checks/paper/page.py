@@ -14,7 +14,8 @@ from pipeline.checks.paper.shortfalls import FITTED, GEOMETRY, MODEL, RIGIDITY, 
 from pipeline.checks.paper.statements import Statement
 from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, fit_rows
 from pipeline.config import Study
-from pipeline.figures.labels import METRICS, signed
+from pipeline.figures.labels import METRICS
+from pipeline.model.metrics import signed
 from pipeline.report import inputs
 from pipeline.report.rendering import Picture
 from pipeline.report.wording import NOTHING, plain

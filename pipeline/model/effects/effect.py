@@ -1,8 +1,5 @@
 """What an effect is, and the library of all."""
 
-import importlib
-import importlib.metadata
-import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,6 +9,7 @@ import numpy as np
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.registry import declarations
 
 CRANKS, CYCLES, TIME, TEMPERATURE, STILL = "cranks", "cycles", "time", "temperature", "still"
 """What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
@@ -115,13 +113,4 @@ def library() -> Mapping[str, Effect]:
     ValueError
         If a registered effect has the name of another one.
     """
-    package = importlib.import_module("pipeline.model.effects")
-    names = sorted(file.name for file in pkgutil.iter_modules(package.__path__))
-    names = [name for name in names if name != "effect" and not name.startswith("_")]
-    effects = {name: importlib.import_module(f"pipeline.model.effects.{name}").EFFECT for name in names}
-    for entry in sorted(importlib.metadata.entry_points(group=ENTRY_POINTS), key=lambda one: one.name):
-        effect = entry.load()
-        if effect.name in effects:
-            raise ValueError(f"{entry.value}: the effect {effect.name} is in the library already; give it another name")
-        effects[effect.name] = effect
-    return effects
+    return declarations("pipeline.model.effects", "EFFECT", ENTRY_POINTS)

@@ -1,0 +1,79 @@
+"""What the metrics need of a loop, read from its curve."""
+
+import numpy as np
+
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES
+from pipeline.model.load_history.response import CycleResponse
+from pipeline.model.metrics import Definitions, LoopReadings
+
+NMM_PER_NM = 1e3
+
+
+def _level(torque: Real, wanted: float, steps: np.ndarray) -> int:
+    """Step among ``steps`` at the torque ``wanted``.
+
+    Raises
+    ------
+    ValueError
+        If no step has that torque.
+    """
+    nearest = int(np.argmin(np.abs(torque[steps] - wanted)))
+    if abs(torque[steps][nearest] - wanted) > 1e-9 * np.max(np.abs(torque)):
+        raise ValueError(f"the curve has no point at {wanted:g}, the nearest is {torque[steps][nearest]:g}")
+    return int(steps[nearest])
+
+
+def curve_readings(
+    branch: np.ndarray, torque: Real, angle: Real, limits: Real, peak_pressure: Real, at: Definitions
+) -> LoopReadings:
+    """Readings of cycles 0 -> +T -> -T -> +T.
+
+    Parameters
+    ----------
+    branch : (n_steps,) names of ``BRANCHES``
+    torque : (n_steps,) [N m]
+    angle : (n, n_steps) [arcmin]
+    limits : (n, 2) angle without friction in the limits T -> 0- and T -> 0+ [arcmin].
+    peak_pressure : (n,) [MPa]
+    at : torques of the definitions.
+
+    Notes
+    -----
+    The centre line of the loop is the mean of its two branches at equal torque.
+
+    Raises
+    ------
+    ValueError
+        If the curve lacks a point that a definition asks for.
+    """
+    steps = {name: np.flatnonzero(branch == name) for name in BRANCHES}
+
+    def reading(name: str, level: float) -> Real:
+        return angle[:, _level(torque, level, steps[name])]
+
+    return LoopReadings(
+        limit_minus=limits[:, 0],
+        limit_plus=limits[:, 1],
+        zero_falling=reading("unloading+", 0.0),
+        zero_rising=reading("unloading-", 0.0),
+        lost_motion_minus=0.5 * (reading("loading-", -at.lost_motion) + reading("unloading-", -at.lost_motion)),
+        lost_motion_plus=0.5 * (reading("unloading+", at.lost_motion) + reading("reloading+", at.lost_motion)),
+        low_minus=reading("loading-", -at.rigidity_low),
+        high_minus=reading("loading-", -at.rigidity_high),
+        low_plus=reading("reloading+", at.rigidity_low),
+        high_plus=reading("reloading+", at.rigidity_high),
+        peak_pressure=peak_pressure,
+    )
+
+
+def loop_readings(response: CycleResponse, peak_pressure: Real, at: Definitions) -> LoopReadings:
+    """Readings of a drive's loops; ``peak_pressure`` (n,) [MPa]; raises as ``curve_readings``."""
+    return curve_readings(
+        np.asarray(BRANCHES)[response.branch],
+        response.torque / NMM_PER_NM,
+        ARCMIN * response.angle,
+        ARCMIN * response.play,
+        peak_pressure,
+        at,
+    )

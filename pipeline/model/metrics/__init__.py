@@ -1,0 +1,9 @@
+"""The numbers that a reducer is judged by, one file each.
+
+A file defines ``METRIC``; adding one is adding a file: its column in the tables, its limit in a study file, its row,
+figure and definition in the report follow from it.
+"""
+
+from pipeline.model.metrics.metric import Definitions, LoopReadings, Metric, Quantity, library, signed
+
+__all__ = ["Definitions", "LoopReadings", "Metric", "Quantity", "library", "signed"]

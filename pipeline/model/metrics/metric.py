@@ -1,0 +1,120 @@
+"""What a metric is, what of a loop it is read from, and the library of all."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.model.registry import declarations
+
+Real = NDArray[np.float64]
+ENTRY_POINTS = "cycloid_metrics"
+"""Group in which an installed package registers metrics of its own."""
+
+
+@dataclass(frozen=True)
+class Definitions:
+    """Torques [N m] at which a loop is read: of the lost motion, and the two between which rigidity is taken."""
+
+    lost_motion: float
+    rigidity_low: float
+    rigidity_high: float
+
+
+@dataclass(frozen=True)
+class LoopReadings:
+    """What the metrics of ``n`` loops 0 -> +T -> -T -> +T are read from; angles of the output (n,) [arcmin].
+
+    Attributes
+    ----------
+    limit_minus, limit_plus : without friction, in the limits T -> 0- and T -> 0+.
+    zero_falling, zero_rising : at T = 0 on the way down from +T and up from -T.
+    lost_motion_minus, lost_motion_plus : of the loop's centre line at -+ the torque of the lost motion.
+    low_minus, high_minus : on the way to -T, at the lower and the higher torque of the rigidity.
+    low_plus, high_plus : on the way back to +T, at the same torques.
+    peak_pressure : (n,) [MPa] largest Hertz pressure of any contact at any torque.
+    """
+
+    limit_minus: Real
+    limit_plus: Real
+    zero_falling: Real
+    zero_rising: Real
+    lost_motion_minus: Real
+    lost_motion_plus: Real
+    low_minus: Real
+    high_minus: Real
+    low_plus: Real
+    high_plus: Real
+    peak_pressure: Real
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Name, unit and digits after the point of a number that people read."""
+
+    title: str
+    unit: str
+    decimals: int
+
+    @property
+    def inline(self) -> str:
+        """The title inside a sentence."""
+        return self.title[0].lower() + self.title[1:]
+
+    @property
+    def axis(self) -> str:
+        """Label of an axis."""
+        return f"{self.title} ({self.unit})"
+
+    def text(self, value: float) -> str:
+        """The value with its digits, without the unit."""
+        return signed(value, self.decimals)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric(Quantity):
+    """A number read off a loop.
+
+    Attributes
+    ----------
+    name : of its column, with its unit.
+    definition : one sentence, with ``{lost_motion}``, ``{rigidity_low}``, ``{rigidity_high}`` for torques [N m].
+    rank : place among the metrics in tables and pages, ascending.
+    value : readings of ``n`` loops and definitions to the metric (n,).
+    smaller_is_worse : whether its limit is a lower one.
+    headline : whether the page leads with it.
+    needs_friction : whether it says nothing new of a loop without friction.
+    turn_of_rigid_bodies : whether rigid bodies tell it at crank angles that are not loaded.
+    """
+
+    name: str
+    definition: str
+    rank: int
+    value: Callable[[LoopReadings, Definitions], Real]
+    smaller_is_worse: bool = False
+    headline: bool = False
+    needs_friction: bool = False
+    turn_of_rigid_bodies: bool = False
+
+    def keeps(self, value: Real, limit: float) -> NDArray[np.bool_]:
+        """Whether values (n,) keep a limit; a missing value keeps none."""
+        return value >= limit if self.smaller_is_worse else value <= limit
+
+    def over_turn(self, values: Real) -> tuple[Real, Real]:
+        """The worst and the best (n,) of values (n, n_angles) over the turn; missing where any is missing."""
+        lowest, highest = values.min(axis=1), values.max(axis=1)
+        return (lowest, highest) if self.smaller_is_worse else (highest, lowest)
+
+
+def signed(value: float, decimals: int) -> str:
+    """A number with grouped digits and a true minus sign; what rounds to 0 has none."""
+    return f"{round(value, decimals) + 0.0:,.{decimals}f}".replace("-", "\u2212")
+
+
+@cache
+def library() -> Mapping[str, Metric]:
+    """All metrics by name, in their order: the files beside this one and what packages register as ``ENTRY_POINTS``."""
+    metrics = declarations("pipeline.model.metrics", "METRIC", ENTRY_POINTS)
+    return dict(sorted(metrics.items(), key=lambda item: item[1].rank))
