@@ -1,12 +1,15 @@
 """Condensation by cyclic symmetry against the factorised whole body and against Michell's series for an annulus."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.special import j1
 from skfem import MeshTri
 
+from pipeline import assembly, elastic
+from pipeline.config.reading import load_study
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches, joined, line_patches
@@ -46,6 +49,20 @@ def test_sectors_give_the_compliance_and_displacement_of_the_whole_body(profile,
     forces = np.linspace(-20, 50, len(patches))
     moved, expected = (b.nodal_displacement(patches, forces) for b in (body, whole))
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_papers_disk_by_its_79_sectors_is_the_whole_disk():
+    """Its pins and rollers at crank angles of 31 over a turn, on a coarse mesh."""
+    study = load_study("quick", Path(__file__).parents[2])
+    coarse = study.reduce.model_copy(update={"flank_edges_per_lobe": 12, "patch_half_width_mm": 0.3})
+    study = study.model_copy(update={"reduce": coarse})
+    disk = elastic.elastic_disk(study)
+    assert disk.sectors == 79
+    whole = replace(disk, sectors=1)
+    for crank in (360 / 31, 360 * 17 / 31):
+        patches = elastic.disk_patches(study, disk, assembly.reducer(study.design, crank))
+        exact = whole.compliance(patches).matrix
+        np.testing.assert_allclose(disk.compliance(patches).matrix, exact, rtol=0, atol=1e-9 * exact.max())
 
 
 def test_reciprocity_of_the_field_and_the_condensed_matrix():
