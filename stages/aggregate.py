@@ -1,32 +1,26 @@
 """Stage 5: backlash, lost motion and torsional rigidity of every sample; their distributions, yield and drivers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from pipeline.assembly import definitions
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.model.metrics import LoopReadings, library
+from pipeline.model.metrics import library
 from pipeline.sampling import replicates
-from pipeline.statistics import Estimate, distribution, pass_share, rank_correlation, variance_shares
-from stages.hysteresis import READINGS
+from pipeline.statistics import Estimate, distribution, pass_share
 from stages.keys import CRANK, SAMPLE, STATUS
+from stages.sensitivity import SENSITIVITY, sensitivity
+from stages.turn import OVER, OVER_TURN, Turn, loop_metrics, metric_turns, over_turn_columns, unit_status
 
 SAMPLES_AT_ONCE = 10_000
 """Samples whose loops are read together: at most a few million rows."""
-SENSITIVITY_SAMPLES = 20_000
-"""Samples that the indices are taken from at most; their intervals are below 0.02 by then, and each holds 3 kB."""
 STRIDES = (8, 4, 2, 1)
 """Every so many of the crank angles: how the worst value moves as they double."""
 FEWEST_ANGLES = 3
 """Crank angles that a worst is looked at from at least, to see how it moves."""
-OVER = ("worst", "mean", "best")
-"""What is made of a metric's values over the turn."""
-
 METRICS = Table(
     "metrics",
     "sample, loaded crank",
@@ -43,11 +37,7 @@ UNITS = Table(
     "sample",
     (
         SAMPLE,
-        *(
-            Column(f"{name}_{over}", "float64", metric.unit, f"{metric.inline}, {over} over the turn")
-            for name, metric in library().items()
-            for over in OVER
-        ),
+        *OVER_TURN,
         Column("preloaded", "bool", "", "whether the gaps of some part interfere at some crank angle"),
         Column("n_angles", "int32", "1", "loaded crank angles"),
         Column("n_rigid_angles", "int32", "1", "crank angles of the clearance backlash: of rigid bodies, and loaded"),
@@ -80,20 +70,6 @@ CONVERGENCE = Table(
         Column("extrapolated", "bool", "", "whether the run has fewer angles: continued from the rows before"),
     ),
 )
-SENSITIVITY = Table(
-    "sensitivity",
-    "metric, parameter",
-    (
-        Column("metric", "label", "", "column of metrics, the worst over the crank angles"),
-        Column("parameter", "label", "", "error of a sample, or a group of errors"),
-        Column(
-            "kind", "label", "", "rank_correlation (of one number per sample) or variance_share (of a group of errors)"
-        ),
-        Column("index", "float64", "1", "the index; null: the samples do not determine it"),
-        Column("ci_low", "float64", "1", "lower end of the confidence interval"),
-        Column("ci_high", "float64", "1", "upper end of the confidence interval"),
-    ),
-)
 
 
 def _metrics(job: Job) -> Columns:
@@ -109,75 +85,27 @@ def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
     """The metrics of the samples from ``start`` to ``stop``, from the readings of their loops."""
     study: Study = job.study
     status, loops = (job.read_items("hysteresis", name, start, stop) for name in ("status", "loops"))
-    readings = LoopReadings(**{field: loops[column.name] for field, column in READINGS.items()})
-    torques = definitions(study)
-    failed = np.asarray(status["status"]) != "ok"
-    values = {name: metric.value(readings, torques) for name, metric in library().items()}
     kinematic = job.read_items("clearance", "kinematic", start, stop)
     loaded = np.isin(kinematic["crank_deg"], study.cycle.crank_deg)
     return {
         "sample": status["sample"],
         "crank_deg": status["crank_deg"],
-        **{name: np.where(failed, np.nan, value) for name, value in values.items()},
+        **loop_metrics(study, loops, status["status"]),
         "preloaded": kinematic["preloaded"][loaded],
     }
-
-
-@dataclass(frozen=True)
-class Turn:
-    """A metric of ``n`` samples over the turn.
-
-    Attributes
-    ----------
-    values : (n, n_angles); all missing of a sample without a result at some loaded angle.
-    even : (n_angles,) which of them stand evenly over the turn, as far as they are of one kind.
-    """
-
-    values: np.ndarray
-    even: np.ndarray
-
-
-def _turns(job: Job, metrics: Columns) -> dict[str, Turn]:
-    """Every metric over the turn: at the loaded angles, and the clearance backlash of rigid bodies between them.
-
-    Where contacts interfere rigid bodies know the play of the other parts alone; the loaded angles hold the limit.
-    """
-    study: Study = job.study
-    n = study.samples.rows
-    kinematic = job.read("clearance", "kinematic")
-    rigid_deg = kinematic["crank_deg"][: len(kinematic["crank_deg"]) // n]
-    turns = {}
-    for name, metric in library().items():
-        values = np.asarray(metrics[name]).reshape(n, -1)
-        values = np.where(np.isnan(values).any(axis=1)[:, None], np.nan, values)
-        even = np.full(values.shape[1], True)
-        if metric.turn_of_rigid_bodies:
-            loaded = values
-            values = kinematic["backlash_arcmin"].reshape(n, -1).copy()
-            values[np.isnan(loaded[:, 0])] = np.nan
-            values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded
-            even = np.isin(rigid_deg, study.cycle.rigid_crank_deg)
-        turns[name] = Turn(values, even)
-    return turns
 
 
 def _units(job: Job, metrics: Columns, turns: Mapping[str, Turn]) -> Columns:
     """Worst, mean and best of every sample over the turn; missing where some crank angle has no result."""
     study: Study = job.study
     n, angles = study.samples.rows, len(study.cycle.crank_deg)
-    columns: dict[str, object] = {"sample": np.arange(n)}
-    for name, turn in turns.items():
-        worst, best = library()[name].over_turn(turn.values)
-        mean = turn.values[:, turn.even].mean(axis=1)
-        columns |= {f"{name}_worst": worst, f"{name}_mean": mean, f"{name}_best": best}
-    status = np.asarray(metrics["status"]).reshape(n, angles)
-    first_failure = np.argmax(status != "ok", axis=1)
     return {
-        **columns,
+        "sample": np.arange(n),
+        **over_turn_columns(turns),
         "preloaded": job.read("clearance", "kinematic")["preloaded"].reshape(n, -1).any(axis=1),
         "n_angles": np.full(n, angles),
         "n_rigid_angles": np.full(n, turns["clearance_backlash_arcmin"].values.shape[1]),
-        "status": status[np.arange(n), first_failure],
+        "status": unit_status(metrics["status"], angles),
     }
 
 
@@ -287,61 +215,11 @@ def continued(values: np.ndarray) -> float:
     return float(values[-1] + rate * last)
 
 
-def _element_errors(job: Job, samples: np.ndarray) -> dict[str, np.ndarray]:
-    """Errors of the elements of each group, (n, n_elements) [um], of the given samples."""
-    stop = int(samples[-1]) + 1
-    pins, lobes, rollers = (job.read_items("sample", name, 0, stop) for name in ("pins", "lobes", "rollers"))
-    columns = {
-        "pin_radial": pins["radial_um"],
-        "pin_tangential": pins["tangential_um"],
-        "pin_radius": pins["radius_um"],
-        "lobe_profile": lobes["profile_um"],
-        "roller_diameter": rollers["diameter_um"],
-    }
-    return {name: column.reshape(stop, -1)[samples] for name, column in columns.items()}
-
-
-def _sensitivity(job: Job, every: pd.DataFrame) -> Columns:
-    study: Study = job.study
-    if study.samples.experiment == "cases" or every.empty:  # stated units are no sample of anything
-        return SENSITIVITY.empty()
-    worst = every.iloc[:SENSITIVITY_SAMPLES]
-    samples = worst.index.to_numpy()
-    replicate = replicates(study.samples, samples)
-    reducer = (
-        pd.DataFrame(job.read_items("sample", "reducer", 0, int(samples[-1]) + 1)).set_index("sample").loc[samples]
-    )
-    amplitudes = {name: reducer[name].to_numpy() for name in reducer if not name.endswith("_rad")}
-    elements = _element_errors(job, samples)
-    scalars = amplitudes | {f"{name}_mean_um": values.mean(axis=1) for name, values in elements.items()}
-    groups = {name.removesuffix("_um"): values[:, None] for name, values in amplitudes.items()} | elements
-    names = list(library())
-    values = worst[names].to_numpy()
-    rows = []
-    for kind, indices in (
-        ("rank_correlation", rank_correlation(scalars, values, study.metrics.confidence, replicate)),
-        ("variance_share", variance_shares(groups, values, study.metrics.confidence, replicate)),
-    ):
-        rows += [
-            {
-                "metric": metric,
-                "parameter": parameter,
-                "kind": kind,
-                "index": indices.value[p, m],
-                "ci_low": indices.ci_low[p, m],
-                "ci_high": indices.ci_high[p, m],
-            }
-            for m, metric in enumerate(names)
-            for p, parameter in enumerate(indices.parameters)
-        ]
-    frame = pd.DataFrame(rows)
-    return {name: frame[name].to_numpy() for name in frame}
-
-
 def _run(job: Job) -> Tables:
     study: Study = job.study
     columns = _metrics(job)
-    turns = _turns(job, columns)
+    rigid = job.read("clearance", "kinematic")["backlash_arcmin"].reshape(study.samples.rows, -1)
+    turns = metric_turns(study, columns, rigid)
     of_units = _units(job, columns, turns)
     counted = np.asarray(of_units["status"]) == "ok"
     counted[: int(study.samples.nominal_first)] = False
@@ -353,15 +231,17 @@ def _run(job: Job) -> Tables:
         "units": of_units,
         "distributions": _distributions(study, metrics, units),
         "convergence": _convergence(study, turns, counted),
-        "sensitivity": _sensitivity(job, over_turn(units, "worst")),
+        "sensitivity": sensitivity(job, of_units, over_turn(units, "worst")),
     }
 
 
 AGGREGATE = Stage(
     name="aggregate",
-    reads=("sample", "clearance", "hysteresis"),
+    reads=("sample", "clearance", "hysteresis", "drivers"),
     sections=(
         "samples",
+        "tolerances",
+        "drivers",
         "design.cycloid.rated_torque_Nm",
         "metrics",
         "limits",

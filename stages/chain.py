@@ -3,10 +3,11 @@
 from pipeline.engine.stage import Stage
 from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
+from stages.drivers import DRIVERS
 from stages.hysteresis import HYSTERESIS
 from stages.reduce import REDUCE
 from stages.report import REPORT
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
 
-STAGES: tuple[Stage, ...] = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, AGGREGATE, REPORT)
+STAGES: tuple[Stage, ...] = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, AGGREGATE, REPORT)

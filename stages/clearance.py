@@ -1,5 +1,7 @@
 """Stage 2: errors to the gap of every contact at every crank angle, and the rigid backlash."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from pipeline import assembly
@@ -7,9 +9,11 @@ from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_backlash import RigidPlay, rigid_play
+from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.mounting import drive_of
+from pipeline.sampling import Errors
 from stages.keys import CONTACT, CRANK, SAMPLE, repeated
 from stages.sample import errors_of_columns
 
@@ -93,19 +97,30 @@ def rigid_angles(study: Study) -> np.ndarray:
     return np.union1d(study.cycle.rigid_crank_deg, study.cycle.crank_deg)
 
 
+def rigid_plays(study: Study, sampled: Errors) -> Iterator[tuple[float, Drive, RigidPlay]]:
+    """The drive of ``n`` units and its play with rigid bodies, at each crank angle of `rigid_angles`."""
+    errors = assembly.errors(sampled)
+    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    for crank in rigid_angles(study):
+        drive = drive_of(study, crank, None, errors, clearance)
+        yield crank, drive, rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
+
+
+def rigid_backlash(study: Study, sampled: Errors) -> np.ndarray:
+    """Backlash of rigid bodies (n, n_rigid_angles) [arcmin] of ``n`` units at `rigid_angles`."""
+    return ARCMIN * np.stack([play.backlash for _, _, play in rigid_plays(study, sampled)], axis=1)
+
+
 def _solve(study: Study, chunk: Chunk) -> Tables:
     sampled = errors_of_columns(
         {name: chunk.tables[f"sample/{name}"] for name in ("reducer", "pins", "lobes", "rollers")}
     )
-    errors = assembly.errors(sampled)
-    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     number, cranks = np.arange(chunk.start, chunk.stop), rigid_angles(study)
     plays, gaps = [], {}
-    for crank in cranks:
-        drive = drive_of(study, crank, None, errors, clearance)
-        plays.append(rigid_play(drive.reducer, drive.gap, drive.bearing_clearance))
-        if crank in study.cycle.curve_crank_deg:
-            gaps[crank] = drive.gap
+    for angle, drive, play in rigid_plays(study, sampled):
+        plays.append(play)
+        if angle in study.cycle.curve_crank_deg:
+            gaps[angle] = drive.gap
     sample, crank, contact = repeated(number, np.array(list(gaps)), np.arange(next(iter(gaps.values())).shape[1]))
     rows_sample, rows_crank = repeated(number, cranks)
     return {

@@ -274,6 +274,20 @@ def _status(solved: Solved) -> np.ndarray:
     return texts
 
 
+def solved_loops(shared: Shared, sampled: Errors) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Columns of the table of loops but for its keys, and the status, of every loop of ``n`` units (n_loops,)."""
+    loops, status = [], []
+    for solved in solve_samples(shared, sampled):
+        loops.append(loop_columns(shared.study, solved))
+        status.append(_status(solved))
+    return _by_sample(loops), np.stack(status, axis=1).ravel()
+
+
+def _by_sample(loops: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Columns (n_loops,) of the loops of each crank angle (n,), the angles of a sample one after the other."""
+    return {name: np.stack([loop[name] for loop in loops], axis=1).ravel() for name in loops[0]}
+
+
 def _solve(shared: Shared, chunk: Chunk) -> Tables:
     samples = np.arange(chunk.start, chunk.stop)
     study = shared.study
@@ -291,7 +305,7 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
         "loops": {
             "sample": sample,
             "crank_deg": crank,
-            **{name: np.stack([loop[name] for loop in loops], axis=1).ravel() for name in loops[0]},
+            **_by_sample(loops),
         },
         "curves": curve_rows(samples, curves),
         "contacts": contact_rows(samples[kept], [one.of(kept) for one in curves]) if len(kept) else CONTACTS.empty(),

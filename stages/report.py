@@ -17,12 +17,13 @@ from pipeline.report.page import TableNote, report_page
 from pipeline.report.rendering import Picture
 from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
+from stages.drivers import DRIVERS
 from stages.hysteresis import CONTACTS, HYSTERESIS
 from stages.reduce import MESH_FILE, REDUCE
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
 
-UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, AGGREGATE)
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, AGGREGATE)
 BAND_SAMPLES = 2000
 """Samples that a band of the figures is drawn from: more change it by less than its line's width."""
 BAND_ROWS = 2_000_000
@@ -131,6 +132,7 @@ REPORT = Stage(
         "cycle",
         "metrics",
         "limits",
+        "drivers",
     ),
     tables=NO_TABLES,
     module="stages.report",

@@ -16,7 +16,7 @@ PARAMETERS = {
     "eccentricity": "eccentricity",
     "roller_diameter": "output roller or pin diameter",
     "bearing_clearance": "bearing clearance",
-    "remainder": "rest: not linear in the errors",
+    "sum": "sum of all",
 }
 
 

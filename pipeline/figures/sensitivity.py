@@ -4,19 +4,26 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from pipeline.figures.labels import parameter_title
 from pipeline.figures.style import INK, MUTED, new_figure, styled
 from pipeline.model.metrics import signed
+from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, determined
 
-CLEAR, PALE, REST = "#4a97c9", "#cfe2f0", "#c3cad2"
-REMAINDER = "remainder"
-TITLES = {"rank_correlation": "Rank correlation", "variance_share": "Share of the variance"}
+Real = NDArray[np.float64]
+
+PANELS = {RANK_CORRELATION: "Rank correlation", TOTAL: "Share of the variance"}
+"""Titles; the second panel has both shares."""
+COLOURS = {RANK_CORRELATION: "#4a97c9", FIRST_ORDER: "#4a97c9", TOTAL: "#b5d3e7"}
+SUM_COLOURS = {FIRST_ORDER: "#8b95a1", TOTAL: "#c3cad2"}
+LABELS = {FIRST_ORDER: "by itself", TOTAL: "with interactions"}
 
 
 @styled
 def sensitivity_figure(indices: pd.DataFrame) -> Figure:
-    """Bars of rank correlation and of variance share, largest first; a kind that is not determined is left out.
+    """Bars of rank correlation and of the shares of the variance, largest first; a kind without an index is left out.
 
     Parameters
     ----------
@@ -24,44 +31,63 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
 
     Notes
     -----
-    A pale bar has an interval that holds 0: the samples do not show that the error matters at all. Errors that do not
-    vary in the study have an index of exactly 0, or none, and no bar.
+    A bar without a filling and a number in brackets are not determined: the interval is as wide as the index. Errors
+    that do not vary in the study have an index of exactly 0, or none, and no bar.
     """
-    shown = indices[np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"])]
-    kinds = [kind for kind in TITLES if (shown["kind"] == kind).any()]
-    most = max((int((shown["kind"] == kind).sum()) for kind in kinds), default=1)
-    figure = new_figure(0.75 + 0.24 * most)
-    for axes, kind in zip(figure.subplots(1, max(len(kinds), 1), squeeze=False)[0], kinds, strict=False):
-        _bars(axes, shown[shown["kind"] == kind], kind)
+    known = np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"]).to_numpy()
+    shown = indices[known]
+    panels = [kind for kind in PANELS if (shown["kind"] == kind).any()]
+    bars = {
+        RANK_CORRELATION: int((shown["kind"] == RANK_CORRELATION).sum()),
+        TOTAL: int((shown["kind"] == TOTAL).sum() * 1.6),
+    }
+    figure = new_figure(0.85 + 0.24 * max((bars[kind] for kind in panels), default=1))
+    for axes, kind in zip(figure.subplots(1, max(len(panels), 1), squeeze=False)[0], panels, strict=False):
+        _panel(axes, shown, (RANK_CORRELATION,) if kind == RANK_CORRELATION else (FIRST_ORDER, TOTAL))
+        axes.set_title(PANELS[kind])
     return figure
 
 
-def _bars(axes: Axes, rows: pd.DataFrame, kind: str) -> None:
-    rest = (rows["parameter"] == REMAINDER).to_numpy()
-    rows = rows.iloc[np.lexsort([-np.abs(rows["index"].to_numpy()), rest])]
-    place = np.arange(len(rows))
-    value, low, high = (rows[name].to_numpy(float) for name in ("index", "ci_low", "ci_high"))
-    colours = np.where((low > 0) | (high < 0), CLEAR, PALE)
-    axes.barh(place, value, height=0.66, color=np.where(rows["parameter"] == REMAINDER, REST, colours))
-    bounded = np.isfinite(low) & np.isfinite(high)
-    axes.hlines(place[bounded], low[bounded], high[bounded], color=INK, linewidth=1.1)
+def _panel(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> None:
+    """Parameters by the size of their last kind, a bar for each kind; sums of shares come last."""
+    order = rows[rows["kind"] == kinds[-1]]
+    summed = (order["parameter"] == SUM).to_numpy()
+    names = list(order["parameter"].iloc[np.lexsort([-np.abs(order["index"].to_numpy(float)), summed])])
+    height = 0.72 / len(kinds)
+    for k, kind in enumerate(kinds):
+        part = rows[(rows["kind"] == kind) & rows["parameter"].isin(names)]
+        place = np.array([names.index(name) for name in part["parameter"]], float)
+        colours = [SUM_COLOURS[kind] if name == SUM else COLOURS[kind] for name in part["parameter"]]
+        _bars(axes, part, place + height * (k - (len(kinds) - 1) / 2), height, colours)
     axes.axvline(0, color=MUTED, linewidth=0.8)
-    for y, number in zip(place, value, strict=True):
+    axes.set_yticks(range(len(names)), [parameter_title(name) for name in names])
+    axes.tick_params(axis="y", length=0)
+    axes.grid(False, axis="y")
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    if kinds == (RANK_CORRELATION,):
+        axes.set(xlim=(-1, 1), xticks=[-1, -0.5, 0, 0.5, 1])
+    else:
+        shares = rows[rows["kind"].isin(kinds)]
+        axes.set_xlim(min(0.0, float(shares["ci_low"].min())), max(1.0, float(shares["ci_high"].max())))
+        axes.legend(handles=[Patch(color=COLOURS[kind], label=LABELS[kind]) for kind in kinds], loc="center right")
+
+
+def _bars(axes: Axes, rows: pd.DataFrame, place: Real, height: float, colours: list[str]) -> None:
+    value, low, high = (rows[name].to_numpy(float) for name in ("index", "ci_low", "ci_high"))
+    certain = determined(value, low, high)
+    for y, number, sure, colour in zip(place, value, certain, colours, strict=True):
+        (bar,) = axes.barh(y, number, height=0.92 * height, color=colour)
+        if not sure:
+            bar.set(facecolor="none", edgecolor=MUTED, linestyle=":")
         axes.annotate(
-            signed(number, 2),
+            signed(number, 2) if sure else f"({signed(number, 2)})",
             (1.0, y),
             (4, 0),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
             va="center",
-            fontsize=8,
-            color=INK,
+            fontsize=8 if height > 0.5 else 7,
+            color=INK if sure else MUTED,
         )
-    axes.set_yticks(place, [parameter_title(name) for name in rows["parameter"]])
-    axes.tick_params(axis="y", length=0)
-    axes.grid(False, axis="y")
-    axes.set(title=TITLES[kind], ylim=(len(rows) - 0.5, -0.5))
-    if kind == "rank_correlation":
-        axes.set(xlim=(-1, 1), xticks=[-1, -0.5, 0, 0.5, 1])
-    else:
-        axes.set_xlim(min(0.0, float(low[bounded].min(initial=0.0))), max(1.0, float(high[bounded].max(initial=0.0))))
+    bounded = np.isfinite(low) & np.isfinite(high)
+    axes.hlines(place[bounded], low[bounded], high[bounded], color=INK, linewidth=1.0)

@@ -252,12 +252,14 @@ def _cranks(frames: Frames) -> Drawing:
 def _drivers(frames: Frames) -> Iterator[Drawing]:
     table, level = frames.sensitivity, plain(100 * frames.study.metrics.confidence)
     for metric in frames.shown_metrics:
-        rows = table[(table["metric"] == metric) & np.isfinite(table["index"].to_numpy(float))]
+        of_metric = (table["metric"] == metric) & (table["over"] == "worst")
+        rows = table[of_metric & np.isfinite(table["index"].to_numpy(float))]
         if len(rows):
             yield Drawing(
                 f"drivers_{metric}",
                 f"Which tolerance drives the {METRICS[metric].inline}",
-                f"Worst over the turn. Lines: {level} % intervals. Pale bars: the interval holds 0.",
+                f"Worst over the turn. Lines: {level} % intervals. Empty bars, numbers in brackets: not determined, "
+                "the interval is as wide as the index.",
                 sensitivity_figure(rows),
             )
 

@@ -1,4 +1,4 @@
-"""Which errors drive a metric, in words: the leading indices whose intervals exclude 0."""
+"""Which errors drive a metric, in words: the leading indices that the samples determine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,10 +7,11 @@ import numpy as np
 import pandas as pd
 
 from pipeline.figures.labels import METRICS, parameter_title
-from pipeline.figures.sensitivity import REMAINDER
 from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames
-from pipeline.report.wording import NOTHING, UNDETERMINED, percent
+from pipeline.report.results import Cell
+from pipeline.report.wording import NOTHING, UNDETERMINED, percent, percent_interval
+from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, determined
 
 NAMED = 3
 NONE_LEADS = "none stands out"
@@ -18,32 +19,41 @@ NONE_LEADS = "none stands out"
 
 @dataclass(frozen=True)
 class Driver:
-    """What drives one metric: the first error, the leading ones by each index, and the share that none carries."""
+    """What drives one metric.
+
+    Attributes
+    ----------
+    largest : the error that matters most, in one phrase.
+    in_all, by_itself, by_rank : the leading errors by total index, first-order index and rank correlation.
+    together : what errors cause only acting together, the rest of the first-order indices, with its interval.
+    """
 
     metric: str
     title: str
-    first: str
-    by_share: str
+    largest: str
+    in_all: str
+    by_itself: str
     by_rank: str
-    rest: str
+    together: Cell
 
 
 def drivers(frames: Frames) -> list[Driver]:
-    """For each metric the errors that drive it most, as far as the samples tell."""
-    table = frames.sensitivity
+    """For each metric the errors that drive its worst value over the turn most, as far as the samples tell."""
+    table = frames.sensitivity[frames.sensitivity["over"] == "worst"]
     return [_driver(metric, table[table["metric"] == metric]) for metric in frames.shown_metrics]
 
 
-def first_drivers(found: Sequence[Driver]) -> str:
+def first_drivers(leading: Sequence[Driver]) -> str:
     """The first driver of each headline metric, in one phrase."""
     return "; ".join(
-        f"of the {METRICS[driver.metric].inline}: {driver.first}" for driver in found if driver.metric in HEADLINES
+        f"of the {METRICS[driver.metric].inline}: {driver.largest}" for driver in leading if driver.metric in HEADLINES
     )
 
 
-def shares_determined(frames: Frames) -> bool:
-    """Whether the samples are enough for variance shares."""
-    return len(_known(frames.sensitivity, "variance_share")) > 0
+def base_samples(frames: Frames) -> int:
+    """Base samples that the shares of the variance rest on, the fewest of any metric; 0 where there are none."""
+    shares = frames.sensitivity[frames.sensitivity["kind"] == TOTAL]
+    return int(shares["n"].min()) if np.isfinite(shares["index"].to_numpy(float)).any() else 0
 
 
 def constant_metrics(frames: Frames) -> list[str]:
@@ -53,38 +63,48 @@ def constant_metrics(frames: Frames) -> list[str]:
 
 
 def _driver(metric: str, table: pd.DataFrame) -> Driver:
-    shares, ranks = (_leading(table, kind) for kind in ("variance_share", "rank_correlation"))
-    if shares:
-        first = f"{shares[0][0]}, {percent(shares[0][1])} of the variance"
+    total, alone, ranks = (_leading(table, kind) for kind in (TOTAL, FIRST_ORDER, RANK_CORRELATION))
+    if len(total):
+        name, share = total.index[0], float(total.iloc[0])
+        by_itself = f", {percent(float(alone[name]))} by itself" if name in alone else ""
+        largest = f"{parameter_title(name)}, {percent(share)} of the variance{by_itself}"
+    elif len(ranks):
+        largest = f"{parameter_title(ranks.index[0])}, rank correlation {signed(float(ranks.iloc[0]), 2)}"
     else:
-        first = f"{ranks[0][0]}, rank correlation {signed(ranks[0][1], 2)}" if ranks else NONE_LEADS
-    rest = table.loc[table["parameter"] == REMAINDER, "index"]
+        largest = NONE_LEADS
     return Driver(
-        metric,
-        METRICS[metric].title,
-        first,
-        "; ".join(f"{name} ({percent(share)})" for name, share in shares) or _no_leader(table, "variance_share"),
-        "; ".join(f"{name} ({signed(rank, 2)})" for name, rank in ranks) or _no_leader(table, "rank_correlation"),
-        percent(float(rest.iloc[0])) if len(rest) else NOTHING,
+        metric=metric,
+        title=METRICS[metric].title,
+        largest=largest,
+        in_all=_names([f"{name} ({percent(share)})" for name, share in _titled(total)], table, TOTAL),
+        by_itself=_names([f"{name} ({percent(share)})" for name, share in _titled(alone)], table, FIRST_ORDER),
+        by_rank=_names([f"{name} ({signed(rank, 2)})" for name, rank in _titled(ranks)], table, RANK_CORRELATION),
+        together=_together(table),
     )
 
 
-def _known(table: pd.DataFrame, kind: str) -> pd.DataFrame:
-    """Determined indices of the errors, of one kind."""
-    rows = table[(table["kind"] == kind) & (table["parameter"] != REMAINDER)]
-    return rows[np.isfinite(rows["index"].to_numpy(float))]
+def _titled(indices: pd.Series) -> list[tuple[str, float]]:
+    return [(parameter_title(str(name)), float(index)) for name, index in indices.head(NAMED).items()]
 
 
-def _leading(table: pd.DataFrame, kind: str) -> list[tuple[str, float]]:
-    """Errors with the largest indices, largest first, as far as their intervals exclude 0."""
-    known = _known(table, kind)
-    # a share below 0 is noise, however narrow its interval
-    clear = known[(known["ci_low"] > 0) | ((known["ci_high"] < 0) & (kind == "rank_correlation"))]
-    first = clear.sort_values("index", ascending=False, kind="stable", key=np.abs).head(NAMED)
-    return [
-        (parameter_title(name), float(index)) for name, index in zip(first["parameter"], first["index"], strict=True)
-    ]
+def _names(leaders: list[str], table: pd.DataFrame, kind: str) -> str:
+    known = np.isfinite(table.loc[table["kind"] == kind, "index"].to_numpy(float)).any()
+    return "; ".join(leaders) or (NONE_LEADS if known else UNDETERMINED)
 
 
-def _no_leader(table: pd.DataFrame, kind: str) -> str:
-    return NONE_LEADS if len(_known(table, kind)) else UNDETERMINED
+def _leading(table: pd.DataFrame, kind: str) -> pd.Series:
+    """Determined indices of one kind by parameter, largest first; a share below 0 is noise."""
+    rows = table[(table["kind"] == kind) & (table["parameter"] != SUM)]
+    index = rows["index"].to_numpy(float)
+    certain = determined(index, rows["ci_low"].to_numpy(float), rows["ci_high"].to_numpy(float))
+    leading = rows[certain & ((index > 0) | (kind == RANK_CORRELATION))]
+    indices = pd.Series(leading["index"].to_numpy(float), leading["parameter"].astype(str))
+    return indices.sort_values(ascending=False, kind="stable", key=np.abs)
+
+
+def _together(table: pd.DataFrame) -> Cell:
+    rows = table[(table["kind"] == FIRST_ORDER) & (table["parameter"] == SUM)]
+    if rows.empty or not np.isfinite(rows["index"].iloc[0]):
+        return Cell(NOTHING)
+    index, low, high = (float(rows[name].iloc[0]) for name in ("index", "ci_low", "ci_high"))
+    return Cell(percent(1 - index), percent_interval(1 - high, 1 - low))

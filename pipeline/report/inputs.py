@@ -7,8 +7,8 @@ from typing import Any
 from pipeline.config.cases import Case
 from pipeline.config.consistency import number_keys
 from pipeline.config.design import Design, PinInHole
-from pipeline.config.study import Cycle, Study
-from pipeline.config.tolerances import PIN_TOLERANCES, Fixed, Normal, Tolerances, Triangular
+from pipeline.config.study import Cycle
+from pipeline.config.tolerances import Fixed, Normal, Tolerances, Triangular
 from pipeline.figures.labels import PARAMETERS
 from pipeline.report.frames import Frames
 from pipeline.report.wording import NOTHING, counted, listed, plain
@@ -223,14 +223,6 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
             f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm{on_walls}",
         ),
     ]
-
-
-def varying_errors(study: Study) -> int:
-    """Errors of a sample that vary: one per element of a tolerance with a width."""
-    counts = dict.fromkeys(PIN_TOLERANCES, study.design.cycloid.pins)
-    counts |= {"lobe_profile": study.design.cycloid.lobes, "roller_diameter": study.design.output.contacts}
-    wide = [name for name, tolerance in study.tolerances if tolerance.limits_um[0] < tolerance.limits_um[1]]
-    return sum(counts.get(name, 1) for name in wide)
 
 
 def _name_and_unit(key: str) -> tuple[str, str]:

@@ -8,7 +8,7 @@ from pipeline.config.study import Study
 from pipeline.model.metrics import Metric, library
 from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
-from pipeline.report.drivers import constant_metrics, drivers, first_drivers, shares_determined
+from pipeline.report.drivers import base_samples, constant_metrics, drivers, first_drivers
 from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.results import Results
@@ -58,7 +58,7 @@ def report_page(
         case_crank_rows=case_crank_rows(frames) if frames.listed else [],
         drivers=found,
         first_drivers=first_drivers(found),
-        shares_determined=shares_determined(frames),
+        base_samples=base_samples(frames),
         constant_metrics=constant_metrics(frames),
         beyond_law=beyond_law(frames),
         overloaded=overloaded(frames),
@@ -73,7 +73,6 @@ def report_page(
         study_facts=inputs.study_facts(frames),
         tolerance_rows=inputs.tolerance_rows(study.tolerances),
         zero_tolerances=inputs.zero_tolerances(study.tolerances),
-        varying_errors=inputs.varying_errors(study),
         case_titles=[inputs.PARAMETERS[name] for name in cases],
         case_inputs=[(case.label, inputs.case_cells(case, cases)) for case in study.cases[:ROWS_SHOWN]],
         rows_shown=ROWS_SHOWN,

@@ -1,6 +1,19 @@
 """What samples tell about a metric, with intervals: its distribution, its yield, and which error drives it."""
 
 from pipeline.statistics.intervals import Estimate, distribution, pass_share
-from pipeline.statistics.sensitivity import Indices, rank_correlation, variance_shares
+from pipeline.statistics.sensitivity import RANK_CORRELATION, Indices, rank_correlation
+from pipeline.statistics.variance_indices import FIRST_ORDER, SUM, TOTAL, determined, variance_indices
 
-__all__ = ["Estimate", "Indices", "distribution", "pass_share", "rank_correlation", "variance_shares"]
+__all__ = [
+    "FIRST_ORDER",
+    "RANK_CORRELATION",
+    "SUM",
+    "TOTAL",
+    "Estimate",
+    "Indices",
+    "determined",
+    "distribution",
+    "pass_share",
+    "rank_correlation",
+    "variance_indices",
+]

@@ -16,6 +16,10 @@ from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
 
+FIRST_ORDER, TOTAL = "first_order", "total"
+"""Names of the two kinds of index in tables."""
+SUM = "sum"
+"""Name of the sum of all groups' indices in tables."""
 RESAMPLES = 1000
 """Bootstrap resamples: the 2.5 % quantile rests on 25 of them."""
 SEED = 20100317
@@ -50,6 +54,11 @@ class VarianceIndices:
     first_order: Shares
     total: Shares
     n: int
+
+
+def determined(index: Real, ci_low: Real, ci_high: Real) -> NDArray[np.bool_]:
+    """Whether indices of any kind say something: their intervals are narrower than they are large."""
+    return ci_high - ci_low < np.abs(index)  # an unknown index compares as false
 
 
 def variance_indices(base: Real, other: Real, mixed: Real, confidence: float) -> VarianceIndices:

@@ -54,7 +54,7 @@ CONTRACT = {
     "aggregate/units": ("sample", "lost_motion_arcmin_worst lost_motion_arcmin_mean lost_motion_arcmin_best status"),
     "aggregate/convergence": ("metric n_angles", "worst_mean yield extrapolated"),
     "aggregate/distributions": ("metric over crank_deg statistic", "value ci_low ci_high n n_angles"),
-    "aggregate/sensitivity": ("metric parameter kind", "index ci_low ci_high"),
+    "aggregate/sensitivity": ("metric over parameter kind", "index ci_low ci_high n"),
 }
 """Key and further columns of each table, from the design of the outputs; more columns may be added."""
 INTEGERS = {

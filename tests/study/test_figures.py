@@ -279,25 +279,44 @@ def test_crank_figure_without_nominal_sample():
 
 def indices() -> pd.DataFrame:
     rows = [
-        ("pin_radius_mean_um", "rank_correlation", 0.2, 0.1, 0.3),
+        ("pin_radius_mean_um", "rank_correlation", 0.2, 0.15, 0.25),
         ("disk_profile_um", "rank_correlation", -0.6, -0.7, -0.5),
         ("bearing_clearance_um", "rank_correlation", np.nan, np.nan, np.nan),
-        ("remainder", "variance_share", 0.9, 0.8, 1.0),
-        ("pin_radius", "variance_share", 0.1, -0.1, 0.3),
-        ("bearing_clearance", "variance_share", 0.0, 0.0, 0.0),
+        ("sum", "first_order", 0.7, 0.6, 0.8),
+        ("pin_radius", "first_order", 0.1, -0.1, 0.3),
+        ("ovality_2", "first_order", 0.4, 0.35, 0.45),
+        ("lobe_profile", "first_order", 0.0, 0.0, 0.0),
+        ("sum", "total", 1.4, 1.3, 1.5),
+        ("pin_radius", "total", 0.5, 0.4, 0.6),
+        ("ovality_2", "total", 0.6, 0.5, 0.7),
+        ("lobe_profile", "total", 0.0, 0.0, 0.0),
     ]
     return pd.DataFrame(rows, columns=["parameter", "kind", "index", "ci_low", "ci_high"])
 
 
-def test_drivers_are_ranked_by_size_with_the_remainder_last_and_constants_left_out():
+def ranked(axes):
+    return [bar.get_width() for bar in sorted(axes.patches, key=lambda bar: bar.get_y())]
+
+
+def test_drivers_are_ranked_by_size_with_their_sum_last_and_idle_ones_left_out():
     rank, share = sensitivity_figure(indices()).axes
-    assert [bar.get_width() for bar in rank.patches] == [-0.6, 0.2]
+    assert ranked(rank) == [-0.6, 0.2]
     assert [text.get_text() for text in rank.get_yticklabels()] == ["disk profile (whole disk)", "pin radius, mean"]
-    assert [bar.get_width() for bar in share.patches] == [0.1, 0.9]
+    titles = [parameter_title(name) for name in ("ovality_2", "pin_radius", "sum")]
+    assert [text.get_text() for text in share.get_yticklabels()] == titles
+    assert ranked(share) == [0.4, 0.6, 0.1, 0.5, 0.7, 1.4]
+    assert share.get_xlim()[1] >= 1.5
     only_rank = indices().assign(index=lambda rows: rows["index"].where(rows["kind"] == "rank_correlation"))
     assert len(sensitivity_figure(only_rank).axes) == 1
-    colour = [bar.get_facecolor() for bar in share.patches]
-    assert colour[0] != rank.patches[0].get_facecolor()  # its interval holds 0
+
+
+def test_an_index_whose_interval_is_as_wide_as_itself_looks_undetermined():
+    _, share = sensitivity_figure(indices()).axes
+    empty = {bar.get_width() for bar in share.patches if bar.get_facecolor()[3] == 0}
+    assert empty == {0.1}
+    numbers = {text.get_text() for text in share.texts}
+    assert "(0.10)" in numbers
+    assert {"0.40", "0.60", "0.70", "1.40"} <= numbers
 
 
 def test_names_and_numbers_as_people_read_them():

@@ -1,0 +1,127 @@
+"""Which errors drive the metrics: rank correlations of the samples, and shares of the variance by group of errors."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.study import Study
+from pipeline.engine.stage import Job
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.model.metrics import library
+from pipeline.sampling import drawn_units, error_groups, replicates
+from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, rank_correlation, variance_indices
+
+RANKED_SAMPLES = 20_000
+"""Samples that rank correlations are taken from at most: their intervals are below 0.02 by then."""
+EXPLAINED = ("worst", "mean")
+"""What of a metric over the turn has shares of its variance."""
+
+SENSITIVITY = Table(
+    "sensitivity",
+    "metric, parameter, kind",
+    (
+        Column("metric", "label", "", "column of metrics"),
+        Column("over", "label", "", "worst or mean: of each unit over the turn"),
+        Column("parameter", "label", "", "error of a sample, group of errors, or sum: all groups' shares together"),
+        Column(
+            "kind",
+            "label",
+            "",
+            "rank_correlation; share of the variance that a group causes by itself (first_order), or that would vanish "
+            "with it (total)",
+        ),
+        Column("index", "float64", "1", "the index; null: the samples do not determine it"),
+        Column("ci_low", "float64", "1", "lower end of the confidence interval"),
+        Column("ci_high", "float64", "1", "upper end of the confidence interval"),
+        Column("n", "int32", "1", "samples, or base samples of the pick-freeze design, that it rests on"),
+    ),
+)
+
+
+def sensitivity(job: Job, units: Columns, worst: pd.DataFrame) -> Columns:
+    """Rows of the table of indices.
+
+    Parameters
+    ----------
+    units : table of units, all samples.
+    worst : metrics by sample, worst over the turn; the nominal sample and those without a result left out.
+    """
+    study: Study = job.study
+    if study.samples.experiment == "cases":  # stated units are no sample of anything
+        return SENSITIVITY.empty()
+    rows = [*(_ranks(job, worst.iloc[:RANKED_SAMPLES]) if len(worst) else []), *_shares(job, units)]
+    if not rows:
+        return SENSITIVITY.empty()
+    frame = pd.DataFrame(rows)
+    return {name: frame[name].to_numpy() for name in frame}
+
+
+def _row(metric: str, over: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:
+    index, low, high = values
+    row = {"metric": metric, "over": over, "parameter": parameter, "kind": kind}
+    return {**row, "index": index, "ci_low": low, "ci_high": high, "n": n}
+
+
+def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
+    study: Study = job.study
+    samples = worst.index.to_numpy()
+    replicate = replicates(study.samples, samples)
+    indices = rank_correlation(
+        _scalars(job, samples), worst[list(library())].to_numpy(), study.metrics.confidence, replicate
+    )
+    return [
+        _row(
+            metric,
+            "worst",
+            parameter,
+            RANK_CORRELATION,
+            (indices.value[p, m], indices.ci_low[p, m], indices.ci_high[p, m]),
+            len(samples),
+        )
+        for m, metric in enumerate(library())
+        for p, parameter in enumerate(indices.parameters)
+    ]
+
+
+def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
+    """One number (n,) per error of the given samples: of errors of elements their mean."""
+    stop = int(samples[-1]) + 1
+    reducer, pins, lobes, rollers = (
+        job.read_items("sample", name, 0, stop) for name in ("reducer", "pins", "lobes", "rollers")
+    )
+    elements = {
+        "pin_radial": pins["radial_um"],
+        "pin_tangential": pins["tangential_um"],
+        "pin_radius": pins["radius_um"],
+        "lobe_profile": lobes["profile_um"],
+        "roller_diameter": rollers["diameter_um"],
+    }
+    means = {f"{name}_mean_um": values.reshape(stop, -1).mean(axis=1) for name, values in elements.items()}
+    alone = {name: values for name, values in reducer.items() if name != "sample" and not name.endswith("_rad")}
+    return {name: np.asarray(values)[samples] for name, values in {**alone, **means}.items()}
+
+
+def _shares(job: Job, units: Columns) -> list[dict]:
+    """First-order and total indices of every group; none where the study asks for none or nothing varies."""
+    study: Study = job.study
+    groups, n = error_groups(study), study.drivers.base_samples
+    if not (n and groups):
+        return []
+    extra, shift = job.read("drivers", "units"), int(study.samples.nominal_first)
+    drawn = slice(shift, shift + drawn_units(study))
+    solved = np.concatenate([np.asarray(units["status"])[drawn], np.asarray(extra["status"])]) == "ok"
+    rows = []
+    for metric in library():
+        for over in EXPLAINED:
+            column = f"{metric}_{over}"
+            values = np.where(solved, np.concatenate([np.asarray(units[column])[drawn], extra[column]]), np.nan)
+            base, other, *mixed = values.reshape(-1, n)
+            indices = variance_indices(base, other, np.array(mixed), study.metrics.confidence)
+            for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):
+                triples = zip(shares.value, shares.ci_low, shares.ci_high, strict=True)
+                rows += [
+                    _row(metric, over, parameter, kind, triple, indices.n)
+                    for parameter, triple in zip((*groups, SUM), triples, strict=True)
+                ]
+    return rows
