@@ -210,6 +210,26 @@ def test_few_samples_leave_indices_and_bounds_undetermined_and_say_why(page, fra
     assert not re.search(r"\binf\b", re.sub(r'"data:[^"]*"', "", page))
 
 
+def test_shares_of_the_variance_are_told_as_far_as_they_are_determined(frames):
+    rows = [
+        ("ovality_2", "first_order", 0.39, 0.35, 0.43),
+        ("pin_radial", "first_order", 0.02, -0.05, 0.09),
+        ("sum", "first_order", 0.41, 0.3, 0.5),
+        ("pin_radial", "total", 0.3, 0.25, 0.35),
+        ("ovality_2", "total", 0.47, 0.42, 0.52),
+        ("pin_radius", "total", 0.02, 0.01, 0.04),
+        ("sum", "total", 0.79, 0.7, 0.9),
+    ]
+    shares = pd.DataFrame(rows, columns=["parameter", "kind", "index", "ci_low", "ci_high"])
+    shares = shares.assign(metric="torsional_rigidity_Nm_per_arcmin", over="worst", n=400)
+    told = written(replace(frames, sensitivity=pd.concat([frames.sensitivity, shares])))
+    oval, radial = "two-lobed ovality of pin circle", "radial pin position"
+    assert f"of the torsional rigidity: {oval}, 47.0 % of the variance, 39.0 % by itself" in told
+    assert f"<td>{oval} (47.0 %); {radial} (30.0 %)</td><td>{oval} (39.0 %)</td>" in told
+    assert '59.0 %<span class="ci">50.0 to 70.0 %</span>' in told, "what the shares by themselves leave to interactions"
+    assert "from 400 pairs of units" in told
+
+
 def job(finished: dict[str, Output], folder: Path) -> Job:
     """What the engine gives to the stage, writing into another folder."""
     sections = Sections(tiny_study("tiny"), (*report.REPORT.sections, "name"))

@@ -16,6 +16,7 @@ from pipeline.engine.stage import Job
 from pipeline.engine.store import Output
 from stages import hysteresis
 from stages.chain import STAGES
+from stages.drivers import DRIVERS
 
 SAMPLES = (100, 1_000, 10_000)
 JOBS = 2
@@ -68,7 +69,9 @@ def _seconds(outputs: Mapping[str, Output]) -> dict[str, float]:
 def _stages(study: Study, outputs: Mapping[str, Output], samples: int) -> Iterator[Result]:
     """Seconds of every stage and the peak memory of the run."""
     seconds = _seconds(outputs)
-    yield Result("study_seconds", sum(seconds.values()), "s", samples, JOBS, f"{study.name}, disk from the cache")
+    samples_alone = sum(value for name, value in seconds.items() if name != DRIVERS.name)
+    note = f"{study.name}, disk from the cache; the extra units of drivers counted apart"
+    yield Result("study_seconds", samples_alone, "s", samples, JOBS, note)
     for name, value in seconds.items():
         yield Result(f"{STAGE}{name}", value, "s", samples, JOBS)
     peak = max(output.record["peak_memory_bytes"] for output in outputs.values())
