@@ -208,8 +208,13 @@ def test_the_table_of_variations_is_the_models(study, disk, targets, parameters)
     for column in columns:
         assert merged[column].to_numpy() == pytest.approx(merged[f"{column}_stored"], abs=MESH)
     assert not VARIATIONS["closes"].any()
-    errors = VARIATIONS[columns].to_numpy() / ELASTIC - 1
-    assert np.all((np.abs(errors).max(axis=1) > 0.05) | (VARIATIONS["largest_error"] > 0.02))
+    errors = np.abs(VARIATIONS[columns].to_numpy() / ELASTIC - 1).max(axis=1)
+    assert np.all((errors > 0.05) | (VARIATIONS["largest_error"] > 0.02))
+    within = VARIATIONS[(errors < 0.06) & (VARIATIONS["largest_error"] <= 0.02)]  # the README's 6 %, at three pins
+    assert within["assumption"].tolist() == [
+        name for name in changes if "3.8 mm thick" in name for _ in range(len(within))
+    ]
+    assert [pins.split()[-1] for pins in within["pins_in_contact"]] == ["3"] * len(within)
 
 
 def test_the_readme_says_what_the_table_says(found):

@@ -142,6 +142,9 @@ def _stations(study: Study) -> Iterator[Assumption]:
     small = with_numbers(_touching(study), {"disk.bore_radius_mm": 8.0, "output.face_offset_mm": 9.5})
     name = "rollers touching and 9.5 mm off the axis, bore 8 mm in radius"
     yield Assumption(name, small, remesh=True, tied=_touching)
+    thick = _designed(_touching(study), "disk", thickness_mm=3.8)
+    name = "rollers touching, disk 3.8 mm thick, rigidity between 6 and 100 %"
+    yield Assumption(name, _with(thick, "metrics", rigidity_percent=(6.0, 100.0)), remesh=True, tied=_touching)
 
 
 def _spaced(study: Study, pitch: float) -> Study:
