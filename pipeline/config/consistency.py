@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -69,12 +70,21 @@ def number_keys(raw: Mapping[str, Any], prefix: str = "") -> list[str]:
     return keys
 
 
-def provenance_problems(parts: Mapping[str, Any], numbers: Iterable[str]) -> Iterator[Problem]:
-    """Provenance of a number that the design does not have."""
-    numbers = list(numbers)
-    for key in parts.get("provenance", ()):
+def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Problem]:
+    """Provenance of a number that the design ``raw`` does not have, and plausible ranges that do not hold theirs."""
+    numbers = number_keys(raw)
+    for key, provenance in parts.get("provenance", {}).items():
         if key not in numbers:
             yield Problem(f'provenance."{key}"', None, f"no such number in this file; {nearest_name(key, numbers)}")
+        elif provenance.plausible:
+            low, high = provenance.plausible
+            value = functools.reduce(lambda section, name: section[name], key.split("."), raw)
+            if not low < value < high:
+                yield Problem(
+                    f'provenance."{key}".plausible',
+                    list(provenance.plausible),
+                    f"must be [lower, upper] about the number itself, {value:g}",
+                )
 
 
 def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Problem]:

@@ -162,15 +162,17 @@ class PinInHole(Section):
 
 
 class Provenance(Section):
-    """Where a number comes from, and why it can be trusted or not.
+    """Where a number comes from, why it can be trusted or not, and within which values it is plausible.
 
     `in_sight_of` names published or measured data that a chosen number was picked in sight of: their agreement with the
-    design owes something to it, as to a number fitted to them.
+    design owes something to it, as to a number fitted to them. A calibrated number without `plausible` has the range
+    of its kind (``identification.fitting.plausible_range``).
     """
 
     status: Literal["published", "given", "chosen", "calibrated"]
     reason: Annotated[str, Field(min_length=1)]
     in_sight_of: Annotated[str, Field(min_length=1)] | None = None
+    plausible: tuple[Positive, Positive] | None = None
 
 
 class Design(Section):

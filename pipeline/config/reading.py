@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from pipeline.config.cases import Case, case_problems
-from pipeline.config.consistency import number_keys, provenance_problems, study_problems
+from pipeline.config.consistency import provenance_problems, study_problems
 from pipeline.config.design import Design
 from pipeline.config.effects import effect_problems
 from pipeline.config.geometry import geometry_problems
@@ -99,7 +99,7 @@ def parse_design(data: Mapping[str, Any], file: str) -> Design:
     problems, parts = validated(Design, raw)
     problems += geometry_problems(parts)
     problems += effect_problems(parts.get("effects", {}))
-    problems += provenance_problems(parts, number_keys(raw))
+    problems += provenance_problems(parts, raw)
     raise_if(problems, file)
     return Design.model_validate(raw)
 

@@ -77,7 +77,7 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
     """
     measurement = Measurement.read(unit)
     if measurement.fatal:
-        return FaultyUnit(measurement, Verdict(FAULT, (), (), (), float("nan")), fault_statement(measurement.fatal))
+        return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
     fitter = Fitter(build_problem(measurement, condensed(unit.study, measurement.rows.cranks.tolist())))
     data, cranks = fitter.problem.data, measurement.rows.cranks
     seen = measurement.training_cells if unit.settings.held_out.train else np.ones(len(data), bool)

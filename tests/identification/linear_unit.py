@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit, Prediction
+from pipeline.identification.fitting.parameters import SCALE_REACH, Fit, Prediction
 from pipeline.identification.fitting.problem import Data, Model, candidates
 
 MODELS = {k: tuple(candidates()[name] for name in names) for k, names in enumerate([(), ("coulomb",), ("ovality_2",)])}
@@ -51,6 +51,7 @@ class LinearFitter(Fitter):
                 modes=modes,
                 n_modes=n_modes,
                 scale_spread=np.array(scale_spread, float),
+                scale_range=SCALE_REACH * np.array([[-1.0], [1.0]]) * np.ones(len(scale_spread)),
                 bounds=lambda candidate: ((0.0, 1.0),) * len(candidate.parameters),
             )
         )

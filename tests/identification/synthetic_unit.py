@@ -140,6 +140,6 @@ def with_angles(problem: Problem, angle: np.ndarray) -> Problem:
 
 def exactly_known(problem: Problem) -> Problem:
     """The problem with nothing uncertain but its calibrated numbers; dimensions and force laws are as declared."""
-    spread = problem.scale_spread.copy()
-    spread[len(problem.calibrated) :] = 1e-4
-    return replace(problem, scale_spread=spread, modes=tuple(one[:0] for one in problem.modes))
+    ranges = problem.scale_range.copy()
+    ranges[:, len(problem.calibrated) :] *= 1e-4
+    return replace(problem, scale_range=ranges, modes=tuple(one[:0] for one in problem.modes))

@@ -1,6 +1,7 @@
 """Fits: bounds and shares, offsets, scales and tolerances, and that nothing held out is looked at."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,13 @@ from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, mapped, 
 from pipeline.identification.fitting.problem import Model, candidates, prior_modes
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.cross_validation import groups
+from pipeline.identification.selection.cross_validation import groups, trial
+from pipeline.identification.selection.recalibration import (
+    calibrated_numbers,
+    implausible,
+    released,
+    tolerance_share,
+)
 from pipeline.model.load_history.load_cycle import ARCMIN
 
 TWO = Bench()
@@ -124,6 +131,48 @@ def test_calibrated_scales_are_found_again(known):
     np.testing.assert_allclose(fit.unknowns.scales[1:], truth[1:], atol=0.02)
     np.testing.assert_allclose(fit.unknowns.scales[0], truth[0], atol=0.25)  # a stiff bearing hardly shows
     assert rms(other.problem, fit.predicted)[0] < 1.1 * known.data.noise
+
+
+def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(known):
+    """A bearing 11 times as stiff and a roller half as long were silent before."""
+    known = exactly_known(known)
+    fitter, truth = Fitter(known), np.log([1.0, 1.0, 0.5, 1.0, 1.0])
+    angle = fitter.predict(Model(), replace(fitter.start(Model()), scales=truth)).angle
+    other = Fitter(with_angles(known, angle))
+    held = other.fit(Model(), everything(known), other.start(Model()))
+    low, high = known.scale_range
+    assert np.exp([low[2], high[2]]) == pytest.approx([2.1 / 2.584, 3.1 / 2.584])
+    assert held.unknowns.scales[2] == pytest.approx(low[2])
+    assert held.unknowns.at_reach[2]
+    assert np.all((held.unknowns.scales >= low) & (held.unknowns.scales <= high))
+    tried = trial(other, held, everything(known))
+    free = released(other, tried, everything(known))
+    assert free.fit.unknowns.scales[2] == pytest.approx(truth[2], abs=0.05)
+    assert free.rms < 0.5 * tried.rms
+    assert released(other, free, everything(known)) is None
+    numbers = {one.key: one for one in calibrated_numbers(other, free.fit, everything(known))}
+    roller = numbers["output.roller_length_mm"]
+    assert roller.leaves
+    assert roller.ci_low < np.exp(free.fit.unknowns.scales[2]) < roller.ci_high
+    assert "output.roller_length_mm x 0.5" in implausible(list(numbers.values()))
+
+
+def test_numbers_of_which_the_curve_shows_the_sum_alone_say_so(known):
+    """Two scales whose columns are alike, and one that nothing shows."""
+    fitter = Fitter(exactly_known(known))
+    fit = fitter.fit(Model(), everything(known), fitter.start(Model()))
+    alike = fit.jacobian.copy()
+    alike[:, 0], alike[:, 1] = 0.0, alike[:, 2] * 1.0001
+    numbers = calibrated_numbers(fitter, replace(fit, jacobian=alike), everything(known))
+    assert "its range alone holds it" in numbers[0].note
+    assert numbers[1].note == "only a combination with output.roller_length_mm is determined"
+    assert numbers[0].ci_high / numbers[0].ci_low > 0.8 * np.exp(np.ptp(known.scale_range[:, 0]))
+
+
+@pytest.mark.parametrize(("modes", "share"), [([0.0, 0.0], 1.0), ([3.0, 0.0], 0.0111), ([4.0, 4.0], 1.1e-7), ([], 1.0)])
+def test_sum_of_squares_of_the_modes_is_chi_square(known, modes, share):
+    fit = SimpleNamespace(unknowns=SimpleNamespace(modes=np.array(modes)))
+    assert tolerance_share(fit) == pytest.approx(share, rel=0.05)
 
 
 def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):

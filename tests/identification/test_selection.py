@@ -126,6 +126,14 @@ def test_survivors_gain_significantly_and_as_much_as_is_of_use():
     assert judged(base, losses).best == "pin_radius_error"
 
 
+@pytest.mark.parametrize(("stretched", "best"), [(1.2, ""), (2.0, "coulomb")])
+def test_an_effect_must_beat_a_refit_a_little_outside_of_the_plausible_ranges(stretched, best):
+    losses = trials_of({"coulomb": 1.0 + 1e-3 * RIPPLED})
+    found = selector()._judged(trial("", 4.0), losses, {}, EVERYTHING, trial("", stretched))
+    assert found.best == best
+    assert found.stretched is not None
+
+
 def test_nothing_is_chosen_where_the_base_explains_the_data():
     losses = {"coulomb": 0.5 + 1e-3 * RIPPLED}
     assert judged(0.99 * STRUCTURE**2, losses).best == ""

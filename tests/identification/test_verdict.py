@@ -1,5 +1,6 @@
 """The five words of the verdict on constructed selections, and the cover of the intervals of a linear problem."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Data, Model, candidates
 from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection import verdict
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.model_selection import Selection
@@ -40,6 +42,9 @@ class LinearFitter:
         torque = np.tile(np.linspace(-1, 1, CELLS), BLOCKS)
         count, whole = np.ones(n, np.int64), block // BLOCKS
         self.problem = SimpleNamespace(
+            calibrated=("bearing.stiffness",),
+            scale_range=np.array([[-2.0], [2.0]]),
+            scale_spread=np.array([1.0]),
             data=Data(
                 position=block % 2,
                 cycle=whole,
@@ -52,14 +57,14 @@ class LinearFitter:
                 noise=noise,
                 sigma=np.full(n, noise),
                 common_offset=False,
-            )
+            ),
         )
 
     def bounds(self, model):
         return [BOUNDS] * model.n_parameters
 
     def penalty(self, like):
-        return np.concatenate([np.ones(len(like.scales)), np.zeros(len(like.shares))])
+        return np.concatenate([np.ones(len(like.scales)), np.zeros(len(like.shares)), np.ones(len(like.modes))])
 
     def fit(self, model):
         """Least squares with the prior, as a ``Fit``."""
@@ -175,26 +180,85 @@ CASES = {
 }
 
 
+def statement(found, selection):
+    """What is said of a verdict whose held-out errors are the scores of its selection, in two arcmin a floor."""
+    before, after = selection.base.rms, selection.answer.rms
+    errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (before, after)]
+    return stated(found, selection, *errors, Remainder(after, 1 - after / before, 1.0, 1.0, 1.0, 0.1), in_sample=False)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_words_of_the_verdict(name):
     before, trials, members, best, word, named = CASES[name]
     fitter = fitter_at([1.0, 0.5, -0.5], effects=3)
     selection = selection_of(fitter, before, trials, members, best)
-    verdict = judge(fitter, selection, EVERYTHING)
-    errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (before, selection.answer.rms)]
-    rest = Remainder(errors[1].to_noise, 1 - errors[1].to_noise / before, 1.0, 1.0, 1.0, 0.1)
-    said = stated(verdict, selection, *errors, rest, in_sample=False)
-    assert verdict.verdict == word
-    assert verdict.named == named
+    found = judge(fitter, selection, EVERYTHING)
+    said = statement(found, selection)
+    assert found.verdict == word
+    assert found.named == named
     titles = {candidates()[part].title for one in named for part in one.split("+")}
     if len(named) <= 3:
         assert all(title in said.sentence for title in titles)
-    assert [p.effect for p in verdict.parameters] == [part for one in named for part in one.split("+")]
+    assert [p.effect for p in found.parameters] == [part for one in named for part in one.split("+")]
     assert bool(said.advice) == (word in ("equivalent", "mostly explained", "unexplained"))
     if word == "unexplained":
         assert "nothing is claimed" in said.sentence
     assert f"{2 * before:.3g} arcmin ({before:.3g} noise floors)" in said.sentence
     assert said.sentence.count("noise floors)") == (2 if best else 1)
+
+
+STRONG = np.log(11.4)
+
+
+def freed_selection(fitter, claimed, best_rms, freed_rms, monkeypatch):
+    """A base whose calibrated number stands at the end of its range, and reaches an rms once it may leave it."""
+    trials = {claimed: best_rms} if claimed else {}
+    selection = selection_of(fitter, 5.0, trials, (claimed,) if claimed else (), claimed)
+    reach = np.array([[-2.0], [2.0]])
+    base = selection.base
+    held = replace(base.fit, unknowns=replace(base.fit.unknowns, scales=np.array([2.0]), reach=reach))
+    out = replace(held, unknowns=replace(held.unknowns, scales=np.array([STRONG]), reach=2 * reach))
+    monkeypatch.setattr(verdict, "released", lambda *_: Trial(out, np.full(BLOCKS, freed_rms**2)))
+    return replace(selection, base=Trial(held, base.losses), stretched=base)
+
+
+def test_a_unit_that_only_an_implausible_refit_explains_is_not_adequate(monkeypatch):
+    fitter = fitter_at([1.0])
+    selection = freed_selection(fitter, "", 0.0, 1.0, monkeypatch)
+    found = verdict.judge(fitter, selection, EVERYTHING)
+    assert (found.verdict, found.named) == ("unexplained", ())
+    only = "would be explained only by bearing.stiffness x 11.4 (plausible 0.135 to 7.39)"
+    assert only in statement(found, selection).sentence
+    assert only in found.findings[0]
+    assert found.calibrated[0].leaves
+
+
+def test_an_implausible_refit_beside_a_named_effect_is_said(monkeypatch):
+    fitter = fitter_at([1.0])
+    found = verdict.judge(fitter, freed_selection(fitter, "coulomb", 1.1, 1.0, monkeypatch), EVERYTHING)
+    assert (found.verdict, found.named) == ("identified", ("coulomb",))
+    assert "Without any effect bearing.stiffness x 11.4" in found.findings[0]
+    worse = verdict.judge(fitter, freed_selection(fitter, "coulomb", 1.1, 2.0, monkeypatch), EVERYTHING)
+    assert not worse.findings
+
+
+def test_an_effect_beside_an_implausible_number_explains_mostly(monkeypatch):
+    fitter = fitter_at([1.0])
+    found = verdict.judge(fitter, freed_selection(fitter, "coulomb", 3.0, 1.0, monkeypatch), EVERYTHING)
+    assert (found.verdict, found.named) == ("mostly explained", ("coulomb",))
+    assert "What is left would be explained only by" in found.findings[0]
+    worse = verdict.judge(fitter, freed_selection(fitter, "coulomb", 3.0, 2.0, monkeypatch), EVERYTHING)
+    assert worse.verdict == "unexplained"
+
+
+def test_tolerances_that_no_unit_has_are_never_adequate():
+    fitter = fitter_at([1.0])
+    selection = selection_of(fitter, 1.0, {}, (), "")
+    far = replace(selection.base.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
+    fit = replace(selection.base.fit, unknowns=far, jacobian=np.pad(selection.base.fit.jacobian, ((0, 0), (0, 3))))
+    found = verdict.judge(fitter, replace(selection, base=Trial(fit, selection.base.losses)), EVERYTHING)
+    assert found.verdict == "unexplained"
+    assert "tolerances" in found.findings[0]
 
 
 def test_unit_with_a_data_fault_has_no_model(tmp_path):

@@ -111,9 +111,17 @@ def _design(base: Design, changes: Mapping[str, Any], name: str) -> Design:
     raw = _merged(base.model_dump(), changes)
     keys = [key for key in UNCERTAIN if key.split(".")[1] in raw[key.split(".")[0]]]
     given = {key: {"status": "chosen", "reason": "a variant for blind units"} for key in raw["provenance"]}
-    unsure = {key: {"status": "calibrated", "reason": "stands for the number fitted to another unit"} for key in keys}
+    unsure = {key: _unsure(raw, key) for key in keys}
     raw["provenance"] = {**given, **unsure}
     return parse_design(raw, name)
+
+
+def _unsure(raw: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Provenance of a number that is known within the factor by which the truth is drawn."""
+    section, name = key.split(".")
+    value, factor = raw[section][name], UNCERTAIN[key]
+    reason = "stands for the number fitted to another unit"
+    return {"status": "calibrated", "reason": reason, "plausible": (value / factor, value * factor)}
 
 
 def _study(base: Study, design: Design, name: str, scale: float, reduce: Mapping[str, float]) -> dict[str, Any]:

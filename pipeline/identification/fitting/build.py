@@ -13,6 +13,7 @@ from pipeline import assembly
 from pipeline.config.design import Design
 from pipeline.config.study import Study
 from pipeline.identification.bench.simulator import Course, Forward
+from pipeline.identification.fitting.plausible_range import LAWS, plausible_range
 from pipeline.identification.fitting.problem import FEWEST_CRANKS, Data, Problem, first_states, mean_gap, prior_modes
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -30,10 +31,6 @@ Real = NDArray[np.float64]
 
 MESHED = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
-CALIBRATED_SPREAD = 3.0
-"""Factor that a calibrated number may be off by: a standard deviation of its prior."""
-LAW_SPREAD = 0.25
-"""Standard deviation of the logarithm of a force law: Hertz' and Palmgren's differ by up to a third on the flank."""
 MEASURED_UM = 0.3
 """Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
 POPULATION = 192
@@ -134,15 +131,15 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real]) -> Prob
     nmm = assembly.NMM_PER_NM * rated
     plain = Forward([course.without_states() for course in courses], nmm)
     data = _data(measurement)
-    spread = np.array([np.log(CALIBRATED_SPREAD)] * len(keys) + [LAW_SPREAD] * 2)
-    modes, limit = _modes(unit, first_states(drives((1.0,) * len(spread))), plain, data.noise)
+    ranges = [plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2
+    modes, limit = _modes(unit, first_states(drives((1.0,) * len(ranges))), plain, data.noise)
     return Problem(
         data=data,
         forward=plain,
         forward_by_state=Forward(courses, nmm),
         drives=drives,
         calibrated=keys,
-        scale_spread=spread,
+        scale_range=np.array(ranges).T,
         modes=modes,
         gap_limit=limit,
         conditions=tuple(conditions),

@@ -37,9 +37,10 @@ class Fitter:
         self.positions = range(len(problem.modes))
 
     def start(self, model: Model, shares: Real | None = None) -> Vector:
-        """No scale, no tolerance, parameters at ``shares``."""
+        """No scale, no tolerance, parameters at ``shares``; scales are held to their plausible ranges."""
         at = np.full(model.n_parameters, 0.5) if shares is None else np.asarray(shares, float)
-        return Vector(np.zeros(len(self.problem.scale_spread)), at, np.zeros(self.problem.n_modes))
+        reach = self.problem.scale_range
+        return Vector(np.zeros(reach.shape[1]), at, np.zeros(self.problem.n_modes), reach)
 
     def bounds(self, model: Model) -> list[tuple[float, float]]:
         """Bounds of all parameters of a model."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -15,20 +15,26 @@ Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
 SCALE_REACH = 4.4
-"""Largest change of the logarithm of a scale: a factor of 80."""
+"""Largest change of the logarithm of a scale that is not held to its range: a factor of 80."""
 TOLERANCE = 3.0
 """Standard deviations that a mode of the unmeasured tolerances may move: further out lies what no drawing allows."""
+AT_END = 1e-3
+"""Share of its reach from an end at which a scale stands there."""
 WIDE = 30.0
 """Ratio of positive bounds beyond which a parameter is fitted by its logarithm."""
 
 
 @dataclass(frozen=True)
 class Vector:
-    """Unknowns of a fit: logarithms of scales, parameters as shares of their bounds in [0, 1], modes."""
+    """Unknowns of a fit: logarithms of scales, parameters as shares of their bounds in [0, 1], modes.
+
+    ``reach`` holds the least and the largest logarithm of each scale (2, n_scales), or of all.
+    """
 
     scales: Real
     shares: Real
     modes: Real
+    reach: Real = field(default_factory=lambda: np.array([[-SCALE_REACH], [SCALE_REACH]]), compare=False)
 
     @property
     def flat(self) -> Real:
@@ -38,8 +44,14 @@ class Vector:
         """The flat vector (n_unknowns,), held to its bounds."""
         scales, shares, modes = np.split(flat, np.cumsum([len(self.scales), len(self.shares)]))
         return Vector(
-            np.clip(scales, -SCALE_REACH, SCALE_REACH), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE)
+            np.clip(scales, *self.reach), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE), self.reach
         )
+
+    @property
+    def at_reach(self) -> Truth:
+        """Scales (n_scales,) that stand at an end of their reach."""
+        low, high = self.reach
+        return (self.scales <= low + AT_END * (high - low)) | (self.scales >= high - AT_END * (high - low))
 
     @property
     def room(self) -> tuple[Real, Real]:

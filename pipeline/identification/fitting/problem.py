@@ -73,8 +73,8 @@ class Problem:
     forward_by_state : predictions with every cycle in its own state.
     drives : of the declared unit at scale factors (n_scales,), one per position.
     calibrated : keys of the design's calibrated numbers, whose scales come first.
-    scale_spread : (n_scales,) prior standard deviation of the logarithm of each scale; those after the calibrated
-        numbers are of the force laws of pins and output, which are no better known.
+    scale_range : (2, n_scales) logarithms of the factors between which each scale is plausible; scales after those of
+        the calibrated numbers are of the force laws of pins and output.
     modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
     gap_limit : [mm] mean gap of the pins, by their arms, that tolerances (or what measuring leaves uncertain) reach.
     conditions : of the states of the drives.
@@ -87,7 +87,7 @@ class Problem:
     forward_by_state: Forward
     drives: Callable[[tuple[float, ...]], tuple[Drive, ...]]
     calibrated: tuple[str, ...]
-    scale_spread: Real
+    scale_range: Real
     modes: tuple[Real, ...]
     gap_limit: float
     conditions: tuple[Conditions, ...]
@@ -112,6 +112,11 @@ class Problem:
     def nominal(self) -> tuple[Drive, ...]:
         """Declared drives."""
         return self.drives((1.0,) * len(self.scale_spread))
+
+    @property
+    def scale_spread(self) -> Real:
+        """Prior standard deviation (n_scales,) of the logarithm of each scale: its range holds two on either side."""
+        return np.ptp(self.scale_range, axis=0) / 4
 
     def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         """(low, high) of every parameter of an effect."""

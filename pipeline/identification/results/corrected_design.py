@@ -16,6 +16,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.build import scaled_design
+from pipeline.identification.fitting.plausible_range import number_at
 from pipeline.identification.identify import Identification
 from pipeline.identification.selection.model_selection import Trial
 from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY
@@ -70,7 +71,7 @@ def _design_text(found: Identification, trial: Trial) -> str:
     provenance = content.pop("provenance")
     for key in problem.calibrated:
         _round(content, key)
-        provenance[key] = {"status": "calibrated", "reason": f"refitted to the measured unit {unit.name}"}
+        provenance[key] = _refitted(found, key)
     intervals = {(p.effect, p.name): p for p in found.verdict.parameters}
     comments = [_reading(found)]
     for effect, values in fit.model.split(fit.values.tolist()):
@@ -114,6 +115,16 @@ def _not_in_a_study(effect: Effect | InstrumentEffect) -> str:
     if TIME in effect.needs:
         return "a study's load cycle has no time"
     return ""
+
+
+def _refitted(found: Identification, key: str) -> dict[str, str]:
+    """Provenance of a refitted number; marked where it stands at an end of its plausible range."""
+    reason = f"refitted to the measured unit {found.measurement.unit.name}"
+    (number,) = (one for one in found.verdict.calibrated if one.key == key)
+    declared = number_at(found.measurement.unit.study.design, key)
+    low, high = declared * number.plausible_low, declared * number.plausible_high
+    mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not to be believed" if number.leaves else ""
+    return {"status": "calibrated", "reason": reason + mark}
 
 
 def _round(content: dict[str, Any], key: str) -> None:

@@ -85,6 +85,8 @@ def _common(found: Identification | FaultyUnit) -> dict[str, Any]:
         "sentence": found.statement.sentence,
         "advice": found.statement.advice,
         "structure_floors": verdict.structure,
+        "calibrated_numbers": [asdict(number) for number in verdict.calibrated],
+        "findings": list(verdict.findings),
         "parameters": [asdict(parameter) for parameter in verdict.parameters],
         "data_faults": [asdict(fault) for fault in found.measurement.faults],
     }

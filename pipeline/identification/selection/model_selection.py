@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases
 from pipeline.identification.selection.cross_validation import Trial, trial
 from pipeline.identification.selection.parameter_intervals import FORM
+from pipeline.identification.selection.recalibration import STRETCH, released
 from pipeline.identification.selection.screening import Promise, screened
 from pipeline.statistics.blocks import confidence_set, max_t
 
@@ -47,6 +48,8 @@ ALWAYS, UNPROMISING = 4, 10.0
 further one is not: three steps reached less than a tenth of what was promised in 2 of 1400 fits of blind units."""
 MORE_LOOKED = 4
 """Effects that take those steps beyond the number wanted."""
+FURTHER_STARTS = 2
+"""Starts of the calibrated numbers within their ranges, beyond the declared one."""
 FAR_FROM_DECLARED = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 MOST_NAMED = 2
@@ -71,6 +74,8 @@ class Selection:
     best : name, or "" without survivors.
     claimed : the best of so few effects that they may be named together, or "".
     members : names of the class of the best.
+    stretched : calibrated numbers alone a little outside of their plausible ranges (``recalibration.STRETCH``), where
+        they stand at the ends of these: an effect must beat that too. Else None.
     """
 
     base: Trial
@@ -82,6 +87,7 @@ class Selection:
     best: str
     claimed: str
     members: tuple[str, ...]
+    stretched: Trial | None = None
 
     @property
     def chosen(self) -> Trial:
@@ -115,7 +121,7 @@ class Selector:
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
             nothing = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
-            declared = Vector(nothing[0], base.unknowns.shares, nothing[1])
+            declared = replace(base.unknowns, scales=nothing[0], modes=nothing[1])
             bases.append(self.fitter.fit(base.model, cells, declared, 0))
         nested = limit_cases()
         held = {effect.name for effect in base.model.effects}
@@ -130,17 +136,31 @@ class Selector:
 
     def select(self, cells: Truth, only: Sequence[str] = ()) -> Selection:
         """Try every effect that the data can test on ``cells`` (n_cells,), or ``only`` some models by their names."""
-        base_fit = self.fitter.fit(Model(), cells, self.fitter.start(Model()))
-        base = self.trial(base_fit, cells)
+        base = self.recalibrated(cells)
+        base_fit = base.fit
         if base.rms <= STRUCTURE:
             return Selection(base, {}, {}, {}, {}, (), "", "", ())
+        stretched = released(self.fitter, base, cells, STRETCH)
         promises = self.screen(cells, base_fit)
         if only:
             fits = [self._joint_fit(name, cells, promises) for name in only]
         else:
             fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
-        return self._judged(base, trials, {name: one.misfit for name, one in promises.items()}, cells)
+        return self._judged(base, trials, {name: one.misfit for name, one in promises.items()}, cells, stretched)
+
+    def recalibrated(self, cells: Truth) -> Trial:
+        """Calibrated numbers and tolerances alone; from several starts where the declared one leaves structure."""
+        start = self.fitter.start(Model())
+        base = self.trial(self.fitter.fit(Model(), cells, start), cells)
+        low, high = self.problem.scale_range
+        for share in np.random.default_rng(SEED).uniform(size=(FURTHER_STARTS, len(low))):
+            if base.rms <= STRUCTURE or not len(low):
+                break
+            again = self.fitter.fit(Model(), cells, replace(start, scales=low + share * (high - low)))
+            if again.sound and again.cost < base.fit.cost:
+                base = self.trial(again, cells)
+        return base
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise], count: int) -> list[Fit]:
         """Fits of the ``count`` best additions to a base, and of those that come near: a few steps of all rank them."""
@@ -191,11 +211,12 @@ class Selector:
             now = selection.chosen.fit
             fits = self.fits(now, cells, self.screen(cells, now), ADDITIONS)
             trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
-            before, selection = selection.best, self._judged(selection.base, trials, selection.screened, cells)
+            before = selection.best
+            selection = self._judged(selection.base, trials, selection.screened, cells, selection.stretched)
             if selection.best == before:
                 break
             trials = {**selection.trials, **self._without(selection, cells)}
-            selection = self._judged(selection.base, trials, selection.screened, cells)
+            selection = self._judged(selection.base, trials, selection.screened, cells, selection.stretched)
         return selection
 
     def _without(self, selection: Selection, cells: Truth) -> dict[str, Trial]:
@@ -217,13 +238,19 @@ class Selector:
         return found
 
     def _judged(
-        self, base: Trial, trials: Mapping[str, Trial], screened: Mapping[str, float], cells: Truth
+        self,
+        base: Trial,
+        trials: Mapping[str, Trial],
+        screened: Mapping[str, float],
+        cells: Truth,
+        stretched: Trial | None = None,
     ) -> Selection:
         names = list(trials)
         if not names or len(base.losses) < FEWEST_BLOCKS or base.rms <= STRUCTURE:
-            return Selection(base, trials, screened, {}, {}, (), "", "", ())
+            return Selection(base, trials, screened, {}, {}, (), "", "", (), stretched)
         t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
-        gain = np.array([base.rms**2 - trials[name].rms ** 2 for name in names])
+        before = min(base.rms, stretched.rms if stretched else np.inf)
+        gain = np.array([before**2 - trials[name].rms ** 2 for name in names])
         useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
         for k, name in enumerate(names):
             fit = trials[name].fit
@@ -244,6 +271,7 @@ class Selector:
             best,
             claimed,
             members,
+            stretched,
         )
 
     def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial], most_effects: int) -> str:

@@ -45,7 +45,37 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     Drawn are branches with all their cycles: a fault of the model's form is the same in every cycle of a branch, and
     more cycles tell no more of it. What the priors hold (tolerances, calibrated numbers) is drawn from them.
     """
-    data, bounds = fitter.problem.data, fitter.bounds(fit.model)
+    bounds = fitter.bounds(fit.model)
+    steps, hessian, n_blocks = score_steps(fitter, fit, cells)
+    first = len(fit.unknowns.scales)
+    own = slice(first, first + len(fit.unknowns.shares))
+    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * FORM * before
+    form = form * np.sqrt(int(cells.sum()) * np.diag(np.linalg.inv(hessian))[own])
+    spread = tails(steps, n_blocks)[:, own]
+    low, high = (fit.unknowns.shares + sense * np.hypot(one, form) for sense, one in zip((-1, 1), spread, strict=True))
+    values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
+    found = []
+    number = -1
+    for effect in fit.model.effects:
+        for parameter in effect.parameters:
+            number += 1
+            at_bound = not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
+            note = "at the bound of what the library allows: no interval" if at_bound else ""
+            value, ci_low, ci_high = (float(one[number]) for one in values)
+            if at_bound:
+                ci_low = ci_high = float("nan")
+            found.append(FittedParameter(effect.name, parameter.name, parameter.unit, value, ci_low, ci_high, note))
+    return tuple(found)
+
+
+def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int]:
+    """Newton steps (RESAMPLES, n_unknowns) to the optima of resampled branches, the Hessian, and how many there are.
+
+    Raises
+    ------
+    LinAlgError : if the Hessian with its priors is singular.
+    """
+    data = fitter.problem.data
     penalty = fitter.penalty(fit.unknowns)
     rows = fit.jacobian[cells] / fit.sigma[cells][:, None]
     misfit = ((data.angle - fit.predicted) / fit.sigma)[cells]
@@ -60,31 +90,17 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     whole = products[:, :, :k].sum(axis=0)
     hessian = whole + np.diag(penalty**2) + 1e-9 * np.trace(whole) / max(k, 1) * np.eye(k)
     steps = np.linalg.solve(hessian, (drawn[:, :, k] - penalty**2 * fit.unknowns.flat).T).T
-    first = len(fit.unknowns.scales)
-    own = slice(first, first + len(fit.unknowns.shares))
-    tails = 50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)
-    # about the median step, which is not zero where a bound or the last steps of the fit hold it;
-    # few branches: their spread is widened as Student's t is over the normal distribution
-    spread = (steps - np.median(steps, axis=0))[:, own] * _student(n_blocks)
-    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * FORM * before
-    form = form * np.sqrt(len(misfit) * np.diag(np.linalg.inv(hessian))[own])
-    low, high = (
-        fit.unknowns.shares + sense * np.hypot(np.percentile(spread, tail, axis=0), form)
-        for sense, tail in zip((-1, 1), tails, strict=True)
-    )
-    values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
-    found = []
-    number = -1
-    for effect in fit.model.effects:
-        for parameter in effect.parameters:
-            number += 1
-            at_bound = not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
-            note = "at the bound of what the library allows: no interval" if at_bound else ""
-            value, ci_low, ci_high = (float(one[number]) for one in values)
-            if at_bound:
-                ci_low = ci_high = float("nan")
-            found.append(FittedParameter(effect.name, parameter.name, parameter.unit, value, ci_low, ci_high, note))
-    return tuple(found)
+    return steps, hessian, n_blocks
+
+
+def tails(steps: Real, n_blocks: int) -> Real:
+    """How far resampled optima reach down and up (2, n_unknowns), in the confidence of intervals.
+
+    About the median step, which is not zero where a bound or the last steps of the fit hold it; of few branches widened
+    as Student's t is over the normal distribution.
+    """
+    ends = 50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)
+    return np.abs(np.percentile(steps - np.median(steps, axis=0), ends, axis=0)) * _student(n_blocks)
 
 
 def _student(n_blocks: int) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -111,7 +111,7 @@ class Screening:
             confirmed.append(min(looks, key=lambda one: one[0]))
         base = self.base.unknowns
         for around in _ring(zero, grows):
-            start = Vector(base.scales, np.concatenate([base.shares, around]), base.modes)
+            start = replace(base, shares=np.concatenate([base.shares, around]))
             confirmed.append((self._at(model, start), start))
         return [one for one in confirmed if np.isfinite(one[0])]
 
@@ -119,7 +119,7 @@ class Screening:
         """The effect beside the base as it stands, and as it would move."""
         base = self.base.unknowns
         there = base.like(base.flat + moved)
-        return [Vector(one.scales, np.concatenate([one.shares, shares]), one.modes) for one in (there, base)]
+        return [replace(one, shares=np.concatenate([one.shares, shares])) for one in (there, base)]
 
     def _at(self, model: Model, start: Vector) -> float:
         """Misfit of a model's prediction; infinite where an equilibrium was not found."""
@@ -144,7 +144,7 @@ class Screening:
             for step in (-length * at[number], length * (1 - at[number])):
                 shares = at.copy()
                 shares[number] += step
-                start = Vector(base.scales, np.concatenate([base.shares, shares]), base.modes)
+                start = replace(base, shares=np.concatenate([base.shares, shares]))
                 if step:
                     there = self.fitter.predict(model, start, self.positions)
                     found += [(step, self._scaled(there.angle - self.plain))] if there.sound else []
@@ -183,7 +183,7 @@ class Screening:
             for phase in 2 * np.pi * np.arange(phases) / phases:
                 values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
                 shares = np.concatenate([base.shares, np.clip((values - low) / (high - low), 0.0, 1.0)])
-                start = Vector(base.scales, shares, base.modes)
+                start = replace(base, shares=shares)
                 around.append((one._at(model, start), start))
             return min(around, key=lambda one: one[0])
 

@@ -69,7 +69,8 @@ def stated(
     """
     if in_sample:
         return Statement(_in_sample(selection, refitted), ONE_LOOP)
-    return Statement(_sentence(verdict, selection, refitted, best, rest), _advice(verdict))
+    also = "".join(f" {finding}." for finding in verdict.findings)
+    return Statement(_sentence(verdict, selection, refitted, best, rest) + also, _advice(verdict))
 
 
 def title_of(name: str) -> str:
@@ -107,6 +108,8 @@ def _sentence(verdict: Verdict, selection: Selection, refitted: AngleError, best
             f"The model with its calibrated numbers refitted explains the unit: held-out error {_error(refitted)}"
             f"{_open(refitted)}."
         )
+    if verdict.verdict == UNEXPLAINED and not selection.best and verdict.structure <= selection.limit:
+        return f"The model explains the unit, held-out error {_error(refitted)}, but not by plausible numbers."
     if verdict.verdict == UNEXPLAINED:
         nearest = selection.answer.fit.model.name
         left = f"; the nearest, {title_of(nearest)}, leaves {_error(best)}" if nearest else ""

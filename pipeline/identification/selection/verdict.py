@@ -8,8 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.model_selection import MOST_NAMED, Selection
 from pipeline.identification.selection.parameter_intervals import FittedParameter, intervals
+from pipeline.identification.selection.recalibration import (
+    UNLIKELY,
+    CalibratedNumber,
+    calibrated_numbers,
+    implausible,
+    released,
+    tolerance_share,
+)
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -39,40 +48,65 @@ class Verdict:
     named : the effect (several joined by + act together), or the class of effects that the data do not tell apart.
     traced : effects of the best model, then those that explain a significant part alone, named or not.
     parameters : of the named effects.
+    calibrated : refitted numbers of the model that is claimed, or of the one without effects.
+    findings : what else must be known to sign: numbers outside of their plausible ranges, tolerances that no unit has.
     structure : held-out rms of the best model in noise floors.
     """
 
     verdict: str
-    named: tuple[str, ...]
-    traced: tuple[str, ...]
-    parameters: tuple[FittedParameter, ...]
-    structure: float
+    named: tuple[str, ...] = ()
+    traced: tuple[str, ...] = ()
+    parameters: tuple[FittedParameter, ...] = ()
+    calibrated: tuple[CalibratedNumber, ...] = ()
+    findings: tuple[str, ...] = ()
+    structure: float = float("nan")
 
 
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
-    chosen, members = selection.chosen, selection.members
+    chosen, members, findings = selection.chosen, selection.members, _beside(fitter, selection, cells)
     left = chosen.rms > selection.limit or chosen.fit.model.n_effects > MOST_NAMED
     if left:
-        chosen = selection.trials[selection.claimed] if selection.claimed else chosen
-        members = (selection.claimed,) if _mostly(selection) else ()
+        claimed = selection.trials.get(selection.claimed)
+        free = released(fitter, claimed or selection.base, cells)
+        explains = free is not None and free.rms <= selection.limit
+        if free is not None and explains:
+            beyond = implausible(calibrated_numbers(fitter, free.fit, cells))
+            findings.append(f"{'What is left' if claimed else 'The unit'} would be explained only by {beyond}")
+        members = (selection.claimed,) if claimed and (explains or _mostly(claimed, selection.base)) else ()
+        chosen = claimed if claimed and members else chosen
         verdict = MOSTLY if members else UNEXPLAINED
     elif members:
         verdict = IDENTIFIED if len(members) == 1 else EQUIVALENT
     else:
-        verdict = ADEQUATE
-    named, structure = members, chosen.rms
+        verdict = UNEXPLAINED if findings else ADEQUATE
     parameters = tuple(
-        p for name in named for p in intervals(fitter, selection.trials[name].fit, cells, selection.base.rms)
+        p for name in members for p in intervals(fitter, selection.trials[name].fit, cells, selection.base.rms)
     )
-    return Verdict(verdict, named, _traced(selection), parameters, structure)
+    corrected = chosen if members else selection.base
+    numbers = calibrated_numbers(fitter, corrected.fit, cells)
+    return Verdict(verdict, members, _traced(selection), parameters, numbers, tuple(findings), chosen.rms)
 
 
-def _mostly(selection: Selection) -> bool:
+def _beside(fitter: Fitter, selection: Selection, cells: Truth) -> list[str]:
+    """Findings that hold whatever is named: implausible tolerances, and a refit that does as well as what is named."""
+    findings = []
+    share = tolerance_share(selection.chosen.fit)
+    if share < UNLIKELY:
+        findings.append(
+            f"The tolerances that were not measured would have to lie where {share:.1g} of the study's units do"
+        )
+    if selection.best and selection.stretched:
+        free = released(fitter, selection.base, cells)
+        if free is not None and free.rms <= selection.chosen.rms:
+            beyond = implausible(calibrated_numbers(fitter, free.fit, cells))
+            findings.append(f"Without any effect {beyond} would do as well; it is not believed")
+    return findings
+
+
+def _mostly(claimed: Trial, base: Trial) -> bool:
     """Whether effects are claimed although structure is left."""
-    if not selection.claimed:
-        return False
-    return selection.trials[selection.claimed].rms <= (1 - MOSTLY_REMOVED) * selection.base.rms
+    return claimed.rms <= (1 - MOSTLY_REMOVED) * base.rms
 
 
 def _traced(selection: Selection) -> tuple[str, ...]:

@@ -1,0 +1,111 @@
+"""What a refit of calibrated numbers says: within plausible ranges, with intervals, or by numbers not believed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import SCALE_REACH, Fit
+from pipeline.identification.selection.cross_validation import Trial, trial
+from pipeline.identification.selection.parameter_intervals import score_steps, tails
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+LAWS = ("deflection of the pins' contacts", "deflection of the output's contacts")
+"""Titles of the scales after those of the calibrated numbers."""
+STRETCH = 2.0
+"""Multiple of its plausible range (of the logarithm) up to which a number may be refitted before an effect is claimed:
+ranges are stated in good faith, so a refit a little outside of one is as likely as an effect."""
+ENTANGLED = 0.9
+"""Correlation from which only a combination of two numbers is determined."""
+LEARNT = 0.7
+"""Standard deviation over that of the prior up to which the data have determined a number."""
+UNLIKELY = 1e-3
+"""Share of units whose tolerances are as far from nominal as those fitted, below which they explain nothing."""
+
+
+@dataclass(frozen=True)
+class CalibratedNumber:
+    """A refitted number of the design, as a factor of the declared one.
+
+    Attributes
+    ----------
+    key : dotted name in the design file, or what a scale of a force law is.
+    factor, ci_low, ci_high : fitted, with its 95 % interval.
+    plausible_low, plausible_high : factors between which it is plausible.
+    leaves : whether it stands at an end of that range, or beyond it.
+    note : what the data leave open of it, or "".
+    """
+
+    key: str
+    factor: float
+    ci_low: float
+    ci_high: float
+    plausible_low: float
+    plausible_high: float
+    leaves: bool
+    note: str
+
+
+def calibrated_numbers(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[CalibratedNumber, ...]:
+    """All scales of a fit to ``cells`` (n_cells,), with intervals and what is determined of them."""
+    n, problem = len(fit.unknowns.scales), fitter.problem
+    if not n:
+        return ()
+    steps, hessian, n_blocks = score_steps(fitter, fit, cells)
+    spread = tails(steps, n_blocks)[:, :n]
+    covariance = np.linalg.inv(hessian)[:n, :n]
+    deviation = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(deviation, deviation)
+    keys, (low, high) = (*problem.calibrated, *LAWS), problem.scale_range
+    leaves = replace(fit.unknowns, reach=problem.scale_range).at_reach
+    numbers = []
+    for k, at in enumerate(fit.unknowns.scales):
+        note = ""
+        if deviation[k] > LEARNT * problem.scale_spread[k]:
+            note = "not determined by these data: its range alone holds it"
+        partners = [j for j in range(n) if j != k and abs(correlation[k, j]) > ENTANGLED]
+        if partners:
+            note = f"only a combination with {' and '.join(keys[j] for j in partners)} is determined"
+        factor, ci_low, ci_high = np.exp([at, at - spread[0, k], at + spread[1, k]]).tolist()
+        plausible = float(np.exp(low[k])), float(np.exp(high[k]))
+        numbers.append(CalibratedNumber(keys[k], factor, ci_low, ci_high, *plausible, bool(leaves[k]), note))
+    return tuple(numbers)
+
+
+def released(fitter: Fitter, tried: Trial, cells: Truth, stretch: float = np.inf) -> Trial | None:
+    """The model refitted with its numbers free up to ``stretch`` times their ranges.
+
+    None where no number stands at an end of its range, or where the refit finds no equilibrium.
+    """
+    if not np.any(tried.fit.unknowns.at_reach):
+        return None
+    limit = SCALE_REACH * np.array([[-1.0], [1.0]])
+    reach = np.clip(stretch * fitter.problem.scale_range, *limit) if np.isfinite(stretch) else limit
+    fit = fitter.fit(tried.fit.model, cells, replace(tried.fit.unknowns, reach=reach))
+    return trial(fitter, fit, cells) if fit.sound and np.isfinite(fit.cost) else None
+
+
+def tolerance_share(fit: Fit) -> float:
+    """Share of the study's units whose tolerances lie as far from the usual unit as those fitted; 1 without any.
+
+    Modes of the tolerances have unit variance, so their sum of squares is chi-square with as many degrees of freedom; a
+    fit only draws them towards zero.
+    """
+    modes = fit.unknowns.modes
+    return float(chi2.sf(np.sum(modes**2), len(modes))) if len(modes) else 1.0
+
+
+def implausible(numbers: Sequence[CalibratedNumber]) -> str:
+    """The numbers that leave their ranges, in words."""
+    return " and ".join(
+        f"{one.key} x {one.factor:.3g} (plausible {one.plausible_low:.3g} to {one.plausible_high:.3g})"
+        for one in numbers
+        if one.leaves
+    )
