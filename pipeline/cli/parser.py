@@ -91,9 +91,7 @@ def _measured(command: Commands) -> None:
 def _checks(command: Commands) -> None:
     _study(command("bench", "checks.measure_speed", "measure the speed of a study's hot parts"))
 
-    _where(
-        command("paper", "checks.compare_paper", "hold the paper's Table 2, contacts and figures against the model")
-    )
+    _where(command("paper", "checks.compare_paper", "hold the paper's Table 2, contacts and figures against the model"))
 
     fitting = command(
         "calibrate", "checks.fit_design", "fit numbers of a study's design to published metrics of its cases"

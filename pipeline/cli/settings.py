@@ -16,6 +16,7 @@ PUBLISHED = ROOT / "data" / "published"
 ALL_WORKERS = -1
 """Joblib's number of processes for as many as the cluster has."""
 
+
 @contextmanager
 def resources(study: Study, options: argparse.Namespace) -> Iterator[Resources]:
     """Where and with how many processes chunks are solved; a cluster is connected while the context lasts."""

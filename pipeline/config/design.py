@@ -172,7 +172,7 @@ class Provenance(Section):
     status: Literal["published", "given", "chosen", "calibrated"]
     reason: Annotated[str, Field(min_length=1)]
     in_sight_of: Annotated[str, Field(min_length=1)] | None = None
-    plausible: tuple[Positive, Positive] | None = None
+    plausible: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
 
 
 class Design(Section):

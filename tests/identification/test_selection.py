@@ -1,12 +1,14 @@
 """What is chosen of constructed trials: effects for their gains, the simpler of two, classes, and what may be left."""
 
-from types import SimpleNamespace
+from dataclasses import replace
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pipeline.identification.fitting.parameters import Fit, Vector
-from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.fitting.problem import Model, candidates, twins
+from pipeline.identification.selection import model_selection
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.model_selection import (
     ALIKE,
@@ -32,13 +34,14 @@ LUCK = np.where(np.arange(BRANCHES * CYCLES) < 2, 10.0, 0.0)
 """Losses of two blocks: a model without them gains by chance."""
 
 
-def selector(cycles=CYCLES, most_effects=4, tolerated=()):
+def selector(cycles=CYCLES, most_effects=4, tolerated=(), refused=MappingProxyType({})):
     """A selector that is asked to judge only."""
     data = SimpleNamespace(block=BLOCK, branch=BLOCK // cycles, sigma=np.full(len(BLOCK), SIGMA))
     made = Selector.__new__(Selector)
     made.problem = SimpleNamespace(data=data, within_tolerance=lambda model, _: model.name in tolerated)
     made.most_effects = most_effects
     made.testable = dict(candidates())
+    made.why_no_claim = lambda fit, *_: refused.get(fit.model.name, "")
     return made
 
 
@@ -134,6 +137,16 @@ def test_an_effect_must_beat_a_refit_a_little_outside_of_the_plausible_ranges(st
     assert found.stretched is not None
 
 
+def test_a_model_whose_parameters_support_no_claim_is_none_and_says_why():
+    losses = {"coulomb": 1.0 + 1e-3 * RIPPLED, "preload": 1.1 + 1e-3 * RIPPLED}
+    before = judged(4.0, losses)
+    assert before.best == "coulomb"
+    found = selector(refused={"coulomb": "its interval reaches zero"}).supported(before, EVERYTHING)
+    assert found.best == found.claimed == "preload"
+    assert found.members == ("preload",)
+    assert found.unsupported == {"coulomb": "its interval reaches zero"}
+
+
 def test_nothing_is_chosen_where_the_base_explains_the_data():
     losses = {"coulomb": 0.5 + 1e-3 * RIPPLED}
     assert judged(0.99 * STRUCTURE**2, losses).best == ""
@@ -184,6 +197,47 @@ def test_cycles_of_a_branch_are_no_further_evidence():
     losses = {"coulomb": 1.0, "preload": worse}
     assert members_of("coulomb", losses, cycles=6) == {"coulomb", "preload"}
     assert members_of("coulomb", losses, cycles=1) == {"coulomb"}
+
+
+def with_twins(monkeypatch, best, losses):
+    """What is selected once the twins of the best are fitted; those without a loss have no equilibrium."""
+    made = selector(tolerated=())
+
+    def fit(model, *_, **__):
+        found = losses.get(model.name)
+        return SimpleNamespace(model=model, cost=np.inf if found is None else found, sound=True, unknowns=None)
+
+    def promised(fitter, cells, bases, effects):
+        return {effect.name: Promise(0.5, (None,)) for effect in effects}
+
+    monkeypatch.setattr(model_selection, "screened", promised)
+    made.fitter = SimpleNamespace(fit=fit, start=lambda model: None)
+    made.trial = lambda fit, _: trial(fit.model.name, losses[fit.model.name] + 1e-3 * RIPPLED)
+    base = replace(trial("", 30.0), fit=SimpleNamespace(model=Model(), cost=30.0))
+    before = made._judged(base, {best: trial(best, losses[best] + 1e-3 * RIPPLED)}, {}, EVERYTHING)
+    assert before.members == (best,)
+    return made._with_twins(before, EVERYTHING)
+
+
+def test_twins_of_the_best_are_fitted_and_the_class_is_named(monkeypatch):
+    losses = {"preload": 1.0, "pin_radius_error": 1.01, "pin_circle_error": 9.0}
+    found = with_twins(monkeypatch, "preload", losses)
+    assert found.trials.keys() == losses.keys()
+    assert set(found.members) == {"preload", "pin_radius_error"}
+
+
+def test_a_twin_may_be_better_and_twins_of_a_pair_stand_in_its_place(monkeypatch):
+    losses = {"coulomb+preload": 3.0, "coulomb+pin_radius_error": 1.0, "contact_friction+preload": 4.0, "preload": 9.0}
+    losses |= {"coulomb": 9.0}
+    found = with_twins(monkeypatch, "coulomb+preload", losses)
+    assert found.best == "coulomb+pin_radius_error"
+    assert {"contact_friction+preload", "coulomb+pin_radius_error"} < found.trials.keys()
+
+
+def test_twins_are_what_either_of_two_effects_declares():
+    for name in candidates():
+        assert all(name in twins(other) for other in twins(name))
+    assert {"pin_radius_error", "pin_circle_error"} <= set(twins("preload"))
 
 
 def test_an_effect_whose_simpler_form_does_as_well_is_no_alternative():

@@ -16,10 +16,11 @@ from pipeline.identification.selection import verdict
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.model_selection import Selection
-from pipeline.identification.selection.parameter_intervals import FORM, intervals
+from pipeline.identification.selection.parameter_intervals import FORM, intervals, unsupported
 from pipeline.identification.selection.remainder import Remainder
 from pipeline.identification.selection.statement import stated
 from pipeline.identification.selection.verdict import MOSTLY_REMOVED, judge
+from pipeline.model.effects.effect import CYCLES, TIME
 
 BLOCKS, CELLS = 24, 20
 BOUNDS = (-4.0, 6.0)
@@ -43,6 +44,8 @@ class LinearFitter:
         count, whole = np.ones(n, np.int64), block // BLOCKS
         self.problem = SimpleNamespace(
             calibrated=("bearing.stiffness",),
+            bounds=lambda effect: (BOUNDS,) * len(effect.parameters),
+            record={TIME: 3.0, CYCLES: 2.0},
             scale_range=np.array([[-2.0], [2.0]]),
             scale_spread=np.array([1.0]),
             data=Data(
@@ -125,7 +128,7 @@ def test_intervals_hold_what_the_form_of_the_model_may_miss():
     (plain,), (wide,) = intervals(fitter, fit, EVERYTHING, 0.0), intervals(fitter, fit, EVERYTHING, 8.0)
     rows = np.vstack([fit.jacobian / fit.sigma[:, None], np.eye(1, 2)])
     variance = np.linalg.inv(rows.T @ rows)[1, 1]
-    form = norm.ppf(0.975) * FORM * 8.0 * np.sqrt(len(EVERYTHING) * variance) * (BOUNDS[1] - BOUNDS[0])
+    form = norm.ppf(0.975) * FORM * 8.0 * np.sqrt(CELLS * variance) * (BOUNDS[1] - BOUNDS[0])
     for near, far in ((plain.ci_low, wide.ci_low), (plain.ci_high, wide.ci_high)):
         assert abs(far - plain.value) == pytest.approx(np.hypot(near - plain.value, form), rel=1e-6)
 
@@ -136,6 +139,30 @@ def test_parameter_at_its_bound_has_no_interval_and_says_so():
     assert found.value == BOUNDS[1]
     assert np.isnan(found.ci_low)
     assert "bound" in found.note
+
+
+@pytest.mark.parametrize(
+    ("effect", "truth", "reason"),
+    [
+        ("coulomb", [2.0], ""),
+        ("coulomb", [-1.0], ""),
+        ("coulomb", [0.003], "the interval of torque_Nm reaches zero"),
+        ("coulomb", [9.0], "torque_Nm = 6 is at a bound"),
+        ("ovality_2", [2.0, 0.0], ""),  # one amplitude may be zero
+        ("ovality_2", [0.004, -0.003], "joint interval of its amplitudes reaches zero"),
+        ("creep", [1.0, 2.0], ""),
+        ("creep", [1.0, 4.0], "time_s = 4 is longer than the record"),
+        ("run_in", [1.0, 2.5], "cycles = 2.5 is longer than the record"),
+    ],
+)
+def test_parameters_that_support_no_claim(effect, truth, reason):
+    fitter = fitter_at(truth, effects=len(truth))
+    fit = fitter.fit(Model((candidates()[effect],)))
+    found = unsupported(fitter, fit, EVERYTHING, 0.0)
+    assert (reason in found) if reason else not found
+    if "zero" in reason:  # the error of the model's form widens what is claimed
+        return
+    assert bool(reason) or "zero" in unsupported(fitter, fit, EVERYTHING, 4000.0)
 
 
 def selection_of(fitter, base_rms, trials, members, best):
@@ -246,7 +273,7 @@ def test_an_effect_beside_an_implausible_number_explains_mostly(monkeypatch):
     fitter = fitter_at([1.0])
     found = verdict.judge(fitter, freed_selection(fitter, "coulomb", 3.0, 1.0, monkeypatch), EVERYTHING)
     assert (found.verdict, found.named) == ("mostly explained", ("coulomb",))
-    assert "What is left would be explained only by" in found.findings[0]
+    assert "What is left would be explained only by" in found.findings[-1]
     worse = verdict.judge(fitter, freed_selection(fitter, "coulomb", 3.0, 2.0, monkeypatch), EVERYTHING)
     assert worse.verdict == "unexplained"
 

@@ -118,8 +118,8 @@ def test_every_table_holds_every_combination_of_its_key(frames):
         "clearance/contacts": cranks * contacts,
         "clearance/gaps": samples * cranks * contacts,
         "clearance/kinematic": samples * 182,  # 181 of the turn and the one loaded angle that is not among them
-            "hysteresis/loops": samples * cranks,
-            "aggregate/units": samples,
+        "hysteresis/loops": samples * cranks,
+        "aggregate/units": samples,
         "springs/laws": cranks * (contacts + 1) * 200,
         "reduce/contacts": cranks * 100,
         "hysteresis/curves": samples * cranks * steps,

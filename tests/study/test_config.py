@@ -215,8 +215,12 @@ def test_provenance_of_a_number_that_is_not_there(design_data):
         ("cycle.crank_deg", [0.0, 360.0], "cycle.crank_deg[1] = 360.0; must be < 360"),
         ("cycle.crank_deg", [0.0, 0.0], "cycle.crank_deg = [0.0, 0.0]; angles must rise"),
         ("cycle.loaded_angles", 31, "cycle.crank_deg = [0.0, 90.0]; stands beside loaded_angles; keep the one"),
-        ("cycle.rigid_angles", 180, "cycle.rigid_angles = 180; must share no factor with the 80 pins, or the angles "
-         "see 9 phases of their pitch; take 181"),
+        (
+            "cycle.rigid_angles",
+            180,
+            "cycle.rigid_angles = 180; must share no factor with the 80 pins, or the angles "
+            "see 9 phases of their pitch; take 181",
+        ),
         ("cycle.keep_contacts", "some", "cycle.keep_contacts = \"some\"; must be 'all', or a list"),
         ("cycle.keep_contacts", [51], "cycle.keep_contacts = [51]; samples are numbered 0 to 50"),
         ("cycle.torque_fraction", 0.8, "metrics.rigidity_percent = [50.0, 100.0]; must be <= 80"),

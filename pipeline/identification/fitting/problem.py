@@ -109,6 +109,12 @@ class Problem:
         return max(float(np.ptp(course.time)) for course in self.forward.courses) / SECONDS_AN_HOUR or 1.0
 
     @cached_property
+    def record(self) -> Mapping[str, float]:
+        """Lengths that time constants are held against: of a position in time [s], and in cycles [1]."""
+        cycles = [len(np.unique(self.data.cycle[self.data.position == p])) for p in range(len(self.modes))]
+        return {TIME: self.hours * SECONDS_AN_HOUR, CYCLES: float(max(cycles))}
+
+    @cached_property
     def nominal(self) -> tuple[Drive, ...]:
         """Declared drives."""
         return self.drives((1.0,) * len(self.scale_spread))
@@ -165,6 +171,13 @@ def mean_gap(drive: Drive, gap: Real) -> Real:
 def candidates() -> Mapping[str, Candidate]:
     """Every effect of the library and of the bench by name."""
     return {**library(), **instrument_effects()}
+
+
+def twins(name: str) -> tuple[str, ...]:
+    """Effects that curves alone hardly tell from one: those that it says it is confused with, or that name it."""
+    known = candidates()
+    named = [other for other, effect in known.items() if name in effect.confused_with]
+    return tuple(dict.fromkeys([*known[name].confused_with, *named]))
 
 
 def limit_cases() -> Mapping[str, str]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.fitting.problem import Model, candidates, limit_cases
+from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.cross_validation import Trial, trial
-from pipeline.identification.selection.parameter_intervals import FORM
+from pipeline.identification.selection.parameter_intervals import FORM, unsupported
 from pipeline.identification.selection.recalibration import STRETCH, released
 from pipeline.identification.selection.screening import Promise, screened
 from pipeline.statistics.blocks import confidence_set, max_t
@@ -74,6 +74,7 @@ class Selection:
     best : name, or "" without survivors.
     claimed : the best of so few effects that they may be named together, or "".
     members : names of the class of the best.
+    unsupported : by name of a model that would be a survivor, why its parameters support no claim.
     stretched : calibrated numbers alone a little outside of their plausible ranges (``recalibration.STRETCH``), where
         they stand at the ends of these: an effect must beat that too. Else None.
     """
@@ -88,6 +89,7 @@ class Selection:
     claimed: str
     members: tuple[str, ...]
     stretched: Trial | None = None
+    unsupported: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def chosen(self) -> Trial:
@@ -143,11 +145,14 @@ class Selector:
         stretched = released(self.fitter, base, cells, STRETCH)
         promises = self.screen(cells, base_fit)
         if only:
-            fits = [self._joint_fit(name, cells, promises) for name in only]
+            known = [name for name in only if all(part in promises for part in name.split("+"))]
+            fits = [self._joint_fit(name, cells, promises) for name in known]
         else:
             fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
-        return self._judged(base, trials, {name: one.misfit for name, one in promises.items()}, cells, stretched)
+        screened_misfit = {name: promise.misfit for name, promise in promises.items()}
+        selection = self._judged(base, trials, screened_misfit, cells, stretched)
+        return self.supported(selection, cells) if only else selection
 
     def recalibrated(self, cells: Truth) -> Trial:
         """Calibrated numbers and tolerances alone; from several starts where the declared one leaves structure."""
@@ -217,7 +222,42 @@ class Selector:
                 break
             trials = {**selection.trials, **self._without(selection, cells)}
             selection = self._judged(selection.base, trials, selection.screened, cells, selection.stretched)
-        return selection
+        return self.supported(self._with_twins(selection, cells), cells)
+
+    def _with_twins(self, selection: Selection, cells: Truth) -> Selection:
+        """The selection once every twin of each effect of its best was fitted in the place of that effect."""
+        if not selection.best or selection.chosen.fit.model.n_effects > MOST_NAMED:
+            return selection
+        effects = selection.chosen.fit.model.effects
+        trials = dict(selection.trials)
+        for effect in effects:
+            others = Model(tuple(other for other in effects if other is not effect))
+            alike = {name: self.testable[name] for name in twins(effect.name) if name in self.testable}
+            missing = [twin for twin in alike.values() if Model((*others.effects, twin)).name not in trials]
+            missing = [twin for twin in missing if twin not in others.effects]
+            if not missing:
+                continue
+            beside = trials[others.name].fit if others.name in trials else selection.base.fit
+            if beside.model.name != others.name:
+                beside = self.fitter.fit(others, cells, self.fitter.start(others))
+            promises = screened(self.fitter, cells, [beside], missing)
+            trials |= {
+                fit.model.name: self.trial(fit, cells) for fit in self.fits(beside, cells, promises, len(missing))
+            }
+        if len(trials) == len(selection.trials):
+            return selection
+        return self._judged(selection.base, trials, selection.screened, cells, selection.stretched)
+
+    def supported(self, selection: Selection, cells: Truth) -> Selection:
+        """The selection among models whose parameters support a claim.
+
+        Asked for at last: beside an effect that is still missing, the interval of one that is there reaches zero.
+        """
+        trials, useful = selection.trials, selection.survivors
+        reasons = {name: self.why_no_claim(trials[name].fit, cells, selection.base) for name in useful}
+        survivors = tuple(name for name in useful if not reasons[name])
+        left_out = {name: reason for name, reason in reasons.items() if reason}
+        return replace(self._with_best(selection, survivors, cells), unsupported=left_out)
 
     def _without(self, selection: Selection, cells: Truth) -> dict[str, Trial]:
         """Trials of the best model less one of its effects, or with a simpler one in its place, from where it stands.
@@ -257,22 +297,22 @@ class Selector:
             useful[k] = useful[k] and not self.problem.within_tolerance(fit.model, fit.values.tolist())
         scores = np.array([trials[name].scores.mean() for name in names])
         survivors = [names[k] for k in np.argsort(scores) if useful[k]]
+        t_of, p_of = (dict(zip(names, values.tolist(), strict=True)) for values in (t, p))
+        judged = Selection(base, trials, screened, t_of, p_of, (), "", "", (), stretched)
+        return self._with_best(judged, tuple(survivors), cells)
+
+    def _with_best(self, selection: Selection, survivors: tuple[str, ...], cells: Truth) -> Selection:
+        """The selection with its best, what of it may be claimed, and its class, among the survivors."""
+        trials = selection.trials
         best = self._best(survivors, trials, self.most_effects)
         claimed = best if best and trials[best].fit.model.n_effects <= MOST_NAMED else ""
         claimed = claimed or self._best(survivors, trials, MOST_NAMED)
         members = self._members(best, survivors, trials, cells) if best else ()
-        return Selection(
-            base,
-            trials,
-            screened,
-            dict(zip(names, t.tolist(), strict=True)),
-            dict(zip(names, p.tolist(), strict=True)),
-            tuple(survivors),
-            best,
-            claimed,
-            members,
-            stretched,
-        )
+        return replace(selection, survivors=survivors, best=best, claimed=claimed, members=members)
+
+    def why_no_claim(self, fit: Fit, cells: Truth, base: Trial) -> str:
+        """Why the parameters of a fitted model support no claim, or ""."""
+        return unsupported(self.fitter, fit, cells, base.rms)
 
     def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial], most_effects: int) -> str:
         """Least held-out loss; more effects only where they gain significantly over the best with fewer."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit, mapped
+from pipeline.identification.fitting.parameters import Fit, mapped, unmapped
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -22,6 +22,8 @@ parameters of blind units came out 1 to 6 % off."""
 RESAMPLES = 400
 CONFIDENCE = 0.95
 SEED = 79
+AT_BOUND = 0.01
+"""Share of its bounds from an end at which a parameter stands there."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,7 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     steps, hessian, n_blocks = score_steps(fitter, fit, cells)
     first = len(fit.unknowns.scales)
     own = slice(first, first + len(fit.unknowns.shares))
-    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * FORM * before
-    form = form * np.sqrt(int(cells.sum()) * np.diag(np.linalg.inv(hessian))[own])
+    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * np.sqrt(np.diag(_form(hessian, cells, n_blocks, before))[own])
     spread = tails(steps, n_blocks)[:, own]
     low, high = (fit.unknowns.shares + sense * np.hypot(one, form) for sense, one in zip((-1, 1), spread, strict=True))
     values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
@@ -66,6 +67,54 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
                 ci_low = ci_high = float("nan")
             found.append(FittedParameter(effect.name, parameter.name, parameter.unit, value, ci_low, ci_high, note))
     return tuple(found)
+
+
+def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> str:
+    """Why a fitted model supports no claim, or "": an effect that may be absent, a bound, a constant beyond the record.
+
+    An effect may be absent where the interval of its size reaches zero; of several sizes (the amplitudes of a phase),
+    where their joint interval does.
+    """
+    found = intervals(fitter, fit, cells, before)
+    covariance = _covariance(fitter, fit, cells, before)
+    start = 0
+    for effect in fit.model.effects:
+        bounds, stop = fitter.problem.bounds(effect), start + len(effect.parameters)
+        shares, own = fit.unknowns.shares[start:stop], found[start:stop]
+        sizes = [k for k, (low, high) in enumerate(bounds) if low <= 0 <= high]
+        for k, (parameter, fitted) in enumerate(zip(effect.parameters, own, strict=True)):
+            if not AT_BOUND < shares[k] < 1 - AT_BOUND and (k not in sizes or bounds[k][0] < 0 or shares[k] > 0.5):
+                return f"{effect.name}: {parameter.name} = {fitted.value:.3g} is at a bound of what the library allows"
+            if parameter.record and fitted.value > fitter.problem.record[parameter.record]:
+                return f"{effect.name}: {parameter.name} = {fitted.value:.3g} is longer than the record"
+        if len(sizes) == 1 and not (own[sizes[0]].ci_low > 0 or own[sizes[0]].ci_high < 0):
+            return f"{effect.name}: the interval of {effect.parameters[sizes[0]].name} reaches zero"
+        if len(sizes) > 1:
+            zero = np.array([unmapped([bounds[k]], [0.0])[0] for k in sizes])
+            at = start + np.array(sizes)
+            distance = (shares[sizes] - zero) @ np.linalg.solve(covariance[np.ix_(at, at)], shares[sizes] - zero)
+            if distance < chi2.ppf(CONFIDENCE, len(sizes)):
+                return f"{effect.name}: the joint interval of its amplitudes reaches zero"
+        start = stop
+    return ""
+
+
+def _covariance(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> Real:
+    """Covariance (n_parameters, n_parameters) of the shares of the bounds: of the resampled optima, and of the form."""
+    steps, hessian, n_blocks = score_steps(fitter, fit, cells)
+    own = slice(len(fit.unknowns.scales), len(fit.unknowns.scales) + len(fit.unknowns.shares))
+    drawn = np.atleast_2d(np.cov(steps[:, own], rowvar=False)) * _student(n_blocks) ** 2
+    return drawn + _form(hessian, cells, n_blocks, before)[own, own]
+
+
+def _form(hessian: Real, cells: Truth, n_blocks: int, before: float) -> Real:
+    """Covariance (n_unknowns, n_unknowns) by the form of the model: alike in a branch, independent between branches.
+
+    An error that was alike in all branches and had the shape of the parameter could not be told from it; such a one is
+    a property of the effect, and is told by its twins.
+    """
+    covariance: Real = (FORM * before) ** 2 * int(cells.sum()) / n_blocks * np.linalg.inv(hessian)
+    return covariance
 
 
 def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int]:

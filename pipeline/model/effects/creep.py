@@ -19,7 +19,7 @@ EFFECT = Effect(
     source="Kelvin-Voigt; Findley, Lai, Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials (1976)",
     parameters=(
         Parameter("compliance_arcmin_per_Nm", "arcmin/(N m)", "delayed twist per torque at last"),
-        Parameter("time_s", "s", "time in which 63 % of it is reached"),
+        Parameter("time_s", "s", "time in which 63 % of it is reached", record=TIME),
     ),
     changes="adds a delayed rotation to that of the output",
     signature="angle runs on at constant torque; loops open with slow loading",

@@ -25,11 +25,15 @@ LARGEST_INTERFERENCE = 1 / 30
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect; its name carries its unit."""
+    """One number of an effect; its name carries its unit.
+
+    ``record`` says of a time constant what must last longer than it for a claim: ``TIME`` or ``CYCLES``.
+    """
 
     name: str
     unit: str
     meaning: str
+    record: str = ""
 
 
 def clearances(drive: Drive, shrinks: bool = False) -> tuple[float, float]:

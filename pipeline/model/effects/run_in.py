@@ -22,7 +22,7 @@ EFFECT = Effect(
     source="Archard, J. Appl. Phys. 24 (1953) 981, with a pressure that falls as the surfaces conform",
     parameters=(
         Parameter("wear_um", "um", "depth of the wear at last"),
-        Parameter("cycles", "1", "number of cycles in which 63 % of it is reached"),
+        Parameter("cycles", "1", "number of cycles in which 63 % of it is reached", record=CYCLES),
     ),
     changes="gap of every pin, with the cycle",
     signature="play grows from cycle to cycle and settles",
