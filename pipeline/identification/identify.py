@@ -78,9 +78,10 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
     measurement = Measurement.read(unit)
     if measurement.fatal:
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
-    fitter = Fitter(build_problem(measurement, condensed(unit.study, measurement.rows.cranks.tolist())))
-    data, cranks = fitter.problem.data, measurement.rows.cranks
-    seen = measurement.training_cells if unit.settings.held_out.train else np.ones(len(data), bool)
+    cranks = measurement.rows.cranks
+    seen = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
+    fitter = Fitter(build_problem(measurement, condensed(unit.study, cranks.tolist()), seen))
+    data = fitter.problem.data
     selector = Selector(fitter, seen, MOST_EFFECTS if nested else MOST_NAMED)
     selection = selector.extended(selector.select(seen), seen)
     verdict = judge(fitter, selection, seen)

@@ -28,6 +28,7 @@ from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw
 
 Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
 
 MESHED = ("cycloid.", "disk.bore_radius_mm", "housing.")
 """Calibrated numbers that a fit leaves alone: each value would need its own mesh."""
@@ -96,8 +97,15 @@ def _softness(design: Design) -> float:
     return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
 
 
-def build_problem(measurement: Measurement, compliances: Sequence[Real]) -> Problem:
-    """The problem of a measured unit; ``compliances`` per position (n_contacts, n_contacts) [mm/N]."""
+def build_problem(measurement: Measurement, compliances: Sequence[Real], seen: Truth | None = None) -> Problem:
+    """The problem of a measured unit.
+
+    Parameters
+    ----------
+    compliances : per position (n_contacts, n_contacts) [mm/N].
+    seen : (n_cells,) training cells, all by default: of the others nothing enters noise, bounds, modes and what can be
+        tested.
+    """
     unit, rows = measurement.unit, measurement.rows
     study = unit.study
     states, conditions = _states(measurement)
@@ -130,22 +138,30 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real]) -> Prob
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
     plain = Forward([course.without_states() for course in courses], nmm)
-    data = _data(measurement)
-    ranges = [plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2
-    modes, limit = _modes(unit, first_states(drives((1.0,) * len(ranges))), plain, data.noise)
-    return Problem(
-        data=data,
-        forward=plain,
-        forward_by_state=Forward(courses, nmm),
-        drives=drives,
-        calibrated=keys,
-        scale_range=np.array(ranges).T,
-        modes=modes,
-        gap_limit=limit,
-        conditions=tuple(conditions),
-        offered=_offered(measurement),
-        rated_torque=rated,
-    )
+    ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
+    by_state = Forward(courses, nmm)
+    nominal = first_states(drives((1.0,) * ranges.shape[1]))
+
+    def trained_on(training: Truth) -> Problem:
+        data = _data(measurement, training)
+        modes, limit = _modes(unit, nominal, plain, data.noise)
+        return Problem(
+            data=data,
+            training=training,
+            trained_on=trained_on,
+            forward=plain,
+            forward_by_state=by_state,
+            drives=drives,
+            calibrated=keys,
+            scale_range=ranges,
+            modes=modes,
+            gap_limit=limit,
+            conditions=tuple(conditions),
+            offered=_offered(measurement, training),
+            rated_torque=rated,
+        )
+
+    return trained_on(np.ones(len(measurement.cells), bool) if seen is None else seen)
 
 
 def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
@@ -203,9 +219,9 @@ def _within(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
     return np.array(found)
 
 
-def _data(measurement: Measurement) -> Data:
+def _data(measurement: Measurement, training: Truth) -> Data:
     unit, blocks = measurement.unit, measurement.branches
-    cells, noise = measurement.cells, measurement.repeatability
+    cells, noise = measurement.cells, measurement.noise_of(training)
     resolution = (unit.settings.instrument.angle_resolution_arcmin or 0.0) / np.sqrt(12)
     known = [
         value
@@ -224,10 +240,11 @@ def _data(measurement: Measurement) -> Data:
         slope[mine] = np.maximum(np.append(between, 0.0), np.append(0.0, between))
         width[mine] = np.maximum(np.append(step, 0.0), np.append(0.0, step))
     torque_noise = np.nan_to_num(noise.torque_noise_Nm) / np.sqrt(cells.count)
-    usual = np.median(cells.angle_spread[np.isfinite(cells.angle_spread)])
+    usual = np.median(cells.angle_spread[training & np.isfinite(cells.angle_spread)])
     jumps = np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual) ** 2, 0.0)
-    white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(np.mean(1 / cells.count)))
-    own = floor**2 + white**2 * (1 / cells.count - np.mean(1 / cells.count))
+    usual_share = np.mean(1 / cells.count[training])
+    white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(usual_share))
+    own = floor**2 + white**2 * (1 / cells.count - usual_share)
     sigma = np.sqrt(own + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps)
     return Data(
         position=cells.position,
@@ -246,20 +263,23 @@ def _data(measurement: Measurement) -> Data:
     )
 
 
-def _offered(measurement: Measurement) -> frozenset[str]:
+def _offered(measurement: Measurement, training: Truth) -> frozenset[str]:
+    """What the training cells (n_cells,) have of what effects need."""
     unit, rows, cells = measurement.unit, measurement.rows, measurement.cells
     offered = set()
-    gear = unit.study.design.cycloid
-    turned = max(np.ptp(cells.angle_mean[cells.position == p]) for p in range(len(rows.cranks))) * gear.lobes / ARCMIN
+    gear, position, cycle = unit.study.design.cycloid, cells.position[training], cells.cycle[training]
+    positions, angle = np.unique(position), cells.angle_mean[training]
+    turned = max(np.ptp(angle[position == p]) for p in positions) * gear.lobes / ARCMIN
     if unit.settings.locked == "input" or turned < np.pi / gear.pins:
         offered.add(STILL)
-    if len(rows.cranks) >= FEWEST_CRANKS:
+    if len(positions) >= FEWEST_CRANKS:
         offered.add(CRANKS)
-    if any(len(np.unique(cells.cycle[cells.position == p])) > 1 for p in range(len(rows.cranks))):
+    if any(len(np.unique(cycle[position == p])) > 1 for p in positions):
         offered.add(CYCLES)
-    if rows.time is not None and np.any(np.isfinite(cells.time_mean)) and np.nanstd(cells.time_mean) > 0:
+    time, temperature = cells.time_mean[training], cells.temperature_mean[training]
+    if rows.time is not None and np.any(np.isfinite(time)) and np.nanstd(time) > 0:
         offered.add(TIME)
-    if rows.temperature is not None and np.nanstd(cells.temperature_mean) > 0.2:
+    if rows.temperature is not None and np.nanstd(temperature) > 0.2:
         offered.add(TEMPERATURE)
     return frozenset(offered)
 

@@ -69,6 +69,8 @@ class Problem:
     Attributes
     ----------
     data : the cells.
+    training : (n_cells,) those that noise, bounds, modes and what is offered are of: others are held out of all of it.
+    trained_on : the same problem of other training cells.
     forward : predictions on their courses, all legs in a drive's first state.
     forward_by_state : predictions with every cycle in its own state.
     drives : of the declared unit at scale factors (n_scales,), one per position.
@@ -83,6 +85,8 @@ class Problem:
     """
 
     data: Data
+    training: NDArray[np.bool_]
+    trained_on: Callable[[NDArray[np.bool_]], Problem]
     forward: Forward
     forward_by_state: Forward
     drives: Callable[[tuple[float, ...]], tuple[Drive, ...]]
@@ -101,17 +105,20 @@ class Problem:
     @cached_property
     def span(self) -> float:
         """Largest range of the angle at a position [arcmin]."""
-        return max(float(np.ptp(self.data.angle[self.data.position == p])) for p in range(len(self.modes)))
+        seen = self.data.position[self.training]
+        return max(float(np.ptp(self.data.angle[self.training][seen == p])) for p in np.unique(seen))
 
     @cached_property
     def hours(self) -> float:
         """Longest time that a position was measured [h]; one hour without time stamps."""
-        return max(float(np.ptp(course.time)) for course in self.forward.courses) / SECONDS_AN_HOUR or 1.0
+        seen = np.unique(self.data.position[self.training])
+        return max(float(np.ptp(self.forward.courses[p].time)) for p in seen) / SECONDS_AN_HOUR or 1.0
 
     @cached_property
     def record(self) -> Mapping[str, float]:
         """Lengths that time constants are held against: of a position in time [s], and in cycles [1]."""
-        cycles = [len(np.unique(self.data.cycle[self.data.position == p])) for p in range(len(self.modes))]
+        position, cycle = self.data.position[self.training], self.data.cycle[self.training]
+        cycles = [len(np.unique(cycle[position == p])) for p in np.unique(position)]
         return {TIME: self.hours * SECONDS_AN_HOUR, CYCLES: float(max(cycles))}
 
     @cached_property

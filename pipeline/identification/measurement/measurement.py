@@ -13,7 +13,7 @@ from pipeline.identification.measurement.branches import Blocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, cells
 from pipeline.identification.measurement.data_faults import Fault, data_faults
 from pipeline.identification.measurement.load_history import History, history
-from pipeline.identification.measurement.repeatability import Noise, measured_noise
+from pipeline.identification.measurement.repeatability import Noise, measured_noise, restricted
 from pipeline.identification.measurement.rows import Rows, read_rows, training_rows
 from pipeline.identification.measurement.scatter import torque_noise
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -92,6 +92,15 @@ class Measurement:
     def repeatability(self) -> Noise:
         """Noise of the cells."""
         return measured_noise(self.branches, self.cells, self.torque_noise)
+
+    def noise_of(self, seen: Truth) -> Noise:
+        """Noise of some cells (n_cells,), whole branches, from their rows alone."""
+        if np.all(seen):
+            return self.repeatability
+        blocks, some = restricted(self.branches, self.cells, seen)
+        pairs = {(position, cycle) for position, cycle in zip(blocks.position, blocks.cycle, strict=True)}
+        runs = [run for position, cycle, run in self.rows.runs() if (position, cycle) in pairs]
+        return measured_noise(blocks, some, torque_noise(self.rows, self.unit.settings.instrument, runs))
 
     @cached_property
     def faults(self) -> tuple[Fault, ...]:

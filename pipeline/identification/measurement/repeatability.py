@@ -5,7 +5,7 @@ All numbers are of cells (averages over neighbouring torques), which are what is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -89,6 +89,15 @@ def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float) -> Noise:
         row_scatter_arcmin=float(np.sqrt(within)),
         torque_noise_Nm=torque_noise,
     )
+
+
+def restricted(blocks: Blocks, cells: Cells, seen: NDArray[np.bool_]) -> tuple[Blocks, Cells]:
+    """Branches that have a cell ``seen`` (n_cells,), numbered anew, and these cells."""
+    kept = np.unique(cells.block[seen])
+    of_block = {f.name: getattr(blocks, f.name) for f in fields(blocks)}
+    of_block |= {name: of_block[name][kept] for name in ("position", "cycle", "direction", "branch", "start", "stop")}
+    of_cell = {f.name: getattr(cells, f.name)[seen] for f in fields(cells)}
+    return Blocks(**of_block), Cells(**of_cell | {"block": np.searchsorted(kept, cells.block[seen])})
 
 
 def _repeats(blocks: Blocks, cells: Cells) -> list[Real]:

@@ -34,9 +34,14 @@ def smallest_step(values: Real) -> float:
     return float(steps.min()) if steps.size else 0.0
 
 
-def torque_noise(rows: Rows, instrument: Instrument) -> float:
-    """Standard deviation of the torque of a row [N m]: as declared, else the scatter of its rows; 0 if unknown."""
+def torque_noise(rows: Rows, instrument: Instrument, runs: list[slice] | None = None) -> float:
+    """Standard deviation of the torque of a row [N m]: as declared, else its scatter; 0 if unknown.
+
+    Parameters
+    ----------
+    runs : of rows whose scatter is taken, instead of all.
+    """
     if instrument.torque_noise_Nm is not None:
         return instrument.torque_noise_Nm
-    estimate = high_frequency_scatter(rows.torque, [run for *_, run in rows.runs()])
+    estimate = high_frequency_scatter(rows.torque, [run for *_, run in rows.runs()] if runs is None else runs)
     return estimate if np.isfinite(estimate) else 0.0

@@ -105,9 +105,11 @@ def predicted_folds(selector: Selector, selection: Selection, seen: Truth, neste
         if len(splits) == 1:
             base, chosen = selection.base.fit, selection.answer.fit
         else:
-            base, chosen = _fold(selector, selection, training, nested)
+            fold = selector.trained_on(training)
+            fitter = fold.fitter
+            base, chosen = _fold(fold, selection, training, nested)
         models.append(chosen.model.name)
-        declared[judged] = (plain + fitter.offsets(plain, training, data.sigma))[judged]
+        declared[judged] = (plain + fitter.offsets(plain, training, fitter.problem.data.sigma))[judged]
         for fit, predicted, left_open in ((base, recalibrated, open_recalibrated), (chosen, best, open_best)):
             predicted[judged] = fit.predicted[judged]
             left_open[judged] = _left_open(fitter, fit, training)[judged]

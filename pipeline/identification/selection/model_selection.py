@@ -118,6 +118,10 @@ class Selector:
             name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, seen)
         }
 
+    def trained_on(self, training: Truth) -> Selector:
+        """A selector that knows nothing of other cells than the training ones (n_cells,), not even their noise."""
+        return Selector(Fitter(self.problem.trained_on(training)), training, self.most_effects)
+
     def screen(self, cells: Truth, base: Fit) -> dict[str, Promise]:
         """What each further effect promises beside ``base``; also beside the declared scales where base is far off."""
         bases = [base]

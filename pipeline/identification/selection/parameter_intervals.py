@@ -113,8 +113,7 @@ def _form(hessian: Real, cells: Truth, n_blocks: int, before: float) -> Real:
     An error that was alike in all branches and had the shape of the parameter could not be told from it; such a one is
     a property of the effect, and is told by its twins.
     """
-    covariance: Real = (FORM * before) ** 2 * int(cells.sum()) / n_blocks * np.linalg.inv(hessian)
-    return covariance
+    return np.asarray((FORM * before) ** 2 * int(cells.sum()) / n_blocks * np.linalg.inv(hessian), float)
 
 
 def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int]:

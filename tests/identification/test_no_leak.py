@@ -1,0 +1,86 @@
+"""Nothing that is fitted knows anything of held-out rows."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import CRANKS
+from synthetic_unit import ROOT, Bench, make_unit
+
+from pipeline.identification.fitting.build import build_problem
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.verdict import judge
+
+HELD_OUT = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]\n'
+STRETCH = 1.4
+TRIED = ("coulomb", "output_torsion", "angle_drift")  # the bounds of a drift are of the range of the angle
+
+
+def selected(folder, condensed):
+    measurement = Measurement.read(load_measured_unit(folder, ROOT))
+    seen = measurement.training_cells
+    compliances = condensed(measurement.unit.study, measurement.rows.cranks.tolist())
+    problem = build_problem(measurement, compliances, seen)
+    selector = Selector(Fitter(problem), seen)
+    selector.testable = {name: selector.testable[name] for name in TRIED}
+    selection = selector.extended(selector.select(seen), seen)
+    return measurement, problem, selection, judge(selector.fitter, selection, seen), seen
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory, condensed):
+    """A selection on two of three positions, as measured and with the third stretched."""
+    folder = tmp_path_factory.mktemp("leak") / "u"
+    bench = Bench(cranks=CRANKS, more=HELD_OUT, rows=40, known=False, noise=0.01)
+    make_unit(folder, {"coulomb": [0.3]}, bench, condensed)
+    before = selected(folder, condensed)
+    rows = pd.read_csv(folder / "rows.csv")
+    held_out = rows["crank_deg"] == CRANKS[2]
+    rows.loc[held_out, "angle_arcmin"] *= STRETCH
+    rows.loc[held_out, "time_s"] *= STRETCH
+    rows.to_csv(folder / "rows.csv", index=False)
+    return before, selected(folder, condensed)
+
+
+def test_every_fitted_number_is_the_same_to_the_last_digit_whatever_held_out_rows_are(both):
+    (measured, problem, selection, verdict, seen), (_, other, again, judged, _) = both
+    assert problem.data.noise == other.data.noise
+    np.testing.assert_array_equal(problem.data.sigma[seen], other.data.sigma[seen])
+    assert problem.offered == other.offered
+    assert (problem.span, problem.hours, problem.record) == (other.span, other.hours, other.record)
+    for pair in zip(problem.modes, other.modes, strict=True):
+        np.testing.assert_array_equal(*pair)
+    assert selection.screened == again.screened
+    assert list(selection.trials) == list(again.trials)
+    for name, trial in {"": selection.base, **selection.trials}.items():
+        twin = again.trials[name] if name else again.base
+        np.testing.assert_array_equal(trial.fit.unknowns.flat, twin.fit.unknowns.flat)
+        np.testing.assert_array_equal(trial.losses, twin.losses)
+    assert verdict == judged
+    assert "coulomb" in verdict.named
+
+
+def test_the_stretch_shows_where_all_rows_are_seen(both):
+    """The noise of all rows moves: what the training rows alone hold still would otherwise be no test."""
+    (measured, problem, *_), (stretched, other, *_) = both
+    everything = np.ones(len(problem.data), bool)
+    noise = [one.noise_of(everything).within_branch.value for one in (measured, stretched)]
+    assert noise[1] != noise[0]
+    assert other.trained_on(everything).span > 1.2 * problem.trained_on(everything).span
+
+
+def test_noise_of_some_positions_is_that_of_a_unit_that_has_no_others(both, tmp_path):
+    (measured, _, _, _, seen), _ = both
+    folder = tmp_path / "u"
+    folder.mkdir()
+    for file in measured.unit.folder.iterdir():
+        (folder / file.name).write_text(file.read_text())
+    rows = pd.read_csv(folder / "rows.csv")
+    rows[rows["crank_deg"] != CRANKS[2]].to_csv(folder / "rows.csv", index=False)
+    alone = Measurement.read(load_measured_unit(folder, ROOT)).repeatability
+    some = measured.noise_of(seen)
+    for name in ("floor", "random", "within_branch", "between_positions"):
+        assert getattr(some, name).value == pytest.approx(getattr(alone, name).value, rel=1e-12, nan_ok=True)
+    assert some.torque_noise_Nm == pytest.approx(alone.torque_noise_Nm)
