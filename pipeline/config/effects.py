@@ -54,9 +54,14 @@ def study_effect_problems(effects: Effects) -> Iterator[Problem]:
     if not effects:
         return
     from pipeline.model.effects import library  # the mechanics are slow to import
-    from pipeline.model.effects.effect import TIME
+    from pipeline.model.effects.effect import TEMPERATURE, TIME
 
+    absent = {
+        TIME: "a study's load cycle has no time",
+        TEMPERATURE: "a study is at the temperature of the drawing, where it changes nothing",
+    }
     for name in effects:
-        if name in library() and TIME in library()[name].needs:
-            reason = "a study's load cycle has no time; delete it from the design of the study"
-            yield Problem(f"design.effects.{name}", None, reason)
+        needs = library()[name].needs if name in library() else ()
+        for need, reason in absent.items():
+            if need in needs:
+                yield Problem(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")

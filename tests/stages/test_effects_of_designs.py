@@ -11,6 +11,7 @@ from conftest import ROOT, run_study, small_study
 
 from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study
+from pipeline.config.effects import study_effect_problems
 from pipeline.config.reading import parse_design, read_toml
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import source_hashes
@@ -194,10 +195,44 @@ def test_mistakes_in_effects_are_all_answered_with_what_is_allowed() -> None:
     assert any("effects.coulomb.torque_Nm is missing" in line and "N m" in line for line in lines)
 
 
-def test_creep_is_refused_in_a_study() -> None:
-    design = parse_design(design_with({"creep": {"compliance_arcmin_per_Nm": 0.1, "time_s": 3.0}}), "d")
-    with pytest.raises(InputError, match="no time"):
+@pytest.mark.parametrize(
+    ("name", "values", "reason"),
+    [
+        ("creep", {"compliance_arcmin_per_Nm": 0.1, "time_s": 3.0}, "has no time"),
+        ("thermal_growth", {"difference_um_per_m_K": 10.0}, "at the temperature of the drawing"),
+    ],
+)
+def test_what_a_study_cannot_show_is_refused_with_the_reason(name: str, values: dict, reason: str) -> None:
+    design = parse_design(design_with({name: values}), "d")
+    with pytest.raises(InputError, match=reason):
         parse_study(read_toml(ROOT / "data/studies/quick.toml"), "quick", "quick.toml", lambda _: design)
+
+
+def test_every_other_effect_changes_a_study(study: Study) -> None:
+    """An effect that a study accepts moves the gaps, the springs or the friction of its drives."""
+    crank, n = study.cycle.crank_deg[0], 2
+    sampled = draw(study, 1, 1 + n)
+    given = study, crank, None, assembly.errors(sampled), np.zeros(n)
+    bare = drive_of(*given)
+    for name, effect in library().items():
+        values = {
+            parameter.name: low + 0.7 * (high - low)
+            for parameter, (low, high) in zip(effect.parameters, effect.bounds(bare), strict=True)
+        }
+        changed = with_design_effects(study, **{name: values})
+        if list(study_effect_problems({name: values})):
+            continue
+        drive = drive_of(changed, *given[1:])
+        same = (
+            np.array_equal(drive.gap, bare.gap)
+            and np.array_equal(drive.bearing_clearance, bare.bearing_clearance)
+            and np.array_equal(drive.compliance, bare.compliance)
+            and np.array_equal(drive.laws.linear, bare.laws.linear)
+            and drive.torsion == bare.torsion
+            and drive.bearing == bare.bearing
+            and not len(drive.sliders.acting)
+        )
+        assert not same, name
 
 
 def test_effects_are_sources_of_the_stages_that_honour_them_and_of_no_mesh() -> None:

@@ -1,0 +1,87 @@
+"""What the page says of the turn, against runs with twice as many crank angles and against brute force."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import linprog
+
+from pipeline import assembly
+from pipeline.config import Study, load_design, parse_study
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.store import Output
+from pipeline.model.geometry.clearance import gaps
+from pipeline.sampling import draw
+from stages.aggregate import continued
+from stages.chain import STAGES
+
+ROOT = Path(__file__).parents[2]
+HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
+
+
+def turned(angles: int) -> Study:
+    """A hundred units of the paper's reducer on a very coarse mesh, loaded at so many angles."""
+    data = tomllib.loads((ROOT / "data/studies/quick.toml").read_text(encoding="utf-8"))
+    data["samples"]["count"] = 100
+    data["cycle"] = {"loaded_angles": angles, "levels_per_branch": 0, "curve_angles": 1}
+    data["reduce"] |= {"flank_edges_per_lobe": 12, "patch_half_width_mm": 0.3, "growth": 1.0, "largest_edge_mm": 3.0}
+    data["springs"]["table_points"] = 16
+    return parse_study(data, f"turn-{angles}", "turn.toml", lambda design: load_design(design, ROOT))
+
+
+def aggregated(angles: int, runs: Path) -> Output:
+    return run(STAGES, turned(angles), ["aggregate"], runs, Resources(1, 100))["aggregate"]
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[int, pd.DataFrame]:
+    """Table of convergence of a run at 31 angles and of one at 63."""
+    runs = tmp_path_factory.mktemp("turns")
+    return {angles: pd.DataFrame(aggregated(angles, runs).read("convergence")) for angles in (31, 63)}
+
+
+def test_the_worst_of_twice_as_many_angles_is_what_the_run_expects(tables: dict[int, pd.DataFrame]) -> None:
+    expected = tables[31][tables[31]["extrapolated"]].set_index("metric")
+    actual = tables[63][tables[63]["n_angles"] == 63].set_index("metric")
+    own = tables[31][tables[31]["n_angles"] == 31].set_index("metric")
+    for metric in HEADLINES[1:]:
+        moved = actual.loc[metric, "worst_mean"] - own.loc[metric, "worst_mean"]
+        predicted = expected.loc[metric, "worst_mean"] - own.loc[metric, "worst_mean"]
+        assert moved * predicted > 0
+        assert predicted == pytest.approx(moved, abs=0.004 * own.loc[metric, "worst_mean"])
+    assert actual.loc["all_limits", "yield"] <= own.loc["all_limits", "yield"]
+    assert expected.loc["all_limits", "yield"] == pytest.approx(actual.loc["all_limits", "yield"], abs=0.06)
+
+
+def test_a_sequence_is_continued_at_the_rate_at_which_it_settles() -> None:
+    assert continued(np.array([1.0, 1.5, 1.75, 1.875])) == pytest.approx(1.9375)
+    assert continued(np.array([1.0, 0.9, 0.7])) == pytest.approx(0.5)  # not settling: as far again
+    assert continued(np.array([2.0, 2.0, 2.0])) == 2.0
+
+
+def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> None:
+    """Of the nominal reducer and two units at 13 of the angles, each by HiGHS in the motions of disk and output."""
+    study = turned(31)
+    sampled = draw(study, 0, 3)
+    profile, errors = assembly.profile(study.design), assembly.errors(sampled)
+    cranks = [360 * k / 181 for k in range(0, 181, 15)]
+    widths = np.zeros((3, len(cranks)))
+    for k, crank in enumerate(cranks):
+        at = assembly.reducer(study.design, crank)
+        gap = 1e3 * gaps(profile, at, errors, **dict(study.clearance))  # um
+        motions = at.closing[:, 2:]  # the disk's centre is held: the bearing has no clearance
+        for unit in range(3):
+            ends = [
+                linprog(sense * np.eye(motions.shape[1])[-1], motions, gap[unit], bounds=(None, None)).x[-1]
+                for sense in (-1, 1)
+            ]
+            widths[unit, k] = (ends[0] - ends[1]) * 1e-3 * 180 * 60 / np.pi
+    few = study.model_copy(update={"samples": study.samples.model_copy(update={"count": 2})})
+    outputs = run(STAGES, few, ["clearance"], tmp_path, Resources(1, 100))
+    kinematic = pd.DataFrame(outputs["clearance"].read("kinematic"))
+    for unit in range(3):
+        rows = kinematic[kinematic["sample"] == unit].set_index("crank_deg")["backlash_arcmin"]
+        np.testing.assert_allclose(rows[cranks], widths[unit], rtol=1e-6)
+
