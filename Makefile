@@ -7,7 +7,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test lint types identify population blind \
+.PHONY: help setup study $(STAGES) why test attack lint types identify population blind \
 	bench paper calibrate verify coverage clean-runs
 
 help:  ## list the targets
@@ -42,6 +42,9 @@ blind: $(VENV)/installed  ## test the identification on units whose truth it can
 
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest
+
+attack: $(VENV)/installed  ## run what make test runs in part at full size: 500 random designs, 3 million rows
+	$(VENV)/bin/python -m pytest -n 0 -s -m attack
 
 lint: $(VENV)/installed  ## check style
 	$(VENV)/bin/ruff check .

@@ -17,14 +17,20 @@ EDGES_PER_HALF_WIDTH = 2
 
 
 def elastic_disk(study: Study) -> ElasticBody:
-    """The lobed disk with its holes, if any: meshed, assembled, factorised, held by the mean motion of its bore."""
+    """The meshed lobed disk with its holes, if any, held by the mean motion of its bore.
+
+    Notes
+    -----
+    Holes leave no symmetry but that of the common divisors of lobes and holes, of which no use is made.
+    """
     design, reduce = study.design, study.reduce
     flank = flank_nodes(profile(design), reduce.flank_edges_per_lobe)
     mesh = lobed_disk_mesh(
         flank, design.cycloid.lobes, design.disk.bore_radius_mm, reduce.growth, reduce.largest_edge_mm
     )
-    output = design.output
+    output, sectors = design.output, design.cycloid.lobes
     if isinstance(output, PinInHole):
+        sectors = 1
         holes = pins_in_holes(design, output)
         edge = reduce.roller_patch_half_width_mm / EDGES_PER_HALF_WIDTH
         mesh = perforated_mesh(mesh, holes.centres(), holes.hole_radius, edge, reduce.growth)
@@ -36,6 +42,7 @@ def elastic_disk(study: Study) -> ElasticBody:
         design.disk.thickness_mm,
         design.disk.stress,
         "bore",
+        sectors,
     )
 
 

@@ -12,6 +12,7 @@ from scipy import stats
 
 from pipeline.config.section import nearest_name
 from pipeline.errors import InputError
+from pipeline.identification.measurement.text_file import LARGEST_VALUE, check_text, header
 from pipeline.statistics import Estimate
 
 Real = NDArray[np.float64]
@@ -75,10 +76,14 @@ def load_population(path: Path) -> pd.DataFrame:
     InputError : no such file, no table, no metric in it, repeated units, or values that are no positive numbers.
     """
     try:
+        check_text(path, path.name)
         frame = pd.read_csv(path, encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"{path.name}: no table: {error}; give a CSV file with one row per unit") from None
+    frame.columns = pd.Index(header(frame.columns, path.name))
     problems = []
+    if frame.empty:
+        problems.append(f"{path.name}: no unit; give one row per unit below the header")
     allowed = ("unit", "crank_deg", *POPULATION_METRICS)
     problems += [
         f"{path.name}: column {name!r}; unknown; {nearest_name(name, allowed)}" for name in set(frame) - set(allowed)
@@ -90,9 +95,9 @@ def load_population(path: Path) -> pd.DataFrame:
         problems.append(f"{path.name}: no metric; give at least one of {', '.join(POPULATION_METRICS)}")
     for name in [*metrics, *({"crank_deg"} & set(frame))]:
         numbers = pd.to_numeric(frame[name], errors="coerce")
-        wrong = frame[name].notna() & (~np.isfinite(numbers) | (numbers < 0))
+        wrong = frame[name].notna() & ~((numbers >= 0) & (numbers <= LARGEST_VALUE))
         problems += [
-            f"{path.name}:{row + 2}: {name} = {frame[name][row]}; must be a number >= 0, or empty"
+            f"{path.name}:{row + 2}: {name} = {frame[name][row]}; must be 0 to {LARGEST_VALUE:g}, or empty"
             for row in np.flatnonzero(wrong)
         ]
         frame[name] = numbers

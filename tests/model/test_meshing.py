@@ -86,12 +86,12 @@ def test_edges_grow_from_the_flank_as_asked():
     assert ratio.min() > 0.5
 
 
-def test_the_mesh_of_every_lobe_is_the_same():
-    mesh = lobed_disk_mesh(flank_nodes(PAPER, 24), PAPER.lobes, 3.0, growth=0.35, largest_edge=1.0)
-    vertices = mesh.p[0] + 1j * mesh.p[1]
-    band = vertices[np.abs(vertices) > 30.0]
-    turned = band * np.exp(1j * PAPER.lobe_pitch)
-    assert max(np.abs(band - vertex).min() for vertex in turned[::7]) < 1e-9
+@pytest.mark.parametrize(("profile", "bore"), [(PAPER, 3.0), (PAPER, 28.4), (CycloidProfile(4, 10, 1, 0.8), 2.0)])
+def test_the_mesh_of_every_lobe_is_the_first_one_turned(profile, bore):
+    mesh = lobed_disk_mesh(flank_nodes(profile, 24), profile.lobes, bore, growth=0.35, largest_edge=1.0)
+    corners = (mesh.p[0] + 1j * mesh.p[1])[mesh.t].reshape(3, profile.lobes, -1)
+    turned = corners[:, :1] * np.exp(1j * profile.lobe_pitch * np.arange(profile.lobes))[:, None]
+    np.testing.assert_allclose(corners, turned, atol=1e-12 * profile.pin_circle_radius)
 
 
 def test_a_disk_without_bore_is_solid():

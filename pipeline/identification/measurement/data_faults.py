@@ -13,6 +13,7 @@ from pipeline.identification.measurement.branches import Blocks
 from pipeline.identification.measurement.plausibility import implausible_angle, implausible_torque
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
+from pipeline.identification.measurement.text_file import LARGEST_VALUE
 from pipeline.identification.measurement.unit_file import UnitFile
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def _not_numbers(rows: Rows) -> Iterator[Fault]:
             continue
         mask = mask & ~np.isin(rows.file, [file for file, name in lacking if name == quantity])
         if mask.any():
-            what = "no whole number" if quantity == "cycle" else "no finite number"
+            what = "no whole number" if quantity == "cycle" else f"no number up to {LARGEST_VALUE:g}"
             many = mask.mean() > TOLERATED_SHARE
             advice = "correct the file" if many else "these rows are left out"
             yield _fault(
@@ -250,7 +251,7 @@ def _few(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
             "too few points",
             f"{enough} branches (position x cycle x sense) of {FEWEST_BRANCH_ROWS} rows or more, {FEWEST_BLOCKS} are "
             "needed: no effect can be accepted; measure more cycles or positions",
-            "note" if enough else "fatal",
+            "note" if enough > 1 else "fatal",
         )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.section import nearest_name
 from pipeline.errors import InputError
+from pipeline.identification.measurement.text_file import LARGEST_VALUE, check_text, header
 from pipeline.identification.measurement.unit_file import Column, DataFile, UnitFile
 
 Real = NDArray[np.float64]
@@ -93,6 +94,7 @@ def read_rows(unit: UnitFile) -> Rows:
     frames = []
     for number, file in enumerate(unit.files):
         try:
+            check_text(unit.folder / file.path, file.path)
             frames.append(_selected(_table(unit.folder / file.path, file), file, number, unit))
         except InputError as error:
             problems += error.problems
@@ -147,9 +149,9 @@ def _table(path: Path, file: DataFile) -> pd.DataFrame:
         except UnicodeDecodeError as failed:
             error = failed
             continue
-        except (pd.errors.ParserError, pd.errors.EmptyDataError, OSError, EOFError) as failed:
+        except (ValueError, OSError) as failed:  # of pandas: no columns, or a separator that cannot be one
             raise InputError(f"{file.path}: no table: {failed}; correct the file, or its separator") from None
-        frame.columns = frame.columns.str.strip()
+        frame.columns = pd.Index(header(frame.columns, file.path))
         frame.index = pd.RangeIndex(2, len(frame) + 2)
         return frame.dropna(how="all")
     raise InputError(f"{file.path}: no text: {error}")
@@ -180,7 +182,9 @@ def _standard(frame: pd.DataFrame, file: DataFile, unit: UnitFile, missing: list
         column = _column(unit, quantity)
         if column.name in frame:
             scale, shift = column.to_standard
-            values[quantity] = column.factor * (scale * _numbers(frame[column.name], file) + shift) + column.offset
+            with np.errstate(over="ignore", invalid="ignore"):
+                value = column.factor * (scale * _numbers(frame[column.name], file) + shift) + column.offset
+                values[quantity] = np.where(np.abs(value) <= LARGEST_VALUE, value, np.nan)
         elif constants.get(quantity) is not None:
             values[quantity] = np.full(len(frame), constants[quantity], float)
         elif quantity in REQUIRED or quantity in mapped:

@@ -1,4 +1,4 @@
-"""Elastic bodies in two dimensions: quadratic triangles, one factorisation, compliance between patches.
+"""Elastic bodies in two dimensions: quadratic triangles, factorised once, compliance between patches.
 
 A body is held by the rigid motion fitted to one of its boundaries (the disk: mean displacement and mean
 rotation of its bore), which carries the reaction to whatever loads it. Units N, mm, MPa.
@@ -6,6 +6,7 @@ rotation of its bore), which carries the reaction to whatever loads it. Units N,
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -15,11 +16,13 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, LinearForm, MeshTri
 from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_stress
 
+from pipeline.model.elastic.cyclic_symmetry import CyclicBody, SectorNodes
 from pipeline.model.elastic.polygon import Index
 from pipeline.model.elastic.pressure_patches import Patches
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 Stress = Literal["plane_stress", "plane_strain"]
+ELEMENT = ElementVector(ElementTriP2())
 COLUMNS_AT_ONCE = 4  # right-hand sides a solve: more fall out of the cache and take up to three times as long
 ASYMMETRY_LIMIT = 1e-10  # of a compliance, relative to its largest entry; a sound solve leaves 1e-12
 
@@ -53,17 +56,15 @@ class ElasticBody:
         Of the quadratic triangles (n_nodes,) complex [mm]: the mesh's vertices, then its edges' midpoints.
     triangles
         Nodes of every triangle (n_triangles, 6): corners, then the midpoints of edges 01, 12, 20.
+    sectors
+        Number of equal sectors about the origin, whose triangles follow each other in ``mesh``; 1 has no symmetry.
     freedoms
         Numbers of the two displacements of each node in a load or displacement vector (n_nodes, 2).
-    stiffness
-        Stiffness matrix (n_freedoms, n_freedoms) [N/mm], singular: the body is free in it.
     rigid_motions
         Displacements of the unit motions x, y [mm/mm] and rotation about the origin [mm/rad] (n_freedoms, 3).
     reference
         (n_freedoms, 3): its transpose times a displacement gives the rigid motion that fits the reference
         boundary's displacement in the mean square; its columns are the reactions to a unit resultant.
-    solve
-        Displacement of loads that are in balance, in any rigid position: (n_freedoms, k) to (n_freedoms, k).
     """
 
     mesh: MeshTri
@@ -71,13 +72,42 @@ class ElasticBody:
     poisson_ratio: float
     thickness: float
     stress: Stress
+    sectors: int
     nodes: Complex
     triangles: Index
     freedoms: Index
-    stiffness: csc_array
     rigid_motions: Real
     reference: Real
-    solve: Callable[[Real], Real]
+
+    @cached_property
+    def stiffness(self) -> csc_array:
+        """Stiffness matrix (n_freedoms, n_freedoms) [N/mm], singular: the body is free in it."""
+        return self._assembled(self.mesh.t.shape[1])
+
+    @cached_property
+    def solve(self) -> Callable[[Real], Real]:
+        """Displacement of loads that are in balance, in any rigid position: (n_freedoms, k) to (n_freedoms, k)."""
+        if self.sectors > 1:
+            return self._cyclic.displacement
+        return _factorised(self.stiffness, self.nodes, self.freedoms)
+
+    @cached_property
+    def _cyclic(self) -> CyclicBody:
+        sectors = SectorNodes.of(self.nodes, self.triangles, self.sectors)
+        first_sector = self._assembled(self.mesh.t.shape[1] // self.sectors)
+        return CyclicBody.of(first_sector, sectors, self.freedoms, self.reference)
+
+    def _assembled(self, n_triangles: int) -> csc_array:
+        """Stiffness of the first ``n_triangles``.
+
+        Source
+        ------
+        skfem.models.elasticity; Zienkiewicz and Taylor, The Finite Element Method (2000) vol. 1, ch. 4.
+        """
+        basis = Basis(self.mesh, ELEMENT, elements=np.arange(n_triangles), intorder=2)  # exact: strains are linear
+        lame = plane_stress if self.stress == "plane_stress" else lame_parameters
+        form = linear_elasticity(*lame(self.youngs_modulus, self.poisson_ratio))
+        return csc_array(self.thickness * form.assemble(basis))
 
     def loads(self, patches: Patches) -> csc_array:
         """Consistent loads of unit forces on the patches (n_freedoms, n_patches), in N per N."""
@@ -109,6 +139,13 @@ class ElasticBody:
             The matrix is not symmetric before it is made so: the factorisation is not sound.
         """
         loads = self.loads(patches)
+        raw = self._cyclic.compliance(loads) if self.sectors > 1 else self._direct_compliance(loads)
+        asymmetry = float(np.abs(raw - raw.T).max() / np.abs(raw).max())
+        if not asymmetry < ASYMMETRY_LIMIT:
+            raise ArithmeticError(f"compliance asymmetric by {asymmetry:.2g} of its largest entry; the mesh is unsound")
+        return Compliance((raw + raw.T) / 2, asymmetry)
+
+    def _direct_compliance(self, loads: csc_array) -> Real:
         resultant = (loads.T @ self.rigid_motions).T
         rows = np.union1d(loads.indices, np.flatnonzero(np.any(self.reference != 0, axis=1)))
         near, reference, motions = csr_array(loads)[rows], self.reference[rows], self.rigid_motions[rows]
@@ -121,17 +158,19 @@ class ElasticBody:
             moved = self.solve(balanced)[rows]
             return near.T @ (moved - motions @ (reference.T @ moved))
 
-        raw = np.hstack([columns(start) for start in range(0, len(patches), COLUMNS_AT_ONCE)])
-        asymmetry = float(np.abs(raw - raw.T).max() / np.abs(raw).max())
-        if not asymmetry < ASYMMETRY_LIMIT:
-            raise ArithmeticError(f"compliance asymmetric by {asymmetry:.2g} of its largest entry; the mesh is unsound")
-        return Compliance((raw + raw.T) / 2, asymmetry)
+        return np.hstack([columns(start) for start in range(0, loads.shape[1], COLUMNS_AT_ONCE)])
 
 
 def elastic_body(
-    mesh: MeshTri, youngs_modulus: float, poisson_ratio: float, thickness: float, stress: Stress, reference: str
+    mesh: MeshTri,
+    youngs_modulus: float,
+    poisson_ratio: float,
+    thickness: float,
+    stress: Stress,
+    reference: str,
+    sectors: int = 1,
 ) -> ElasticBody:
-    """Assemble and factorise a body of quadratic (P2) triangles.
+    """A body of quadratic (P2) triangles, assembled and factorised when it is first condensed.
 
     Parameters
     ----------
@@ -141,31 +180,26 @@ def elastic_body(
         E [MPa], nu [-], t [mm], ``plane_stress`` or ``plane_strain``.
     reference
         Name of the boundary whose mean displacement and rotation are held.
-
-    Source
-    ------
-    skfem.models.elasticity; Zienkiewicz and Taylor, The Finite Element Method (2000) vol. 1, ch. 4.
+    sectors
+        Number of equal sectors of ``lobed_disk_mesh``; 1 makes no use of a symmetry.
     """
-    basis = Basis(mesh, ElementVector(ElementTriP2()), intorder=2)  # exact: strains are linear
-    lame = (plane_stress if stress == "plane_stress" else lame_parameters)(youngs_modulus, poisson_ratio)
-    stiffness = csc_array(thickness * linear_elasticity(*lame).assemble(basis))
-    freedoms = np.hstack([basis.nodal_dofs, basis.facet_dofs]).T
-    nodes = basis.doflocs[0, freedoms[:, 0]] + 1j * basis.doflocs[1, freedoms[:, 0]]
+    held = FacetBasis(mesh, ELEMENT, facets=mesh.boundaries[reference])
+    freedoms = np.hstack([held.nodal_dofs, held.facet_dofs]).T
+    vertices = mesh.p[0] + 1j * mesh.p[1]
+    nodes = np.concatenate([vertices, vertices[mesh.facets].mean(axis=0)])
     rigid_motions = _rigid_motions(nodes, freedoms)
-    held = FacetBasis(mesh, basis.elem, facets=mesh.boundaries[reference])
     return ElasticBody(
         mesh=mesh,
         youngs_modulus=youngs_modulus,
         poisson_ratio=poisson_ratio,
         thickness=thickness,
         stress=stress,
+        sectors=sectors,
         nodes=nodes,
         triangles=np.vstack([mesh.t, mesh.nvertices + mesh.t2f]).T,
         freedoms=freedoms,
-        stiffness=stiffness,
         rigid_motions=rigid_motions,
         reference=_rigid_fit(held, rigid_motions),
-        solve=_factorised(stiffness, nodes, freedoms),
     )
 
 

@@ -1,13 +1,14 @@
 """Graded triangle meshes of a lobed disk with a round bore, from SciPy's Delaunay triangulation alone.
 
 One lobe's band of nodes is made (rows parallel to the flank, spacing growing with depth, a few smoothing
-passes between its two neighbours) and turned ``n_lobes`` times, so every lobe has the same mesh; rings of
-nodes fill the rest down to the bore. Points are complex numbers x + iy [mm] in the frame of the disk.
+passes between its two neighbours), and below it the lobe's share of the rings that go down to the bore; the
+triangles of this sector are turned ``n_lobes`` times, so the mesh is cyclic from the flank to the bore.
+Points are complex numbers x + iy [mm] in the frame of the disk.
 
 gmsh and netgen need system libraries that a bare machine lacks, and Triangle forbids commercial use.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.spatial import Delaunay
 from skfem import MeshTri
 
 from pipeline.model.elastic.polygon import ClosedPolygon, Index, arc_length, coordinates, cross
+from pipeline.model.elastic.triangulation import cyclic_triangulation
 from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
 
 ROW_HEIGHT = np.sqrt(3) / 2  # of a row of equilateral triangles, in edge lengths
@@ -69,7 +71,8 @@ def lobed_disk_mesh(flank: Complex, n_lobes: int, bore_radius: float, growth: fl
     Returns
     -------
     Mesh with the boundaries ``flank`` and ``bore`` (no ``bore`` without one). The flank's corners are its
-    first vertices, in their order.
+    first vertices, in their order. Its triangles are those of the first sector, then those of the next in the
+    same order and with the same corners, turned by a lobe's pitch, and so on.
 
     Raises
     ------
@@ -77,13 +80,15 @@ def lobed_disk_mesh(flank: Complex, n_lobes: int, bore_radius: float, growth: fl
         The flank is not periodic or does not surround the bore, or the triangulation loses a flank edge.
     """
     _check_flank(flank, n_lobes, bore_radius)
-    size = _EdgeLength.of(flank, bore_radius, growth, largest_edge)
+    size = _EdgeLength.of(flank, n_lobes, bore_radius, growth, largest_edge)
     innermost = np.abs(flank).min()
-    band_radius = innermost - min(2 * np.pi * innermost / n_lobes, (innermost - bore_radius) / 2)
-    band = _turned(_lobe_band(flank, n_lobes, band_radius, size), 2 * np.pi / n_lobes, range(n_lobes))
-    rings = _rings(band_radius, bore_radius, size)
-    points = np.concatenate([flank, band, *rings])
-    return _triangulated(points, len(flank), len(rings[-1]) if bore_radius > 0 else 0)
+    band_radius = innermost - min(size.pitch * innermost, (innermost - bore_radius) / 2)
+    rings = _rings(band_radius, size)
+    n_bore = len(rings[-1]) if bore_radius > 0 else 0
+    inner = np.concatenate([_lobe_band(flank, band_radius, size), *(rings if n_bore else rings[:-1])])
+    points, triangles = cyclic_triangulation(flank[: len(flank) // n_lobes], inner, n_bore, n_lobes)
+    mesh = MeshTri(coordinates(points).T.copy(), triangles.T.copy(), sort_t=False)  # sorted, corners change places
+    return _with_boundaries(mesh, len(flank), n_lobes * n_bore)
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,7 @@ class _EdgeLength:
     """Wanted edge length [mm]: grows away from the flank and from the bore, up to a largest."""
 
     flank: ClosedPolygon
+    pitch: float
     at_flank: float
     at_bore: float
     bore_radius: float
@@ -98,10 +104,13 @@ class _EdgeLength:
     largest: float
 
     @classmethod
-    def of(cls, flank: Complex, bore_radius: float, growth: float, largest: float) -> "_EdgeLength":
-        polygon = ClosedPolygon.through(flank)
-        at_bore = min(largest, 2 * np.pi * bore_radius / BORE_EDGES) if bore_radius > 0 else largest
-        return cls(polygon, polygon.length / len(flank), at_bore, bore_radius, growth, largest)
+    def of(cls, flank: Complex, n_lobes: int, bore_radius: float, growth: float, largest: float) -> "_EdgeLength":
+        polygon, pitch = ClosedPolygon.through(flank), 2 * np.pi / n_lobes
+        at_bore = largest
+        if bore_radius > 0:
+            edge = min(largest, 2 * np.pi * bore_radius / BORE_EDGES)
+            at_bore = pitch * bore_radius / np.ceil(pitch * bore_radius / edge)
+        return cls(polygon, pitch, polygon.length / len(flank), at_bore, bore_radius, growth, largest)
 
     def flank_distance(self, points: Complex) -> Real:
         return self.flank.nearest(points)[0]
@@ -113,22 +122,25 @@ class _EdgeLength:
         near_bore = self.at_bore + self.growth * np.maximum(np.abs(points) - self.bore_radius, 0)
         return np.minimum(self.at_depth(self.flank_distance(points)), near_bore)
 
+    def edges_around(self, radius: Real) -> Index:
+        """Edges of one sector's part of a ring: a whole number, for every sector has the same nodes."""
+        return np.maximum(1, np.rint(self.pitch * radius / self(np.asarray(radius, complex)))).astype(int)
 
-def _lobe_band(flank: Complex, n_lobes: int, inner_radius: float, size: _EdgeLength) -> Complex:
+
+def _lobe_band(flank: Complex, inner_radius: float, size: _EdgeLength) -> Complex:
     """Nodes of one lobe's band below the flank, down to a ring of evenly spaced nodes at ``inner_radius``."""
-    pitch = 2 * np.pi / n_lobes
-    n_ring = max(1, round(inner_radius * pitch / float(size(np.array([inner_radius + 0j]))[0])))
-    ring = inner_radius * np.exp(1j * pitch * (np.arange(n_ring) + 0.5) / n_ring)
-    lobe = flank[: len(flank) // n_lobes]
-    inner = _rows_below(lobe, pitch, inner_radius, size)
+    n_lobes = round(2 * np.pi / size.pitch)
+    lobe, ring = flank[: len(flank) // n_lobes], _ring(inner_radius, 0.5, size)
+    inner = _rows_below(lobe, inner_radius, size)
     for _ in range(SMOOTHING_PASSES):
-        inner = _smoothed(inner, np.concatenate([lobe, ring]), pitch, size)
+        inner = _smoothed(inner, np.concatenate([lobe, ring]), size)
     return np.concatenate([inner, ring])
 
 
-def _rows_below(lobe: Complex, pitch: float, inner_radius: float, size: _EdgeLength) -> Complex:
+def _rows_below(lobe: Complex, inner_radius: float, size: _EdgeLength) -> Complex:
     """Nodes on parallels of one lobe's flank, a row height apart, staggered from row to row."""
-    corners = np.concatenate([lobe[-1:] * np.exp(-1j * pitch), lobe, lobe[:2] * np.exp(1j * pitch)])
+    turn = np.exp(1j * size.pitch)
+    corners = np.concatenate([lobe[-1:] / turn, lobe, lobe[:2] * turn])
     inward = 1j * (corners[2:] - corners[:-2]) / np.abs(corners[2:] - corners[:-2])
     rows = []
     for row, depth in enumerate(_levels(size.at_depth, np.abs(lobe).max() - inner_radius)[1:]):
@@ -144,14 +156,14 @@ def _rows_below(lobe: Complex, pitch: float, inner_radius: float, size: _EdgeLen
     return np.concatenate(rows)
 
 
-def _smoothed(inner: Complex, fixed: Complex, pitch: float, size: _EdgeLength) -> Complex:
+def _smoothed(inner: Complex, fixed: Complex, size: _EdgeLength) -> Complex:
     """``inner`` nodes at the centroids of their patches of triangles, each triangle weighted by area / edge^2.
 
     Source
     ------
     Chen and Holst, Comput. Methods Appl. Mech. Engrg. 200 (2011) 967: centroid of patch (CPT) smoothing.
     """
-    points = _turned(np.concatenate([inner, fixed]), pitch, [0, -1, 1, -2, 2])
+    points = _turned(np.concatenate([inner, fixed]), size.pitch, [0, -1, 1, -2, 2])
     triangles = Delaunay(coordinates(points)).simplices
     triangles = triangles[(triangles < len(inner)).any(axis=1)]
     a, b, c = points[triangles.T]
@@ -166,18 +178,23 @@ def _smoothed(inner: Complex, fixed: Complex, pitch: float, size: _EdgeLength) -
     return np.where(size.flank_distance(moved) > CLEARANCE * size.at_flank, moved, inner)
 
 
-def _rings(outer_radius: float, inner_radius: float, size: _EdgeLength) -> list[Complex]:
-    """Rings of nodes below ``outer_radius`` (without it) down to the bore, or to the centre where there is none."""
+def _rings(outer_radius: float, size: _EdgeLength) -> list[Complex]:
+    """One sector's rings of nodes below ``outer_radius`` (without it) down to the bore, or to the centre."""
 
     def edge_at(depth: Real) -> Real:
-        return size(np.asarray(outer_radius - depth, complex))
-
-    rings = []
-    for row, depth in enumerate(_levels(edge_at, outer_radius - inner_radius)[1:]):
         radius = outer_radius - depth
-        n_nodes = max(1, round(2 * np.pi * radius / float(edge_at(np.array([depth]))[0])))
-        rings.append(radius * np.exp(2j * np.pi * (np.arange(n_nodes) + 0.5 * (row % 2)) / n_nodes))
-    return rings
+        wanted = size(np.asarray(radius, complex))
+        around = size.pitch * radius / size.edges_around(radius)
+        return around if size.bore_radius > 0 else np.maximum(around, wanted)  # else rings without end at the centre
+
+    depths = _levels(edge_at, outer_radius - size.bore_radius)[1:]
+    return [_ring(outer_radius - depth, 0.5 * (row % 2), size) for row, depth in enumerate(depths)]
+
+
+def _ring(radius: float, stagger: float, size: _EdgeLength) -> Complex:
+    """One sector's evenly spaced nodes on a ring, from ``stagger`` edges on."""
+    n_edges = int(size.edges_around(np.array([radius]))[0])
+    return radius * np.exp(1j * size.pitch * (np.arange(n_edges) + stagger) / n_edges)
 
 
 def _levels(edge_at: Callable[[Real], Real], depth: float) -> Real:
@@ -186,39 +203,6 @@ def _levels(edge_at: Callable[[Real], Real], depth: float) -> Real:
     per_depth = 1 / (ROW_HEIGHT * edge_at(fine))
     rows = np.concatenate([[0], np.cumsum((per_depth[1:] + per_depth[:-1]) / 2 * np.diff(fine))])
     return np.interp(np.linspace(0, rows[-1], max(1, round(rows[-1])) + 1), rows, fine)
-
-
-def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> Index:
-    """Delaunay triangles of ``points`` inside the flank and outside the cuts, counterclockwise, (n_triangles, 3).
-
-    Parameters
-    ----------
-    points
-        (n_points,) complex [mm], the flank's ``n_flank`` corners first.
-    cuts
-        Points on the edge of each convex cut-out (bore, hole), in which no point lies.
-    """
-    triangles = Delaunay(coordinates(points)).simplices
-    a, b, c = points[triangles.T]
-    clockwise = cross(b - a, c - a) < 0
-    triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
-    first = np.argmin(triangles, axis=1)
-    ordered = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
-    # Three corners of a simple polygon follow counterclockwise in their own order inside it, in reverse outside.
-    outside = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
-    cut = np.full(len(points), -1)
-    for number, corners in enumerate(cuts):
-        cut[corners] = number
-    of_corner = cut[triangles]
-    outside |= (of_corner[:, 0] >= 0) & (of_corner == of_corner[:, :1]).all(axis=1)
-    return triangles[~outside]
-
-
-def _triangulated(points: Complex, n_flank: int, n_bore: int) -> MeshTri:
-    """Delaunay mesh of ``points``, the flank's corners first and the bore's last, without what lies outside."""
-    bore = np.arange(len(points) - n_bore, len(points))
-    inside = triangles_between(points, n_flank, [bore])
-    return _with_boundaries(MeshTri(coordinates(points).T.copy(), inside.T.copy()), n_flank, n_bore)
 
 
 def _with_boundaries(mesh: MeshTri, n_flank: int, n_bore: int) -> MeshTri:

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.spatial import Delaunay, KDTree
 from skfem import MeshTri
 
-from pipeline.model.elastic.disk_mesh import CLEARANCE, ROW_HEIGHT, triangles_between
+from pipeline.model.elastic.disk_mesh import CLEARANCE, ROW_HEIGHT
 from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates, cross
+from pipeline.model.elastic.triangulation import triangles_between
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 SPACING = 0.75  # in edge lengths: of two nodes that come closer, one of the disk and one of a hole's rings, one goes

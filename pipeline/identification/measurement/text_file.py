@@ -1,0 +1,74 @@
+"""Whether a measured file is a text of bearable size, before a reader of tables trusts its name."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import BinaryIO
+
+from pipeline.config.section import shown_value
+from pipeline.errors import InputError
+
+LARGEST_TEXT = 1 << 30
+"""Bytes of a file, unpacked: ten million rows of six columns. A table takes about as much again in memory."""
+LARGEST_VALUE = 1e12
+"""Of any quantity in its standard unit; what is beyond was never measured, and its square may be no number."""
+_AT_ONCE = 1 << 20
+_GZIP = b"\x1f\x8b"
+_PACKED = {
+    b"PK\x03\x04": "a ZIP archive",
+    b"\xfd7zXZ\x00": "packed with xz",
+    b"BZh": "packed with bzip2",
+    b"\x28\xb5\x2f\xfd": "packed with zstd",
+    b"7z\xbc\xaf": "a 7z archive",
+}
+_PACKED_ENDINGS = (".zip", ".xz", ".bz2", ".zst", ".tar", ".tgz", ".7z", ".lzma")
+
+
+def check_text(path: Path, name: str) -> None:
+    """Refuse what is no plain text and no gzip of one, in constant memory.
+
+    Parameters
+    ----------
+    name : of the file in messages.
+
+    Raises
+    ------
+    InputError : an archive, by its content or its name; a damaged gzip; bytes that are no text; more than
+        `LARGEST_TEXT` bytes, unpacked.
+    """
+    with path.open("rb") as file:
+        beginning = file.read(8)
+        packed = next((what for magic, what in _PACKED.items() if beginning.startswith(magic)), "")
+        if packed or path.suffix.lower() in _PACKED_ENDINGS:
+            raise InputError(f"{name}: is {packed or 'an archive by its name'}; unpack it to a CSV file, or use gzip")
+        if (path.suffix.lower() == ".gz") != beginning.startswith(_GZIP):
+            what = "no gzip file" if path.suffix.lower() == ".gz" else "packed with gzip"
+            raise InputError(f"{name}: is {what}; name a gzip file .csv.gz and a text .csv")
+        file.seek(0)
+        try:
+            _check_content(gzip.GzipFile(fileobj=file) if path.suffix.lower() == ".gz" else file, name)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise InputError(f"{name}: damaged gzip: {error}; copy or pack it again") from None
+
+
+def _check_content(file: BinaryIO | gzip.GzipFile, name: str) -> None:
+    size = 0
+    while block := file.read(_AT_ONCE):
+        if b"\0" in block:
+            raise InputError(f"{name}: no text in UTF-8 or Latin-1: it holds zero bytes; save it as CSV in UTF-8")
+        size += len(block)
+        if size > LARGEST_TEXT:
+            raise InputError(f"{name}: more than {LARGEST_TEXT} bytes, unpacked; thin the rows, or split the file")
+
+
+def header(columns: Iterable[object], name: str) -> list[str]:
+    """Names of columns without blanks around them; raises InputError where two are then equal."""
+    stripped = [str(column).strip() for column in columns]
+    twice = sorted({column for column in stripped if stripped.count(column) > 1})
+    if twice:
+        shown = ", ".join(map(shown_value, twice))
+        raise InputError(f"{name}: more than one column {shown}, blanks aside; rename one")
+    return stripped
