@@ -8,7 +8,7 @@ JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup study $(STAGES) why test attack lint types identify population blind \
-	bench paper calibrate verify coverage clean-runs
+	bench paper calibrate verify coverage tails clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -63,6 +63,9 @@ calibrate: $(VENV)/installed  ## fit numbers of the design to Table 2, with inte
 
 verify: $(VENV)/installed  ## hold the mechanics against exact answers and independent solvers: make verify MESH=coarse
 	$(PIPELINE) verify --mesh $(or $(MESH),paper)
+
+tails: $(VENV)/installed  ## yield in parts per million and the 99.73 % quantile of STUDY, from few load-solved units
+	$(PIPELINE) tails --study $(STUDY) $(JOBS_OPTION)
 
 coverage: $(VENV)/installed  ## count how often intervals hold the truth, over 2,000 experiments on the rigid play
 	$(PIPELINE) coverage --study $(STUDY) $(JOBS_OPTION)

@@ -19,7 +19,7 @@ LARGEST_RUN = 10**10
 """Samples x contacts: 80 GB of gaps at each crank angle."""
 LARGEST_MESH = 2_000_000
 """Triangles whose factors fill some 10 GB; the paper's disk has 30,000."""
-RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify", "population", "coverage")
+RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify", "population", "coverage", "tails")
 """Run folders of the targets that are no study."""
 
 
