@@ -259,7 +259,8 @@ def test_values_over_the_turn_are_the_extremes_of_what_the_tables_hold(frames):
     free = units.index[~units["preloaded"]]
     np.testing.assert_allclose(units["clearance_backlash_arcmin_worst"][free], play.max()[free], atol=1e-6)
     np.testing.assert_allclose(units["clearance_backlash_arcmin_best"][free], play.min()[free], atol=1e-6)
-    evenly = kinematic[np.isclose(kinematic["crank_deg"] * 181 / 360 % 1, 0)].groupby("sample")["backlash_arcmin"]
+    step = kinematic["crank_deg"] * 181 / 360
+    evenly = kinematic[np.isclose(step, step.round())].groupby("sample")["backlash_arcmin"]
     np.testing.assert_allclose(units["clearance_backlash_arcmin_mean"][free], evenly.mean()[free], atol=1e-4)
     assert np.all(units["clearance_backlash_arcmin_worst"] >= by_sample["clearance_backlash_arcmin"].max())
 
