@@ -1,4 +1,4 @@
-"""The two errors that end a command, each said in full and without a traceback."""
+"""The errors that end a command, each said in full and without a traceback."""
 
 import re
 from collections.abc import Iterable
@@ -28,6 +28,13 @@ class InputError(Exception):
 
     def __str__(self) -> str:
         return "\n".join(self.problems)
+
+
+class ModelError(InputError, ValueError):
+    """A reducer, mesh or law that the model cannot represent; says which number to change.
+
+    It is an input error, so that a user reads it as one, and for callers of the library a ValueError.
+    """
 
 
 class ChunkError(RuntimeError):

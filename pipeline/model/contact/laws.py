@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.errors import ModelError
 from pipeline.model.geometry.cycloid_profile import Real
 
 PALMGREN_MM = 3.84e-5
@@ -272,7 +273,7 @@ def palmgren_laws(contact: LineContact, interfaces: int, held_by_mesh: float) ->
     if held_by_mesh > 0:
         limit = (power * PALMGREN_FORCE_EXPONENT / held_by_mesh) ** (1 / (1 - PALMGREN_FORCE_EXPONENT))
         if limit < 1:
-            raise ValueError(
+            raise ModelError(
                 f"Palmgren's law decreases beyond {limit:.3g} N; the mesh holds more than the law's whole approach"
             )
     else:

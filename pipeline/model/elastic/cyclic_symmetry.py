@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import block_diag, csc_array, csr_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
+from pipeline.errors import ModelError
 from pipeline.model.elastic.polygon import Index
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
@@ -60,7 +61,7 @@ class SectorNodes:
         miss = np.abs(nodes[following] - pitch * nodes).max()
         consistent = np.array_equal(following[of_sector], np.roll(of_sector, -1, axis=0))
         if not consistent or miss > SAME_PLACE * np.abs(nodes).max():
-            raise ValueError(
+            raise ModelError(
                 f"the mesh does not repeat in {n_sectors} sectors: turned nodes miss theirs by {miss:.3g} mm"
             )
         touched = np.unique(of_sector[0])
@@ -73,7 +74,7 @@ class SectorNodes:
         sector, position = np.full(len(nodes), -1), np.full(len(nodes), -1)
         sector[table], position[table] = np.arange(n_sectors)[:, None], np.arange(table.shape[1])
         if np.isin(cut, following[cut]).any() or table.size != len(nodes) or (sector < 0).any():
-            raise ValueError("a sector of the mesh touches more than its two neighbours: it is too coarse for them")
+            raise ModelError("a sector of the mesh touches more than its two neighbours: it is too coarse for them")
         return cls(table, len(cut), sector, position)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay
 from skfem import MeshTri
 
+from pipeline.errors import ModelError
 from pipeline.model.elastic.polygon import ClosedPolygon, Index, arc_length, coordinates, cross
 from pipeline.model.elastic.triangulation import cyclic_triangulation
 from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
@@ -211,12 +212,12 @@ def _with_boundaries(mesh: MeshTri, n_flank: int, n_bore: int) -> MeshTri:
     on_flank = (edge < n_flank).all(axis=0)
     expected = np.sort([np.arange(n_flank), np.roll(np.arange(n_flank), -1)], axis=0)
     if not np.array_equal(_sorted(expected), _sorted(edge[:, on_flank])):
-        raise ValueError(
+        raise ModelError(
             f"the mesh holds {on_flank.sum()} flank edges of {n_flank}: the flank is too coarse for its curvature; "
             "take more edges per lobe"
         )
     if (~on_flank).sum() != n_bore:
-        raise ValueError(f"the mesh holds {(~on_flank).sum()} bore edges of {n_bore}; take a smaller largest_edge")
+        raise ModelError(f"the mesh holds {(~on_flank).sum()} bore edges of {n_bore}; take a smaller largest_edge")
     boundaries = {"flank": mesh.boundary_facets()[on_flank], "bore": mesh.boundary_facets()[~on_flank]}
     return mesh.with_boundaries({name: facets for name, facets in boundaries.items() if len(facets)})
 

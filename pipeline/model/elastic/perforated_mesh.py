@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import Delaunay, KDTree
 from skfem import MeshTri
 
+from pipeline.errors import ModelError
 from pipeline.model.elastic.disk_mesh import CLEARANCE, ROW_HEIGHT
 from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates, cross
 from pipeline.model.elastic.triangulation import triangles_between
@@ -214,13 +215,13 @@ def _named(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:
         mine = facets[(ends == number).all(axis=0)]
         expected = np.sort([corners, np.roll(corners, -1)], axis=0)
         if not np.array_equal(_ordered(expected), _ordered(np.sort(mesh.facets[:, mine], axis=0))):
-            raise ValueError(
+            raise ModelError(
                 f"the mesh holds {len(mine)} edges of {name}, of {len(corners)}: the walls about the holes are too "
                 "thin for these edges; take a smaller patch half width or less growth"
             )
         boundaries[name] = mine
     if sum(map(len, boundaries.values())) != len(facets):
-        raise ValueError("the mesh has edges between two of its boundaries: the walls about the holes are too thin")
+        raise ModelError("the mesh has edges between two of its boundaries: the walls about the holes are too thin")
     return mesh.with_boundaries(boundaries)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from skfem import MeshTri
 
+from pipeline.errors import ModelError
 from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates, cross
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
@@ -87,7 +88,7 @@ def boundary_patches(
     longest_edge = np.diff(polygon.arc).max()
     if distance.max() > longest_edge:
         worst = np.argmax(distance)
-        raise ValueError(
+        raise ModelError(
             f"contact {worst} at {contacts[worst]:.6g} mm lies {distance[worst]:.3g} mm off boundary {boundary}; "
             f"must be within an edge's length of it, {longest_edge:.3g} mm"
         )
@@ -133,7 +134,7 @@ def _spread(polygon: ClosedPolygon, arc: Real, tangent: Complex, abscissa: Real)
         if np.abs(short).max() <= SPREADING_ERROR * np.abs(abscissa).max():
             return spread
         spread = spread + short
-    raise ValueError(
+    raise ModelError(
         f"a patch of half width {np.abs(abscissa).max():.3g} mm turns away from its force by more than the boundary "
         "allows: narrow it, or give the force the direction of the inward normal"
     )
@@ -174,7 +175,7 @@ def _located(mesh: MeshTri, points: Complex) -> tuple[Index, Real]:
     inside = np.take_along_axis(barycentric, best[..., None], axis=-2)[..., 0, :]
     outside = inside.min(axis=-1) < -ON_TRIANGLE
     if outside.any():
-        raise ValueError(f"patch point {points[outside][0]:.6g} mm lies outside the body; move or narrow its patch")
+        raise ModelError(f"patch point {points[outside][0]:.6g} mm lies outside the body; move or narrow its patch")
     return triangles, inside
 
 

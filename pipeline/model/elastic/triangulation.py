@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import Delaunay
 
+from pipeline.errors import ModelError
 from pipeline.model.elastic.polygon import Index, coordinates, cross
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
@@ -91,7 +92,7 @@ def cyclic_triangulation(lobe: Complex, inner: Complex, n_bore: int, n_sectors: 
     points = _placed(number, nodes, np.arange(n_sectors) * pitch, n_bore == 0)
     n_boundary = n_sectors * (len(lobe) + n_bore)
     if len(triangles) != 2 * len(points) - n_boundary - 2 * (n_bore == 0):  # Euler's formula
-        raise ValueError(
+        raise ModelError(
             f"{len(triangles)} triangles of {len(points)} nodes make no disk of {n_sectors} equal sectors; take a "
             "smaller largest_edge, or more edges per lobe"
         )
