@@ -132,6 +132,9 @@ def _where(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--jobs", type=int, help="processes; default: the study's")
     sub.add_argument("--backend", choices=("loky", "dask"), default="loky", help="this machine, or a Dask cluster")
     sub.add_argument("--scheduler", help="address of the cluster's scheduler, as in tls://192.0.2.1:8786")
+    sub.add_argument(
+        "--open-scheduler", action="store_true", help="the scheduler authenticates nobody, and nobody else reaches it"
+    )
 
 
 def _finite(text: str) -> float:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.config import Study
-from pipeline.engine.parallel import dask_cluster
+from pipeline.engine.cluster import dask_cluster
 from pipeline.engine.runner import Resources
 from pipeline.errors import InputError
 
@@ -25,7 +25,7 @@ def resources(study: Study, options: argparse.Namespace) -> Iterator[Resources]:
     if (options.backend == "dask") != (options.scheduler is not None):
         raise InputError("--backend dask and --scheduler ADDRESS go together; give both or neither")
     if options.backend == "dask":
-        with dask_cluster(options.scheduler) as cluster:
+        with dask_cluster(options.scheduler, options.open_scheduler) as cluster:
             yield Resources(options.jobs or ALL_WORKERS, study.run.chunk, cluster)
     else:
         yield Resources(options.jobs or study.run.jobs, study.run.chunk)

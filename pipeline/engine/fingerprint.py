@@ -58,7 +58,7 @@ class Fingerprint:
     @cached_property
     def code(self) -> str:
         """Hash of the sources and packages alone: what a cached computation depends on besides its own key."""
-        return _digest([self.sources, self.packages])
+        return code_of(self.sources, self.packages)
 
     def changes_since(self, record: Mapping[str, Any]) -> list[str]:
         """Plain sentences: what differs from the fingerprint in a stage's record."""
@@ -72,6 +72,11 @@ class Fingerprint:
         for name, _, _ in _differences(record["inputs"], self.inputs):
             changes.append(f"input {name} changed")
         return changes
+
+
+def code_of(sources: Mapping[str, str], packages: Mapping[str, str]) -> str:
+    """One hash of sources and libraries: equal where two machines run the same program."""
+    return _digest([sources, packages])
 
 
 def fingerprint(stage: Stage, study: Any, inputs: Mapping[str, str]) -> Fingerprint:

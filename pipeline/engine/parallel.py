@@ -6,13 +6,13 @@ one BLAS thread, for any number of processes; workers elsewhere are started by t
 """
 
 import os
+import platform
 import threading
 import time
 import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from typing import Any
 import joblib
 from threadpoolctl import threadpool_limits
 
+from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
 from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import ITEM, Part
 from pipeline.errors import ChunkError, InputError
@@ -31,36 +32,9 @@ that, which bounds memory; waiting for the last of a wave costs about half a chu
 
 @dataclass(frozen=True)
 class Backend:
-    """A joblib backend by name, with the options that `joblib.parallel_config` hands to it."""
+    """Where chunks are solved: a joblib backend by name, or "dask", the cluster that is connected."""
 
     name: str = "loky"
-    options: Mapping[str, Any] = field(default_factory=lambda: {"inner_max_num_threads": 1})
-
-
-@contextmanager
-def dask_cluster(scheduler: str) -> Iterator[Backend]:
-    """The workers of a Dask cluster, connected while the context lasts.
-
-    Parameters
-    ----------
-    scheduler : str
-        Address, as in tcp://192.0.2.1:8786.
-
-    Raises
-    ------
-    InputError
-        If Dask is not installed, or no scheduler answers at the address within ten seconds.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError("--backend dask: Dask is not installed; pip install 'distributed'") from None
-    try:
-        client = Client(scheduler, timeout="10s")
-    except Exception as error:  # each transport of Dask has errors of its own, of any type
-        raise InputError(f"--scheduler = {scheduler}; no Dask scheduler answers there ({error}); start one") from None
-    with client:
-        yield Backend("dask", {})
 
 
 @dataclass(frozen=True)
@@ -136,9 +110,17 @@ def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved:
         ) from error
 
 
-def _attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved | Exception:
-    """As `solve_chunk`, with an error as a value: raised, it would end the other workers and lose their results."""
+def attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk, code: str = "") -> Solved | Exception:
+    """As `solve_chunk`, with an error as a value: raised, it would end the other workers and lose their results.
+
+    `code` is that of the process which asks: a worker elsewhere that has another refuses.
+    """
     try:
+        if code and code != code_of(source_hashes(stage.module), package_versions()):
+            raise InputError(
+                f"worker {os.getpid()} on {platform.node()}: has another version of the program, of a library or of "
+                "Python; install this checkout with its constraints.txt there, and start the worker again"
+            )
         return solve_chunk(stage, shared, chunk)
     except (ChunkError, InputError) as error:
         if error.__cause__:  # which does not cross between processes
@@ -169,6 +151,7 @@ def solved_chunks(
     scratch: Path,
     jobs: int,
     backend: Backend,
+    code: str = "",
 ) -> Generator[Solved]:
     """Solve chunks and yield each as it finishes, in no order.
 
@@ -185,6 +168,8 @@ def solved_chunks(
     jobs : int
         Processes; with one (or one chunk) everything happens in this process.
     backend : Backend
+    code : str
+        Hash of the sources and libraries, which workers elsewhere must share.
 
     Raises
     ------
@@ -198,9 +183,15 @@ def solved_chunks(
             for start, stop in chunks:
                 yield solve_chunk(stage, Value(shared), read(start, stop))
         return
+    if backend.name == "dask":
+        from pipeline.engine.cluster import solved_on_cluster  # which builds on this module
+
+        yield from solved_on_cluster(stage, shared, chunks, read, code)
+        return
     handle = _handle(shared, scratch, backend)
     waiting = iter(chunks)
-    with joblib.parallel_config(backend=backend.name, n_jobs=jobs, **backend.options):
+    options = {"inner_max_num_threads": 1} if backend.name == "loky" else {}
+    with joblib.parallel_config(backend=backend.name, n_jobs=jobs, **options):
         wave = WAVE * joblib.effective_n_jobs()
         while batch := list(islice(waiting, wave)):
             yield from _wave(stage, handle, batch, read)
@@ -216,7 +207,7 @@ def _wave(
             for start, stop in chunks:
                 if errors:
                     return
-                yield joblib.delayed(_attempted)(stage, handle, read(start, stop))
+                yield joblib.delayed(attempted)(stage, handle, read(start, stop))
         except Exception as error:  # joblib asks for tasks in a thread of its own, where an error would be lost
             errors.append(error)
 
@@ -236,14 +227,8 @@ def _wave(
         raise errors[0]
 
 
-def _handle(shared: Any, scratch: Path, backend: Backend) -> Any:
-    """What stands for the shared value in a task; a worker finds a `Value` or `Dumped` in its place."""
-    if backend.name == "dask":
-        from distributed import get_client
-
-        # a task's result: sent once to a worker, and made again if the only worker that had it is lost, where
-        # scattered data would be gone and a scatter that meets a dying worker fails or never returns
-        return get_client().submit(Value, shared, pure=False)
+def _handle(shared: Any, scratch: Path, backend: Backend) -> Value | Dumped:
+    """What stands for the shared value in a task."""
     if backend.name != "loky":
         return Value(shared)
     path = scratch / "shared.joblib"

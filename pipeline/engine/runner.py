@@ -173,7 +173,7 @@ def _executed(
         work = Work(runs / study.name, stage.name, state)
         sections = Sections(study, (*stage.sections, "name"))
         job = Job(sections, resources.jobs, work.output, inputs, Cache(runs / ".cache", now.code))
-        counts = _solve_chunks(stage, job, work, resources) if stage.solve else _run_whole(stage, job, work)
+        counts = _solve_chunks(stage, job, work, resources, now.code) if stage.solve else _run_whole(stage, job, work)
         contents = work.contents(stage.tables)
     if not stage.solve:
         rows, files = sum(table["rows"] for table in contents["tables"].values()), len(contents["files"])
@@ -204,7 +204,7 @@ def _run_whole(stage: Stage, job: Job, work: Work) -> dict[str, int]:
     return {}
 
 
-def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources) -> dict[str, int]:
+def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code: str) -> dict[str, int]:
     assert stage.items is not None
     assert stage.prepare is not None
     total = stage.items(job)
@@ -221,7 +221,7 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources) -> d
             line.advance(stop - start, work.finished[start]["failed"])
         shared = stage.prepare(job) if left else None
         with closing(
-            solved_chunks(stage, shared, left, read, work.folder, resources.jobs, resources.backend)
+            solved_chunks(stage, shared, left, read, work.folder, resources.jobs, resources.backend, code)
         ) as solved:
             for part in solved:
                 work.write_chunk(part.start, part.parts, part.failed)

@@ -13,20 +13,25 @@ from pathlib import Path
 import pytest
 from toy_study import STAGES, Toy
 
-from pipeline.engine.parallel import dask_cluster
+from pipeline.engine.cluster import _authenticated, dask_cluster
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
 
 pytest.importorskip("distributed")
 ALL_WORKERS = -1
+ROOT = Path(__file__).parent.parent.parent
 
 
-def started(module: str, *options: str) -> subprocess.Popen:
-    """A process of the cluster; it finds the toy stages and the library as workers on other machines would."""
-    here = Path(__file__).parent
-    paths = os.pathsep.join([str(here), str(here.parent.parent)])
+def started(module: str, *options: str, here: Path = Path(__file__).parent) -> subprocess.Popen:
+    """A process of the cluster; it finds the toy stages (in `here`) and the library as on other machines."""
+    paths = os.pathsep.join([str(here), str(ROOT)])
     command = [sys.executable, "-m", f"distributed.cli.{module}", *options]
     return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths}, stderr=subprocess.DEVNULL)
+
+
+def worker(about: Path, scratch: Path, **where: Path) -> subprocess.Popen:
+    options = ("--scheduler-file", str(about), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    return started("dask_worker", *options, "--local-directory", str(scratch), **where)
 
 
 @pytest.fixture
@@ -38,9 +43,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
             "dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(about)
         )
     ]
-    options = ("--scheduler-file", str(about), "--nthreads", "1", "--no-nanny", "--no-dashboard")
-    options += ("--local-directory", str(tmp_path))
-    processes += [started("dask_worker", *options) for _ in range(2)]
+    processes += [worker(about, tmp_path) for _ in range(2)]
     try:
         yield address_in(about), processes[1:]
     finally:
@@ -78,6 +81,75 @@ def test_cluster_that_loses_a_worker_gives_the_same_tables(
     assert {name: output.hashes for name, output in there.items()} == {
         name: output.hashes for name, output in here.items()
     }
+
+
+def test_worker_of_another_version_of_the_code_is_refused(
+    tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+) -> None:
+    """A worker whose checkout has another formula joins; what it would have solved is not in any table."""
+    other = tmp_path / "other"
+    other.mkdir()
+    source = (Path(__file__).parent / "toy_study.py").read_text()
+    assert "slope" in source
+    (other / "toy_study.py").write_text(source.replace('shared["slope"] * total', 'shared["slope"] * total * 1.001'))
+    address, workers = cluster
+    third = worker(tmp_path / "scheduler.json", tmp_path, here=other)
+    try:
+        with dask_cluster(address) as backend:
+            from distributed import get_client
+
+            get_client().wait_for_workers(3, timeout=60)
+            with pytest.raises(InputError, match=f"worker {third.pid} on .*: has another version of the program"):
+                run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 1, backend))
+            third.kill()
+            third.wait()
+            there = run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 1, backend))
+    finally:
+        third.kill()
+        third.wait()
+    here = run(STAGES, Toy(), ["finish"], tmp_path / "here", Resources(jobs=1, chunk=1))
+    assert there["add"].hashes == here["add"].hashes
+
+
+def test_scheduler_without_a_worker_is_an_input_error(cluster, monkeypatch) -> None:
+    address, workers = cluster
+    monkeypatch.setattr("pipeline.engine.cluster.PATIENCE", 2)
+    for process in workers:
+        process.kill()
+        process.wait()
+    time.sleep(0.5)
+    with pytest.raises(InputError, match="has no worker; start one"), dask_cluster(address):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "closed"),
+    [
+        ("tcp://127.0.0.1:8786", True),
+        ("127.1.2.3:8786", True),
+        ("tcp://[::1]:8786", True),
+        ("localhost:8786", True),
+        ("tls://192.0.2.1:8786", True),
+        ("wss://example.org:8786", True),
+        ("tcp://192.0.2.1:8786", False),
+        ("192.0.2.1:8786", False),
+        ("ws://192.0.2.1:8786", False),
+        ("tcp://localhost.example.org:8786", False),
+        ("tcp://0.0.0.0:8786", False),
+        ("nonsense", False),
+    ],
+)
+def test_open_scheduler_beyond_the_loopback_is_refused_unless_the_user_says_so(scheduler: str, closed: bool) -> None:
+    assert _authenticated(scheduler) == closed
+    if not closed:
+        with pytest.raises(InputError, match="authenticates nobody.* --open-scheduler"), dask_cluster(scheduler):
+            pass
+
+
+def test_open_scheduler_that_is_trusted_is_asked(monkeypatch) -> None:
+    monkeypatch.setattr("pipeline.engine.cluster.PATIENCE", 1)
+    with pytest.raises(InputError, match="no Dask scheduler answers"), dask_cluster("tcp://192.0.2.1:9", trusted=True):
+        pass
 
 
 def test_scheduler_that_does_not_answer_is_an_input_error() -> None:

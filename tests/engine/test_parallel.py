@@ -64,7 +64,7 @@ def test_any_backend_gives_the_same_parts(tmp_path: Path, name: str) -> None:
     bounds = [(0, 2), (2, 4), (4, 5)]
     by_backend = [
         {p.start: p.parts for p in solved_chunks(ADD, SHARED, bounds, chunk, tmp_path, 2, backend)}
-        for backend in (Backend(), Backend(name, {}))
+        for backend in (Backend(), Backend(name))
     ]
     assert by_backend[0] == by_backend[1]
 
