@@ -167,7 +167,7 @@ def test_a_unit_on_a_study_that_is_none(tmp_path: Path, capsys) -> None:
         (("identify", "--unit", "y" * 5000), "shorter|no such folder"),
         (("unit", "pham2017", "--dimensions", "z" * 300), "shorter|no such file"),
         (("population", "--units", "z" * 300, "--study", "quick"), "no table|shorter"),
-        (("population", "--units", ROOT / "data/pictures/hysteresis.png", "--study", "quick"), "no table"),
+        (("population", "--units", ROOT / "data/pictures/hysteresis.png", "--study", "quick"), "zero bytes"),
         (("calibrate", "--targets", ROOT / "data/pictures/hysteresis.png"), "no table"),
         (("export-ccx", "quick", "--sample", "3", "--crank", "inf"), "no finite number"),
         (("export-ccx", "quick", "--sample", "3", "--crank", "nan"), "no finite number"),
