@@ -45,6 +45,23 @@ def small_drive(
     return drive.moved(pin_radius=np.array(-play), roller_diameter=np.array(-2 * play))
 
 
+def drive_with(profile, at, bearing, laws, compliance, gap, clearance):
+    """States of a reducer with gaps (n, n_contacts) and clearances (n,) [mm] as they are, of no stated errors."""
+    return Drive(
+        profile=profile,
+        reducer=at,
+        bearing=bearing,
+        laws=laws,
+        compliance=compliance,
+        rated_torque=RATED,
+        errors=errors_of(profile, at, len(gap)),
+        reading=GapReading("exact", "radial", "half_diameter"),
+        shift=np.zeros(gap.shape),
+        bearing_clearance=clearance,
+        known=gap,
+    )
+
+
 def history(*turns, steps=60):
     """Torques from turn to turn, every turn once."""
     legs = [np.linspace(a, b, steps + 1)[1:] for a, b in zip(turns[:-1], turns[1:], strict=True)]

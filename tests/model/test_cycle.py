@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drives import drive_with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reducers import ARCMIN, PAPER, SMALL, laws_of, random_compliance, random_errors, reducer_at
@@ -113,7 +114,7 @@ class Unit:
 
     def __init__(self, profile=PAPER, *, n=12, floats=False, exponent=1.0, clearance=0.0, crank=0.4, allowance=8e-3):
         rng = np.random.default_rng(0)
-        self.at = at = reducer_at(profile, crank, floats=floats)
+        self.profile, self.at = profile, (at := reducer_at(profile, crank, floats=floats))
         self.laws = laws_of(profile, at)
         on_disk = (at.contacts.body_a == "disk") | (at.contacts.body_b == "disk")
         self.compliance = random_compliance(len(on_disk), rng) * np.outer(on_disk, on_disk)
@@ -125,7 +126,8 @@ class Unit:
         self.clearance = np.full(n, clearance)
 
     def states(self, cycle=CYCLE):
-        return solve_cycle(self.at, self.bearing, self.laws, self.compliance, self.gap, self.clearance, cycle)
+        springs = self.at, self.bearing, self.laws, self.compliance
+        return solve_cycle(drive_with(self.profile, *springs, self.gap, self.clearance), cycle)
 
     def play(self):
         return rigid_play(self.at, self.gap, self.clearance)

@@ -10,8 +10,7 @@ from reducers import MICROMETRE
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history import drive as of_drive
-from pipeline.model.load_history.drive import NO_LOAD, backbone, ladder
-from pipeline.model.load_history.load_cycle import first_poses
+from pipeline.model.load_history.drive import NO_LOAD, backbone, first_poses, ladder
 
 SHARES = ladder(40, 1.05)
 MIDDLE = len(SHARES)
@@ -110,8 +109,7 @@ def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program
 
 def raised(drive, pose, levels, preloaded):
     """Equilibria from no load up, however many contacts interfere there."""
-    parts = drive.reducer, drive.laws, drive.compliance
-    return of_drive._solved(drive, first_poses(*parts, pose, levels[0]), levels)
+    return drive.equilibria(first_poses(drive, pose, levels[0]), levels)
 
 
 @pytest.mark.parametrize("depth", [2, 10, 30])

@@ -1,5 +1,7 @@
 """Contacts, motions and friction at once along a load history: balance, energy, reciprocity, the condensed path."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drives import RATED, area, history, small_drive
@@ -16,13 +18,8 @@ def followed(drive, torques, sliders):
     """Motions, forces of the only state of a drive along a history."""
     curve = backbone(drive, ladder(14, 1.1))
     motion, force, worst = solve_path(
-        drive.reducer,
-        drive.bearing,
-        drive.laws,
-        drive.compliance,
-        drive.gap[0],
-        float(drive.bearing_clearance[0]),
-        sliders,
+        replace(drive, sliders=sliders),
+        0,
         torques,
         (curve.torque, curve.states.motion[0], curve.states.force[0]),
     )

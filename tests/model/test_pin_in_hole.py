@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drives import drive_with
 from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
 
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, hertz_laws, meshed_share
@@ -142,7 +143,7 @@ def test_output_pins_balance_the_torque_and_their_resultant_loads_the_bearing_al
     compliance = random_compliance(len(at.contacts), rng)
     gap = rng.uniform(0, 3e-3, (4, len(at.contacts)))
     bearing, cycle = Bearing(1e5, 1.0), LoadCycle.evenly(2e3, 4, 1.0, (0.03, 0.5, 1.0))
-    states = solve_cycle(at, bearing, laws, compliance, gap, np.zeros(4), cycle)
+    states = solve_cycle(drive_with(SMALL, at, bearing, laws, compliance, gap, np.zeros(4)), cycle)
     assert states.converged.all()
     arm, normal = at.contacts.arm[n_pins:], at.contacts.normal[n_pins:]
     np.testing.assert_allclose(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,12 @@ from pipeline.engine.store import Output
 from pipeline.errors import InputError
 from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects import library
+from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
-from stages.hysteresis import UM_PER_MM, prepare
+from stages.hysteresis import prepare
 
 Outputs = dict[str, Output]
 ENDS = 1e-4
@@ -146,19 +148,20 @@ def test_gaps_of_no_effect_depend_on_the_bodies_that_yield(study: Study, name: s
     np.testing.assert_array_equal(rigid.bearing_clearance, elastic.bearing_clearance)
 
 
-def _spring(study: Study, outputs: Outputs) -> tuple:
-    """Reducer, bearing, laws, compliance, gaps and clearances of two samples at the first crank angle."""
+def _drive(study: Study, outputs: Outputs) -> Drive:
+    """Two samples at the first crank angle, on the disk and the laws of the stages."""
     shared = prepare(Job(study, 1, ROOT, outputs, Cache(ROOT, "")))
-    gap = outputs["clearance"].read("gaps")["clearance_um"].reshape(9, 2, -1)[1:3, 0] / UM_PER_MM
-    at = assembly.reducer(study.design, study.cycle.crank_deg[0])
-    return at, assembly.bearing(study.design), shared.laws[0], shared.compliances[0], gap, np.zeros(2)
+    errors = assembly.errors(draw(study, 1, 3))
+    crank, springs = study.cycle.crank_deg[0], (shared.compliances[0], errors, np.zeros(2), shared.laws[0])
+    return drive_of(study, crank, *springs)
 
 
 def test_work_of_constant_friction_is_its_torque_times_the_way(study: Study, outputs: Outputs) -> None:
     torque, cycle = 700.0, LoadCycle.evenly(12e3, 300, 1.0, (0.03, 0.5, 1.0))
-    at, *spring = _spring(study, outputs)
-    friction = output_sliders(at, np.array([torque]), np.array([1e-7]))
-    solved = solve_frictional_cycle(at, *spring, cycle, friction, solve_cycle(at, *spring, refined(cycle)))
+    drive = _drive(study, outputs)
+    at = drive.reducer
+    drive = replace(drive, sliders=output_sliders(at, np.array([torque]), np.array([1e-7])))
+    solved = solve_frictional_cycle(drive, cycle, solve_cycle(drive, refined(cycle)))
     branch, state = cycle.steps
     loop = branch > 0
     angle, load = solved.motion[:, loop, at.output_motion], cycle.state_torque[state][loop]
@@ -167,11 +170,11 @@ def test_work_of_constant_friction_is_its_torque_times_the_way(study: Study, out
 
 
 def test_path_without_sliders_is_the_frictionless_cycle(study: Study, outputs: Outputs) -> None:
-    at, *spring = _spring(study, outputs)
+    drive = _drive(study, outputs)
     cycle = assembly.load_cycle(study, study.cycle.levels_per_branch)
-    weak = output_sliders(at, np.array([1e-6]), np.array([1e-5]))
-    followed = solve_frictional_cycle(at, *spring, cycle, weak, solve_cycle(at, *spring, refined(cycle)))
-    states = solve_cycle(at, *spring, cycle)
+    weak = replace(drive, sliders=output_sliders(drive.reducer, np.array([1e-6]), np.array([1e-5])))
+    followed = solve_frictional_cycle(weak, cycle, solve_cycle(weak, refined(cycle)))
+    states = solve_cycle(drive, cycle)
     _, state = cycle.steps
     loaded = cycle.state_torque[state] != 0
     assert np.all(followed.converged)

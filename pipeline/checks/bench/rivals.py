@@ -17,6 +17,8 @@ from pipeline.checks.calculix import THREADS, calculix_deck, calculix_program, r
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.config import Study
 from pipeline.model.load_history.load_cycle import solve_cycle
+from pipeline.mounting import drive_of
+from pipeline.sampling import draw
 
 COPIES = 500
 """Times that one sample is solved, as many as a chunk of a study has samples."""
@@ -68,9 +70,11 @@ def calculix(study: Study, verified: Path) -> Iterator[Result]:
     cycle = assembly.load_cycle(study, study.cycle.levels_per_branch)
     torque = SHARES * specimen.rated_torque
     ours = loaded(specimen, torque)
-    gap, loose = np.tile(specimen.gap, (COPIES, 1)), np.full(COPIES, specimen.bearing_clearance)
-    bodies = (specimen.reducer, specimen.bearing, specimen.laws, specimen.compliance)
-    seconds = seconds_of(partial(solve_cycle, *bodies, gap, loose, cycle)) / (COPIES * 2 * len(cycle.fractions))
+    errors = assembly.errors(draw(specimen.study, specimen.sample, specimen.sample + 1))
+    loose = np.array([specimen.bearing_clearance])
+    drive = drive_of(specimen.study, specimen.crank_deg, specimen.compliance, errors, loose, specimen.laws)
+    copies = drive.some(np.zeros(COPIES, int))
+    seconds = seconds_of(partial(solve_cycle, copies, cycle)) / (COPIES * 2 * len(cycle.fractions))
     with tempfile.TemporaryDirectory() as folder:
         answer = run_calculix(calculix_deck(specimen, torque, ours), Path(folder))
     theirs = answer.seconds / len(torque)

@@ -165,15 +165,7 @@ def _every_row(turns: Real, at: Real, leg: NDArray[np.int64]) -> tuple[Real, NDA
 def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[Real, Real]:
     """Angle [rad] and torque in the reducer [N mm] along a history with friction at contacts, in one state."""
     motion, _, worst = solve_path(
-        drive.reducer,
-        drive.bearing,
-        drive.laws,
-        drive.compliance,
-        drive.gap[state],
-        drive.bearing_clearance[state],
-        drive.sliders,
-        steps,
-        (curve.torque, curve.states.motion[state], curve.states.force[state]),
+        drive, state, steps, (curve.torque, curve.states.motion[state], curve.states.force[state])
     )
     if worst > UNSOUND:
         raise UnsoundError("the path with friction")

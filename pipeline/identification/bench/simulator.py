@@ -184,17 +184,7 @@ class Forward:
         for state in np.unique(course.state):
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
-                motions, _, worst = solve_path(
-                    drive.reducer,
-                    drive.bearing,
-                    drive.laws,
-                    drive.compliance,
-                    drive.gap[state],
-                    drive.bearing_clearance[state],
-                    drive.sliders,
-                    steps,
-                    seeds,
-                )
+                motions, _, worst = solve_path(drive, state, steps, seeds)
                 turned = motions[:, drive.reducer.output_motion] + drive.torsion * steps
                 corners, sound = np.array([steps, turned, steps]), sound and worst <= UNSOUND
             else:

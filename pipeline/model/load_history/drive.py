@@ -16,7 +16,6 @@ from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_backlash import rigid_play, separated_play
-from pipeline.model.load_history.load_cycle import first_poses
 
 NO_LOAD = 1e-5
 """Share of the rated torque that stands for the limit of no torque on either side of the play: its twist is below 1e-4
@@ -113,6 +112,14 @@ class Drive:
         """The drive with other errors."""
         return replace(self, errors=errors, known=None)
 
+    def equilibria(self, start: Real, torque: Real) -> Equilibria:
+        """Frictionless equilibria (n, n_torques) at torques (n_torques,) [N mm], one after the other.
+
+        ``start`` (n, n_motions) are poses near the first; see ``equilibrium.solve``.
+        """
+        springs = self.reducer, self.bearing, self.laws, self.compliance
+        return solve(*springs, self.gap, self.bearing_clearance, start, torque)
+
 
 @dataclass(frozen=True)
 class Backbone:
@@ -170,6 +177,20 @@ def ladder(levels: int, reach: float) -> Real:
     return np.concatenate([[NO_LOAD, 2 * NO_LOAD], reach * steps**2])
 
 
+def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
+    """Poses just beyond an end of play, every rotation far enough to close a contact that carries ``torque``."""
+    reducer = drive.reducer
+    arms = np.abs(reducer.closing[:, reducer.output_motion])
+    carrier = int(np.argmax(arms))
+    force = abs(torque) / arms[carrier]
+    depth = drive.laws[carrier].deflection(force)[0] + drive.compliance[carrier, carrier] * force
+    turn = np.sign(torque) * depth / arms[carrier]
+    rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
+    closed = pose.copy()
+    closed[:, rotations] += turn * np.arange(1, len(rotations) + 1)
+    return closed
+
+
 def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
     """Equilibria at torques [N mm] of one sense, the least first, from poses at an end of the play.
 
@@ -179,20 +200,14 @@ def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
     found under load, from where one without clearance stands: both are solved from the last torque down.
     """
     loose = drive.bearing_clearance
-    start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, levels[-1 if preloaded else 0])
+    start = first_poses(drive, pose, levels[-1 if preloaded else 0])
     if np.any(loose):
         held = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(loose))
         tight = _way(held, pose, levels, preloaded)
         start = _loosened(drive.reducer, tight.motion[:, -1], tight.force[:, -1], loose)
     down = preloaded or bool(np.any(loose))
-    found = _solved(drive, start, levels[::-1] if down else levels)
+    found = drive.equilibria(start, levels[::-1] if down else levels)
     return Equilibria(**{name: values[:, ::-1] for name, values in vars(found).items()}) if down else found
-
-
-def _solved(drive: Drive, start: Real, levels: Real) -> Equilibria:
-    """Equilibria at torques [N mm] one after the other from poses (n, n_motions)."""
-    parts = drive.reducer, drive.bearing, drive.laws, drive.compliance
-    return solve(*parts, drive.gap, drive.bearing_clearance, start, levels)
 
 
 def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
@@ -229,8 +244,8 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
         left = drive.some(hard)
         coupled = rigid_play(drive.reducer, left.gap, left.bearing_clearance)
         for one, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
-            start = first_poses(drive.reducer, drive.laws, drive.compliance, pose, sense * torque[0])
-            again = _solved(left, start, sense * torque)
+            start = first_poses(left, pose, sense * torque[0])
+            again = left.equilibria(start, sense * torque)
             for name, values in vars(one).items():
                 values[hard] = getattr(again, name)
     falling, rising = senses

@@ -9,12 +9,10 @@ from dataclasses import fields
 import numpy as np
 
 from pipeline.model.compiled import entry, part
-from pipeline.model.contact.friction_elements import Sliders
-from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.newton import OPEN, REGULAR
 from pipeline.model.equilibrium.residual import System, closing_force, law
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.return_mapping import anchor_on, slide
 
 SETTLED = 1e-9
@@ -270,22 +268,12 @@ def _off_zero(torques: Real, least: float) -> Real:
     return np.where(small, np.copysign(least, torques[np.maximum(last, 0)]), torques)
 
 
-def solve_path(
-    reducer: Reducer,
-    bearing: Bearing,
-    laws: ContactLaws,
-    compliance: Real,
-    gap: Real,
-    bearing_clearance: float,
-    sliders: Sliders,
-    torques: Real,
-    seeds: tuple[Real, Real, Real],
-) -> tuple[Real, Real, float]:
+def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real, Real]) -> tuple[Real, Real, float]:
     """Motions (n_steps, n_motions), forces (n_steps, n_contacts) and largest relative residual along a history.
 
     Parameters
     ----------
-    gap : (n_contacts,) [mm]
+    state : of the drive, which is followed.
     torques : (n_steps,) [N mm] in time order, from rest without force; zero after a load stands for the limit from its
         side, since in the play no force holds the pose.
     seeds : torques (n_nodes,), motions (n_nodes, n_motions), forces (n_nodes, n_contacts) of frictionless states, from
@@ -296,11 +284,12 @@ def solve_path(
     Newton on active contacts, sticking and slipping sliders and motions; a step that does not converge is
     halved. A residual above 1e-9 says that some step did not; beyond ``LOST`` it is infinite, and what follows NaN.
     """
-    sliders = sliders.acting
+    reducer, laws, bearing = drive.reducer, drive.laws, drive.bearing
+    sliders, gap = drive.sliders.acting, drive.gap[state]
     motion, force = np.empty((len(torques), reducer.closing.shape[1])), np.empty((len(torques), len(gap)))
     system = System(
         np.ascontiguousarray(reducer.closing.T),
-        np.ascontiguousarray(compliance),
+        np.ascontiguousarray(drive.compliance),
         *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
         reducer.output_motion,
         True,
@@ -311,7 +300,7 @@ def solve_path(
         _off_zero(np.asarray(torques, float), NO_TORQUE * float(np.max(np.abs(seeds[0])))),
         np.ascontiguousarray(gap),
         system,
-        float(bearing_clearance),
+        float(drive.bearing_clearance[state]),
         tuple(np.ascontiguousarray(getattr(sliders, f.name)) for f in fields(sliders)),
         *(np.ascontiguousarray(one) for one in seeds),
         motion,

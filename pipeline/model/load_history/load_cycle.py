@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.load_history.drive import Drive, first_poses
 
 BRANCHES = ("loading+", "unloading+", "loading-", "unloading-", "reloading+")
 LIMIT_TORQUE = 1e-8
@@ -67,52 +66,24 @@ class LoadCycle:
         return branch, np.concatenate(visits)
 
 
-def first_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, pose: Real, torque: float) -> Real:
-    """Poses just beyond an end of play, every rotation far enough to close a contact that carries ``torque``."""
-    arms = np.abs(reducer.closing[:, reducer.output_motion])
-    carrier = int(np.argmax(arms))
-    force = abs(torque) / arms[carrier]
-    depth = laws[carrier].deflection(force)[0] + compliance[carrier, carrier] * force
-    turn = np.sign(torque) * depth / arms[carrier]
-    rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
-    moved = pose.copy()
-    moved[:, rotations] += turn * np.arange(1, len(rotations) + 1)
-    return moved
-
-
-def solve_cycle(
-    reducer: Reducer,
-    bearing: Bearing,
-    laws: ContactLaws,
-    compliance: Real,
-    gap: Real,
-    bearing_clearance: Real,
-    cycle: LoadCycle,
-) -> Equilibria:
-    """The states of the cycle for every sample; arrays (n, n_states, ...) in the order of ``cycle.state_torque``.
-
-    Parameters
-    ----------
-    compliance : (n_contacts, n_contacts) [mm/N]
-    gap : (n, n_contacts) [mm]
-    bearing_clearance : (n,) [mm]
+def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
+    """The frictionless states of the cycle; arrays (n, n_states, ...) in the order of ``cycle.state_torque``.
 
     Notes
     -----
     The states at zero torque are the ends of the rigid play, free of force. In a preloaded sample forces act at zero
     torque too; its two ends are the equilibria at +-1e-8 of the rated torque.
     """
-    play = rigid_play(reducer, gap, bearing_clearance)
+    play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     senses = []
     for sense, pose in ((1.0, play.pose_plus), (-1.0, play.pose_minus)):
         levels = sense * cycle.rated_torque * cycle.fractions
-        start = first_poses(reducer, laws, compliance, pose, levels[0])
-        loaded = solve(reducer, bearing, laws, compliance, gap, bearing_clearance, start, levels)
-        senses.append(_with_end(loaded, pose))
+        start = first_poses(drive, pose, levels[0])
+        senses.append(_with_end(drive.equilibria(start, levels), pose))
         if np.any(play.preloaded):
             tight = play.preloaded
             limit = sense * np.array([LIMIT_TORQUE * cycle.rated_torque])
-            end = solve(reducer, bearing, laws, compliance, gap[tight], bearing_clearance[tight], start[tight], limit)
+            end = drive.some(tight).equilibria(start[tight], limit)
             for name, values in vars(senses[-1]).items():
                 values[tight, 0] = getattr(end, name)[:, 0]
     return Equilibria(

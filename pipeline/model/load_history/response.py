@@ -79,17 +79,16 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     """
     if drive.creep is not None:
         raise ValueError("a load cycle has no time, so a drive that creeps has no response to it")
-    springs = drive.reducer, drive.bearing, drive.laws, drive.compliance, drive.gap, drive.bearing_clearance
     frictional = len(drive.sliders.acting) > 0
     levels = refined(cycle) if frictional else cycle
-    frictionless = solve_cycle(*springs, levels)
+    frictionless = solve_cycle(drive, levels)
     branch, state = cycle.steps
     torque = cycle.state_torque[state]
     limits = [len(levels.fractions) + 1, 0]  # 0-, 0+
     motion = drive.reducer.output_motion
     equilibria, converged = frictionless, np.all(frictionless.converged[:, limits], axis=1)
     if frictional:
-        equilibria, state = solve_frictional_cycle(*springs, cycle, drive.sliders, frictionless), np.arange(len(state))
+        equilibria, state = solve_frictional_cycle(drive, cycle, frictionless), np.arange(len(state))
     return CycleResponse(
         branch,
         torque,
