@@ -12,7 +12,8 @@ from pipeline.cli import settings
 from pipeline.config import Study, load_study
 from pipeline.engine.runner import run
 from pipeline.errors import InputError
-from pipeline.identification.identify import FaultyUnit, identify
+from pipeline.identification.identify import FaultyUnit, identify_measured
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results import write as results
 from pipeline.population import results as population_results
@@ -37,7 +38,9 @@ def identify_unit(options: argparse.Namespace) -> None:
         path = outputs["reduce"].path(COMPLIANCE_FILE)
         return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 
-    found = identify(unit, condensed)
+    measurement = Measurement.read(unit)
+    print("\n".join(measurement.summary), flush=True)  # before anything is compiled or condensed
+    found = identify_measured(measurement, condensed)
     folder = settings.RUNS / "identify" / unit.name
     of = found if isinstance(found, FaultyUnit) else results.findings(found)
     results.write(of, folder)

@@ -63,7 +63,14 @@ class Identification:
 
 
 def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Identification | FaultyUnit:
-    """From a unit's files to its verdict.
+    """From a unit's files to its verdict; see ``identify_measured``."""
+    return identify_measured(Measurement.read(unit), condensed, nested)
+
+
+def identify_measured(
+    measurement: Measurement, condensed: Condensed, nested: bool = True
+) -> Identification | FaultyUnit:
+    """From a measurement to the verdict on its unit.
 
     Parameters
     ----------
@@ -73,9 +80,9 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
 
     Raises
     ------
-    InputError : as ``read_rows`` and ``training_rows``.
+    InputError : as ``training_rows``.
     """
-    measurement = Measurement.read(unit)
+    unit = measurement.unit
     if measurement.fatal:
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
     cranks = measurement.rows.cranks

@@ -165,8 +165,9 @@ def test_missing_cycles_one_sense_and_too_few_points(tmp_path):
     assert "no effect can be accepted" in faults["too few points"].message
     unit = load_measured_unit(write_unit(tmp_path / "v", {"rows.csv": measured((0.0,), 1, per_branch=3)}), ROOT)
     few = [fault for fault in Measurement.read(unit).faults if fault.kind == "too few points"]
-    assert [fault.severity for fault in few] == ["note", "note", "note", "fatal"]
-    assert few[0].rows == tuple(f"rows.csv:{line}" for line in (2, 3, 4, 5))
+    assert [fault.severity for fault in few] == ["note", "fatal"]
+    assert few[0].rows == tuple(f"rows.csv:{line}" for line in range(2, 7))
+    assert few[0].count == 10
 
 
 def test_positions_with_their_own_offset_under_a_common_one(tmp_path):
@@ -175,3 +176,80 @@ def test_positions_with_their_own_offset_under_a_common_one(tmp_path):
     assert faults == {}
     faults, _ = judged(tmp_path / "b", {"rows.csv": table}, UNIT.replace("per_position", "common"))
     assert "per_position" in faults["mixed offsets"].message
+
+
+def test_exchanged_columns_are_a_fault_and_so_is_no_plain_loop(tmp_path):
+    table = measured()
+    faults, _ = judged(tmp_path / "a", {"rows.csv": table})
+    assert "swapped columns" not in faults
+    swapped = table.rename(columns={"torque_Nm": "angle_arcmin", "angle_arcmin": "torque_Nm"})
+    faults, _ = judged(tmp_path / "b", {"rows.csv": swapped})
+    assert faults["swapped columns"].severity == "fatal"
+
+
+def test_rows_at_the_ends_of_the_angles_range_are_a_fault(tmp_path):
+    table = measured()
+    middle = table.groupby("crank_deg")["angle_arcmin"].transform("mean")
+    cut = table.assign(angle_arcmin=(table["angle_arcmin"] - middle).clip(-1.8, 1.8))
+    faults, usable = judged(tmp_path / "a", {"rows.csv": cut})
+    assert faults["clipped angle"].severity == "fatal"
+    beyond = (table["angle_arcmin"] - middle).abs() > 1.85
+    assert usable[beyond.to_numpy()].sum() < 3  # a row alone at the end is noise
+    little = table.assign(angle_arcmin=(table["angle_arcmin"] - middle).clip(-2.4, 2.4))
+    faults, _ = judged(tmp_path / "b", {"rows.csv": little})
+    assert faults.keys() <= {"clipped angle"}
+
+
+def test_an_angle_that_no_drive_of_the_design_has(tmp_path):
+    table = measured().assign(angle_arcmin=lambda t: 1000 * t["angle_arcmin"] / np.ptp(t["angle_arcmin"]) * 1.5)
+    faults, _ = judged(tmp_path, {"rows.csv": table})
+    assert faults["unit"].severity == "fatal"
+    assert "a drive of this design has" in faults["unit"].message
+    assert '"arcsec"' in faults["unit"].message
+
+
+def test_the_position_that_stands_out_is_named(tmp_path):
+    table = measured()
+    loose = (table["crank_deg"] == 90.0) * 1.5 * np.sign(table["torque_Nm"])
+    faults, _ = judged(tmp_path / "a", {"rows.csv": table.assign(angle_arcmin=table["angle_arcmin"] + loose)})
+    assert faults["position stands out"].severity == "note"
+    assert "crank 90 deg" in faults["position stands out"].message
+    scattered = 0.3 * np.sign(table["torque_Nm"]) * np.cos(np.radians(table["crank_deg"] + 20))
+    faults, _ = judged(tmp_path / "b", {"rows.csv": table.assign(angle_arcmin=table["angle_arcmin"] + scattered)})
+    assert "position stands out" not in faults
+
+
+def test_noise_of_the_torque_turns_no_branch_and_a_note_is_told_once(tmp_path):
+    rng, table = np.random.default_rng(8), measured(cycles=2, per_branch=1000)
+    chatter = np.convolve(rng.standard_normal(len(table) + 8), np.ones(9) / 3, "valid")  # alike in nine rows
+    faults, _ = judged(tmp_path / "a", {"rows.csv": table.assign(torque_Nm=table["torque_Nm"] + 0.8 * chatter)})
+    unit = load_measured_unit(tmp_path / "a/u", ROOT)
+    assert Measurement.read(unit).branches.direction.tolist() == [1, -1, 1] * 6
+    few = measured(cycles=20, per_branch=4)
+    found = Measurement.read(load_measured_unit(write_unit(tmp_path / "b", {"rows.csv": few}), ROOT)).faults
+    (fault,) = [one for one in found if one.kind == "too few points" and one.rows]
+    assert "and" in fault.message
+    assert fault.count > 100
+
+
+def test_semicolons_and_a_decimal_comma_are_guessed(tmp_path):
+    table = measured()
+    folder = write_unit(tmp_path / "u", {})
+    table.to_csv(folder / "rows.csv", index=False, sep=";", decimal=",")
+    read = Measurement.read(load_measured_unit(folder, ROOT))
+    assert read.faults == ()
+    np.testing.assert_allclose(read.rows.angle, table["angle_arcmin"])
+
+
+def test_repeats_are_matched_by_sense_however_the_cycles_are_cut(tmp_path):
+    """Two cycles of a bench that goes on from where it stands: the first has a branch more."""
+    cuts = {0: [0.0, 12.0, -12.0, 12.0], 1: [12.0, -12.0, 12.0]}
+    parts = []
+    for number, turns in cuts.items():
+        torque = path_of(turns, 80)
+        angle = loop(torque) + 0.02 * np.random.default_rng(number).standard_normal(torque.size)
+        parts.append(pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": torque, "angle_arcmin": angle}))
+    unit = load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": pd.concat(parts)}), ROOT)
+    floor = Measurement.read(unit).repeatability.floor
+    assert floor.blocks == 2
+    assert floor.value == pytest.approx(0.02 / np.sqrt(3.5), rel=0.4)  # a cell has three or four rows

@@ -22,7 +22,7 @@ from pipeline.config.tolerances import Tolerances
 from pipeline.config.writing import toml_of
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
-from pipeline.identification.identify import identify
+from pipeline.identification.identify import identify_measured
 from pipeline.identification.results import tables
 from pipeline.identification.results.residual_signatures import (
     _Cells,
@@ -177,7 +177,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     unit = rubbing_unit(home)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(settings, "RUNS", home / "runs")
-        patch.setattr(command, "identify", partial(identify, nested=False))  # a fifth of the time
+        patch.setattr(command, "identify_measured", partial(identify_measured, nested=False))  # a fifth of the time
         assert cli.main(["identify", "--unit", str(unit), "--jobs", "1"]) == 0
     return home / "runs" / "identify" / "rubbing"
 

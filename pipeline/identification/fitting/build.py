@@ -250,9 +250,9 @@ def _data(measurement: Measurement, training: Truth) -> Data:
         position=cells.position,
         cycle=cells.cycle,
         block=cells.block,
-        branch=np.unique(
-            np.column_stack([blocks.position, blocks.branch, blocks.direction]), axis=0, return_inverse=True
-        )[1].ravel()[cells.block],
+        branch=np.unique(np.column_stack([blocks.position, blocks.kind]), axis=0, return_inverse=True)[1].ravel()[
+            cells.block
+        ],
         torque=cells.torque_mean,
         angle=cells.angle_mean,
         count=cells.count,

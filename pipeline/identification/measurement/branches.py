@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import isotonic_regression
 
 from pipeline.identification.measurement.rows import Rows
@@ -22,6 +23,11 @@ TURN_SHARE = 0.05
 """Share of a position's torque range by which the torque must come back for a turn: smaller loops are no branches."""
 TURN_NOISE = 6.0
 """Standard deviations of the torque by which it must come back: two extremes of noise differ by less."""
+SMOOTHED_PARTS, FEWEST_SMOOTHED = 40, 3
+"""Parts of a run of rows over which a torque that chatters is averaged, and fewest rows of a part: noise that is alike
+in neighbouring rows is beyond what its scatter tells."""
+ALIKE = 0.1
+"""Share of a position's torque range within which branches start alike."""
 END_SHARE = 0.01
 """Share of a position's torque range from a branch's end over which the turning torque is averaged."""
 END_NOISE = 3.0
@@ -37,6 +43,8 @@ class Blocks:
     position, cycle : (n_blocks,)
     direction : (n_blocks,) +1 where the torque rises, -1 where it falls.
     branch : (n_blocks,) number within the cycle, from 0.
+    kind : (n_blocks,) alike for branches of one sense that start at about the same torque, at any position and in any
+        cycle: these repeat each other, however the cycles are cut.
     start, stop : (n_blocks,) rows.
     threshold : (n_positions,) [N m] by which the torque came back at a turn.
     end_band : (n_positions,) [N m] from a branch's end over which the turning torque is averaged.
@@ -46,6 +54,7 @@ class Blocks:
     cycle: Whole
     direction: Whole
     branch: Whole
+    kind: Whole
     start: Whole
     stop: Whole
     threshold: Real
@@ -101,13 +110,35 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float) -> Blocks:
         if there.size < 2:
             continue
         values = rows.coordinate[there]
-        turns = turning_points(values, threshold[position])
+        turns = _turns(values, threshold[position], noise)
         for number, (first, last) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
             sense = 1 if values[last] >= values[first] else -1
             begin = there[first] + (number > 0)  # the extreme itself ends the branch that leads to it
             found.append((position, cycle, sense, number, int(begin), int(there[last]) + 1))
     of_position, of_cycle, direction, branch, start, stop = np.array(found, dtype=np.int64).reshape(-1, 6).T
-    return Blocks(of_position, of_cycle, direction, branch, start, stop, threshold, end_band)
+    kind = _kinds(of_position, direction, rows.coordinate[start], span)
+    return Blocks(of_position, of_cycle, direction, branch, kind, start, stop, threshold, end_band)
+
+
+def _turns(values: Real, threshold: float, noise: float) -> Whole:
+    """Turning points (n_turns,) of a torque; of its mean over neighbouring rows where chatter alone turns it."""
+    turns = turning_points(values, threshold)
+    width = 2 * (len(values) // (2 * SMOOTHED_PARTS)) + 1
+    if noise == 0.0 or width < FEWEST_SMOOTHED:
+        return turns
+    calm = turning_points(uniform_filter1d(values, width, mode="nearest"), threshold)
+    return calm if len(calm) < len(turns) else turns
+
+
+def _kinds(position: Whole, direction: Whole, start: Real, span: Real) -> Whole:
+    """Numbers (n_blocks,) of branches that start alike: by sense, and by torque within a share of the range."""
+    known: list[tuple[int, float]] = []
+    kinds = []
+    for number, sense, torque in zip(position, direction, start, strict=True):
+        alike = [k for k, (of, at) in enumerate(known) if of == sense and abs(at - torque) <= ALIKE * span[number]]
+        kinds.append(alike[0] if alike else len(known))
+        known += [] if alike else [(sense, torque)]
+    return np.array(kinds, dtype=np.int64)
 
 
 def monotone(values: Real, direction: int) -> Real:

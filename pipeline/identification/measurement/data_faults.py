@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import Blocks
+from pipeline.identification.measurement.branch_faults import branch_faults
+from pipeline.identification.measurement.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.plausibility import implausible_angle, implausible_torque
+from pipeline.identification.measurement.repeatability import mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
+from pipeline.identification.measurement.shape_faults import columns_exchanged, largest_span, standing_out
 from pipeline.identification.measurement.text_file import LARGEST_VALUE
 from pipeline.identification.measurement.unit_file import UnitFile
 
@@ -20,36 +22,11 @@ if TYPE_CHECKING:
     from pipeline.identification.measurement.measurement import Measurement
 
 Truth = NDArray[np.bool_]
-Severity = Literal["fatal", "note"]
 
-SHOWN_ROWS = 5
-FEWEST_BLOCKS = 8
-"""Blocks below which no effect can be accepted (design of the identification)."""
-FEWEST_BRANCH_ROWS = 5
-"""Rows below which a branch has no shape."""
+CLIPPED_SHARE = 0.05
+"""Share of rows at the end of the angle's range from which nothing is known of the curve under load."""
 TOLERATED_SHARE = 0.01
 """Share of rows that may be no numbers or jumps of the encoder; more are a fault of the recording."""
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One thing that is wrong with the data.
-
-    Attributes
-    ----------
-    kind : "missing column", "not a number", "decreasing time", "disordered rows", "constant column", "unit", "sign",
-        "saturation", "missing cycle", "one sense", "too few points", "duplicate file", "encoder jump", "mixed offsets".
-    message : what was found, and what to do.
-    severity : "fatal" makes an identification impossible; "note" only bears on it.
-    rows : `file:line` of the first rows concerned.
-    count : rows concerned; 0 where it is not a matter of rows.
-    """
-
-    kind: str
-    message: str
-    severity: Severity
-    rows: tuple[str, ...] = ()
-    count: int = 0
 
 
 def data_faults(measurement: Measurement) -> list[Fault]:
@@ -64,15 +41,24 @@ def data_faults(measurement: Measurement) -> list[Fault]:
     if any(fault.severity == "fatal" for fault in constant):
         return faults
     faults += _implausible(unit, rows, good)
-    faults += _left_out(rows, measurement.saturated & good, measurement.spikes)
+    faults += _left_out(rows, measurement.saturated & good, measurement.clipped, measurement.spikes)
     usable, blocks = measurement.usable, measurement.branches
-    faults += [*_cycles(rows, blocks, usable), *_few(rows, blocks, usable), *_offsets(unit, rows, usable)]
+    faults += [*branch_faults(rows, blocks, usable), *_offsets(unit, rows, usable)]
+    if not any(fault.severity == "fatal" for fault in faults):
+        faults += _standing_out(measurement)
     return faults
 
 
-def _fault(rows: Rows, selected: NDArray, kind: str, severity: Severity, message: str) -> Fault:
-    chosen = np.flatnonzero(selected) if selected.dtype == bool else selected
-    return Fault(kind, message, severity, rows.where(chosen[:SHOWN_ROWS]), len(chosen))
+def _standing_out(measurement: Measurement) -> Iterator[Fault]:
+    floor = measurement.repeatability.floor.value
+    for position, distance, among in standing_out(mean_loops(measurement.branches, measurement.cells), floor):
+        yield Fault(
+            "position stands out",
+            f"the loop at crank {measurement.rows.cranks[position]:g} deg differs by {distance:.3g} arcmin from all "
+            f"others, which differ by {among:.3g} arcmin at most: is the output or its locking plate loose there? "
+            "Measure that position again after mounting it anew",
+            "note",
+        )
 
 
 def _missing_columns(rows: Rows) -> Iterator[Fault]:
@@ -104,7 +90,7 @@ def _not_numbers(rows: Rows) -> Iterator[Fault]:
             what = "no whole number" if quantity == "cycle" else f"no number up to {LARGEST_VALUE:g}"
             many = mask.mean() > TOLERATED_SHARE
             advice = "correct the file" if many else "these rows are left out"
-            yield _fault(
+            yield fault_of_rows(
                 rows,
                 mask,
                 "not a number",
@@ -124,12 +110,12 @@ def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
         if good[run].any() and last.setdefault((position, cycle), number) != number:
             again.append(run.start)
     if back:
-        yield _fault(
+        yield fault_of_rows(
             rows, np.array(back), "decreasing time", "fatal", "time falls within a cycle; rows must be in time order"
         )
     if again:
         which = ", ".join(f"{rows.cycle[row]} at {rows.cranks[rows.position[row]]:g} deg" for row in again[:SHOWN_ROWS])
-        yield _fault(
+        yield fault_of_rows(
             rows,
             np.array(again),
             "disordered rows",
@@ -145,7 +131,7 @@ def _duplicates(rows: Rows) -> Iterator[Fault]:
         content = np.stack([rows.torque[mine], rows.angle[mine]]).tobytes()
         first = seen.setdefault(content, file)
         if first != file:
-            yield _fault(
+            yield fault_of_rows(
                 rows, mine, "duplicate file", "fatal", f"{name} repeats {rows.files[first]} value for value; remove one"
             )
 
@@ -156,7 +142,7 @@ def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
         for position, crank in enumerate(rows.cranks):
             mine = good & (rows.position == position)
             if values is not None and mine.any() and np.ptp(values[mine]) == 0:
-                yield _fault(
+                yield fault_of_rows(
                     rows,
                     mine,
                     "constant column",
@@ -171,8 +157,18 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
     rated = unit.study.design.cycloid.rated_torque_Nm
     resolution = unit.settings.instrument.angle_resolution_arcmin
     found = [implausible_torque(rows.torque[good], rated)]
-    spans = [np.ptp(rows.angle[good & (rows.position == position)]) for position in np.unique(rows.position[good])]
-    found.append(implausible_angle(float(max(spans)), resolution))
+    loops = [good & (rows.position == position) for position in np.unique(rows.position[good])]
+    span = float(max(np.ptp(rows.angle[loop]) for loop in loops))
+    limit = largest_span(unit.study.design, float(np.max(np.abs(rows.torque[good]))))
+    column = unit.settings.columns.angle_arcmin
+    found.append(implausible_angle(span, resolution, limit, column.unit))
+    if all(columns_exchanged(rows.torque[loop], rows.angle[loop]) for loop in loops):
+        yield Fault(
+            "swapped columns",
+            "the loops are flat near zero torque and steep under load, as torque over angle is: exchange the columns "
+            "of torque_Nm and angle_arcmin in [columns]",
+            "fatal",
+        )
     yield from (Fault("unit", message, "fatal") for message in found if message)
     falling = [
         f"{crank:g}"
@@ -197,61 +193,30 @@ def _angle_falls(rows: Rows, mine: NDArray[np.intp]) -> bool:
     return bool(angle[torque >= high].mean() - angle[torque <= low].mean() < -0.1 * np.ptp(angle))
 
 
-def _left_out(rows: Rows, cut: Truth, jumps: Truth) -> Iterator[Fault]:
+def _left_out(rows: Rows, cut: Truth, clipped: Truth, jumps: Truth) -> Iterator[Fault]:
+    if clipped.any():
+        many = clipped.mean() > CLIPPED_SHARE
+        ends = f"{rows.angle[clipped].min():.4g} to {rows.angle[clipped].max():.4g} arcmin"
+        yield fault_of_rows(
+            rows,
+            clipped,
+            "clipped angle",
+            "fatal" if many else "note",
+            f"the angle stands still at the ends of its range ({ends}) in {clipped.sum()} of {len(rows)} rows while "
+            f"the torque goes on; {'measure with a wider range' if many else 'these rows are left out'}",
+        )
     if cut.any():
-        yield _fault(rows, cut, "saturation", "note", f"the torque is saturated in {cut.sum()} rows; {SATURATION_RULE}")
+        message = f"the torque is saturated in {cut.sum()} rows; {SATURATION_RULE}"
+        yield fault_of_rows(rows, cut, "saturation", "note", message)
     if jumps.any():
         many = jumps.mean() > TOLERATED_SHARE
-        yield _fault(
+        yield fault_of_rows(
             rows,
             jumps,
             "encoder jump",
             "fatal" if many else "note",
             f"the angle jumps out and back in {jumps.sum()} single rows; "
             + ("check the encoder" if many else "these rows are left out"),
-        )
-
-
-def _cycles(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
-    for position, crank in enumerate(rows.cranks):
-        cycles = np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered])
-        gaps = np.setdiff1d(np.arange(cycles.min(), cycles.max() + 1), cycles) if cycles.size else cycles
-        if gaps.size:
-            shown = ", ".join(map(str, gaps[:SHOWN_ROWS]))
-            yield Fault("missing cycle", f"crank {crank:g} deg: cycle {shown} is not there", "note")
-        for cycle in cycles:
-            mine = (blocks.position == position) & (blocks.cycle == cycle)
-            of_cycle = (rows.position == position) & (rows.cycle == cycle) & usable
-            torque = rows.torque[of_cycle]
-            if mine.sum() < 2 or not torque.size or torque.min() * torque.max() >= 0:
-                yield _fault(
-                    rows,
-                    of_cycle,
-                    "one sense",
-                    "note",
-                    f"crank {crank:g} deg, cycle {cycle}: the usable rows do not load and unload in both senses",
-                )
-
-
-def _few(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
-    counts = np.array([usable[span].sum() for span in blocks.rows], dtype=int)
-    for block in np.flatnonzero(counts < FEWEST_BRANCH_ROWS):
-        crank = rows.cranks[blocks.position[block]]
-        yield _fault(
-            rows,
-            np.arange(blocks.start[block], blocks.stop[block]),
-            "too few points",
-            "note",
-            f"crank {crank:g} deg, cycle {blocks.cycle[block]}, branch {blocks.branch[block]}: "
-            f"{counts[block]} usable rows; a branch needs {FEWEST_BRANCH_ROWS}",
-        )
-    enough = int(np.sum(counts >= FEWEST_BRANCH_ROWS))
-    if enough < FEWEST_BLOCKS:
-        yield Fault(
-            "too few points",
-            f"{enough} branches (position x cycle x sense) of {FEWEST_BRANCH_ROWS} rows or more, {FEWEST_BLOCKS} are "
-            "needed: no effect can be accepted; measure more cycles or positions",
-            "note" if enough > 1 else "fatal",
         )
 
 
@@ -272,7 +237,7 @@ def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:
                     if previous[0] == position
                     else 'say offset = "per_position"'
                 )
-                yield _fault(
+                yield fault_of_rows(
                     rows,
                     mine,
                     "mixed offsets",

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.branches import Blocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, cells
-from pipeline.identification.measurement.data_faults import Fault, data_faults
+from pipeline.identification.measurement.data_faults import data_faults
+from pipeline.identification.measurement.fault import Fault
 from pipeline.identification.measurement.load_history import History, history
 from pipeline.identification.measurement.repeatability import Noise, measured_noise, restricted
 from pipeline.identification.measurement.rows import Rows, read_rows, training_rows
@@ -68,10 +69,15 @@ class Measurement:
         return row_filters.spikes(self.rows, self.unit.settings.instrument, self.torque_noise)
 
     @cached_property
+    def clipped(self) -> Truth:
+        """Rows (n_rows,) whose angle stands at the end of the instrument's range."""
+        return row_filters.clipped(self.rows, self.unit.settings.instrument)
+
+    @cached_property
     def usable(self) -> Truth:
-        """Rows (n_rows,) that may be fitted: numbers, not saturated, no jumps, not at rest before the first load."""
+        """Rows (n_rows,) that may be fitted: numbers, not cut off, no jumps, not at rest before the first load."""
         at_rest = row_filters.at_rest(self.rows, self.unit.settings.instrument, self.torque_noise)
-        return self.numeric & ~self.saturated & ~self.spikes & ~at_rest
+        return self.numeric & ~self.saturated & ~self.clipped & ~self.spikes & ~at_rest
 
     @cached_property
     def branches(self) -> Blocks:
@@ -111,6 +117,17 @@ class Measurement:
     def fatal(self) -> tuple[Fault, ...]:
         """Faults with which nothing can be fitted."""
         return tuple(fault for fault in self.faults if fault.severity == "fatal")
+
+    @property
+    def summary(self) -> list[str]:
+        """What was read, and every fault, a line each."""
+        rows = self.rows
+        cycles = len(np.unique(np.column_stack([rows.position, rows.cycle]), axis=0))
+        return [
+            f"{self.unit.name}: {len(rows)} rows in {len(rows.files)} files, {len(rows.cranks)} crank angles, "
+            f"{cycles} cycles",
+            *(fault.line for fault in self.faults),
+        ]
 
     @cached_property
     def training_cells(self) -> Truth:

@@ -32,18 +32,22 @@ def implausible_torque(torque: Real, rated: float) -> str:
     return f"the largest torque is {top:.4g} N m, the rated torque {rated:g} N m; {advice}"
 
 
-def implausible_angle(span: float, resolution: float | None) -> str:
+def implausible_angle(span: float, resolution: float | None, limit: float, unit: str) -> str:
     """Why a loop of height `span` [arcmin] cannot be in arcmin, with the units that it could be in; empty if it can.
 
     Parameters
     ----------
     resolution : of the instrument [arcmin], None if unknown.
+    limit : span [arcmin] that no reducer of the design can have.
+    unit : in which the angle is said to be.
     """
     least = max(FINEST_ANGLE, resolution or 0.0)
-    if least <= span <= REVOLUTION:
+    if least <= span <= min(REVOLUTION, limit):
         return ""
-    limit = "a revolution is 21600 arcmin" if span > REVOLUTION else f"{least:g} arcmin can be resolved"
-    return f"the angle spans {span:.4g} arcmin, {limit}; {_advice(span, ANGLE_UNITS, LIKELY_ANGLE, 'angle_arcmin')}"
+    why = f"{least:g} arcmin can be resolved" if span < least else f"a drive of this design has {limit:.3g} at most"
+    likely = LIKELY_ANGLE[0], min(LIKELY_ANGLE[1], limit)
+    advice = _advice(span / ANGLE_UNITS[unit], ANGLE_UNITS, likely, "angle_arcmin")
+    return f"the angle spans {span:.4g} arcmin, {why}; {advice}"
 
 
 def _advice(value: float, units: dict[str, float], likely: tuple[float, float], quantity: str) -> str:

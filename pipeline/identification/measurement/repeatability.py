@@ -77,7 +77,7 @@ def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float) -> Noise:
     Notes
     -----
     The first branch of a position starts from a state that nobody knows and is left out of repeats. Branches are
-    compared by their number in the cycle and direction, at the torques of the earlier one, by linear interpolation.
+    compared by their kind (sense and first torque), at the torques of the earlier one, by linear interpolation.
     """
     count = np.maximum(cells.count - 2, 0)
     within = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
@@ -109,26 +109,10 @@ def _repeats(blocks: Blocks, cells: Cells) -> list[Real]:
         for earlier, later in zip(order[:-1], order[1:], strict=True):
             differences = []
             for first in mine[blocks.cycle[mine] == earlier]:
-                same = (blocks.cycle[mine] == later) & (blocks.branch[mine] == blocks.branch[first])
-                for second in mine[same & (blocks.direction[mine] == blocks.direction[first])]:
+                for second in mine[(blocks.cycle[mine] == later) & (blocks.kind[mine] == blocks.kind[first])]:
                     if first != mine[0]:
                         differences.append(_difference(_branch(cells, first), _branch(cells, second)))
             found += _centred(differences)
-    return found
-
-
-def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
-    """Differences between neighbouring positions of the branches averaged over all cycles but the first branch."""
-    loops: list[dict[tuple[int, int], Branch]] = []
-    for position in np.unique(blocks.position):
-        mine = np.flatnonzero(blocks.position == position)
-        kinds: dict[tuple[int, int], list[int]] = {}
-        for block in mine[1:]:
-            kinds.setdefault((int(blocks.branch[block]), int(blocks.direction[block])), []).append(block)
-        loops.append({kind: _mean_branch([_branch(cells, b) for b in members]) for kind, members in kinds.items()})
-    found: list[Real] = []
-    for here, there in zip(loops[:-1], loops[1:], strict=True):
-        found += _centred([_difference(here[kind], there[kind]) for kind in here if kind in there])
     return found
 
 
@@ -166,6 +150,37 @@ def _mean_branch(branches: list[Branch]) -> Branch:
     torque = torque[(torque >= low) & (torque <= high)]
     angle = np.mean([np.interp(torque, one.torque, one.angle) for one in there], axis=0) if torque.size else torque
     return Branch(torque, angle, float(np.mean([one.blur for one in there]) / np.sqrt(len(there))))
+
+
+Loop = dict[int, Branch]
+"""Mean branches of a position by their kind."""
+
+
+def mean_loops(blocks: Blocks, cells: Cells) -> list[Loop]:
+    """The branches of each position averaged over all cycles, but for its first branch."""
+    loops: list[Loop] = []
+    for position in np.unique(blocks.position):
+        kinds: dict[int, list[int]] = {}
+        for block in np.flatnonzero(blocks.position == position)[1:]:
+            kinds.setdefault(int(blocks.kind[block]), []).append(block)
+        loops.append({kind: _mean_branch([_branch(cells, b) for b in members]) for kind, members in kinds.items()})
+    return loops
+
+
+def loop_distance(first: Loop, second: Loop) -> float:
+    """Rms difference [arcmin] of two mean loops, their offset removed; NaN where they have nothing in common."""
+    differences = _loop_differences(first, second)
+    return float(np.sqrt(np.mean(np.concatenate(differences) ** 2))) if differences else np.nan
+
+
+def _loop_differences(first: Loop, second: Loop) -> list[Real]:
+    return _centred([_difference(first[kind], second[kind]) for kind in first if kind in second])
+
+
+def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
+    """Differences between the mean loops of neighbouring positions."""
+    loops = mean_loops(blocks, cells)
+    return [part for one, other in zip(loops[:-1], loops[1:], strict=True) for part in _loop_differences(one, other)]
 
 
 def _difference(first: Branch, second: Branch) -> Real:
@@ -223,21 +238,17 @@ def _random(blocks: Blocks, cells: Cells) -> Estimate:
 def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
     """By position and cycle: difference (n_nodes,) [arcmin] of the next cycle from it, at the torques of the first
     position's branches, NaN where not both reach; and how much warmer the next cycle was [K]."""
-    kinds: dict[tuple[int, int], Real] = {}
+    kinds: dict[int, Real] = {}
     found = {}
     for position in np.unique(blocks.position):
         mine = np.flatnonzero(blocks.position == position)
         for block in mine[1:]:
-            kinds.setdefault((int(blocks.branch[block]), int(blocks.direction[block])), _branch(cells, block).torque)
+            kinds.setdefault(int(blocks.kind[block]), _branch(cells, block).torque)
     for position in np.unique(blocks.position):
         mine = np.flatnonzero(blocks.position == position)
         loops = {}
         for cycle in dict.fromkeys(blocks.cycle[mine].tolist()):
-            own = {
-                (int(blocks.branch[b]), int(blocks.direction[b])): _branch(cells, b)
-                for b in mine[1:]
-                if blocks.cycle[b] == cycle
-            }
+            own = {int(blocks.kind[b]): _branch(cells, b) for b in mine[1:] if blocks.cycle[b] == cycle}
             loops[cycle] = [_on_nodes(own.get(kind), torque) for kind, torque in kinds.items()]
         temperature = {
             c: _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == c)]) for c in loops

@@ -29,6 +29,10 @@ NOISE_FACTOR = 6.0
 """The same in standard deviations of the torque."""
 START_NOISE = 4.0
 """Standard deviations of the torque beyond which it is not zero."""
+CLIPPED_SHARE = 0.1
+"""Share of the range of the torque over which an angle that repeats its extreme has reached the end of its range."""
+FEWEST_STEPS = 20
+"""Range of the angle in its smallest steps below which equal extremes say nothing."""
 SPIKE_FACTOR = 8.0
 """Robust standard deviations by which a spike stands out from both neighbours."""
 
@@ -90,6 +94,38 @@ def spikes(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
     return found
 
 
+def clipped(rows: Rows, instrument: Instrument) -> Truth:
+    """Whether the angle of each row stands at the end of its instrument's range (n,).
+
+    It then repeats its extreme exactly while the torque goes on towards that end, and does so in half of the cycles or
+    more; a drive that sticks by friction keeps its angle when the torque comes back.
+    """
+    step = max(smallest_step(rows.angle), instrument.angle_resolution_arcmin or 0.0)
+    found, good = np.zeros(len(rows), bool), numeric(rows)
+    for position in range(len(rows.cranks)):
+        mine = np.flatnonzero(good & (rows.position == position))
+        if mine.size < FEWEST_ROWS or np.ptp(rows.angle[mine]) < FEWEST_STEPS * step:
+            continue
+        for sense in (1, -1):
+            angle, torque = sense * rows.angle[mine], sense * rows.coordinate[mine]
+            ends = [
+                mine[start:stop]
+                for start, stop in _runs(angle == angle.max())
+                if stop - start >= FEWEST_ROWS
+                and torque[start:stop].max() - torque[start] > CLIPPED_SHARE * np.ptp(torque)
+            ]
+            if 2 * len(ends) >= len(np.unique(rows.cycle[mine])):
+                found[np.concatenate(ends)] = True
+    return found
+
+
+def _runs(selected: Truth) -> list[tuple[int, int]]:
+    """First and last + 1 of each run of selected rows."""
+    edges = np.diff(np.concatenate([[0], selected.astype(int), [0]]))
+    starts, stops = np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist()
+    return list(zip(starts, stops, strict=True))
+
+
 def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
     """Rows at or beyond the flat end of torque over command, both positive in the sense that is looked at."""
     none = np.zeros(len(command), bool)
@@ -112,9 +148,7 @@ def _repeated_extreme(torque: Real, noise: float) -> Truth:
     """Rows of runs of equal largest values in a torque whose rows scatter by more than a digit elsewhere."""
     if torque.size == 0 or noise <= smallest_step(torque) / 2:
         return np.zeros(len(torque), bool)
-    at_top = np.concatenate([[0], torque == torque.max(), [0]]).astype(int)
-    edges = np.diff(at_top)
     found = np.zeros(len(torque), bool)
-    for start, stop in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+    for start, stop in _runs(torque == torque.max()):
         found[start:stop] = stop - start >= FEWEST_ROWS
     return found

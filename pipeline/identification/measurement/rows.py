@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,9 @@ Truth = NDArray[np.bool_]
 
 REQUIRED = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
 OPTIONAL = ("time_s", "temperature_C", "command_torque_Nm")
+SEPARATORS = (",", ";", "\t")
+GUESSED_BYTES = 20_000
+"""Beginning of a file by which its separator and decimal mark are guessed."""
 CRANK_DIGITS = 6
 """Decimals of a crank angle [deg] by which positions are told apart."""
 
@@ -131,15 +136,28 @@ def training_rows(unit: UnitFile, rows: Rows) -> Truth:
     return np.isin(of_row, train)
 
 
+def _dialect(path: Path, file: DataFile) -> tuple[str, str]:
+    """Separator and decimal mark: as declared, else as the first lines of the file have them."""
+    if file.separator is not None:
+        return file.separator, file.decimal
+    with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as stream:
+        names, *lines = stream.read(GUESSED_BYTES).decode("latin-1").splitlines() or [""]
+    separator = max(SEPARATORS, key=names.count)
+    between_digits = sum(len(re.findall(r"\d,\d", line)) for line in lines)
+    points = sum(len(re.findall(r"\d\.\d", line)) for line in lines)
+    return separator, "," if separator != "," and between_digits > points else file.decimal
+
+
 def _table(path: Path, file: DataFile) -> pd.DataFrame:
     """The raw table, with the line of each row as its index; blank lines are left out."""
     error: Exception
+    separator, decimal = _dialect(path, file)
     for encoding in ("utf-8-sig", "latin-1"):
         try:
             frame = pd.read_csv(
                 path,
-                sep=file.separator,
-                decimal=file.decimal,
+                sep=separator,
+                decimal=decimal,
                 encoding=encoding,
                 skip_blank_lines=False,
                 skipinitialspace=True,
@@ -153,6 +171,7 @@ def _table(path: Path, file: DataFile) -> pd.DataFrame:
             raise InputError(f"{file.path}: no table: {failed}; correct the file, or its separator") from None
         frame.columns = pd.Index(header(frame.columns, file.path))
         frame.index = pd.RangeIndex(2, len(frame) + 2)
+        frame.attrs["decimal"] = decimal
         return frame.dropna(how="all")
     raise InputError(f"{file.path}: no text: {error}")
 
@@ -182,8 +201,9 @@ def _standard(frame: pd.DataFrame, file: DataFile, unit: UnitFile, missing: list
         column = _column(unit, quantity)
         if column.name in frame:
             scale, shift = column.to_standard
+            numbers = _numbers(frame[column.name], frame.attrs["decimal"])
             with np.errstate(over="ignore", invalid="ignore"):
-                value = column.factor * (scale * _numbers(frame[column.name], file) + shift) + column.offset
+                value = column.factor * (scale * numbers + shift) + column.offset
                 values[quantity] = np.where(np.abs(value) <= LARGEST_VALUE, value, np.nan)
         elif constants.get(quantity) is not None:
             values[quantity] = np.full(len(frame), constants[quantity], float)
@@ -192,10 +212,10 @@ def _standard(frame: pd.DataFrame, file: DataFile, unit: UnitFile, missing: list
     return pd.DataFrame({"line": frame.index, **values})
 
 
-def _numbers(column: pd.Series, file: DataFile) -> Real:
+def _numbers(column: pd.Series, decimal: str) -> Real:
     """The column as numbers, NaN where it is none; a single wrong cell makes pandas read the column as text."""
-    if not pd.api.types.is_numeric_dtype(column) and file.decimal != ".":
-        column = column.astype(str).str.replace(file.decimal, ".")
+    if not pd.api.types.is_numeric_dtype(column) and decimal != ".":
+        column = column.astype(str).str.replace(decimal, ".")
     return pd.to_numeric(column, errors="coerce").to_numpy(float)
 
 

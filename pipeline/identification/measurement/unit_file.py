@@ -114,14 +114,15 @@ class Columns(Section):
 class DataFile(Section):
     """A CSV file (gzip allowed), the constants for columns it lacks, and which of its rows count.
 
-    `where` gives the allowed values of raw columns: test_nr = [100, 101].
+    `where` gives the allowed values of raw columns: test_nr = [100, 101]. Without a separator it and the decimal mark
+    are read off the file's first lines.
     """
 
     path: Text
     crank_deg: float | None = None
     cycle: int | None = None
     where: dict[str, Annotated[tuple[int | float | str, ...], Field(min_length=1)]] = {}
-    separator: Annotated[str, Field(min_length=1, max_length=1)] = ","
+    separator: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] = "."
 
 

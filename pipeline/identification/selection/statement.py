@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.identification.fitting.problem import candidates
-from pipeline.identification.measurement.data_faults import Fault
+from pipeline.identification.measurement.fault import Fault
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.model_selection import FEWEST_BLOCKS, Selection
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE, FittedParameter

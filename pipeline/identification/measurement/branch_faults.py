@@ -1,0 +1,78 @@
+"""Faults of cycles and branches: what is missing of them, told once a kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.branches import Blocks
+from pipeline.identification.measurement.fault import SHOWN_ROWS, Fault, fault_of_rows
+from pipeline.identification.measurement.rows import Rows
+
+Truth = NDArray[np.bool_]
+
+FEWEST_BLOCKS = 8
+"""Blocks below which no effect can be accepted (design of the identification)."""
+FEWEST_BRANCH_ROWS = 5
+"""Rows below which a branch has no shape."""
+
+
+def branch_faults(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+    """Cycles that are missing or do not load in both senses, and branches of too few rows."""
+    yield from _missing(rows)
+    yield from _one_sense(rows, blocks, usable)
+    yield from _few(rows, blocks, usable)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The first of some names, and how many there are beyond."""
+    more = f" and {len(names) - SHOWN_ROWS} more" if len(names) > SHOWN_ROWS else ""
+    return ", ".join(names[:SHOWN_ROWS]) + more
+
+
+def _missing(rows: Rows) -> Iterator[Fault]:
+    lacking = []
+    for position, crank in enumerate(rows.cranks):
+        cycles = np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered])
+        gaps = np.setdiff1d(np.arange(cycles.min(), cycles.max() + 1), cycles) if cycles.size else cycles
+        lacking += [f"cycle {gap} at crank {crank:g} deg" for gap in gaps]
+    if lacking:
+        yield Fault("missing cycle", f"{_listed(lacking)} is not there", "note")
+
+
+def _one_sense(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+    names, chosen = [], np.zeros(len(rows), bool)
+    for position, crank in enumerate(rows.cranks):
+        for cycle in np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered]):
+            branches = (blocks.position == position) & (blocks.cycle == cycle)
+            of_cycle = (rows.position == position) & (rows.cycle == cycle) & usable
+            torque = rows.torque[of_cycle]
+            if branches.sum() < 2 or not torque.size or torque.min() * torque.max() >= 0:
+                names.append(f"cycle {cycle} at crank {crank:g} deg")
+                chosen |= of_cycle
+    if names:
+        message = f"{_listed(names)}: the usable rows do not load and unload in both senses"
+        yield fault_of_rows(rows, chosen, "one sense", "note", message)
+
+
+def _few(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+    counts = np.array([usable[span].sum() for span in blocks.rows], dtype=int)
+    short = np.flatnonzero(counts < FEWEST_BRANCH_ROWS)
+    if short.size:
+        names = [
+            f"crank {rows.cranks[blocks.position[b]]:g} deg, cycle {blocks.cycle[b]}, branch {blocks.branch[b]}"
+            for b in short
+        ]
+        chosen = np.concatenate([np.arange(blocks.start[b], blocks.stop[b]) for b in short])
+        message = f"fewer than {FEWEST_BRANCH_ROWS} usable rows on {_listed(names)}"
+        yield fault_of_rows(rows, chosen, "too few points", "note", message)
+    enough = int(np.sum(counts >= FEWEST_BRANCH_ROWS))
+    if enough < FEWEST_BLOCKS:
+        yield Fault(
+            "too few points",
+            f"{enough} branches (position x cycle x sense) of {FEWEST_BRANCH_ROWS} rows or more, {FEWEST_BLOCKS} are "
+            "needed: no effect can be accepted; measure more cycles or positions",
+            "note" if enough > 1 else "fatal",
+        )

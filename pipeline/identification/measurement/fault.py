@@ -1,0 +1,50 @@
+"""One thing that is wrong with the data of a measured unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.rows import Rows
+
+Severity = Literal["fatal", "note"]
+
+SHOWN_ROWS = 5
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with the data.
+
+    Attributes
+    ----------
+    kind : "missing column", "not a number", "decreasing time", "disordered rows", "constant column", "unit", "sign",
+        "saturation", "clipped angle", "swapped columns", "missing cycle", "one sense", "too few points",
+        "duplicate file", "encoder jump", "mixed offsets", "position stands out".
+    message : what was found, and what to do.
+    severity : "fatal" makes an identification impossible; "note" only bears on it.
+    rows : `file:line` of the first rows concerned.
+    count : rows concerned; 0 where it is not a matter of rows.
+    """
+
+    kind: str
+    message: str
+    severity: Severity
+    rows: tuple[str, ...] = ()
+    count: int = 0
+
+    @property
+    def line(self) -> str:
+        """The fault in one line, with its rows."""
+        more = f" and {self.count - len(self.rows)} more" if self.count > len(self.rows) else ""
+        rows = f" ({', '.join(self.rows)}{more})" if self.rows else ""
+        return f"{'fault' if self.severity == 'fatal' else 'note'}: {self.kind}: {self.message}{rows}"
+
+
+def fault_of_rows(rows: Rows, selected: NDArray, kind: str, severity: Severity, message: str) -> Fault:
+    """A fault of some rows, a mask (n,) or their indices."""
+    chosen = np.flatnonzero(selected) if selected.dtype == bool else selected
+    return Fault(kind, message, severity, rows.where(chosen[:SHOWN_ROWS]), len(chosen))

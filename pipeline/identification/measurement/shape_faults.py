@@ -1,0 +1,81 @@
+"""Faults that show in the shape of the loops: columns exchanged, an angle far too large, a position that stands out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.design import Design
+from pipeline.identification.measurement.repeatability import Loop, loop_distance
+
+Real = NDArray[np.float64]
+
+LOW, HIGH = 0.2, 0.5
+"""Shares of the largest torque below which a row is near zero torque, and above which it is loaded."""
+BENT = 2.0
+"""Ratio of the slopes near zero and under load by which a curve is bent: play makes it larger than 1, never half."""
+FEWEST_ROWS = 20
+APART = 3.0
+"""Distance of a position from its nearest neighbour in shape, in the largest distance between the others and in noise
+floors, from which it stands out."""
+FEWEST_POSITIONS = 3
+LARGEST_PLAY = 0.5
+"""Gap of the pins in parts of their radius that no drive has."""
+LARGEST_TWIST = 500.0
+"""Twist over T / (E t r^2) of the disk that no drive has: the paper's reducer has about 10, the printed drives 100."""
+TO_ARCMIN = 60 * 180 / np.pi
+
+
+def largest_span(design: Design, torque: float) -> float:
+    """Span of the angle [arcmin] that no reducer of a design can have at a torque [N m]: play and twist.
+
+    Notes
+    -----
+    The play of a gap g between pins and disk is 2 g / (e z), with e z (eccentricity times lobes) the pitch circle's
+    radius, whose lever arm no contact exceeds. The twist is scaled by that of a solid disk of the design.
+    """
+    gear = design.cycloid
+    arm = gear.eccentricity_mm * gear.lobes
+    play = 2 * LARGEST_PLAY * gear.pin_radius_mm / arm
+    modulus, thickness = design.materials[design.disk.material].youngs_modulus_MPa, design.disk.thickness_mm
+    twist = 2 * LARGEST_TWIST * 1e3 * torque / (modulus * thickness * arm**2)
+    return float(TO_ARCMIN * (play + twist))
+
+
+def columns_exchanged(torque: Real, angle: Real) -> bool:
+    """Whether a loop is bent as one of torque over angle is: flat near zero and steep under load."""
+    return _bend(torque, angle) < 1 / BENT and _bend(angle, torque) > BENT
+
+
+def _bend(load: Real, twist: Real) -> float:
+    """Slope of the twist over the load near zero over that under load in both senses; 1 where there are few rows."""
+    load = load - 0.5 * (load.max() + load.min())  # an angle has any zero
+    top = float(np.max(load))
+    parts = [np.abs(load) <= LOW * top, load >= HIGH * top, load <= -HIGH * top]
+    if top == 0.0 or min(part.sum() for part in parts) < FEWEST_ROWS:
+        return 1.0
+    near, *loaded = (_slope(load[part], twist[part]) for part in parts)
+    return float(near / np.mean(loaded)) if np.mean(loaded) > 0 else np.inf
+
+
+def _slope(load: Real, twist: Real) -> float:
+    """Least-squares slope; 0 where the load does not vary."""
+    from_mean = load - load.mean()
+    scatter = float(from_mean @ from_mean)
+    return float(from_mean @ twist) / scatter if scatter > 0 else 0.0
+
+
+def standing_out(loops: list[Loop], floor: float) -> Iterator[tuple[int, float, float]]:
+    """Position whose mean loop is far from all others, which are alike; its distance and theirs [arcmin]."""
+    n = len(loops)
+    if n < FEWEST_POSITIONS:
+        return
+    apart = np.array([[loop_distance(one, other) for other in loops] for one in loops])
+    for position in range(n):
+        others = np.delete(np.arange(n), position)
+        among = float(np.max(apart[np.ix_(others, others)]))
+        nearest = float(np.min(apart[position, others]))
+        if np.isfinite(nearest + among) and nearest > APART * max(among, np.nan_to_num(floor)):
+            yield position, nearest, among
