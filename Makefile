@@ -30,7 +30,7 @@ $(STAGES): $(VENV)/installed  ## run one stage of STUDY and what it needs that i
 why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis STUDY=quick
 	@$(PIPELINE) why $(or $(STAGE),report) --study $(STUDY)
 
-identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=base_pccf_runin
+identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
 	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)
 
 population: $(VENV)/installed  ## hold many measured units against a study: make population UNITS=units.csv STUDY=paper

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from measured_bench import ROOT, measured, write_unit
+from measured_bench import ROOT, UNIT, measured, write_unit
 
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.scatter import high_frequency_scatter
@@ -138,18 +138,45 @@ def test_positions_that_differ(tmp_path):
     assert noise.between_positions.value > 10 * noise.floor.value
 
 
+PRINTED = (
+    UNIT.replace("pham2017", "printed_drive").replace("quick", "printed_drive")
+    + """
+[columns.cycle]
+name = "test_nr"
+[columns.angle_arcmin]
+name = "POSITION"
+unit = "rev"
+[columns.torque_Nm]
+name = "TORQUE"
+[columns.command_torque_Nm]
+name = "CONTROL_TORQUE"
+"""
+)
+RAMPS = """
+[[files]]
+path = "{file}"
+crank_deg = {crank}
+where = {{ test_nr = [100, 101, 102] }}
+"""
+
+
 @pytest.mark.skipif(not REAL.is_dir(), reason="the measured drives are not at hand")
 @pytest.mark.parametrize(("name", "low", "high"), [("base_pccf_runin", 2.0, 9.0), ("conic_onyx_preload5", 2.0, 12.0)])
 def test_printed_drives(tmp_path, name, low, high):
-    text = (ROOT / f"data/measured/{name}/unit.toml").read_text()
-    text = text.replace("../../../../shared/data/anti_backlash_actuator", str(REAL)).replace(
-        "printed_drive", "pham2017", 1
-    )
-    folder = write_unit(tmp_path / name, {}, text.replace('study = "printed_drive"', 'study = "quick"'))
-    unit = load_measured_unit(folder, ROOT)
-    measurement = Measurement.read(unit)
-    noise, usable = measurement.repeatability, measurement.usable
+    files = enumerate(sorted((REAL / name).glob("*.csv.gz")))
+    text = PRINTED + "".join(RAMPS.format(file=file, crank=90.0 * number) for number, file in files)
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / name, {}, text), ROOT))
+    noise = measurement.repeatability
     assert measurement.branches.direction.tolist() == [1, -1, 1] * 9
     assert low < noise.floor.value < high
     assert noise.torque_noise_Nm == pytest.approx(0.2, abs=0.03)
-    assert 1 - usable.mean() == pytest.approx(0.375 if name == "base_pccf_runin" else 0.0, abs=0.02)
+    assert {fault.kind for fault in measurement.faults} <= {"saturation"}
+
+
+def test_reduced_drive_of_the_project_has_the_noise_of_all_its_rows():
+    """3.16 arcmin of all 76,831 rows, of which 6,404 are kept; and the same saturation."""
+    measurement = Measurement.read(load_measured_unit("base_pccf_runin", ROOT))
+    assert measurement.branches.direction.tolist() == [1, -1, 1] * 9
+    assert measurement.repeatability.floor.value == pytest.approx(3.16, rel=0.1)
+    assert 1 - measurement.usable.mean() == pytest.approx(0.375, abs=0.02)
+    assert measurement.fatal == ()

@@ -11,16 +11,13 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from measured_bench import UNIT, measured, write_unit
+from measured_bench import measured, write_unit
 
 from pipeline import cli
 from pipeline.cli import measured as command
 from pipeline.cli import settings
 from pipeline.config import load_study
-from pipeline.config.cases import Case
-from pipeline.config.tolerances import Tolerances
 from pipeline.config.writing import toml_of
-from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.identification.identify import identify_measured
 from pipeline.identification.results import tables
@@ -33,7 +30,6 @@ from pipeline.identification.results.residual_signatures import (
     _play,
     _rigidity,
 )
-from stages.chain import STAGES
 
 ROOT = Path(__file__).parents[2]
 
@@ -137,49 +133,18 @@ def test_settings_are_read_back_as_they_were_written() -> None:
 
 CRANKS = (0.0, 40.0, 95.0)
 FRICTION = 0.5
-DIMENSIONS = "disk_profile = 10.0\nroller_diameter = -5.0\n"
-
-
-def rubbing_unit(home: Path) -> Path:
-    """A unit that the stages themselves simulate: constant friction, two cycles at three positions, noise."""
-    study = load_study("quick", ROOT)
-    samples = study.samples.model_copy(update={"count": 1, "experiment": "cases", "nominal_first": False})
-    rubbing = study.model_copy(
-        update={
-            "name": "rubbing",
-            "design": study.design.model_copy(update={"effects": {"coulomb": {"torque_Nm": FRICTION}}}),
-            "samples": samples,
-            "tolerances": Tolerances(),
-            "cases": (Case(label="unit", disk_profile=10.0, roller_diameter=-5.0),),
-            "cycle": study.cycle.model_copy(update={"crank_deg": CRANKS, "levels_per_branch": 60}),
-        }
-    )
-    outputs = run(STAGES, rubbing, ["hysteresis"], home / "runs", Resources(1, 1))
-    curves = pd.DataFrame(outputs["hysteresis"].read("curves"))
-    curves = curves[curves["torque_Nm"] != 0]
-    loop = curves[curves["branch"] != "loading+"]
-    table = pd.concat([curves.assign(cycle=0), loop.assign(cycle=1)]).sort_values(
-        ["crank_deg", "cycle", "step"], kind="stable"
-    )
-    rng = np.random.default_rng(5)
-    table["angle_arcmin"] += 0.02 * rng.standard_normal(len(table))
-    text = UNIT.replace('"unknown"', '"dimensions.toml"')
-    columns = ["cycle", "crank_deg", "torque_Nm", "angle_arcmin"]
-    folder = write_unit(home / "rubbing", {"rows.csv": table[columns]}, text)
-    (folder / "dimensions.toml").write_text(DIMENSIONS)
-    return folder
+EXAMPLE = "friction_example"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Results of the command on a unit with friction at three positions; runs lie beside them."""
+    """Results of the README's command on the example with friction; runs lie beside them."""
     home = tmp_path_factory.mktemp("identify")
-    unit = rubbing_unit(home)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(settings, "RUNS", home / "runs")
         patch.setattr(command, "identify_measured", partial(identify_measured, nested=False))  # a fifth of the time
-        assert cli.main(["identify", "--unit", str(unit), "--jobs", "1"]) == 0
-    return home / "runs" / "identify" / "rubbing"
+        assert cli.main(["identify", "--unit", EXAMPLE, "--jobs", "1"]) == 0
+    return home / "runs" / "identify" / EXAMPLE
 
 
 def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_the_design(folder: Path) -> None:
@@ -188,7 +153,7 @@ def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_th
     assert verdict["named"] == ["coulomb"]
     (parameter,) = verdict["parameters"]
     assert parameter["value"] == pytest.approx(FRICTION, rel=0.05)
-    written = load_study(folder / "corrected-rubbing.toml", ROOT).design.effects
+    written = load_study(folder / f"corrected-{EXAMPLE}.toml", ROOT).design.effects
     assert written["coulomb"]["torque_Nm"] == pytest.approx(parameter["value"], rel=1e-5)
 
 
@@ -239,7 +204,7 @@ def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: 
 
 def test_the_corrected_study_runs_the_written_model(folder: Path) -> None:
     design = tomllib.loads((folder / "design.toml").read_text())
-    study = load_study(folder / "corrected-rubbing.toml", ROOT)
+    study = load_study(folder / f"corrected-{EXAMPLE}.toml", ROOT)
     assert study.cycle.crank_deg == CRANKS
     assert study.design.effects == design.get("effects", {})
     verdict = json.loads((folder / "verdict.json").read_text())
@@ -248,12 +213,12 @@ def test_the_corrected_study_runs_the_written_model(folder: Path) -> None:
         section, name = key.split(".")
         before, after = (getattr(getattr(one, section), name) for one in (own, study.design))
         assert after == pytest.approx(factor * before, rel=1e-5)
-        assert "rubbing" in study.design.provenance[key].reason
+        assert EXAMPLE in study.design.provenance[key].reason
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(settings, "RUNS", folder.parent.parent)
-        path = folder / "corrected-rubbing.toml"
+        path = folder / f"corrected-{EXAMPLE}.toml"
         assert cli.main(["run", "hysteresis", "--study", str(path), "--jobs", "1"]) == 0
-    output = Output.open(folder.parent.parent / "corrected-rubbing" / "hysteresis")
+    output = Output.open(folder.parent.parent / f"corrected-{EXAMPLE}" / "hysteresis")
     assert output is not None
     assert output.record["failed"] == 0
 
