@@ -33,12 +33,11 @@ from pipeline.model.geometry.reducer import (
 )
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import Definitions
+from pipeline.model.units import MM_PER_UM, NMM_PER_NM
 
 if TYPE_CHECKING:  # its statistics are slow to import, and workers import this module
     from pipeline.sampling import Errors as SampledErrors
 
-MM_PER_UM = 1e-3
-NMM_PER_NM = 1e3
 
 
 def profile(design: Design) -> CycloidProfile:

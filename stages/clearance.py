@@ -12,12 +12,11 @@ from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import RigidPlay, rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.units import UM_PER_MM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
 from stages.keys import CONTACT, CRANK, SAMPLE, repeated
 from stages.sample import errors_of_columns
-
-UM_PER_MM = 1e3
 
 CONTACTS = Table(
     "contacts",

@@ -6,8 +6,8 @@ import numpy as np
 
 from pipeline import assembly
 from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.units import UM_PER_MM
 
-UM_PER_MM = 1e3
 COMPLIANCE_FILE = "compliance.npz"
 
 

@@ -16,6 +16,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle
 from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
@@ -23,7 +24,6 @@ from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
 from stages.sample import errors_of_columns
 from stages.springs import laws_of_columns
 
-NM_PER_NMM = 1e-3
 STEP = Column("step", "int32", "1", "step of the load cycle")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")
 

@@ -8,9 +8,9 @@ from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.units import UM_PER_MM
 from stages.keys import CONTACT, CRANK
 
-UM_PER_MM = 1e3
 BEARING = -1
 """Contact number of the input bearing in the table of laws."""
 

@@ -19,9 +19,9 @@ from pipeline.model.load_history.drive import Backbone, Drive, backbone, ladder
 from pipeline.model.load_history.incremental import solve_path
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.output_path import condensed_path
+from pipeline.model.units import NMM_PER_NM
 
 Real = NDArray[np.float64]
-NMM_PER_NM = 1e3
 SECONDS_AN_HOUR = 3600.0
 STEPS = 64
 """Nodes of the frictionless curve in each sense of the torque; with friction every row is a step."""

@@ -20,6 +20,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.units import NM_PER_NMM
 
 TOUCHING = 1e-7
 """Room [mm] up to which a contact of the rigid pose touches."""
@@ -34,7 +35,6 @@ BALANCED = 1e-10
 NEWTON_STEPS, PASSES = 100, 200
 REPEATS = 5
 """A time is the best of so many."""
-NM_PER_NMM = 1e-3
 
 
 @dataclass(frozen=True)

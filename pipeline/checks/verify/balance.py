@@ -12,6 +12,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import Equilibria, solve
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.units import UM_PER_MM
 
 LIMIT = 1e-8
 STARTS = 20
@@ -19,8 +20,6 @@ START_SCATTER = 3e-2
 """Of the random starts: a disk shifted by this [mm], bodies turned by a tenth of it [rad]."""
 SPAN = 30.0
 """Radius [mm] at which rotations count as lengths in the energy."""
-MICROMETRES = 1e3
-"""The energy is minimised in um and N, where its terms are of one size."""
 
 
 def _unbalanced(specimen: Specimen, states: Equilibria, torque: Real) -> tuple[Real, Real]:
@@ -89,15 +88,15 @@ class PotentialEnergy:
         patches = np.zeros((len(at.contacts), n))
         patches[rows, np.arange(n)] = -1.0
         stiffness = np.zeros((n + len(scale),) * 2)
-        stiffness[:n, :n] = np.linalg.inv(specimen.disk_compliance.matrix) / MICROMETRES
-        stiffness[[n, n + 1], [n, n + 1]] = specimen.bearing.stiffness / MICROMETRES
+        stiffness[:n, :n] = np.linalg.inv(specimen.disk_compliance.matrix) / UM_PER_MM
+        stiffness[[n, n + 1], [n, n + 1]] = specimen.bearing.stiffness / UM_PER_MM
         load = np.zeros(len(stiffness))
         load[n + at.output_motion] = torque / SPAN
         return cls(specimen.laws, specimen.gap, np.hstack([patches, at.closing * scale]), stiffness, load)
 
     def penetration(self, state: Real) -> Real:
         """(n_contacts,) [mm], negative where open."""
-        return (self.approach @ state) / MICROMETRES - self.gap
+        return (self.approach @ state) / UM_PER_MM - self.gap
 
     def force(self, state: Real) -> Real:
         """Contact forces (n_contacts,) [N]."""
@@ -106,7 +105,7 @@ class PotentialEnergy:
     def value(self, state: Real) -> float:
         """[N um]"""
         depth, force = self.penetration(state), self.force(state)
-        springs = MICROMETRES * np.sum(force * depth - self.laws.energy(force))
+        springs = UM_PER_MM * np.sum(force * depth - self.laws.energy(force))
         return float(0.5 * state @ self.stiffness @ state + springs - self.load @ state)
 
     def gradient(self, state: Real) -> Real:
@@ -117,7 +116,7 @@ class PotentialEnergy:
         """(n_state, n_state) [N/um]"""
         force = self.force(state)
         slope, closed = np.zeros(len(force)), force > 0
-        slope[closed] = 1 / self.laws[closed].compliance(force[closed]) / MICROMETRES
+        slope[closed] = 1 / self.laws[closed].compliance(force[closed]) / UM_PER_MM
         return self.stiffness + self.approach.T @ (slope[:, None] * self.approach)
 
     def least(self) -> Real:
@@ -131,7 +130,7 @@ class PotentialEnergy:
             If SciPy finds no such state.
         """
         start = np.zeros(len(self.load))
-        start[self.load != 0] = np.sign(self.load[self.load != 0]) * MICROMETRES * np.abs(self.gap).max() * 3
+        start[self.load != 0] = np.sign(self.load[self.load != 0]) * UM_PER_MM * np.abs(self.gap).max() * 3
         near = minimize(self.value, start, jac=self.gradient, hess=self.curvature, method="trust-exact", tol=1e-6)
         found = root(self.gradient, near.x, jac=self.curvature, tol=1e-14)
         if np.abs(self.gradient(found.x)).max() > 1e-9 * np.abs(self.load).max():
@@ -146,7 +145,7 @@ def _against_scipy(specimen: Specimen, states: Equilibria, torque: Real) -> Iter
         energy = PotentialEnergy.of(specimen, one)
         state = energy.least()
         forces.append(energy.force(state))
-        angle.append(state[len(specimen.disk_rows) + at.output_motion] / (SPAN * MICROMETRES))
+        angle.append(state[len(specimen.disk_rows) + at.output_motion] / (SPAN * UM_PER_MM))
     largest = np.max(forces, axis=1, keepdims=True)
     yield compared("contact forces against scipy.optimize, over the largest", forces, states.force[0], LIMIT, largest)
     yield relative("output angle against scipy.optimize [rad]", angle, states.motion[0, :, at.output_motion], LIMIT)

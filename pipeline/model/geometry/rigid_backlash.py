@@ -16,13 +16,12 @@ from pipeline.model.compiled import entry
 from pipeline.model.elastic.polygon import Index
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import PIN, Reducer
+from pipeline.model.units import UM_PER_MM
 
 CONE_TOLERANCE = 1e-9
 """The bearing's disc is cut until it is met to this share of the clearance."""
 PROGRAM_TOLERANCE = 1e-10
 """Feasibility of the linear programs, which are solved in micrometres."""
-MICROMETRES = 1e3
-"""Micrometres in a millimetre."""
 ARM_FLOOR = 1e-9
 """Arms below this share of the largest one carry no moment; such contacts limit no rotation."""
 TOUCHING = 1e-10
@@ -205,7 +204,7 @@ def _general_ends(closing: Real, gap: Real, radius: float, output: int) -> tuple
     if pose is None:
         raise ArithmeticError("no pose of least penetration found")
     least = float(pose[n])
-    return pose[:n], pose[:n], least if least > MICROMETRES * TOUCHING else 0.0
+    return pose[:n], pose[:n], least if least > UM_PER_MM * TOUCHING else 0.0
 
 
 def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:
@@ -218,15 +217,15 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
     """
     plus, minus, overlap = zip(
         *(
-            _general_ends(reducer.closing, MICROMETRES * one, MICROMETRES * clearance, reducer.output_motion)
+            _general_ends(reducer.closing, UM_PER_MM * one, UM_PER_MM * clearance, reducer.output_motion)
             for one, clearance in zip(gap, bearing_clearance, strict=True)
         ),
         strict=True,
     )
     return RigidPlay(
-        np.array(plus) / MICROMETRES,
-        np.array(minus) / MICROMETRES,
-        np.array(overlap) / MICROMETRES,
+        np.array(plus) / UM_PER_MM,
+        np.array(minus) / UM_PER_MM,
+        np.array(overlap) / UM_PER_MM,
         reducer.output_motion,
     )
 

@@ -12,13 +12,12 @@ from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive, first_poses
+from pipeline.model.units import ARCMIN as ARCMIN
 
 BRANCHES = ("loading+", "unloading+", "loading-", "unloading-", "reloading+")
 LIMIT_TORQUE = 1e-8
 """Share of the rated torque that stands for the limit T -> 0 where preload leaves no rigid play: its twist is below
 1e-7 arcmin; smaller shares drown in the rounding of the preload."""
-ARCMIN = 180 * 60 / np.pi
-"""Minutes of arc in a radian."""
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES
 from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.metrics import Definitions, LoopReadings
-
-NMM_PER_NM = 1e3
+from pipeline.model.units import NMM_PER_NM
 
 
 def _level(torque: Real, wanted: float, steps: np.ndarray) -> int:
