@@ -1,5 +1,10 @@
 # What a user calls. Every target makes the virtual environment first if it is missing or out of date.
-PYTHON ?= python3.11
+# The newest Python of those that the packages are pinned for; PYTHON=python3.12 takes another.
+SUITS := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 15))
+PYTHON ?= $(shell for name in python3.14 python3.13 python3.12 python3.11 python3 python; do \
+	if $$name -c '$(SUITS)' 2>/dev/null; then echo $$name; break; fi; done)
+NO_PYTHON := found no Python 3.11 to 3.14 with its module venv (on Debian: apt-get install python3 python3-venv); \
+	if it has another name, say make PYTHON=<name>
 STUDY ?= paper
 VENV := .venv
 STAGES := sample clearance springs reduce hysteresis drivers aggregate report
@@ -15,7 +20,7 @@ help:  ## list the targets
 		| while IFS='|' read -r name text; do printf '  make %-10s %s\n' "$$name" "$$text"; done
 
 $(VENV)/installed: pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)
+	$(or $(PYTHON),$(error $(NO_PYTHON))) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
@@ -46,8 +51,9 @@ test: $(VENV)/installed  ## run the tests
 attack: $(VENV)/installed  ## run what make test runs in part at full size: 500 random designs, 3 million rows
 	$(VENV)/bin/python -m pytest -n 0 -s -m attack
 
-lint: $(VENV)/installed  ## check style
+lint: $(VENV)/installed  ## check style and the direction of imports
 	$(VENV)/bin/ruff check .
+	$(VENV)/bin/lint-imports --no-cache
 
 types: $(VENV)/installed  ## check types
 	$(VENV)/bin/mypy

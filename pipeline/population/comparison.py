@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pipeline.config.section import nearest_name
+from pipeline.config.text_file import LARGEST_VALUE, check_text, header
 from pipeline.errors import InputError
-from pipeline.identification.measurement.text_file import LARGEST_VALUE, check_text, header
 from pipeline.statistics import Estimate
 
 Real = NDArray[np.float64]

@@ -13,8 +13,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.config.section import nearest_name
+from pipeline.config.text_file import LARGEST_VALUE, check_text, header
 from pipeline.errors import InputError
-from pipeline.identification.measurement.text_file import LARGEST_VALUE, check_text, header
 from pipeline.identification.measurement.unit_file import Column, DataFile, UnitFile
 
 Real = NDArray[np.float64]

@@ -6,12 +6,9 @@ Points are complex numbers x + iy [mm].
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.model.geometry.cycloid_profile import Complex, Real
-
-Index = NDArray[np.intp]
+from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 
 def coordinates(points: Complex) -> Real:

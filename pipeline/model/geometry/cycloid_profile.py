@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Real = NDArray[Any]  # float64; numpy's stubs lose the type in arithmetic with complex numbers
 Complex = NDArray[Any]  # complex128
+Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)

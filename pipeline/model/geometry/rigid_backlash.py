@@ -13,8 +13,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from pipeline.model.compiled import entry
-from pipeline.model.elastic.polygon import Index
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.reducer import PIN, Reducer
 from pipeline.model.units import UM_PER_MM
 
