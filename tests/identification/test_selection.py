@@ -138,13 +138,23 @@ def test_an_effect_must_beat_a_refit_a_little_outside_of_the_plausible_ranges(st
 
 
 def test_a_model_whose_parameters_support_no_claim_is_none_and_says_why():
-    losses = {"coulomb": 1.0 + 1e-3 * RIPPLED, "preload": 1.1 + 1e-3 * RIPPLED}
+    losses = {"coulomb": 1.0 + 1e-3 * RIPPLED, "preload": 1.0 + 0.8 * ALIKE + 1e-3 * RIPPLED}
     before = judged(4.0, losses)
     assert before.best == "coulomb"
     found = selector(refused={"coulomb": "its interval reaches zero"}).supported(before, EVERYTHING)
     assert found.best == found.claimed == "preload"
     assert found.members == ("preload",)
     assert found.unsupported == {"coulomb": "its interval reaches zero"}
+
+
+def test_a_model_that_explains_less_is_not_named_for_want_of_numbers_of_the_best():
+    losses = {"ovality_2": 1.0 + 1e-3 * RIPPLED, "preload": 1.5 + 1e-3 * RIPPLED}
+    refused = {"ovality_2": "the joint interval reaches zero"}
+    found = selector(refused=refused).supported(judged(4.0, losses), EVERYTHING)
+    assert (found.best, found.claimed, found.members) == ("", "", ())
+    part = {"ovality_2+preload": 1.0 + 1e-3 * RIPPLED, "preload": 3.0 + 1e-3 * RIPPLED}
+    refused = {"ovality_2+preload": "the joint interval reaches zero"}
+    assert selector(refused=refused).supported(judged(9.0, part), EVERYTHING).best == "preload"
 
 
 def test_nothing_is_chosen_where_the_base_explains_the_data():

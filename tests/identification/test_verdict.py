@@ -12,11 +12,11 @@ from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Data, Model, candidates
 from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection import verdict
+from pipeline.identification.selection import parameter_intervals, verdict
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.model_selection import Selection
-from pipeline.identification.selection.parameter_intervals import FORM, intervals, unsupported
+from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, intervals, unsupported
 from pipeline.identification.selection.remainder import Remainder
 from pipeline.identification.selection.statement import stated
 from pipeline.identification.selection.verdict import MOSTLY_REMOVED, judge
@@ -94,7 +94,8 @@ def fitter_at(truth, noise=0.1, seed=0, effects=1):
 
 
 @pytest.mark.parametrize("truth", [2.0, -1.5])
-def test_intervals_cover_the_truth_as_often_as_they_say(truth):
+def test_intervals_cover_the_truth_as_often_as_they_say(truth, monkeypatch):
+    monkeypatch.setattr(parameter_intervals, "FORM", 0.0)  # the form of this model is right
     runs, covered, widths = 200, 0, []
     for seed in range(runs):
         fitter = fitter_at(truth, seed=seed)
@@ -108,8 +109,9 @@ def test_intervals_cover_the_truth_as_often_as_they_say(truth):
     assert 0.8 * usual < np.median(widths) < 1.3 * usual
 
 
-def test_intervals_hold_what_a_calibrated_number_may_be():
+def test_intervals_hold_what_a_calibrated_number_may_be(monkeypatch):
     """Its truth is drawn from its prior, which alone tells it from the parameter."""
+    monkeypatch.setattr(parameter_intervals, "FORM", 0.0)
     runs, covered, widths, truth = 200, 0, [], 1.0
     for seed in range(runs):
         rng = np.random.default_rng(1000 + seed)
@@ -129,8 +131,18 @@ def test_intervals_hold_what_the_form_of_the_model_may_miss():
     rows = np.vstack([fit.jacobian / fit.sigma[:, None], np.eye(1, 2)])
     variance = np.linalg.inv(rows.T @ rows)[1, 1]
     form = norm.ppf(0.975) * FORM * 8.0 * np.sqrt(CELLS * variance) * (BOUNDS[1] - BOUNDS[0])
+    assert np.sqrt(STRUCTURE**2 - 1) > FORM * 8.0  # beyond, most of it would be left in the residual
     for near, far in ((plain.ci_low, wide.ci_low), (plain.ci_high, wide.ci_high)):
         assert abs(far - plain.value) == pytest.approx(np.hypot(near - plain.value, form), rel=1e-6)
+    (far,), (further,) = intervals(fitter, fit, EVERYTHING, 50.0), intervals(fitter, fit, EVERYTHING, 500.0)
+    assert (far.ci_low, far.ci_high) == (further.ci_low, further.ci_high)
+
+
+def test_intervals_hold_a_share_of_what_an_effect_is_itself():
+    """The form of the model may scale an effect: however many cells there are, its number is no better known."""
+    fitter = fitter_at(4.0, noise=1e-4)
+    (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
+    assert found.ci_high - found.value == pytest.approx(norm.ppf(0.975) * FORM * 4.0, rel=0.02)
 
 
 def test_parameter_at_its_bound_has_no_interval_and_says_so():
@@ -160,9 +172,6 @@ def test_parameters_that_support_no_claim(effect, truth, reason):
     fit = fitter.fit(Model((candidates()[effect],)))
     found = unsupported(fitter, fit, EVERYTHING, 0.0)
     assert (reason in found) if reason else not found
-    if "zero" in reason:  # the error of the model's form widens what is claimed
-        return
-    assert bool(reason) or "zero" in unsupported(fitter, fit, EVERYTHING, 4000.0)
 
 
 def selection_of(fitter, base_rms, trials, members, best):
@@ -278,12 +287,28 @@ def test_an_effect_beside_an_implausible_number_explains_mostly(monkeypatch):
     assert worse.verdict == "unexplained"
 
 
-def test_tolerances_that_no_unit_has_are_never_adequate():
+def test_a_model_that_is_not_claimed_says_why():
     fitter = fitter_at([1.0])
-    selection = selection_of(fitter, 1.0, {}, (), "")
-    far = replace(selection.base.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
-    fit = replace(selection.base.fit, unknowns=far, jacobian=np.pad(selection.base.fit.jacobian, ((0, 0), (0, 3))))
-    found = verdict.judge(fitter, replace(selection, base=Trial(fit, selection.base.losses)), EVERYTHING)
+    selection = selection_of(fitter, 5.0, {"coulomb": 1.0}, (), "")
+    selection = replace(selection, unsupported={"coulomb": "coulomb: torque_Nm = 6 is at a bound"})
+    found = verdict.judge(fitter, selection, EVERYTHING)
+    assert found.verdict == "unexplained"
+    assert "coulomb, is not claimed (coulomb: torque_Nm = 6 is at a bound)" in found.findings[0]
+
+
+def unlikely(trial):
+    """The trial with tolerances that no unit has."""
+    far = replace(trial.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
+    return replace(trial, fit=replace(trial.fit, unknowns=far, jacobian=np.pad(trial.fit.jacobian, ((0, 0), (0, 3)))))
+
+
+@pytest.mark.parametrize("best", ["", "coulomb"])
+def test_tolerances_that_no_unit_has_are_never_adequate_and_support_no_claim(best):
+    fitter = fitter_at([1.0])
+    selection = selection_of(fitter, 5.0 if best else 1.0, {best: 1.0} if best else {}, (best,) if best else (), best)
+    trials = {name: unlikely(one) for name, one in selection.trials.items()}
+    found = verdict.judge(fitter, replace(selection, base=unlikely(selection.base), trials=trials), EVERYTHING)
+    assert found.named == ()
     assert found.verdict == "unexplained"
     assert "tolerances" in found.findings[0]
 

@@ -84,4 +84,3 @@ def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> N
     for unit in range(3):
         rows = kinematic[kinematic["sample"] == unit].set_index("crank_deg")["backlash_arcmin"]
         np.testing.assert_allclose(rows[cranks], widths[unit], rtol=1e-6)
-

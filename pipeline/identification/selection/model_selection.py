@@ -12,7 +12,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.cross_validation import Trial, trial
-from pipeline.identification.selection.parameter_intervals import FORM, unsupported
+from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, unsupported
 from pipeline.identification.selection.recalibration import STRETCH, released
 from pipeline.identification.selection.screening import Promise, screened
 from pipeline.statistics.blocks import confidence_set, max_t
@@ -26,8 +26,6 @@ NEAR = 1.5
 """Further ones are fitted where their misfit is within this ratio of the best."""
 FAMILYWISE = 0.05
 SET_LEVEL = 0.9
-STRUCTURE = 1.25
-"""Held-out rms in floors up to which nothing structured is left above the noise: nothing is then claimed."""
 LEAST_GAIN = 0.3
 """Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
 LEAST_SHARE = 0.1
@@ -255,11 +253,14 @@ class Selector:
     def supported(self, selection: Selection, cells: Truth) -> Selection:
         """The selection among models whose parameters support a claim.
 
-        Asked for at last: beside an effect that is still missing, the interval of one that is there reaches zero.
+        Asked for at last: beside an effect that is still missing, the interval of one that is there reaches zero. A
+        model must be a part of the best of all or explain as much: else it would be named for want of numbers alone.
         """
         trials, useful = selection.trials, selection.survivors
         reasons = {name: self.why_no_claim(trials[name].fit, cells, selection.base) for name in useful}
-        survivors = tuple(name for name in useful if not reasons[name])
+        goals = [name for name in (selection.best, selection.claimed) if name]
+        supported = [name for name in useful if not reasons[name]]
+        survivors = tuple(name for name in supported if any(_stands_for(name, goal, trials) for goal in goals))
         left_out = {name: reason for name, reason in reasons.items() if reason}
         return replace(self._with_best(selection, survivors, cells), unsupported=left_out)
 
@@ -361,6 +362,12 @@ class Selector:
             if name == best or ((inside or behind < _alike(trials[best])) and np.sqrt(np.mean(apart**2)) < 1):
                 members.append(name)
         return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
+
+
+def _stands_for(name: str, goal: str, trials: Mapping[str, Trial]) -> bool:
+    """Whether a model has but effects of another one, or explains as much."""
+    behind = trials[name].rms ** 2 - trials[goal].rms ** 2
+    return set(name.split("+")) <= set(goal.split("+")) or behind < _alike(trials[goal])
 
 
 def _alike(trial: Trial) -> float:

@@ -64,10 +64,12 @@ class Verdict:
 
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
-    chosen, members, findings = selection.chosen, selection.members, _beside(fitter, selection, cells)
+    chosen, findings = selection.chosen, _beside(fitter, selection, cells)
+    possible = tolerance_share(chosen.fit) >= UNLIKELY
+    members = selection.members if possible else ()
     left = chosen.rms > selection.limit or chosen.fit.model.n_effects > MOST_NAMED
     if left:
-        claimed = selection.trials.get(selection.claimed)
+        claimed = selection.trials.get(selection.claimed) if possible else None
         free = released(fitter, claimed or selection.base, cells)
         explains = free is not None and free.rms <= selection.limit
         if free is not None and explains:
@@ -79,7 +81,7 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     elif members:
         verdict = IDENTIFIED if len(members) == 1 else EQUIVALENT
     else:
-        verdict = UNEXPLAINED if findings else ADEQUATE
+        verdict = ADEQUATE if possible else UNEXPLAINED
     parameters = tuple(
         p for name in members for p in intervals(fitter, selection.trials[name].fit, cells, selection.base.rms)
     )
@@ -89,13 +91,17 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
 
 
 def _beside(fitter: Fitter, selection: Selection, cells: Truth) -> list[str]:
-    """Findings that hold whatever is named: implausible tolerances, and a refit that does as well as what is named."""
+    """Findings beside the verdict: implausible tolerances, claims that are not supported, a refit that does as well."""
     findings = []
     share = tolerance_share(selection.chosen.fit)
     if share < UNLIKELY:
         findings.append(
             f"The tolerances that were not measured would have to lie where {share:.1g} of the study's units do"
         )
+    nearest = min(selection.unsupported, key=lambda name: selection.trials[name].rms, default="")
+    if nearest and not selection.best:
+        reason = selection.unsupported[nearest]
+        findings.append(f"The nearest, {nearest}, is not claimed ({reason})")
     if selection.best and selection.stretched:
         free = released(fitter, selection.base, cells)
         if free is not None and free.rms <= selection.chosen.rms:
