@@ -14,7 +14,8 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
-from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds
+from pipeline.identification.selection.baselines import Cycles, baselines
+from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.model_selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
 from pipeline.identification.selection.remainder import Remainder, remainder
 from pipeline.identification.selection.statement import Statement, fault_statement, stated
@@ -43,6 +44,7 @@ class Identification:
     why_not : by name of each effect that the data cannot test, why.
     folds : predictions of held-out cells.
     errors : of these, by stage: declared, recalibrated, after.
+    baselines : errors on the same cells of predictions that ask no reducer, by title.
     remainder : what the claimed model leaves on these cells, or the one that describes best.
     """
 
@@ -54,6 +56,7 @@ class Identification:
     why_not: Mapping[str, str]
     folds: Folds
     errors: Mapping[str, AngleError]
+    baselines: Mapping[str, AngleError]
     remainder: Remainder
 
     @property
@@ -97,6 +100,10 @@ def identify_measured(
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
     rest = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
+    cells = measurement.cells
+    cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
+    plain = baselines(data, cycles, splits_of(data, seen), fitter.offsets)
+    nothing = np.zeros(len(data))
     reasons = {name: fitter.problem.why_not(effect, seen) for name, effect in candidates().items()}
     return Identification(
         measurement,
@@ -107,5 +114,6 @@ def identify_measured(
         {name: reason for name, reason in reasons.items() if reason},
         folds,
         errors,
+        {title: angle_error(data, cranks, curve, nothing, folds.cells) for title, curve in plain.items()},
         rest,
     )

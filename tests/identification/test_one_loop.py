@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from synthetic_unit import ROOT, Bench, make_unit
 
+from pipeline.config import load_study
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results.write import findings, write
@@ -54,3 +55,19 @@ def test_signatures_of_one_loop_have_values(answer):
     half = signatures.loc[("recalibrated", "branch_half_difference")]
     assert half["value"] > 0.02
     assert np.isfinite(signatures.loc[("recalibrated", "play"), "value"])
+
+
+def test_the_best_description_can_be_run_and_says_that_it_is_no_claim(answer):
+    found, folder = answer
+    best = folder / "best-u.toml"
+    assert best.exists() == (found.verdict.verdict == "unexplained")
+    if best.exists():
+        design = load_study(best, ROOT).design
+        assert design.effects
+        assert "Not claimed" in (folder / "best-design.toml").read_text()
+        assert all(
+            "NOT CLAIMED" in design.provenance[f"effects.{name}.{p}"].reason
+            for name, values in design.effects.items()
+            for p in values
+        )
+        assert "best-u.toml" in (folder / "report.html").read_text()

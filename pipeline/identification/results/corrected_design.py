@@ -19,17 +19,23 @@ from pipeline.identification.fitting.build import scaled_design
 from pipeline.identification.fitting.plausible_range import number_at
 from pipeline.identification.identify import Identification
 from pipeline.identification.selection.model_selection import Trial
-from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY
+from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY, UNEXPLAINED
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
 
 DIGITS = 6
-DESIGN_FILE = "design.toml"
+DESCRIBES = {
+    "status": "calibrated",
+    "reason": "describes a measured unit best; NOT CLAIMED, its verdict is unexplained",
+}
+BEST_READING = "Describes the unit {unit} best. Not claimed: the verdict on it is unexplained, structure is left."
+CORRECTED, BEST = "corrected", "best"
+DESIGN_FILES = {CORRECTED: "design.toml", BEST: "best-design.toml"}
 
 
-def study_file(unit: str) -> str:
-    """Name of the corrected study of a unit; its run folder has the same stem."""
-    return f"corrected-{unit}.toml"
+def study_file(unit: str, kind: str = CORRECTED) -> str:
+    """Name of the study of a unit's corrected or best model; its run folder has the same stem."""
+    return f"{kind}-{unit}.toml"
 
 
 def corrected_trial(found: Identification) -> Trial:
@@ -39,6 +45,14 @@ def corrected_trial(found: Identification) -> Trial:
         best = found.selection.best
         return found.selection.trials[best if best in named else named[0]]
     return found.selection.base
+
+
+def best_trial(found: Identification) -> Trial | None:
+    """The model that describes an unexplained unit best; None where nothing but refitted numbers does."""
+    if found.verdict.verdict != UNEXPLAINED or not found.selection.trials:
+        return None
+    answer = found.selection.answer
+    return answer if answer.fit.model.effects else min(found.selection.trials.values(), key=lambda trial: trial.rms)
 
 
 @dataclass(frozen=True)
@@ -51,29 +65,40 @@ class Corrected:
 
 def write_corrected(found: Identification, folder: Path) -> Corrected:
     """Write the corrected design and study into ``folder``, where it can be built."""
+    return _written(found, corrected_trial(found), CORRECTED, folder)
+
+
+def write_best(found: Identification, folder: Path) -> Corrected:
+    """Write the model that describes an unexplained unit best, marked as not claimed, and a study that runs it."""
+    trial = best_trial(found)
+    return _written(found, trial, BEST, folder) if trial else Corrected((), "the verdict's model is the best one")
+
+
+def _written(found: Identification, trial: Trial, kind: str, folder: Path) -> Corrected:
     try:
-        text = _design_text(found, corrected_trial(found))
+        text = _design_text(found, trial, kind)
     except InputError as error:
         return Corrected((), f"the refitted numbers make no reducer: {'; '.join(error.problems)}")
-    design, study = folder / DESIGN_FILE, folder / study_file(found.measurement.unit.name)
+    design, study = folder / DESIGN_FILES[kind], folder / study_file(found.measurement.unit.name, kind)
     write_atomic(design, text.encode())
-    write_atomic(study, _study_text(found).encode())
+    write_atomic(study, _study_text(found, kind).encode())
     return Corrected((design, study))
 
 
-def _design_text(found: Identification, trial: Trial) -> str:
+def _design_text(found: Identification, trial: Trial, kind: str) -> str:
     unit, problem, fit = found.measurement.unit, found.problem, trial.fit
     own = unit.study.design
     content: dict[str, Any] = scaled_design(
         own, problem.calibrated, np.exp(fit.unknowns.scales[: len(problem.calibrated)]).tolist()
     ).model_dump()
-    content["title"] = f"{own.title}, corrected for the unit {unit.name}"
+    of_best = "description of" if kind == BEST else "corrected for"
+    content["title"] = f"{own.title}, {of_best} the unit {unit.name}"
     provenance = content.pop("provenance")
     for key in problem.calibrated:
         _round(content, key)
-        provenance[key] = _refitted(found, key)
+        provenance[key] = DESCRIBES if kind == BEST else _refitted(found, key)
     intervals = {(p.effect, p.name): p for p in found.verdict.parameters}
-    comments = [_reading(found)]
+    comments = [_reading(found) if kind == CORRECTED else BEST_READING.format(unit=unit.name)]
     for effect, values in fit.model.split(fit.values.tolist()):
         numbers = {p.name: float(f"{v:.{DIGITS}g}") for p, v in zip(effect.parameters, values, strict=True)}
         lost = _not_in_a_study(effect)
@@ -86,12 +111,13 @@ def _design_text(found: Identification, trial: Trial) -> str:
         for name in numbers:
             p = intervals.get((effect.name, name))
             ends = f"; 95 % interval {p.ci_low:.4g} to {p.ci_high:.4g}" if p and np.isfinite(p.ci_low) else ""
-            provenance[f"effects.{effect.name}.{name}"] = {
+            named = {
                 "status": "calibrated",
                 "reason": f"{effect.title}, identified on the measured unit {unit.name}{ends}",
             }
+            provenance[f"effects.{effect.name}.{name}"] = DESCRIBES if kind == BEST else named
     content["provenance"] = provenance
-    parse_design(content, DESIGN_FILE)
+    parse_design(content, DESIGN_FILES[kind])
     return "".join(f"# {line}\n" for line in comments) + toml_of(content)
 
 
@@ -134,27 +160,28 @@ def _round(content: dict[str, Any], key: str) -> None:
     content[last] = float(f"{content[last]:.{DIGITS}g}")
 
 
-def _study_text(found: Identification) -> str:
+def _study_text(found: Identification, kind: str) -> str:
     unit = found.measurement.unit
-    content = _study_content(unit.study, found)
-    name = study_file(unit.name)
+    content = _study_content(unit.study, found, kind)
+    name = study_file(unit.name, kind)
     parse_study(content, Path(name).stem, name, lambda _: unit.study.design)
     comment = (
-        f"# Runs the model that was corrected for the measured unit {unit.name} at its crank angles,\n"
+        f"# Runs the {kind} model of the measured unit {unit.name} at its crank angles,\n"
         "# run in and at the temperature of the drawing.\n"
     )
     return comment + toml_of(content)
 
 
-def _study_content(study: Study, found: Identification) -> Mapping[str, Any]:
+def _study_content(study: Study, found: Identification, kind: str) -> Mapping[str, Any]:
     unit = found.measurement.unit
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design", "cases"})
-    content["title"] = f"{unit.settings.title}: corrected model"
-    content["description"] = f"The design corrected for the measured unit {unit.name}."
+    claim = ": it describes, nothing is claimed" if kind == BEST else ""
+    content["title"] = f"{unit.settings.title}: {kind} model"
+    content["description"] = f"The {kind} model of the measured unit {unit.name}{claim}."
     cranks = tuple(dict.fromkeys(round(float(crank) % 360, 6) for crank in found.measurement.rows.cranks))
     content["cycle"] = {**content["cycle"], "crank_deg": cranks, "keep_contacts": (0,)}
     if unit.dimensions is not None:
         content.pop("tolerances", None)
         content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}
         content["cases"] = (unit.dimensions.model_dump(exclude_defaults=True),)
-    return {"design": DESIGN_FILE, **{key: value for key, value in content.items() if value != {}}}
+    return {"design": DESIGN_FILES[kind], **{key: value for key, value in content.items() if value != {}}}

@@ -11,14 +11,23 @@ from typing import Any
 from pipeline.engine.store import write_atomic, write_json
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
-from pipeline.identification.results.corrected_design import DESIGN_FILE, corrected_trial, study_file, write_corrected
+from pipeline.identification.results.corrected_design import (
+    DESIGN_FILES,
+    corrected_trial,
+    study_file,
+    write_best,
+    write_corrected,
+)
 from pipeline.identification.results.prediction_errors import LoopError, loop_errors
 from pipeline.identification.results.residual_signatures import Signature, signatures
 from pipeline.identification.selection.held_out import STAGES
 
 VERDICT_FILE = "verdict.json"
 NO_VERDICT = "the data do not support a verdict"
-STALE = (*(f"{table.name}.parquet" for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES)), DESIGN_FILE)
+STALE = (
+    *(f"{table.name}.parquet" for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES)),
+    *DESIGN_FILES.values(),
+)
 """What an earlier run of the unit may have left that this one does not write."""
 
 
@@ -52,15 +61,16 @@ def write(of: Findings | FaultyUnit, folder: Path) -> None:
     Of a faulty unit the verdict alone is written.
     """
     found = of if isinstance(of, FaultyUnit) else of.found
-    for name in (*STALE, study_file(found.measurement.unit.name)):
+    for name in (*STALE, *(study_file(found.measurement.unit.name, kind) for kind in DESIGN_FILES)):
         (folder / name).unlink(missing_ok=True)
     if isinstance(of, FaultyUnit):
-        content = _common(of) | _untested() | {"corrected": [], "not_corrected": NO_VERDICT}
+        content = _common(of) | _untested() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
     else:
         _write_tables(of, folder)
         written = write_corrected(of.found, folder)
         content = _common(of.found) | _tested(of)
         content |= {"corrected": [path.name for path in written.paths], "not_corrected": written.why_not}
+        content |= {"best": [path.name for path in write_best(of.found, folder).paths]}
     write_json(folder / VERDICT_FILE, _finite(content))
 
 
@@ -94,7 +104,9 @@ def _common(found: Identification | FaultyUnit) -> dict[str, Any]:
 
 def _untested() -> dict[str, Any]:
     """The keys of ``_tested`` where nothing was computed."""
-    empty: dict[str, Any] = dict.fromkeys(("calibrated", "held_out_errors", "loop_errors", "not_testable"), {})
+    empty: dict[str, Any] = dict.fromkeys(
+        ("calibrated", "held_out_errors", "baselines", "loop_errors", "not_testable"), {}
+    )
     return empty | {"noise": None, "remainder": None, "in_sample": False, "models_of_folds": []}
 
 
@@ -114,6 +126,7 @@ def _tested(of: Findings) -> dict[str, Any]:
             "used_arcmin": found.problem.data.noise,
         },
         "held_out_errors": {stage: asdict(error) for stage, error in found.errors.items()},
+        "baselines": {title: asdict(error) for title, error in found.baselines.items()},
         "in_sample": found.folds.in_sample,
         "models_of_folds": list(found.folds.models),
         "loop_errors": {

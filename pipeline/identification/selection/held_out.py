@@ -92,15 +92,9 @@ def predicted_folds(selector: Selector, selection: Selection, seen: Truth, neste
     fitter = selector.fitter
     data = selector.problem.data
     plain = fitter.predict(Model(), fitter.start(Model())).angle
-    group = groups(data, seen)
     declared, recalibrated, best, open_recalibrated, open_best = (np.full(len(data), np.nan) for _ in range(5))
     models = []
-    if not np.all(seen):
-        splits = [(seen, ~seen)]
-    elif len(np.unique(group)) == 1:
-        splits = [(seen, seen)]
-    else:
-        splits = [(group != number, group == number) for number in np.unique(group)]
+    splits = splits_of(data, seen)
     for training, judged in splits:
         if len(splits) == 1:
             base, chosen = selection.base.fit, selection.answer.fit
@@ -116,6 +110,16 @@ def predicted_folds(selector: Selector, selection: Selection, seen: Truth, neste
     cells = np.isfinite(declared + recalibrated + best)  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
     return Folds(cells, declared, recalibrated, best, open_recalibrated, open_best, tuple(models), in_sample)
+
+
+def splits_of(data: Data, seen: Truth) -> list[tuple[Truth, Truth]]:
+    """Training and judged cells (n_cells,) of every fold; both are the same where nothing is held out."""
+    group = groups(data, seen)
+    if not np.all(seen):
+        return [(seen, ~seen)]
+    if len(np.unique(group)) == 1:
+        return [(seen, seen)]
+    return [(group != number, group == number) for number in np.unique(group)]
 
 
 def _fold(selector: Selector, selection: Selection, training: Truth, nested: bool) -> tuple[Fit, Fit]:

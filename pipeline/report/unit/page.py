@@ -19,7 +19,7 @@ from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.prediction_errors import LoopError
 from pipeline.identification.results.write import VERDICT_FILE, Findings
-from pipeline.identification.selection.held_out import STAGES
+from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statement import title_of
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.wording import NOTHING, counted, listed, plain
@@ -101,6 +101,7 @@ def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], fold
         "not_testable": [(_sentence(title_of(name)), why) for name, why in verdict["not_testable"].items()],
         "corrected": verdict["corrected"],
         "not_corrected": verdict["not_corrected"],
+        "best": verdict["best"],
         "folder": folder,
         "versions": package_versions(),
     }
@@ -154,6 +155,8 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
             }
             for stage, error in found.errors.items()
         ],
+        "baselines": [_baseline(title, error) for title, error in found.baselines.items()],
+        "compared": _compared(found),
         "held_out_cranks": [digits(crank) for crank in found.errors["after"].by_crank_deg],
         "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
         "calibrated": _calibrated(of, verdict["calibrated"]),
@@ -167,6 +170,19 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
 def _after(found: Identification) -> str:
     """What the third of the models is."""
     return "With what is named" if found.verdict.named else "After: nothing is claimed, as refitted"
+
+
+def _baseline(title: str, error: AngleError) -> dict[str, str]:
+    return {"title": _sentence(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
+
+
+def _compared(found: Identification) -> str:
+    """Whether the model beats the best of the baselines."""
+    title, best = min(found.baselines.items(), key=lambda item: item[1].to_noise)
+    ratio = found.errors["after"].to_noise / best.to_noise
+    if ratio > 1:
+        return f"The model is behind the best of them, {title}, by a factor of {digits(ratio)} in noise floors."
+    return f"The model is ahead of the best of them, {title}, by a factor of {digits(1 / ratio)} in noise floors."
 
 
 def _judged_on(found: Identification) -> str:

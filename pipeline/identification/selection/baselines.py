@@ -1,0 +1,167 @@
+"""Predictions of held-out cells that ask no reducer: what a model of the drive has to beat.
+
+Each is fitted to the training cells of a fold; of the cells left out the offset of the angle alone is used, as for the
+model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from pipeline.identification.fitting.problem import Data
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+Offsets = Callable[[Real, Truth, Real], Real]
+
+DEGREE = 5
+"""Of the polynomial of a branch."""
+CROSSING = 0.02
+"""Share of the largest torque over which the play is crossed."""
+LARGEST_FRICTION, LARGEST_SHARE = 0.5, 0.5
+"""Bounds of the constant friction, in largest torques, and of the friction in proportion to the load."""
+STARTS = ((0.02, 0.02), (0.1, 0.1))
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Where the cells stand in their cycles: direction of the torque and kind of branch, each (n_cells,)."""
+
+    direction: Whole
+    kind: Whole
+
+
+def baselines(data: Data, cycles: Cycles, splits: list[tuple[Truth, Truth]], offsets: Offsets) -> Mapping[str, Real]:
+    """Predictions (n_cells,) [arcmin] by title, of the cells left out in each split; NaN elsewhere.
+
+    Parameters
+    ----------
+    splits : training and judged cells (n_cells,) of each fold.
+    offsets : as ``Fitter.offsets``. A kind of branch that was not trained is predicted as another of its sense.
+    """
+    found = {title: np.full(len(data), np.nan) for title in METHODS}
+    for training, judged in splits:
+        known_cycles = _trained(cycles, training)
+        for title, method in METHODS.items():
+            angle = method(data, known_cycles, training)
+            known = training & np.isfinite(angle)
+            found[title][judged] = (angle + offsets(angle, known, data.sigma))[judged]
+    return found
+
+
+def _trained(cycles: Cycles, training: Truth) -> Cycles:
+    """The cycles with each kind that was not trained in place of a trained one of its sense."""
+    kind, trained = cycles.kind.copy(), np.unique(cycles.kind[training])
+    for number in np.setdiff1d(kind, trained):
+        mine = cycles.kind == number
+        alike = cycles.kind[training & (cycles.direction == cycles.direction[mine][0])]
+        kind[mine] = alike[-1] if alike.size else number
+    return Cycles(cycles.direction, kind)
+
+
+def replay(data: Data, cycles: Cycles, training: Truth) -> Real:
+    """The mean training branch of each cell's kind at its torque (n_cells,) [arcmin]; NaN of kinds not trained.
+
+    Torques beyond what was trained take the branch's end.
+    """
+    level, out = data.angle - _offsets_of(data, cycles, training), np.full(len(data), np.nan)
+    for kind in np.unique(cycles.kind):
+        mine = cycles.kind == kind
+        source = training & mine
+        branches = [np.flatnonzero(source & (data.block == block)) for block in np.unique(data.block[source])]
+        if branches:
+            ordered = [branch[np.argsort(data.torque[branch])] for branch in branches]
+            curves = [np.interp(data.torque[mine], data.torque[k], level[k]) for k in ordered]
+            out[mine] = np.mean(curves, axis=0)
+    return out
+
+
+def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
+    """A polynomial of the torque for each kind of branch (n_cells,) [arcmin]; NaN of kinds that were not trained."""
+    columns, kinds = _branch_columns(data, cycles, training)
+    design = np.column_stack([columns, _dummies(data)])
+    fitted, *_ = np.linalg.lstsq(design[training] * _root(data, training), _weighted(data, training), rcond=None)
+    angle = columns @ fitted[: columns.shape[1]]
+    return np.where(np.isin(cycles.kind, kinds), angle, np.nan)
+
+
+def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
+    """Play, spring that softens, constant friction and friction in proportion to the load (n_cells,) [arcmin].
+
+    Notes
+    -----
+    Friction keeps part of the torque: what the spring carries follows the torque T as a play operator of half-width
+    Tc + mu |T|, cell by cell in time. The angle is b/2 sign(Tn) + c Tn + d Tn |Tn| of the carried Tn; b, c and d follow
+    by linear least squares from each Tc and mu.
+    """
+    top = float(np.max(np.abs(data.torque)))
+    dummies, root, angle = _dummies(data), _root(data, training), _weighted(data, training)
+
+    def columns(unknowns: Real) -> Real:
+        net = _carried(data, unknowns[0] * top, unknowns[1])
+        crossing = 0.5 * np.clip(net / (CROSSING * top), -1, 1)
+        return np.column_stack([crossing, net, net * np.abs(net)])
+
+    def fitted(unknowns: Real) -> tuple[Real, Real]:
+        design = np.column_stack([columns(unknowns), dummies])[training] * root
+        amounts, *_ = np.linalg.lstsq(design, angle, rcond=None)
+        return np.asarray(amounts, float), np.asarray(design @ amounts - angle, float)
+
+    bounds = ([0.0, 0.0], [LARGEST_FRICTION, LARGEST_SHARE])
+    fits = [least_squares(lambda at: fitted(at)[1], start, bounds=bounds, diff_step=1e-3) for start in STARTS]
+    best = min(fits, key=lambda fit: fit.cost).x
+    return columns(best) @ fitted(best)[0][:3]
+
+
+METHODS: Mapping[str, Callable[[Data, Cycles, Truth], Real]] = {
+    "replay of the training loops": replay,
+    "play, Coulomb and load friction, softening spring": play_and_friction,
+    "polynomial for each branch": polynomials,
+}
+
+
+def _carried(data: Data, friction: float, share: float) -> Real:
+    """Torque (n_cells,) [N m] that the spring carries behind friction, from no torque at each position's start."""
+    out, torque, position = np.empty(len(data)), data.torque.tolist(), data.position.tolist()
+    carried, last = 0.0, -1
+    for k, (load, number) in enumerate(zip(torque, position, strict=True)):
+        carried = 0.0 if number != last else carried
+        half = friction + share * abs(load)
+        carried, last = min(max(carried, load - half), load + half), number
+        out[k] = carried
+    return out
+
+
+def _branch_columns(data: Data, cycles: Cycles, training: Truth) -> tuple[Real, Whole]:
+    """Powers of the torque by kind (n_cells, n_kinds (DEGREE + 1)), and the kinds that were trained."""
+    kinds = np.unique(cycles.kind[training])
+    powers = np.polynomial.chebyshev.chebvander(data.torque / np.max(np.abs(data.torque)), DEGREE)
+    return np.hstack([powers * (cycles.kind == kind)[:, None] for kind in kinds]), kinds
+
+
+def _offsets_of(data: Data, cycles: Cycles, training: Truth) -> Real:
+    """Offset of each training cell's position (n_cells,) [arcmin] beside a polynomial that all positions share."""
+    columns, _ = _branch_columns(data, cycles, training)
+    dummies = _dummies(data)
+    design = np.column_stack([dummies, columns])
+    amounts, *_ = np.linalg.lstsq(design[training] * _root(data, training), _weighted(data, training), rcond=None)
+    return dummies @ amounts[: dummies.shape[1]]
+
+
+def _dummies(data: Data) -> Real:
+    """One column for each group of cells that shares an offset (n_cells, n_groups)."""
+    return (data.group[:, None] == np.unique(data.group)).astype(float)
+
+
+def _root(data: Data, training: Truth) -> Real:
+    return 1 / data.sigma[training][:, None]
+
+
+def _weighted(data: Data, training: Truth) -> Real:
+    return data.angle[training] / data.sigma[training]
