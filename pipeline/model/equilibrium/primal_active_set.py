@@ -2,7 +2,8 @@
 
 Newton's active set (``newton``) closes every penetrated contact and opens every one that would pull at once. That is
 fast where contacts hardly feel each other, and may alternate for ever where a soft body couples them. Here the forces
-stay positive and the energy falls: a step ends where the first force vanishes, that contact opens, and only at the
+stay positive and the energy falls (of linear laws exactly, and ours are nearly linear): a step
+ends where the first force vanishes, that contact opens, and only at the
 least energy of the closed contacts is another one closed, the most penetrated. No set of closed contacts can come
 twice, so the iteration ends (Nocedal, Wright, Numerical Optimization (2006), ch. 16.5). It changes one contact at a
 time, so it wants a start near the solution.

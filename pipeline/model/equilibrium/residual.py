@@ -57,7 +57,7 @@ class Work(NamedTuple):
     spring: Real  # (8,) see bearing_spring
 
 
-def room(n_motions: int, n_contacts: int) -> Work:
+def workspace(n_motions: int, n_contacts: int) -> Work:
     """Arrays for solves of ``n_contacts`` contacts."""
     motions, contacts = (n_motions,), (n_contacts,)
     logarithm = np.zeros(contacts)

@@ -11,7 +11,8 @@ where an open contact is penetrated. Each step eliminates the forces (inverse of
 then solves the few rigid motions; contacts between rigid bodies are uncoupled and need no inverse. It is kept from load
 step to load step: the laws are nearly linear, a contact that closes or opens is an update of it, and only slow
 convergence asks for another (``newton``, ``inverse_update``). A load step starts from the extrapolated forces of the
-steps before; a start that leads nowhere is replaced by an interior-point iteration (``interior_point``). A linear
+steps before; a start that leads nowhere is replaced by an interior-point iteration (``interior_point``), which a
+primal active set finishes (``primal_active_set``), one contact at a time. A linear
 bearing without clearance is a compliance like the bodies' and leaves two motions fewer.
 
 Array order: (n_samples, n_torques, n_contacts or n_motions).
@@ -26,7 +27,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
 from pipeline.model.equilibrium.primal_active_set import settle
-from pipeline.model.equilibrium.residual import System, room
+from pipeline.model.equilibrium.residual import System, workspace
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 
@@ -141,7 +142,7 @@ def solve(
     start : (n, n_motions) [mm, rad]
         Motions to start from; any will do, near ones save iterations.
     torque : (n_torques,) [N mm]
-        None of them zero: with play the zero-torque pose is not unique (``backlash.rigid_play`` has its ends).
+        None of them zero: with play the zero-torque pose is not unique (``rigid_backlash.rigid_play`` has its ends).
 
     Notes
     -----
@@ -166,7 +167,7 @@ def solve(
     )
     _solve_batch(
         system,
-        room(free.shape[1], n_contacts),
+        workspace(free.shape[1], n_contacts),
         np.asarray(torque, float),
         np.ascontiguousarray(gap),
         np.ascontiguousarray(bearing_clearance, dtype=float),

@@ -1,7 +1,7 @@
 """Equilibria along a load history where friction acts on the output alone.
 
 The rest of the reducer is then a nonlinear spring, its frictionless backbone, and only the rotation of the output is
-left to balance: the same equilibrium as ``path.solve_path``, a hundred times faster.
+left to balance: the same equilibrium as ``incremental.solve_path``, a hundred times faster.
 """
 
 from dataclasses import dataclass
