@@ -1,0 +1,126 @@
+"""An effect and a metric of another package: registered by an entry point, they are used as those of the project."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import ROOT, run_study, small_study
+
+from pipeline.config.effects import effect_problems
+from pipeline.engine.fingerprint import source_hashes
+from pipeline.identification.fitting.problem import candidates
+from pipeline.model.effects import library
+from pipeline.model.effects.effect import ENTRY_POINTS as EFFECTS
+from pipeline.model.metrics.metric import ENTRY_POINTS as METRICS
+
+RUBBER = """
+from dataclasses import replace
+from pipeline.model.effects import Effect, Parameter
+EFFECT = Effect(
+    name="{name}", title="rubber coupling", physics="twists in proportion to the torque", source="Hooke",
+    parameters=(Parameter("twist", "1", "rotation per torque [1e-9 rad/(N mm)]"),),
+    changes="torsion", signature="softer", confused_with=("output_torsion",), told_apart_by="the coupling alone",
+    bounds=lambda drive: ((0.0, 100.0),),
+    apply=lambda drive, values, conditions: replace(drive, torsion=drive.torsion + 1e-9 * values[0]),
+)
+"""
+
+WINDUP = """
+from pipeline.model.metrics import Metric
+METRIC = Metric(
+    name="windup_arcmin", title="Windup at full torque", unit="arcmin", decimals=2, rank=90,
+    definition="Difference in angle between +{{rigidity_high:g}} and -{{rigidity_high:g}} N m.",
+    value=lambda loop, definitions: loop.high_plus - loop.high_minus,
+)
+"""
+RUN = """
+import sys
+from pathlib import Path
+from pipeline import cli
+from pipeline.cli import settings
+settings.RUNS = Path(sys.argv[1])
+sys.exit(cli.main(["run", "report", "--study", sys.argv[2], "--jobs", "1"]))
+"""
+
+
+def install(folder: Path, module: str, source: str, entry: str, group: str) -> None:
+    """Lay a package of one module into the folder as an installer would, with its entry point ``name = object``."""
+    (folder / f"{module}.py").write_text(source)
+    info = folder / f"{module}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    name, _, declared = entry.partition(" = ")
+    (info / "entry_points.txt").write_text(f"[{group}]\n{name} = {module}:{declared}\n")
+
+
+def install_rubber(folder: Path, name: str) -> None:
+    install(folder, f"rubber_of_{name}", RUBBER.format(name=name), f"{name} = EFFECT", EFFECTS)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.syspath_prepend(tmp_path)
+    library.cache_clear()
+    yield tmp_path
+    library.cache_clear()
+
+
+def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path) -> None:
+    assert list(effect_problems({"rubber": {"twist": 50.0}}))
+    library.cache_clear()
+    install_rubber(folder, "rubber")
+    assert library()["rubber"].title == "rubber coupling"
+    assert "rubber" in candidates()
+    assert not list(effect_problems({"rubber": {"twist": 50.0}}))
+    assert "rubber_of_rubber.py" in source_hashes("pipeline.mounting")
+    rigidity = []
+    for name, effects in (("plain", {}), ("rubber", {"rubber": {"twist": 50.0}})):
+        study = small_study(count=2).model_copy(update={"name": name})
+        design = study.design.model_copy(update={"effects": effects})
+        outputs = run_study(study.model_copy(update={"design": design}), folder)
+        rigidity.append(outputs["aggregate"].read("metrics")["torsional_rigidity_Nm_per_arcmin"])
+    softer = 1e3 * 50e-9 * np.degrees(1) * 60  # [arcmin/(N m)] in series
+    np.testing.assert_allclose(1 / rigidity[1], 1 / rigidity[0] + softer, rtol=2e-3)
+
+
+def test_an_effect_with_the_name_of_another_is_refused(folder: Path) -> None:
+    install_rubber(folder, "creep")
+    with pytest.raises(ValueError, match="rubber_of_creep:EFFECT: creep is declared already"):
+        library()
+
+
+def test_the_library_of_the_project_needs_no_registration(folder: Path) -> None:
+    files = {path.stem for path in (ROOT / "pipeline/model/effects").glob("*.py")}
+    assert set(library()) == {name for name in files if not name.startswith("_")} - {"effect"}
+
+
+def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Path, runs: Path) -> None:
+    install(folder, "windup_of_a_loop", WINDUP.format(), "windup = METRIC", METRICS)
+    text = (ROOT / "data/studies/quick.toml").read_text()
+    text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
+    study = folder / "winding.toml"
+    study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
+    done = subprocess.run([sys.executable, "-c", RUN, runs, study], env=path, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    aggregate = runs / "winding" / "aggregate"
+    metrics = pd.read_parquet(aggregate / "metrics.parquet")
+    curves = pd.read_parquet(runs / "winding" / "hysteresis" / "curves.parquet")
+    swing = curves.groupby(["sample", "crank_deg"], observed=True)["angle_arcmin"].agg(np.ptp)
+    np.testing.assert_allclose(metrics.set_index(["sample", "crank_deg"])["windup_arcmin"], swing, rtol=1e-9)
+    units = pd.read_parquet(aggregate / "units.parquet")
+    np.testing.assert_array_equal(units["windup_arcmin_worst"], metrics.groupby("sample")["windup_arcmin"].max())
+    rows = pd.read_parquet(aggregate / "distributions.parquet")
+    (kept,) = rows[rows.eval("metric == 'windup_arcmin' and over == 'worst' and statistic == 'yield'")]["value"]
+    assert 0 < kept == np.mean(units["windup_arcmin_worst"][1:] <= 7.4) < 1
+    page = (runs / "winding" / "report" / "report.html").read_text()
+    assert "Windup at full torque" in page
+    assert re.search(r"Difference in angle between \+12 and -12", page)
