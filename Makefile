@@ -13,7 +13,7 @@ JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup study $(STAGES) why test attack lint types identify population blind \
-	bench paper calibrate verify coverage tails clean-runs
+	bench paper calibrate verify coverage tails check licences clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -21,7 +21,8 @@ help:  ## list the targets
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(or $(PYTHON),$(error $(NO_PYTHON))) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement constraints.txt
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
 setup: $(VENV)/installed  ## make the virtual environment with the pinned packages
@@ -31,6 +32,9 @@ study: $(VENV)/installed  ## run all stages of a study: make study STUDY=quick J
 
 $(STAGES): $(VENV)/installed  ## run one stage of STUDY and what it needs that is missing or stale
 	$(PIPELINE) run $@ --study $(STUDY) $(JOBS_OPTION)
+
+check: $(VENV)/installed  ## compare every byte of a run with its records: make check STUDY=quick
+	$(PIPELINE) check $(STUDY)
 
 why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis STUDY=quick
 	@$(PIPELINE) why $(or $(STAGE),report) --study $(STUDY)
@@ -75,6 +79,9 @@ tails: $(VENV)/installed  ## yield in parts per million and the 99.73 % quantile
 
 coverage: $(VENV)/installed  ## count how often intervals hold the truth, over 2,000 experiments on the rigid play
 	$(PIPELINE) coverage --study $(STUDY) $(JOBS_OPTION)
+
+licences: $(VENV)/installed  ## list the licence of every package that is installed; fails where one is unknown
+	@$(PIPELINE) licences
 
 clean-runs: $(VENV)/installed  ## forget all runs, never inputs
 	$(PIPELINE) clean-runs

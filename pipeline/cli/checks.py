@@ -5,6 +5,7 @@ import sys
 
 from pipeline.checks import bench, calibrate, coverage, verify
 from pipeline.checks.calculix import export
+from pipeline.checks.licences import UNKNOWN, licences
 from pipeline.checks.paper import comparison
 from pipeline.cli import settings
 from pipeline.config import load_study
@@ -92,3 +93,14 @@ def export_deck(options: argparse.Namespace) -> None:
     settings.check_sample(study, options.sample)
     crank = study.cycle.crank_deg[0] if options.crank is None else options.crank
     print(export(study, options.sample, crank, settings.RUNS / study.name / "calculix"))
+
+
+def list_licences(_: argparse.Namespace) -> None:
+    """List the licence of every pinned package; ends with status 1 where an installed one states none."""
+    found = licences(settings.ROOT / "constraints.txt")
+    for one in found:
+        print(f"{one.package:24}{one.version:12}{one.licence}")
+    unknown = [one.package for one in found if one.licence == UNKNOWN and one.version != UNKNOWN]
+    if unknown:
+        print(f"without a licence: {', '.join(unknown)}", file=sys.stderr)
+        raise SystemExit(1)

@@ -123,6 +123,8 @@ def _checks(command: Commands) -> None:
     exporting.add_argument("--sample", required=True, type=int)
     exporting.add_argument("--crank", type=_finite, metavar="DEG", help="crank angle; default: the study's first")
 
+    command("licences", "checks.list_licences", "list the licence of every package that this program is installed with")
+
 
 def _study(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--study", default="paper", help="study file, or the stem of one in data/studies")

@@ -25,6 +25,8 @@ from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import ITEM, Part
 from pipeline.errors import ChunkError, InputError
 
+WATCH = 0.2
+"""Seconds between two looks of a worker at its parent: what it solves after that is gone is lost."""
 WAVE = 32
 """Chunks a process between two moments at which every result is written. Workers outrun a slow disk by no more than
 that, which bounds memory; waiting for the last of a wave costs about half a chunk in 32."""
@@ -81,7 +83,7 @@ _LOADED: dict[str, Any] = {}
 def _end_with_parent(parent: int) -> None:
     """End this worker when its parent is gone: if that was killed, loky would let the worker wait for five minutes."""
     while os.getppid() == parent:
-        time.sleep(1)
+        time.sleep(WATCH)
     os._exit(1)
 
 

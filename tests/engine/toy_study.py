@@ -40,6 +40,7 @@ class Trouble:
     seconds: float = 0.0
     fail_at: int = -1
     die_at: int = -1
+    exhaust_at: int = -1
     log: str = os.devnull
 
     @classmethod
@@ -102,6 +103,8 @@ def add(shared: dict, chunk: Chunk) -> Tables:
         raise ValueError(f"cannot add sample {trouble.fail_at}")
     if chunk.start <= trouble.die_at < chunk.stop:
         os._exit(1)
+    if chunk.start <= trouble.exhaust_at < chunk.stop:
+        np.ones(1 << 50)  # a real refusal of the system: a petabyte
     shared["powers"] *= 1.0  # arrays are writable in every process
     points = chunk.tables["draw/points"]
     total = (points["x_mm"][:, None] ** shared["powers"]).sum(axis=1).reshape(-1, POINTS_PER_SAMPLE).sum(axis=1)

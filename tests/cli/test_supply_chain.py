@@ -1,0 +1,80 @@
+"""What is installed is what was pinned, under known licences, and a study asks nobody on the network."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pipeline import cli
+from pipeline.checks.licences import PINNED, UNKNOWN, licences
+
+ROOT = Path(__file__).parent.parent.parent
+CONSTRAINTS = ROOT / "constraints.txt"
+STUDY = """
+import sys
+from pathlib import Path
+from pipeline import cli
+from pipeline.cli import settings
+settings.RUNS = Path(sys.argv[1])
+sys.exit(cli.main(["run", sys.argv[3], "--study", sys.argv[2], "--jobs", "2"]))
+"""
+
+
+def _same(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def test_every_package_is_pinned_with_the_hashes_of_its_files() -> None:
+    text = CONSTRAINTS.read_text()
+    entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
+    assert len(entries) == len(PINNED.findall(text)) > 60
+    for entry in entries:
+        assert len(re.findall(r"--hash=sha256:[0-9a-f]{64}", entry)) >= 1, entry
+    pinned = {_same(match["name"]) for match in PINNED.finditer(text)}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = [name for names in project["optional-dependencies"].values() for name in names]
+    wanted = {_same(re.split(r"[\[<>=; ]", name)[0]) for name in [*project["dependencies"], *extras]}
+    assert wanted - {_same(project["name"])} <= pinned
+    assert "--require-hashes --requirement constraints.txt" in (ROOT / "Makefile").read_text()
+
+
+def test_every_installed_package_states_its_licence(capsys: pytest.CaptureFixture) -> None:
+    found = licences(CONSTRAINTS)
+    installed = [one for one in found if one.version != UNKNOWN]
+    assert len(installed) > 50
+    assert [one.package for one in installed if one.licence == UNKNOWN] == []
+    assert not [one for one in installed if re.search(r"\bA?GPL", one.licence)]  # this program is MIT
+    assert cli.main(["licences"]) == 0
+    assert re.search(r"^numpy +\d+\.\S+ +BSD", capsys.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.parametrize("stage", ["clearance", pytest.param("report", marks=pytest.mark.attack)])
+def test_a_study_runs_without_any_network(tmp_path: Path, stage: str) -> None:
+    """In a network namespace of its own, without so much as a loopback; the report then loads nothing either."""
+    if not shutil.which("unshare") or subprocess.run(["unshare", "-rn", "true"]).returncode:
+        pytest.skip("a network namespace of one's own is not permitted here")
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 4")
+    (tmp_path / "small.toml").write_text(text.replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]\nrigid_angles = 3"))
+    command = [
+        "unshare",
+        "-rn",
+        sys.executable,
+        "-c",
+        STUDY,
+        str(tmp_path / "runs"),
+        str(tmp_path / "small.toml"),
+        stage,
+    ]
+    done = subprocess.run(
+        command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    if stage == "report":
+        assert not re.search(
+            r"""(src|href)=["'](https?:)?//""", (tmp_path / "runs/small/report/report.html").read_text()
+        )

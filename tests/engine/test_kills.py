@@ -1,0 +1,106 @@
+"""Killed again and again, out of memory, a worker lost: the tables are equal, and what was finished stays finished."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from toy_study import STAGES, Toy
+
+from pipeline.engine.parallel import ChunkError
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.store import Output
+
+SCRIPT = Path(__file__).with_name("toy_study.py")
+CHUNKS = 20
+
+
+def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
+    return {name: output.hashes for name, output in outputs.items()}
+
+
+def started(runs: Path, log: Path, **trouble: object) -> subprocess.Popen:
+    """The toy study with two workers, 20 chunks of a quarter of a second."""
+    order = json.dumps({"seconds": 0.25, "log": str(log)} | trouble)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TOY_TROUBLE": order}
+    command = [sys.executable, str(SCRIPT), str(runs), "2", "2"]
+    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+
+
+def finished(runs: Path) -> set[int]:
+    return {int(path.stem) for path in (runs / "toy/.work/add/chunks").glob("0*.json")}
+
+
+def until(runs: Path, chunks: int, process: subprocess.Popen) -> None:
+    while len(finished(runs)) < chunks and process.poll() is None:
+        time.sleep(0.01)
+
+
+def begun(log: Path) -> list[int]:
+    return [int(line) for line in log.read_text().split()]
+
+
+def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_flight(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    kills = 0
+    for chunks in (2, 6, 11):
+        with started(tmp_path / "runs", log) as process:
+            until(tmp_path / "runs", chunks, process)
+            workers = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+            kills += process.poll() is None
+            process.kill()
+        psutil.wait_procs(workers, timeout=10)
+    assert kills == 3
+    before = finished(tmp_path / "runs")
+    at = len(begun(log))
+    with started(tmp_path / "runs", log) as process:
+        assert process.wait() == 0
+    again = begun(log)[at:]
+    assert sorted(again) == sorted(set(range(0, 40, 2)) - before)
+    repeated = len(begun(log)) - CHUNKS
+    assert repeated <= 5 * kills  # what two workers had begun, and begin before they see that they are alone
+    print(f"{kills} kills: {repeated} of {CHUNKS} chunks computed again")
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
+        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
+    )
+
+
+def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) -> None:
+    """As the kernel does where memory is short: SIGKILL to one worker, in the middle."""
+    log = tmp_path / "log"
+    with started(tmp_path / "runs", log) as process:
+        until(tmp_path / "runs", 4, process)
+        workers = [p for p in psutil.Process(process.pid).children(recursive=True) if "loky" in " ".join(p.cmdline())]
+        solving = [p for p in workers if "resource_tracker" not in " ".join(p.cmdline())]
+        solving[0].send_signal(signal.SIGKILL)
+        assert process.wait() == 1
+        assert process.stderr is not None
+        assert "a worker process was ended from outside" in process.stderr.read()
+    before, at = finished(tmp_path / "runs"), len(begun(log))
+    assert len(before) >= 4
+    with started(tmp_path / "runs", log) as process:
+        assert process.wait() == 0
+    assert sorted(begun(log)[at:]) == sorted(set(range(0, 40, 2)) - before)
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
+        run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
+    )
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_out_of_memory_in_a_chunk_is_named_and_the_others_stay(tmp_path: Path, monkeypatch, jobs: int) -> None:
+    log = tmp_path / "log"
+    monkeypatch.setenv("TOY_TROUBLE", json.dumps({"exhaust_at": 30, "log": str(log)}))
+    with pytest.raises(ChunkError, match="samples 30 to 31 failed: .*MemoryError"):
+        run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(jobs, 2))
+    before = finished(tmp_path / "runs")
+    assert before >= set(range(0, 30, 2)) if jobs == 1 else len(before) >= 10
+    at = len(begun(log))
+    monkeypatch.setenv("TOY_TROUBLE", json.dumps({"log": str(log)}))
+    outputs = run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(jobs, 2))
+    assert sorted(begun(log)[at:]) == sorted(set(range(0, 40, 2)) - before)
+    assert hashes(outputs) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2)))
