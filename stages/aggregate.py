@@ -17,6 +17,7 @@ from stages.turn import OVER, OVER_TURN, Turn, loop_metrics, metric_turns, over_
 
 SAMPLES_AT_ONCE = 10_000
 """Samples whose loops are read together: at most a few million rows."""
+ALL_LIMITS = "all_limits"
 STRIDES = (8, 4, 2, 1)
 """Every so many of the crank angles: how the worst value moves as they double."""
 FEWEST_ANGLES = 3
@@ -27,7 +28,14 @@ METRICS = Table(
     (
         SAMPLE,
         CRANK,
-        *(Column(name, "float64", metric.unit, metric.inline) for name, metric in library().items()),
+        *(
+            column
+            for name, metric in library().items()
+            for column in (
+                Column(name, "float64", metric.unit, f"{metric.inline}; null where it does not hold"),
+                Column(metric.valid_column, "bool", "", f"whether the {metric.inline} holds; if not, status says why"),
+            )
+        ),
         Column("preloaded", "bool", "", "whether the gaps of some part interfere"),
         STATUS,
     ),
@@ -90,7 +98,7 @@ def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
     return {
         "sample": status["sample"],
         "crank_deg": status["crank_deg"],
-        **loop_metrics(study, loops, status["status"]),
+        **loop_metrics(study, loops),
         "preloaded": kinematic["preloaded"][loaded],
     }
 
@@ -114,7 +122,11 @@ def _within(study: Study, values: pd.DataFrame) -> dict[str, np.ndarray]:
     within = {
         name: library()[name].keeps(values[name].to_numpy(), limit) for name, limit in study.limits.of_metrics.items()
     }
-    return {**within, "all_limits": np.logical_and.reduce(list(within.values()))} if within else {}
+    return {**within, ALL_LIMITS: np.logical_and.reduce(list(within.values()))} if within else {}
+
+
+def _part(replicate: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
+    return None if replicate is None else replicate[rows]
 
 
 def _distribution_rows(
@@ -123,14 +135,18 @@ def _distribution_rows(
     """Rows of the distributions of one population, indexed by sample; ``angles`` behind each of its columns."""
     confidence, replicate = study.metrics.confidence, replicates(study.samples, values.index.to_numpy())
     estimates: list[tuple[str, str, Estimate]] = []
-    if len(values):
-        for metric in library():
-            statistics = distribution(values[metric].to_numpy(), confidence, replicate)
+    for metric in library():
+        holding = ~np.isnan(values[metric].to_numpy(float))
+        if holding.any():
+            statistics = distribution(values[metric].to_numpy()[holding], confidence, _part(replicate, holding))
             estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
-        shares = _within(study, values)
-        estimates += [(name, "yield", pass_share(passed, confidence, replicate)) for name, passed in shares.items()]
-        preloaded = values["preloaded"].to_numpy(bool)
-        estimates.append(("preloaded", "mean", pass_share(preloaded, confidence, replicate)))
+    for name, passed in _within(study, values).items():
+        limited = list(study.limits.of_metrics) if name == ALL_LIMITS else [name]
+        holding = ~np.isnan(values[limited].to_numpy(float)).any(axis=1)
+        if holding.any():
+            estimates.append((name, "yield", pass_share(passed[holding], confidence, _part(replicate, holding))))
+    if len(values):
+        estimates.append(("preloaded", "mean", pass_share(values["preloaded"].to_numpy(bool), confidence, replicate)))
     fewest = min(angles.values())
     return [
         {
@@ -146,16 +162,19 @@ def _distribution_rows(
 
 
 def over_turn(units: pd.DataFrame, over: str) -> pd.DataFrame:
-    """The metrics of the units that have a result, (n, n_metrics) by sample, as `worst`, `mean` or `best`."""
-    solved = units[np.asarray(units["status"]) == "ok"].set_index("sample")
+    """The metrics of the units that have a result, (n, n_metrics) by sample, as `worst`, `mean` or `best`.
+
+    A metric that does not hold at some crank angle is missing.
+    """
     named = {f"{name}_{over}": name for name in library()}
+    solved = units[units[list(named)].notna().any(axis=1)].set_index("sample")
     return solved[[*named, "preloaded"]].rename(columns=named)
 
 
 def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> Columns:
     rows = []
     single = dict.fromkeys(library(), 1)
-    for crank, part in metrics[metrics["status"] == "ok"].groupby("crank_deg"):
+    for crank, part in metrics[metrics[list(library())].notna().any(axis=1)].groupby("crank_deg"):
         rows += _distribution_rows(study, part.set_index("sample"), "angle", float(crank), single)
     if len(units):
         counts = units.iloc[0]
@@ -188,9 +207,10 @@ def _convergence(study: Study, turns: Mapping[str, Turn], counted: np.ndarray) -
             part = values[:, turn.even][:, ::stride] if stride > 1 else values
             worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
         within = _within(study, pd.DataFrame(worst))
-        for name in (*turns, *(["all_limits"] if within else [])):
+        for name in (*turns, *([ALL_LIMITS] if within else [])):
             share = float(within[name].mean()) if name in within and counted.any() else np.nan
-            mean = float(np.mean(worst[name])) if name in worst and counted.any() else np.nan
+            holding = worst[name][~np.isnan(worst[name])] if name in worst else np.array([])
+            mean = float(np.mean(holding)) if len(holding) else np.nan
             n_angles = angles.get(name, min(angles.values()))
             rows.append(
                 {"metric": name, "n_angles": n_angles, "worst_mean": mean, "yield": share, "extrapolated": False}
@@ -221,7 +241,7 @@ def _run(job: Job) -> Tables:
     rigid = job.read("clearance", "kinematic")["backlash_arcmin"].reshape(study.samples.rows, -1)
     turns = metric_turns(study, columns, rigid)
     of_units = _units(job, columns, turns)
-    counted = np.asarray(of_units["status"]) == "ok"
+    counted = np.any([~np.isnan(of_units[f"{name}_worst"]) for name in library()], axis=0)
     counted[: int(study.samples.nominal_first)] = False
     metrics, units = pd.DataFrame(columns), pd.DataFrame(of_units)
     if study.samples.nominal_first:

@@ -37,7 +37,7 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     unit = np.arange(chunk.start, chunk.stop) + drawn_units(study)
     sampled = draw_mixed(study, int(unit[0]), int(unit[-1]) + 1)
     loops, status = solved_loops(shared, sampled)
-    turns = metric_turns(study, loop_metrics(study, loops, status), rigid_backlash(study, sampled))
+    turns = metric_turns(study, loop_metrics(study, loops), rigid_backlash(study, sampled))
     kind, base_sample = np.divmod(unit, study.drivers.base_samples)
     return {
         "units": {

@@ -1,6 +1,6 @@
 """Stage 4b: the load cycle of every sample at every loaded crank angle on the condensed model."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,8 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle
 from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.model.load_history.validity import invalid_metrics
+from pipeline.model.metrics import library
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
@@ -56,7 +58,12 @@ LOOPS = Table(
     (
         SAMPLE,
         CRANK,
+        Column("solved", "bool", "", "whether every load step reached equilibrium"),
         *READINGS.values(),
+        *(
+            Column(metric.valid_column, "bool", "", f"whether the {metric.inline} means what its definition says")
+            for metric in library().values()
+        ),
         Column("bearing_force_N", "float64", "N", "largest force on the input bearing"),
         Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
     ),
@@ -126,18 +133,21 @@ class Shared:
 
 @dataclass(frozen=True)
 class Solved:
-    """The drive of ``n`` samples at one crank angle, and its response to the load cycle."""
+    """The drive of ``n`` samples at one crank angle, its response to the load cycle, and why metrics do not hold."""
 
     crank_deg: float
     drive: Drive
     response: CycleResponse
+    invalid: Mapping[str, np.ndarray]
 
     def of(self, samples: np.ndarray) -> "Solved":
         """Of some of the samples alone, by their positions."""
         whole = self.response
         states = Equilibria(**{name: values[samples] for name, values in vars(whole.equilibria).items()})
         of_samples = {name: getattr(whole, name)[samples] for name in ("angle", "play", "converged")}
-        return Solved(self.crank_deg, self.drive.some(samples), replace(whole, equilibria=states, **of_samples))
+        invalid = {name: reason[samples] for name, reason in self.invalid.items()}
+        response = replace(whole, equilibria=states, **of_samples)
+        return Solved(self.crank_deg, self.drive.some(samples), response, invalid)
 
 
 def prepare(job: Job) -> Shared:
@@ -162,7 +172,8 @@ def solve_samples(shared: Shared, sampled: Errors) -> Iterator[Solved]:
     clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     for crank, laws, compliance in zip(study.cycle.crank_deg, shared.laws, shared.compliances, strict=True):
         drive = drive_of(study, crank, compliance, errors, clearance, laws)
-        yield Solved(crank, drive, respond(drive, shared.cycle(crank)))
+        response = respond(drive, shared.cycle(crank))
+        yield Solved(crank, drive, response, invalid_metrics(drive, response, assembly.definitions(study)))
 
 
 def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
@@ -173,7 +184,9 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
     readings = loop_readings(response, peak, assembly.definitions(study))
     thrust = np.linalg.norm(states.force @ drive.reducer.closing[:, :2], axis=2)
     return {
+        "solved": response.converged,
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
+        **{library()[name].valid_column: reason == "" for name, reason in solved.invalid.items()},
         "bearing_force_N": np.max(thrust, axis=1),
         "beyond_limit_share": np.max(_beyond_limit_share(drive, states), axis=1),
     }
@@ -259,10 +272,12 @@ def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
 
 
 def _status(solved: Solved) -> np.ndarray:
-    """Status of every sample at one crank angle (n,): the first step that failed, if any."""
+    """Status of every sample at one crank angle (n,): the first step that failed, or metrics that do not hold."""
     response = solved.response
     states = response.equilibria
     texts = np.full(len(response.converged), "ok", object)
+    for sample in np.flatnonzero(np.any([reason != "" for reason in solved.invalid.values()], axis=0)):
+        texts[sample] = _doubts({name: reason[sample] for name, reason in solved.invalid.items() if reason[sample]})
     for sample in np.flatnonzero(~response.converged):
         lost = np.flatnonzero(~states.converged[sample, response.state])
         if len(lost):
@@ -272,6 +287,14 @@ def _status(solved: Solved) -> np.ndarray:
         else:
             texts[sample] = "no equilibrium without friction at the ends of the play"
     return texts
+
+
+def _doubts(invalid: Mapping[str, str]) -> str:
+    """Why metrics of one loop do not hold, each reason with the metrics that it takes."""
+    by_reason: dict[str, list[str]] = {}
+    for name, reason in invalid.items():
+        by_reason.setdefault(reason, []).append(library()[name].inline)
+    return "; ".join(f"{reason} ({', '.join(titles)} not valid)" for reason, titles in by_reason.items())
 
 
 def solved_loops(shared: Shared, sampled: Errors) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -315,8 +338,8 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
 
 def _failures(tables: Tables) -> int:
     """Number of samples that have no result at some crank angle."""
-    columns = tables["status"]
-    return len(np.unique(columns["sample"][np.asarray(columns["status"]) != "ok"]))
+    columns = tables["loops"]
+    return len(np.unique(columns["sample"][~columns["solved"]]))
 
 
 HYSTERESIS = Stage(

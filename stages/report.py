@@ -12,7 +12,7 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.style import save
 from pipeline.report.drawings import drawings
-from pipeline.report.frames import OK, Frames, drawn_samples
+from pipeline.report.frames import Frames, drawn_samples, unsolved
 from pipeline.report.page import TableNote, report_page
 from pipeline.report.rendering import Picture
 from stages.aggregate import AGGREGATE
@@ -55,7 +55,6 @@ def _loads(job: Job, samples: list[int]) -> pd.DataFrame:
 def _frames(job: Job) -> Frames:
     study: Study = job.study
     metrics, status = _table(job, "aggregate", "metrics"), _table(job, "hysteresis", "status")
-    failed = status[np.asarray(status["status"]) != OK]
     with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
         size = len(mesh["triangles"]), len(mesh["nodes"])
     return Frames(
@@ -69,7 +68,7 @@ def _frames(job: Job) -> Frames:
         contacts=_table(job, "clearance", "contacts"),
         gaps=_first_rows(job, "clearance", "gaps"),
         curves=_first_rows(job, "hysteresis", "curves"),
-        loads=_loads(job, list(drawn_samples(study, failed).values())),
+        loads=_loads(job, list(drawn_samples(study, unsolved(metrics)).values())),
         laws=_table(job, "springs", "laws"),
         mesh=size,
     )

@@ -65,10 +65,14 @@ def _row(metric: str, over: str, parameter: str, kind: str, values: tuple[float,
 
 def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
     study: Study = job.study
+    names = [name for name in library() if worst[name].notna().any()]
+    worst = worst[worst[names].notna().all(axis=1)]
+    if worst.empty:
+        return []
     samples = worst.index.to_numpy()
     replicate = replicates(study.samples, samples)
     indices = rank_correlation(
-        _scalars(job, samples), worst[list(library())].to_numpy(), study.metrics.confidence, replicate
+        _scalars(job, samples), worst[names].to_numpy(), study.metrics.confidence, replicate
     )
     return [
         _row(
@@ -79,7 +83,7 @@ def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
             (indices.value[p, m], indices.ci_low[p, m], indices.ci_high[p, m]),
             len(samples),
         )
-        for m, metric in enumerate(library())
+        for m, metric in enumerate(names)
         for p, parameter in enumerate(indices.parameters)
     ]
 
@@ -110,12 +114,11 @@ def _shares(job: Job, units: Columns) -> list[dict]:
         return []
     extra, shift = job.read("drivers", "units"), int(study.samples.nominal_first)
     drawn = slice(shift, shift + drawn_units(study))
-    solved = np.concatenate([np.asarray(units["status"])[drawn], np.asarray(extra["status"])]) == "ok"
     rows = []
     for metric in library():
         for over in EXPLAINED:
             column = f"{metric}_{over}"
-            values = np.where(solved, np.concatenate([np.asarray(units[column])[drawn], extra[column]]), np.nan)
+            values = np.concatenate([np.asarray(units[column])[drawn], extra[column]])
             base, other, *mixed = values.reshape(-1, n)
             indices = variance_indices(base, other, np.array(mixed), study.metrics.confidence)
             for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):

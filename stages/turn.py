@@ -36,17 +36,21 @@ class Turn:
     even: np.ndarray
 
 
-def loop_metrics(study: Study, loops: Mapping[str, np.ndarray], status: np.ndarray) -> dict[str, np.ndarray]:
-    """Every metric of loops (n_loops,); missing where there is no result.
+def loop_metrics(study: Study, loops: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Every metric of loops (n_loops,) and whether it holds; missing where it does not or there is no result.
 
     Parameters
     ----------
     loops : columns of the table of loops.
-    status : (n_loops,) `ok`, or why there is no result.
     """
     readings = LoopReadings(**{field: loops[column.name] for field, column in READINGS.items()})
-    torques, solved = definitions(study), np.asarray(status) == "ok"
-    return {name: np.where(solved, metric.value(readings, torques), np.nan) for name, metric in library().items()}
+    torques = definitions(study)
+    columns = {}
+    for name, metric in library().items():
+        valid = loops["solved"] & loops[metric.valid_column]
+        columns[name] = np.where(valid, metric.value(readings, torques), np.nan)
+        columns[metric.valid_column] = valid
+    return columns
 
 
 def metric_turns(study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash: np.ndarray) -> dict[str, Turn]:

@@ -40,10 +40,10 @@ def find_tails(options: argparse.Namespace) -> None:
 def over_turn(shared: hysteresis.Shared, sampled: Errors) -> dict[str, np.ndarray]:
     """Every metric of ``n`` units over the loaded angles, as limits mean it; missing where an angle has no result."""
     study = shared.study
-    loops, status = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
-    found = {}
-    for name, values in loop_metrics(study, loops, status).items():
-        turn = values.reshape(len(sampled), -1)
-        worst, best = library()[name].over_turn(turn)
-        found[name] = {"worst": worst, "best": best, "mean": turn.mean(axis=1)}[study.limits.over]
-    return found
+    loops, _ = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
+    metrics, values_over_turn = loop_metrics(study, loops), {}
+    for name, metric in library().items():
+        turn = metrics[name].reshape(len(sampled), -1)
+        worst, best = metric.over_turn(turn)
+        values_over_turn[name] = {"worst": worst, "best": best, "mean": turn.mean(axis=1)}[study.limits.over]
+    return values_over_turn

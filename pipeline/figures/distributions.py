@@ -44,7 +44,7 @@ def distributions_figure(
         axes.set_visible(False)
     for axes, metric in zip(figure.axes, metrics, strict=False):
         rows = estimates[estimates["metric"] == metric].set_index("statistic")
-        _histogram(axes, values[metric].to_numpy(), metric, limits.get(metric), nominal.get(metric))
+        _histogram(axes, values[metric].dropna().to_numpy(), metric, limits.get(metric), nominal.get(metric))
         _estimates(axes, rows)
     return figure
 

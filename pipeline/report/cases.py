@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.figures.labels import METRICS
-from pipeline.report.frames import OK, Frames, case_label
+from pipeline.report.frames import OK, Frames, case_label, unsolved
 from pipeline.report.wording import number, plain
 
 ROWS_SHOWN = 40
@@ -42,8 +42,8 @@ def _first_cases(frames: Frames) -> pd.DataFrame:
 
 
 def _case_row(frames: Frames, sample: int, rows: pd.DataFrame, crank: str, values: dict[str, float]) -> CaseRow:
-    failed = np.asarray(rows["status"]) != OK
-    notes = (["no result"] if failed.any() else []) + (["preloaded"] if rows["preloaded"].any() else [])
+    notes = ["no result"] if len(unsolved(rows)) else sorted({str(text) for text in rows["status"] if text != OK})
+    notes += ["preloaded"] if rows["preloaded"].any() else []
     shown = frames.shown_metrics
     return CaseRow(
         case_label(frames.study, sample),

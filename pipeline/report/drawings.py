@@ -230,8 +230,13 @@ def _distributions(frames: Frames) -> Drawing:
         f"Worst value of each of {counted(len(frames.worst), 'sample')} over the turn. Below each histogram: "
         f"5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead marks an end that the "
         "samples do not determine. Beyond the limit the ground is shaded.",
-        distributions_figure(frames.worst[frames.shown_metrics], worst, frames.limits, _nominal(frames)),
+        distributions_figure(frames.worst[_varying(frames)], worst, frames.limits, _nominal(frames)),
     )
+
+
+def _varying(frames: Frames) -> list[str]:
+    """Metrics that hold for some sample."""
+    return [name for name in frames.shown_metrics if frames.worst[name].notna().any()]
 
 
 def _nominal(frames: Frames) -> dict[str, float]:

@@ -67,8 +67,8 @@ class Frames:
     def worst(self) -> pd.DataFrame:
         """(n,) worst metrics over the turn, by sample; the nominal sample and failed ones left out."""
         nominal = [0] if self.study.samples.nominal_first else []
-        solved = self.units[np.asarray(self.units["status"]) == OK].set_index("sample")
         columns = {f"{name}_worst": name for name in METRICS}
+        solved = self.units[self.units[list(columns)].notna().any(axis=1)].set_index("sample")
         return solved.drop(index=nominal, errors="ignore")[list(columns)].rename(columns=columns)
 
     def turn_of(self, sample: int, over: str = "worst") -> dict[str, float]:
@@ -78,8 +78,14 @@ class Frames:
 
     @cached_property
     def failed(self) -> pd.DataFrame:
-        """Rows of `status` without a result."""
-        return self.status[np.asarray(self.status["status"]) != OK]
+        """Rows of `metrics` without a result."""
+        return unsolved(self.metrics)
+
+    @cached_property
+    def doubtful(self) -> pd.DataFrame:
+        """Rows of `metrics` of which some number does not hold though the loads have reached equilibrium."""
+        rows = self.metrics[np.asarray(self.metrics["status"]) != OK]
+        return rows.drop(index=self.failed.index)
 
     @cached_property
     def drawn(self) -> dict[str, int]:
@@ -126,6 +132,11 @@ class Frames:
         first, n = int(samples[0]), len(np.unique(samples))
         values = table[column].to_numpy().reshape(n, len(self.study.cycle.curve_crank_deg), -1)
         return values[self.band - first, 0]
+
+
+def unsolved(metrics: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the table of metrics that have no result at all."""
+    return metrics[metrics[list(METRICS)].isna().all(axis=1)]
 
 
 def case_label(study: Study, sample: int) -> str:

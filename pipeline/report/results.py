@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed
@@ -173,7 +174,7 @@ class Results:
     @property
     def failure_rows(self) -> list[tuple[str, str, str]]:
         """Label, crank angle and reason of the first loops without a result."""
-        failed = self.frames.failed.head(FAILURES_SHOWN)
+        failed = pd.concat([self.frames.failed, self.frames.doubtful]).head(FAILURES_SHOWN)
         return [
             (case_label(self.frames.study, int(sample)), plain(crank), str(reason))
             for sample, crank, reason in zip(failed["sample"], failed["crank_deg"], failed["status"], strict=True)
@@ -182,12 +183,19 @@ class Results:
     @property
     def failures(self) -> str:
         """How many loops have no result."""
-        failed = self.frames.failed
+        failed, doubtful = self.frames.failed, self.frames.doubtful
+        limits = ""
+        if len(doubtful):
+            limits = (
+                f" Of {counted(len(doubtful), 'load cycle')} of {counted(doubtful['sample'].nunique(), 'sample')} a "
+                "number does not mean what its definition says; it is missing and in no statistic: "
+                f"{'; '.join(sorted(set(doubtful['status'].astype(str))))}."
+            )
         if not len(failed):
-            return "Every load cycle of every sample has reached equilibrium."
+            return f"Every load cycle of every sample has reached equilibrium.{limits}"
         loops, samples = len(failed), failed["sample"].nunique()
         whole = counted(len(self.frames.status), "load cycle")
         return (
             f"{loops:,} of {whole} {'has' if loops == 1 else 'have'} no result; they belong to "
-            f"{counted(samples, 'sample')}, left out of all statistics."
+            f"{counted(samples, 'sample')}, left out of all statistics.{limits}"
         )

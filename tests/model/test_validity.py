@@ -20,8 +20,9 @@ from pipeline.model.load_history import validity
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 from pipeline.model.load_history.validity import invalid_metrics
+from pipeline.model.metrics import Definitions, library
 
-SHARES = 0.03, (0.5, 1.0)
+DEFINITIONS = Definitions(*(1e-3 * RATED * share for share in (0.03, 0.5, 1.0)))
 MARKS = LoadCycle.evenly(RATED, 0, 1.0, (0.03, 0.5, 1.0))
 
 
@@ -84,13 +85,13 @@ def test_error_of_small_angles_is_of_the_second_order_and_small_up_to_the_limit(
 
 
 def reasons_of(drive):
-    return invalid_metrics(drive, respond(drive, MARKS), *SHARES)
+    return invalid_metrics(drive, respond(drive, MARKS), DEFINITIONS)
 
 
 def test_metrics_within_their_limits_have_no_reason():
     drive = small_drive(3, play=8 * MICROMETRE)
     soft = {name: list(reasons) for name, reasons in reasons_of(drive).items()}
-    assert soft == {name: [""] * 3 for name in validity.METRICS}
+    assert soft == {name: [""] * 3 for name in library()}
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
@@ -102,7 +103,7 @@ def test_clearance_beyond_a_tenth_of_the_eccentricity_is_no_small_one(share):
         replace(drive, bearing_clearance=np.array([share * limit])),
     ):
         reasons = reasons_of(wide)
-        assert all((reasons[name][0] == validity.CLEARANCE) == (share > 1) for name in validity.METRICS)
+        assert all((reasons[name][0] == validity.CLEARANCE) == (share > 1) for name in library())
 
 
 def test_rotation_counts_up_to_the_torque_that_a_metric_asks_for():
@@ -110,8 +111,8 @@ def test_rotation_counts_up_to_the_torque_that_a_metric_asks_for():
     drive = small_drive(1)
     assert all(reasons[0] == "" for reasons in reasons_of(replace(drive, torsion=1e-3)).values())
     reasons = reasons_of(replace(drive, compliance=40 * drive.compliance))
-    assert reasons["torsional_rigidity"][0] == reasons["peak_pressure"][0] == validity.ROTATION
-    assert reasons["clearance_backlash"][0] == reasons["lost_motion"][0] == ""
+    assert reasons["torsional_rigidity_Nm_per_arcmin"][0] == reasons["peak_pressure_MPa"][0] == validity.ROTATION
+    assert reasons["clearance_backlash_arcmin"][0] == reasons["lost_motion_arcmin"][0] == ""
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)
@@ -121,11 +122,11 @@ def test_constant_friction_above_the_torque_of_a_metric_takes_its_meaning(share,
     friction = output_sliders(drive.reducer, np.array([share * RATED]), np.array([1e-7]))
     reasons = reasons_of(replace(drive, sliders=friction))
     for name, torque, reason in (
-        ("lost_motion", 0.03, validity.STUCK_AT_LOST_MOTION),
-        ("torsional_rigidity", 0.5, validity.STUCK_AT_RIGIDITY),
+        ("lost_motion_arcmin", 0.03, validity.STUCK),
+        ("torsional_rigidity_Nm_per_arcmin", 0.5, validity.STUCK),
     ):
         assert list(reasons[name]) == [reason if share >= torque else ""] * 2
-    assert list(reasons["hysteresis_loss"]) == list(reasons["zero_torque_width"]) == ["", ""]
+    assert list(reasons["hysteresis_loss_arcmin"]) == list(reasons["zero_torque_width_arcmin"]) == ["", ""]
 
 
 def test_friction_below_every_torque_takes_nothing():
@@ -144,4 +145,4 @@ def test_presliding_longer_than_the_play_holds_the_output_within_it():
     response = respond(held, MARKS)
     assert response.converged[0]
     assert response.hysteresis_loss[0] < 0
-    assert reasons_of(held)["hysteresis_loss"][0] == validity.SHORT_OF_PLAY
+    assert reasons_of(held)["hysteresis_loss_arcmin"][0] == validity.SHORT_OF_PLAY

@@ -74,7 +74,7 @@ def test_constant_friction_opens_the_loop_by_the_frictionless_curve_between_plus
         found["hysteresis_loss_arcmin"], found["zero_torque_width_arcmin"] - found["clearance_backlash_arcmin"]
     )
     assert np.all(found["hysteresis_loss_arcmin"] > 0.1)
-    assert set(found["status"]) == {"ok"}
+    assert not found["lost_motion_arcmin_valid"].any()  # its 0.36 N m are less than the friction
 
 
 def test_branches_part_by_the_friction_at_load(plain: Outputs, rubbing: Outputs) -> None:
@@ -126,6 +126,26 @@ def test_softer_seats_lower_the_rigidity_in_series(runs: Path, plain: Outputs) -
     np.testing.assert_allclose(
         soft["clearance_backlash_arcmin"], metrics(plain)["clearance_backlash_arcmin"], atol=1e-6
     )
+
+
+def test_friction_above_the_torque_of_a_definition_leaves_no_number(runs: Path, plain: Outputs) -> None:
+    """0.5 N m of friction holds the output at 0.36 N m: a lost motion of 0.24 arcmin, below the play, passed once."""
+    stuck = run_with(runs, "stuck", coulomb={"torque_Nm": 0.5})
+    table = metrics(stuck)
+    assert not table["lost_motion_arcmin_valid"].any()
+    assert table["lost_motion_arcmin"].isna().all()
+    assert set(table["status"]) == {"friction holds the output at the torque of its definition (lost motion not valid)"}
+    others = ["clearance_backlash_arcmin", "torsional_rigidity_Nm_per_arcmin", "hysteresis_loss_arcmin"]
+    assert table[others].notna().all(axis=None)
+    np.testing.assert_allclose(
+        table["clearance_backlash_arcmin"], metrics(plain)["clearance_backlash_arcmin"], atol=1e-6
+    )
+    assert np.all(table["hysteresis_loss_arcmin"] > 0)
+    distributions = pd.DataFrame(stuck["aggregate"].read("distributions"))
+    assert "lost_motion_arcmin" not in set(distributions["metric"])
+    assert "all_limits" not in set(distributions["metric"])  # no unit is known to keep the limit on the lost motion
+    assert {"clearance_backlash_arcmin", "torsional_rigidity_Nm_per_arcmin"} <= set(distributions["metric"])
+    assert stuck["hysteresis"].record["failed"] == 0
 
 
 @pytest.mark.parametrize("name", library())

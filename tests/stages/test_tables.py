@@ -15,6 +15,7 @@ from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.reducer import PIN
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 from stages import hysteresis
@@ -64,7 +65,7 @@ INTEGERS = {
 LABELS = {
     "kind", "body_a", "body_b", "label", "law", "branch", "status", "metric", "statistic", "parameter", "over",
 }  # fmt: skip
-TRUTHS = {"preloaded", "beyond_limit", "extrapolated"}
+TRUTHS = {"preloaded", "beyond_limit", "extrapolated", "solved"}
 UNITS = {"um": "um", "mm": "mm", "Nm": "N m", "N": "N", "MPa": "MPa", "arcmin": "arcmin", "deg": "deg", "rad": "rad"}
 
 
@@ -89,7 +90,7 @@ def test_columns_types_and_units_are_those_of_the_contract(outputs, runs, table)
         expected = (
             pa.int32() if name in INTEGERS
             else pa.dictionary(pa.int32(), pa.string()) if name in LABELS
-            else pa.bool_() if name in TRUTHS
+            else pa.bool_() if name in TRUTHS or name.endswith("_valid")
             else pa.float64()
         )  # fmt: skip
         assert schema.field(name).type == expected, name
@@ -376,7 +377,8 @@ def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, r
     assert len(failed["hysteresis"].read("curves")["step"]) == len(frames["hysteresis/curves"])
     keys = ["sample", "crank_deg"]
     metrics = pd.DataFrame(failed["aggregate"].read("metrics")).set_index(keys)
-    assert metrics.loc[bad].drop(["preloaded", "status"]).isna().all()
+    assert metrics.loc[bad, list(library())].isna().all()
+    assert not metrics.loc[bad].filter(like="_valid").any()
     expected = frames["aggregate/metrics"].set_index(keys)
     pd.testing.assert_frame_equal(metrics.drop(bad), expected.drop(bad), check_categorical=False)
     table = pd.DataFrame(failed["aggregate"].read("distributions")).query("statistic == 'mean'")
@@ -436,7 +438,7 @@ def test_numbers_of_a_curve_count_every_contact(study):
     response = CycleResponse(
         np.zeros(2, int), np.zeros(2), np.zeros((1, 2)), np.arange(2), states, np.zeros((1, 2)), np.ones(1, bool)
     )
-    values = hysteresis._curve_values(hysteresis.Solved(0.0, drive, response))
+    values = hysteresis._curve_values(hysteresis.Solved(0.0, drive, response, {}))
     assert values["peak_pressure_MPa"][0, 0] == laws.pressure[100] * 100
     moment = np.abs(at.pins.arm[1:3]) * force[0, 0, 1:3]
     np.testing.assert_allclose(values["beyond_limit_share"], [[moment[0] / moment.sum(), 0.0]])

@@ -2,7 +2,7 @@
 
 How a stage calls it: after ``response = respond(drive, cycle)`` of one chunk at one crank angle,
 
-    invalid = invalid_metrics(drive, response, lost_motion, rigidity)
+    invalid = invalid_metrics(drive, response, definitions)
 
 gives for every metric the reason of each state, ``""`` where the number stands. The stage writes the reason into the
 status of that metric and leaves the number out of every statistic (or says that it is in). Rows that did not converge
@@ -10,7 +10,6 @@ have a status of their own; their reasons here mean nothing.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +18,8 @@ from pipeline.model.geometry.reducer import PIN
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse
+from pipeline.model.metrics import Definitions, Metric, library
+from pipeline.model.units import NMM_PER_NM
 
 LARGEST_ROTATION = 0.1
 """Rotation of a body, over a lobe's pitch, beyond which arms and normals of the nominal pose are not its contacts' any
@@ -27,28 +28,10 @@ LARGEST_CLEARANCE = 0.1
 """Gap that a carrying pin closes, and clearance of the bearing, over the eccentricity or, if that is less, the height
 of the lobes. Up to it small angles err by 0.3 % of the rigid play with 80 pins and by 2 % with 12 (the error is of the
 second order: 1.6 % at 100 um and 16 % at 350 um with the paper's 350 um of eccentricity)."""
-METRICS = (
-    "clearance_backlash",
-    "zero_torque_width",
-    "lost_motion",
-    "torsional_rigidity",
-    "hysteresis_loss",
-    "peak_pressure",
-)
 ROTATION = "rotation beyond a tenth of a lobe pitch"
 CLEARANCE = "clearance beyond a tenth of the eccentricity"
-STUCK_AT_LOST_MOTION = "friction holds the output at the torque of the lost motion"
-STUCK_AT_RIGIDITY = "friction holds the output at the torque of the rigidity"
+STUCK = "friction holds the output at the torque of its definition"
 SHORT_OF_PLAY = "friction holds the output within its play at no torque"
-
-
-@dataclass(frozen=True)
-class _Guard:
-    """``states`` (n,) in which the ``metrics`` do not hold, and why."""
-
-    metrics: tuple[str, ...]
-    states: np.ndarray
-    reason: str
 
 
 def _steps_of(response: CycleResponse, branch: str, torque: float) -> int:
@@ -80,36 +63,23 @@ def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:
     return (rising <= response.play[:, 1]) | (falling >= response.play[:, 0])
 
 
-def _guards(
-    drive: Drive, response: CycleResponse, lost_motion: float, rigidity: tuple[float, float]
-) -> Iterator[_Guard]:
-    height = float(np.ptp(np.abs(drive.profile.flank(np.linspace(0, drive.profile.lobe_pitch, 201)))))
-    limit = LARGEST_CLEARANCE * min(drive.profile.eccentricity, height)
-    low, high = (share * drive.rated_torque for share in rigidity)
-    yield _Guard(METRICS, _clearance(drive, response, lost_motion * drive.rated_torque) > limit, CLEARANCE)
-    for metrics, torque in (
-        (("clearance_backlash", "zero_torque_width", "hysteresis_loss"), 0.0),
-        (("lost_motion",), lost_motion * drive.rated_torque),
-        (("torsional_rigidity",), high),
-        (("peak_pressure",), np.inf),
-    ):
-        rotation = _rotation(drive, response, torque)
-        yield _Guard(metrics, rotation > LARGEST_ROTATION * drive.profile.lobe_pitch, ROTATION)
-    if len(drive.sliders.acting):
-        yield _Guard(("lost_motion",), _stuck(drive, response, lost_motion * drive.rated_torque), STUCK_AT_LOST_MOTION)
-        yield _Guard(("torsional_rigidity",), _stuck(drive, response, low), STUCK_AT_RIGIDITY)
-        yield _Guard(("hysteresis_loss",), response.hysteresis_loss < 0, SHORT_OF_PLAY)
+def _reason(drive: Drive, response: CycleResponse, metric: Metric, at: Definitions) -> Iterator[tuple[np.ndarray, str]]:
+    """States (n,) in which the metric does not hold, and why, the first reason first."""
+    rotation = _rotation(drive, response, NMM_PER_NM * metric.largest_torque(at))
+    yield rotation > LARGEST_ROTATION * drive.profile.lobe_pitch, ROTATION
+    if len(drive.sliders.acting) and metric.moves_at is not None:
+        yield _stuck(drive, response, NMM_PER_NM * metric.moves_at(at)), STUCK
+    if len(drive.sliders.acting) and metric.not_negative:
+        yield response.hysteresis_loss < 0, SHORT_OF_PLAY
 
 
-def invalid_metrics(
-    drive: Drive, response: CycleResponse, lost_motion: float, rigidity: tuple[float, float]
-) -> Mapping[str, np.ndarray]:
-    """Reason (n,) why a metric does not hold in a state, ``""`` where it does, by the names of ``METRICS``.
+def invalid_metrics(drive: Drive, response: CycleResponse, at: Definitions) -> Mapping[str, np.ndarray]:
+    """Reason (n,) why a metric does not hold in a state, ``""`` where it does, by the metric's name.
 
     Parameters
     ----------
     response : of the drive to a cycle that has the torques of the metrics.
-    lost_motion, rigidity : shares of the rated torque that define the metrics, as for ``load_cycle.curve_metrics``.
+    at : torques of the definitions.
 
     Notes
     -----
@@ -119,8 +89,13 @@ def invalid_metrics(
     friction, too: it keeps the output from the end of its play (presliding longer than the play; rubbing pins in a disk
     that its bearing lets go).
     """
-    reasons = {metric: np.full(len(response.play), "", object) for metric in METRICS}
-    for guard in _guards(drive, response, lost_motion, rigidity):
-        for metric in guard.metrics:
-            reasons[metric][guard.states & (reasons[metric] == "")] = guard.reason
+    height = float(np.ptp(np.abs(drive.profile.flank(np.linspace(0, drive.profile.lobe_pitch, 201)))))
+    largest = LARGEST_CLEARANCE * min(drive.profile.eccentricity, height)
+    loose = _clearance(drive, response, NMM_PER_NM * at.lost_motion) > largest
+    reasons = {}
+    for name, metric in library().items():
+        reason = np.where(loose, CLEARANCE, "").astype(object)
+        for states, text in _reason(drive, response, metric, at):
+            reason[states & (reason == "")] = text
+        reasons[name] = reason
     return reasons

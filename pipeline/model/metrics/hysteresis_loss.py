@@ -16,4 +16,6 @@ METRIC = Metric(
     decimals=3,
     value=_value,
     needs_friction=True,
+    largest_torque=lambda _: 0.0,
+    not_negative=True,
 )

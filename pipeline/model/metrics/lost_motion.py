@@ -16,4 +16,6 @@ METRIC = Metric(
     decimals=3,
     value=_value,
     headline=True,
+    largest_torque=lambda torque: torque.lost_motion,
+    moves_at=lambda torque: torque.lost_motion,
 )

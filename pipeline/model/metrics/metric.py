@@ -87,6 +87,9 @@ class Metric(Quantity):
     headline : whether the page leads with it.
     needs_friction : whether it says nothing new of a loop without friction.
     turn_of_rigid_bodies : whether rigid bodies tell it at crank angles that are not loaded.
+    largest_torque : definitions to the largest torque [N m] that it is read at: rotations up to there must be small.
+    moves_at : definitions to a torque [N m] at which friction must let the output move, or None.
+    not_negative : whether a value below zero says that friction holds the output within its play.
     """
 
     name: str
@@ -97,6 +100,14 @@ class Metric(Quantity):
     headline: bool = False
     needs_friction: bool = False
     turn_of_rigid_bodies: bool = False
+    largest_torque: Callable[[Definitions], float] = lambda _: np.inf
+    moves_at: Callable[[Definitions], float] | None = None
+    not_negative: bool = False
+
+    @property
+    def valid_column(self) -> str:
+        """Column that says whether the number means what its definition says."""
+        return f"{self.name}_valid"
 
     def keeps(self, value: Real, limit: float) -> NDArray[np.bool_]:
         """Whether values (n,) keep a limit; a missing value keeps none."""

@@ -18,4 +18,6 @@ METRIC = Metric(
     value=_value,
     smaller_is_worse=True,
     headline=True,
+    largest_torque=lambda torque: torque.rigidity_high,
+    moves_at=lambda torque: torque.rigidity_low,
 )
