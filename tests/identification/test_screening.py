@@ -35,7 +35,9 @@ def test_the_effect_of_a_unit_promises_most_and_starts_near_the_truth(name, tmp_
     start = mapped(problem.bounds(candidates()[name]), promises[name].starts[0].shares)
     assert np.linalg.norm(start - values) < 0.5 * np.linalg.norm(values)
     assert promises[name].misfit < 0.2
-    assert all(promises[other].misfit > 0.9 for other in others)
+    # numbers at the ends of their plausible ranges leave others something too
+    least = min(promises[other].misfit for other in others)
+    assert least > max(0.6, 15 * promises[name].misfit)
 
 
 SCALE, EFFECT = 0.2, candidates()["coulomb"]
