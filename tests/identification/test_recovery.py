@@ -28,6 +28,7 @@ CASES = {
     "presliding": ((0.6, 0.4), TWO, 0.1),
     "run_in": ((6.0, 1.5), replace(TWO, cycles=5), 0.1),
     "seat_compliance": ((0.01,), THREE, 0.1),
+    "softening_compliance": ((0.2, 1.5), THREE, 0.1),
     "thermal_growth": ((12.0,), replace(TWO, cycles=3, warming=10.0), 0.05),
     "torque_zero": ((0.4,), TWO, 0.03),
     "torque_gain": ((0.1,), THREE, 0.2),

@@ -65,7 +65,7 @@ def test_bounds_are_finite_and_ordered(name):
 
 
 @pytest.mark.parametrize("profile", [SMALL, PAPER], ids=["small", "paper"])
-@pytest.mark.parametrize("name", ["output_torsion", "creep"])
+@pytest.mark.parametrize("name", ["output_torsion", "creep", "softening_compliance"])
 def test_bounds_of_a_twist_hold_the_drives_own_and_little_more(name, profile):
     drive = small_drive(scale=0.0, play=0.0, profile=profile)
     curve = backbone(drive, SHARES)
@@ -88,6 +88,7 @@ def test_nothing_is_changed_by_an_effect_of_size_zero(name):
     assert made.torsion == drive.torsion
     assert len(made.sliders.acting) == 0
     assert made.creep is None or made.creep.compliance == 0
+    np.testing.assert_array_equal(made.twist(np.array([-1e3, 1e3])), drive.twist(np.array([-1e3, 1e3])))
 
 
 @EVERY
@@ -106,8 +107,8 @@ def test_an_effect_leaves_the_drive_that_it_is_put_into_as_it_was(name):
 
 @EVERY
 def test_effects_add_up_where_they_are_put_in_twice(name):
-    if name == "creep":
-        pytest.skip("one delayed element only")
+    if name in ("creep", "softening_compliance"):
+        pytest.skip("one such element only")
     drive, effect = small_drive(1), LIBRARY[name]
     values = [low + 0.6 * (high - low) for low, high in effect.bounds(drive)]
     conditions = Conditions(np.array([3.0]), np.array([15.0]))
@@ -164,6 +165,27 @@ def test_torsion_of_the_output_is_exact():
     made = backbone(put(drive, "output_torsion", 0.04), SHARES)
     plain = backbone(drive, SHARES)
     np.testing.assert_allclose(ARCMIN * (made.angle - plain.angle)[0], 0.04 * 1e-3 * plain.torque, atol=1e-12)
+
+
+def test_softening_compliance_is_a_cubic_spring():
+    drive, knee = small_drive(), 0.3 * RATED
+    spring = put(drive, "softening_compliance", 0.04, 1e-3 * knee)
+    torque = np.linspace(-RATED, RATED, 41)
+    twist = spring.twist(torque)
+    linear = 0.04e-3 / ARCMIN * knee  # twist at which the linear part carries the knee
+    np.testing.assert_allclose(twist / linear + (twist / linear) ** 3, torque / knee, atol=1e-12)
+    at_no_load = np.array([-1e-6, 1e-6]) * RATED
+    np.testing.assert_allclose(spring.twist(at_no_load), 0.04e-3 / ARCMIN * at_no_load, rtol=1e-9)
+    assert spring.twist(np.array([2 * knee])) == pytest.approx(linear)
+    made, plain = backbone(spring, SHARES), backbone(drive, SHARES)
+    np.testing.assert_allclose((made.angle - plain.angle)[0], spring.twist(plain.torque), atol=1e-15)
+    np.testing.assert_array_equal(spring.without_twist.twist(torque), 0.0)
+
+
+def test_softening_compliance_of_a_far_knee_is_the_torsion_of_the_output():
+    drive, torque = small_drive(), np.linspace(-RATED, RATED, 9)
+    soft, linear = put(drive, "softening_compliance", 0.04, 1e-3 * 1e4 * RATED), put(drive, "output_torsion", 0.04)
+    np.testing.assert_allclose(soft.twist(torque), linear.twist(torque), rtol=1e-7)
 
 
 def test_run_in_wears_over_the_cycles():

@@ -44,17 +44,6 @@ def _one_sided_play(amplitude: float, shape: Mapping[str, float]) -> Outside:
     return angle
 
 
-def _stiffening(amplitude: float, shape: Mapping[str, float]) -> Outside:
-    def angle(track: Track) -> Real:
-        share = track.ramp.torque / _top(track.ramp)
-        # a cubic spring, soft at first: share = x + hard x^3
-        x = np.linspace(-1, 1, 801)
-        twist = np.interp(share, (x + shape["hard"] * x**3) / (1 + shape["hard"]), x)
-        return track.angle_at(track.ramp.torque) + amplitude * track.span * twist
-
-    return angle
-
-
 def _tooth_ripple(amplitude: float, shape: Mapping[str, float]) -> Outside:
     def angle(track: Track) -> Real:
         plain = track.angle_at(track.ramp.torque)
@@ -126,12 +115,6 @@ OUTSIDE = (
         "a coupling at the output, held closed by a spring, opens beyond a torque of one sense",
         _play_shape,
         _one_sided_play,
-    ),
-    OutsideEffect(
-        "stiffening_spring",
-        "a rubber coupling in series with the output stiffens with its twist (cubic)",
-        _uniform(hard=(2.0, 8.0)),
-        _stiffening,
     ),
     OutsideEffect(
         "tooth_ripple",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,7 @@ class TrueUnit:
         out = []
         for drive, ramp in zip(self.drives, self.bench.ramps, strict=True):
             curve = _fine(drive, float(np.max(np.abs(ramp.turns))))
-            single = ARCMIN * (curve.angle[0] + drive.torsion * curve.torque)
+            single = ARCMIN * (curve.angle[0] + drive.twist(curve.torque))
 
             def angle_at(torque: Real, curve: Backbone = curve, single: Real = single) -> Real:
                 return np.interp(NMM_PER_NM * torque, curve.torque, single)
@@ -127,7 +127,7 @@ def true_unit(
 
 def _fine(drive: Drive, top: float) -> Backbone:
     reach = BEYOND * NMM_PER_NM * top / drive.rated_torque
-    curve = backbone(replace(drive, torsion=0.0), ladder(STEPS, reach))
+    curve = backbone(drive.without_twist, ladder(STEPS, reach))
     if not np.all(curve.states.converged):
         raise UnsoundError("the frictionless curve")
     return curve
@@ -140,7 +140,7 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
     angle, carried = np.empty(len(at)), np.empty(len(at))
     for state in range(len(curve.angle)):
         mine = ramp.cycle == state
-        alone = curve.angle[state] + drive.torsion * curve.torque
+        alone = curve.angle[state] + drive.twist(curve.torque)
         if instrument.ripple.amplitude or len(drive.sliders.acting):
             steps, is_row = _every_row(turns, at, ramp.leg)
             if drive.sliders.at_contacts:
@@ -170,7 +170,7 @@ def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[R
     if worst > UNSOUND:
         raise UnsoundError("the path with friction")
     turned = motion[:, drive.reducer.output_motion]
-    return turned + drive.torsion * steps, np.interp(turned, curve.angle[state], curve.torque)
+    return turned + drive.twist(steps), np.interp(turned, curve.angle[state], curve.torque)
 
 
 def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:

@@ -6,7 +6,7 @@ made of it, not itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +148,7 @@ class Forward:
         if key not in self._kept:
             if len(self._kept) > 400:
                 self._kept.clear()
-            self._kept[key] = backbone(replace(drive, torsion=0.0, known=drive.gap_of_errors), self.shares)
+            self._kept[key] = backbone(drive.without_twist, self.shares)
         return self._kept[key]
 
     def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:
@@ -185,10 +185,10 @@ class Forward:
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
                 motions, _, worst = solve_path(drive, state, steps, seeds)
-                turned = motions[:, drive.reducer.output_motion] + drive.torsion * steps
+                turned = motions[:, drive.reducer.output_motion] + drive.twist(steps)
                 corners, sound = np.array([steps, turned, steps]), sound and worst <= UNSOUND
             else:
-                alone = curve.angle[state] + drive.torsion * nodes
+                alone = curve.angle[state] + drive.twist(nodes)
                 corners, turns = walked(torque, nodes, alone, drive.sliders, ripple)
             for leg in np.flatnonzero(course.state == state):
                 part = corners[:, turns[same[leg]] : turns[same[leg] + 1] + 1]
@@ -240,7 +240,7 @@ def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, at:
     state_of = course.state[course.leg]
     for state in np.unique(state_of):
         cells = state_of == state
-        alone = curve.angle[state] + drive.torsion * curve.torque
+        alone = curve.angle[state] + drive.twist(curve.torque)
         angle[cells], slope[cells] = means(at[cells], curve.torque, alone)
     return Way(angle, slope, (0.5 * (at[:, 1:] + at[:, :-1])).mean(axis=1), torque)
 

@@ -40,6 +40,28 @@ class Creep:
 
 
 @dataclass(frozen=True)
+class HardeningSpring:
+    """Cubic spring in series with the output, soft at first: torque / knee = x + x^3, twist = compliance knee x.
+
+    Source: stiffness of strain-wave gears, Tuttle and Seering, IEEE Trans. Robot. Autom. 12 (1996) 368.
+
+    Attributes
+    ----------
+    compliance : without load [rad/(N mm)].
+    knee : torque [N mm]; at twice of it the cubic part carries as much as the linear one.
+    """
+
+    compliance: float
+    knee: float
+
+    def twist(self, torque: Real) -> Real:
+        """Rotation [rad] under a torque [N mm]: the real root of the cubic, by hyperbolic functions."""
+        scaled = np.asarray(torque, float) / self.knee
+        root = 2 / np.sqrt(3) * np.sinh(np.arcsinh(1.5 * np.sqrt(3) * scaled) / 3)
+        return self.compliance * self.knee * root
+
+
+@dataclass(frozen=True)
 class Drive:
     """One crank angle of a reducer in ``n`` states.
 
@@ -52,7 +74,8 @@ class Drive:
     compliance : of the elastic bodies between the contacts (n_contacts, n_contacts) [mm/N].
     sliders : friction.
     torsion : compliance between the reducer's output and the torque [rad/(N mm)].
-    creep : delayed part of it, or None.
+    hardening : further spring there, which stiffens with its torque, or None.
+    creep : delayed part of the torsion, or None.
     known : gap of the errors alone (n, n_contacts) [mm], where it was found before.
     """
 
@@ -68,6 +91,7 @@ class Drive:
     bearing_clearance: Real
     sliders: Sliders = field(default_factory=Sliders.none)
     torsion: float = 0.0
+    hardening: HardeningSpring | None = None
     creep: Creep | None = None
     known: Real | None = None
 
@@ -97,6 +121,16 @@ class Drive:
             bearing_clearance=self.bearing_clearance[states],
             known=self.gap_of_errors[states],
         )
+
+    def twist(self, torque: Real) -> Real:
+        """Rotation [rad] between the reducer's output and a torque [N mm], at once."""
+        linear = self.torsion * torque
+        return linear if self.hardening is None else linear + self.hardening.twist(torque)
+
+    @property
+    def without_twist(self) -> "Drive":
+        """The reducer alone, up to its output."""
+        return replace(self, torsion=0.0, hardening=None, known=self.gap_of_errors)
 
     def shifted(self, more: Real) -> "Drive":
         """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
@@ -156,7 +190,7 @@ class Backbone:
     def change(self, drive: Drive, near: Drive) -> Real:
         """Change of the angle (n, n_nodes) [rad], to first order, from the ``drive`` of this curve to a ``near`` one.
 
-        Gaps, compliance, laws, bearing and torsion may differ.
+        Gaps, compliance, laws, bearing and twist may differ.
 
         Notes
         -----
@@ -168,7 +202,8 @@ class Backbone:
         change = np.sum(self._over_torque(force) * (given[0] - given[1]), axis=2)
         thrust = np.linalg.norm(force @ drive.reducer.closing[:, :2], axis=2)
         held = [one.bearing.depth(thrust) + one.bearing_clearance[:, None] for one in (near, drive)]
-        return change + self._over_torque(thrust) * (held[0] - held[1]) + (near.torsion - drive.torsion) * self.torque
+        twisted = near.twist(self.torque) - drive.twist(self.torque)
+        return change + self._over_torque(thrust) * (held[0] - held[1]) + twisted
 
 
 def ladder(levels: int, reach: float) -> Real:
@@ -256,4 +291,4 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
         }
     )
     both = np.concatenate([-torque[::-1], torque])
-    return Backbone(both, states.motion[..., drive.reducer.output_motion] + drive.torsion * both, states)
+    return Backbone(both, states.motion[..., drive.reducer.output_motion] + drive.twist(both), states)

@@ -92,7 +92,7 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     return CycleResponse(
         branch,
         torque,
-        equilibria.motion[:, state, motion] + drive.torsion * torque,
+        equilibria.motion[:, state, motion] + drive.twist(torque),
         state,
         equilibria,
         frictionless.motion[:, limits, motion],

@@ -57,7 +57,7 @@ def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
 
 def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:
     """Whether (n,) the reducer carries nothing of ``torque`` on a loading branch in its sense: friction takes it."""
-    twist = drive.torsion * torque
+    twist = float(drive.twist(np.array(torque)))
     rising = response.angle[:, _steps_of(response, "reloading+", torque)] - twist
     falling = response.angle[:, _steps_of(response, "loading-", -torque)] + twist
     return (rising <= response.play[:, 1]) | (falling >= response.play[:, 0])

@@ -1,0 +1,38 @@
+"""Compliance in series with the output that softens towards no load."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.model.effects.effect import Conditions, Effect, Parameter, largest_twist
+from pipeline.model.load_history.drive import Drive, HardeningSpring
+from pipeline.model.units import ARCMIN
+
+KNEES = (0.02, 1.0)
+"""Knees that are looked for, over the rated torque: below, the twist is as play; above, the spring is linear."""
+
+
+def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
+    return replace(drive, hardening=HardeningSpring(1e-3 * values[0] / ARCMIN, 1e3 * values[1]))
+
+
+EFFECT = Effect(
+    name="softening_compliance",
+    title="compliance of the output that softens towards no load",
+    physics="printed and rubber parts, keys and bolted joints close up under load: their stiffness grows with it, "
+    "beyond what contacts by Hertz do",
+    source="cubic spring of joints with strain-wave gears, Tuttle and Seering, IEEE Trans. Robot. Autom. 12 (1996) 368",
+    parameters=(
+        Parameter("compliance_arcmin_per_Nm", "arcmin/(N m)", "twist per torque without load"),
+        Parameter("knee_Nm", "N m", "torque of the knee: at twice of it half of the torque is the cubic part's"),
+    ),
+    changes="a cubic spring between the output and the torque",
+    signature="steep near zero torque in both senses, without play; the rigidity grows with the load",
+    confused_with=("output_torsion", "seat_compliance"),
+    told_apart_by="the twist between the reducer's flange and the lever at a tenth, half and all of the load",
+    bounds=lambda drive: (
+        (0.0, largest_twist(drive)),
+        (1e-3 * KNEES[0] * drive.rated_torque, 1e-3 * KNEES[1] * drive.rated_torque),
+    ),
+    apply=_apply,
+    limit_case="output_torsion",
+)
