@@ -15,11 +15,12 @@ from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.baselines import Cycles, baselines
+from pipeline.identification.selection.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.model_selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
 from pipeline.identification.selection.remainder import Remainder, remainder
 from pipeline.identification.selection.statement import Statement, fault_statement, stated
-from pipeline.identification.selection.verdict import FAULT, Verdict, judge
+from pipeline.identification.selection.verdict import ADEQUATE, FAULT, Verdict, judge
 
 Real = NDArray[np.float64]
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
@@ -45,6 +46,8 @@ class Identification:
     folds : predictions of held-out cells.
     errors : of these, by stage: declared, recalibrated, after.
     baselines : errors on the same cells of predictions that ask no reducer, by title.
+    described : error of the model that describes best, where no effect is claimed.
+    could_hide : of an adequate unit, the size of each effect that would have shown.
     remainder : what the claimed model leaves on these cells, or the one that describes best.
     """
 
@@ -58,6 +61,8 @@ class Identification:
     errors: Mapping[str, AngleError]
     baselines: Mapping[str, AngleError]
     remainder: Remainder
+    described: AngleError | None
+    could_hide: tuple[DetectionLimit, ...]
 
     @property
     def curves(self) -> dict[str, Real]:
@@ -104,6 +109,8 @@ def identify_measured(
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
     plain = baselines(data, cycles, splits_of(data, seen), fitter.offsets)
     nothing = np.zeros(len(data))
+    adequate = verdict.verdict == ADEQUATE and not folds.in_sample
+    limits = detection_limits(fitter, selection.base, seen, selector.testable) if adequate else ()
     reasons = {name: fitter.problem.why_not(effect, seen) for name, effect in candidates().items()}
     return Identification(
         measurement,
@@ -116,4 +123,6 @@ def identify_measured(
         errors,
         {title: angle_error(data, cranks, curve, nothing, folds.cells) for title, curve in plain.items()},
         rest,
+        best if selection.answer.fit.model.effects and not verdict.named else None,
+        limits,
     )

@@ -99,3 +99,21 @@ def test_the_table_of_errors_repeats_the_cards(answer):
         values = [number(text) for text in re.findall(r'class="n">([^<]+)</td>', row)]
         expected = [error["rms_arcmin"], *error["by_crank_deg"].values(), error["max_arcmin"]]
         assert values == pytest.approx([*expected, error["to_noise"], error["expected_to_noise"]], rel=5.1e-3)
+
+
+def test_an_adequate_unit_says_what_could_hide(answer):
+    verdict, page, _ = answer
+    limits = {limit["effect"]: limit["value"] for limit in verdict["could_hide"]}
+    assert bool(limits) == (verdict["verdict"] == "adequate")
+    if limits:
+        assert set(limits) <= set(OFFERED)
+        assert 0 < limits["coulomb"] < 0.3  # 0.5 N m is named on another of these units
+        assert "What could hide" in page
+
+
+def test_baselines_stand_on_the_page_and_it_says_which_is_ahead(answer):
+    verdict, page, _ = answer
+    assert len(verdict["baselines"]) == 3
+    after, best = verdict["held_out_errors"]["after"], min(e["to_noise"] for e in verdict["baselines"].values())
+    assert ("The model is behind" if after["to_noise"] > best else "The model is ahead") in page
+    assert all(error["cells"] == after["cells"] for error in verdict["baselines"].values())

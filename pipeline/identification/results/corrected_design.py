@@ -49,10 +49,8 @@ def corrected_trial(found: Identification) -> Trial:
 
 def best_trial(found: Identification) -> Trial | None:
     """The model that describes an unexplained unit best; None where nothing but refitted numbers does."""
-    if found.verdict.verdict != UNEXPLAINED or not found.selection.trials:
-        return None
     answer = found.selection.answer
-    return answer if answer.fit.model.effects else min(found.selection.trials.values(), key=lambda trial: trial.rms)
+    return answer if found.verdict.verdict == UNEXPLAINED and answer.fit.model.effects else None
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,14 @@ def _untested() -> dict[str, Any]:
     empty: dict[str, Any] = dict.fromkeys(
         ("calibrated", "held_out_errors", "baselines", "loop_errors", "not_testable"), {}
     )
-    return empty | {"noise": None, "remainder": None, "in_sample": False, "models_of_folds": []}
+    return empty | {
+        "noise": None,
+        "remainder": None,
+        "described": None,
+        "could_hide": [],
+        "in_sample": False,
+        "models_of_folds": [],
+    }
 
 
 def _tested(of: Findings) -> dict[str, Any]:
@@ -126,6 +133,8 @@ def _tested(of: Findings) -> dict[str, Any]:
             "used_arcmin": found.problem.data.noise,
         },
         "held_out_errors": {stage: asdict(error) for stage, error in found.errors.items()},
+        "described": asdict(found.described) if found.described else None,
+        "could_hide": [asdict(limit) for limit in found.could_hide],
         "baselines": {title: asdict(error) for title, error in found.baselines.items()},
         "in_sample": found.folds.in_sample,
         "models_of_folds": list(found.folds.models),

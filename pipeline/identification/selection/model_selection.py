@@ -97,7 +97,9 @@ class Selection:
     @property
     def answer(self) -> Trial:
         """The trial of the model that may be named, else of the best that describes, else the base's."""
-        return self.trials[self.claimed] if self.claimed else self.chosen
+        if self.claimed or self.best or not self.trials or self.base.rms <= STRUCTURE:
+            return self.trials[self.claimed] if self.claimed else self.chosen
+        return min(self.trials.values(), key=lambda trial: trial.rms)
 
     @property
     def limit(self) -> float:

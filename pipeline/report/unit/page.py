@@ -19,6 +19,7 @@ from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.prediction_errors import LoopError
 from pipeline.identification.results.write import VERDICT_FILE, Findings
+from pipeline.identification.selection.detection import DetectionLimit
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statement import title_of
 from pipeline.report.rendering import Picture, rendered
@@ -155,7 +156,8 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
             }
             for stage, error in found.errors.items()
         ],
-        "baselines": [_baseline(title, error) for title, error in found.baselines.items()],
+        "baselines": [_baseline(title, error) for title, error in _beside(found).items()],
+        "could_hide": [_limit(limit) for limit in found.could_hide],
         "compared": _compared(found),
         "held_out_cranks": [digits(crank) for crank in found.errors["after"].by_crank_deg],
         "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
@@ -174,6 +176,20 @@ def _after(found: Identification) -> str:
 
 def _baseline(title: str, error: AngleError) -> dict[str, str]:
     return {"title": _sentence(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
+
+
+def _beside(found: Identification) -> dict[str, AngleError]:
+    """Errors that stand beside the model's: of the best description, where it is not claimed, and of the baselines."""
+    name = found.selection.answer.fit.model.name
+    described = {f"best description, not claimed: {title_of(name)}": found.described} if found.described else {}
+    return {**described, **found.baselines}
+
+
+def _limit(limit: DetectionLimit) -> tuple[str, str, str]:
+    effect = candidates()[limit.effect]
+    (parameter,) = (p for p in effect.parameters if p.name == limit.parameter)
+    shown = f"{digits(limit.value)} {_unit(limit.unit)}" if math.isfinite(limit.value) else "would not show at any size"
+    return _sentence(effect.title), parameter.meaning, shown.rstrip()
 
 
 def _compared(found: Identification) -> str:

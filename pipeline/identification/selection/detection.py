@@ -1,0 +1,121 @@
+"""What could hide: for each effect the size that these data would have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, unmapped
+from pipeline.identification.fitting.problem import Candidate, Model
+from pipeline.identification.selection.cross_validation import Trial
+from pipeline.identification.selection.model_selection import STRUCTURE
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+CONFIDENCE = 0.95
+START = 0.01
+"""First size that is looked at, in parts of an effect's bounds."""
+STEPS, AGREEMENT = 8, 0.05
+"""Secant steps, and relative error of the change that is good enough."""
+LEAST = 1e-6
+
+
+@dataclass(frozen=True)
+class DetectionLimit:
+    """Size of an effect from which it would have shown with 95 % probability.
+
+    Attributes
+    ----------
+    effect, parameter, unit : whose size it is; of two amplitudes the first, at the phase of the second one's zero.
+    value : in that unit; NaN where not even the library's bound would have shown.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    value: float
+
+
+def detection_limits(
+    fitter: Fitter, base: Trial, cells: Truth, testable: Mapping[str, Candidate]
+) -> tuple[DetectionLimit, ...]:
+    """Detection limits of effects beside a model without any.
+
+    Notes
+    -----
+    An effect shows where the mean loss of the base exceeds ``STRUCTURE`` squared. Its change of the cells, in noise,
+    less what calibrated numbers and tolerances take up of it within their priors, adds its mean square to it. Its
+    standard error comes from the spread of the losses between branches. The bounds of the numbers are not counted,
+    so that the limit is rather too large.
+    """
+    needed = needed_square(base.losses)
+    basis = _Nuisance.of(fitter, base.fit, cells)
+    return tuple(_limit(fitter, base.fit, effect, basis, needed) for effect in testable.values())
+
+
+def needed_square(losses: Real) -> float:
+    """Mean square in noise that an effect must add to the losses of the branches to show."""
+    error = float(np.std(losses, ddof=1) / np.sqrt(len(losses))) if len(losses) > 1 else 0.0
+    return max(STRUCTURE**2 - float(np.mean(losses)), 0.0) + float(norm.ppf(CONFIDENCE)) * error
+
+
+@dataclass(frozen=True)
+class _Nuisance:
+    """What a model without effects can take up of a change, and the cells that count."""
+
+    rows: Real
+    noise: Real
+    cells: Truth
+
+    @classmethod
+    def of(cls, fitter: Fitter, fit: Fit, cells: Truth) -> _Nuisance:
+        noise = fitter.problem.data.sigma[cells]
+        return cls(
+            np.vstack([fit.jacobian[cells] / noise[:, None], np.diag(fitter.penalty(fit.unknowns))]), noise, cells
+        )
+
+    def left(self, fitter: Fitter, change: Real) -> float:
+        """Mean square [noise] of what is left of a change (n_cells,) [arcmin]."""
+        moved = fitter.centred(change, np.where(self.cells, 1 / fitter.problem.data.sigma**2, 0.0))[self.cells]
+        goal = np.concatenate([moved / self.noise, np.zeros(self.rows.shape[1])])
+        if self.rows.shape[1]:
+            goal = goal - self.rows @ np.linalg.lstsq(self.rows, goal, rcond=None)[0]
+        return float(np.mean(goal[: len(moved)] ** 2))
+
+
+def _limit(fitter: Fitter, base: Fit, effect: Candidate, nuisance: _Nuisance, needed: float) -> DetectionLimit:
+    bounds = fitter.problem.bounds(effect)
+    grows = next((k for k, (low, high) in enumerate(bounds) if low <= 0 <= high), 0)
+    parameter = effect.parameters[grows]
+    plain = fitter.predict(Model(), base.unknowns).angle
+
+    def values(amplitude: float) -> list[float]:
+        middle = [
+            0.0 if low <= 0 <= high else float(np.sqrt(low * high)) if low > 0 else 0.5 * (low + high)
+            for low, high in bounds
+        ]
+        middle[grows] = amplitude * max(bounds[grows], key=abs)
+        return middle
+
+    def shown(amplitude: float) -> float:
+        unknowns = replace(base.unknowns, shares=unmapped(bounds, values(amplitude)))
+        there = fitter.predict(Model((effect,)), unknowns)
+        return nuisance.left(fitter, there.angle - plain) if there.sound else np.nan
+
+    low, high, amplitude = LEAST, 1.0, START
+    for _ in range(STEPS):
+        square = shown(amplitude)
+        if not np.isfinite(square) or (square < needed and amplitude >= 1.0):
+            return DetectionLimit(effect.name, parameter.name, parameter.unit, np.nan)
+        if abs(square / needed - 1) < AGREEMENT:
+            break
+        low, high = (amplitude, high) if square < needed else (low, amplitude)
+        guess = amplitude * np.sqrt(needed / max(square, 1e-6 * needed))
+        amplitude = float(min(guess, high) if low < guess else np.sqrt(low * high))
+    return DetectionLimit(effect.name, parameter.name, parameter.unit, abs(values(amplitude)[grows]))
