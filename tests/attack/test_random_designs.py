@@ -1,0 +1,123 @@
+"""Random designs through a small study: solved to the solver's limit or refused with a reason, in bounded time."""
+
+from __future__ import annotations
+
+import signal
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from random_designs import SAMPLES, random_study
+
+from pipeline.config.study import Clearance
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.store import Output
+from pipeline.errors import InputError
+from stages.chain import STAGES
+
+ACCEPTED = 1e-9
+"""What the solver promises of every load step with status ok."""
+SECONDS = 30.0
+"""Of processor time that a design may take; the slowest of 500 is in docs/promises.md."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a design: `refused` is the reason of the whole study, else units failed with theirs."""
+
+    seed: int
+    seconds: float
+    refused: str = ""
+    failed: tuple[str, ...] = ()
+
+
+@contextmanager
+def at_most(seconds: float, what: str) -> Iterator[None]:
+    """Raise TimeoutError in whatever still runs after so many seconds of processor time."""
+
+    def stop(number: int, frame: object) -> None:
+        raise TimeoutError(f"{what} ran for {seconds:g} s")
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def outcome(seed: int, runs: Path) -> Outcome:
+    """Run the study of a seed and hold its tables against what is promised."""
+    started = time.process_time()
+    study = random_study(seed)
+    try:
+        with at_most(SECONDS, f"design {seed}"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numpy, in designs whose units then fail with a reason
+            outputs = run(STAGES, study, ["aggregate"], runs, Resources(jobs=1, chunk=SAMPLES))
+    except InputError as error:
+        return Outcome(seed, time.process_time() - started, refused=str(error))
+    return Outcome(seed, time.process_time() - started, failed=held(seed, outputs))
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The solver is compiled for its first design, which may take a minute and is no time of a design."""
+    study = random_study(4)
+    for experiment in (study, study.model_copy(update={"clearance": Clearance(method="exact")})):
+        run(STAGES, experiment, ["aggregate"], tmp_path_factory.mktemp("compiled"), Resources(jobs=1, chunk=SAMPLES))
+
+
+def held(seed: int, outputs: dict[str, Output]) -> tuple[str, ...]:
+    """Reasons of the units that failed; of every other one each number is finite and each load step converged."""
+    status = pd.DataFrame(outputs["hysteresis"].read("status"))
+    assert len(status) == SAMPLES, f"design {seed}: a unit lost its row"
+    sound = status.loc[status["status"] == "ok", ["sample", "crank_deg"]]
+    for name in ("curves", "loops", "contacts"):
+        rows = pd.DataFrame(outputs["hysteresis"].read(name)).merge(sound)
+        numbers = rows.select_dtypes("number").drop(columns="peak_pressure_MPa", errors="ignore")
+        bad = numbers.columns[~np.isfinite(numbers).all()]
+        assert bad.empty, f"design {seed}: {name}.{list(bad)} of a unit with status ok is no number"
+        if name == "curves":
+            assert rows.empty or rows["residual"].max() <= ACCEPTED, f"design {seed}: {rows['residual'].max():g}"
+    reasons = status.loc[status["status"] != "ok", "status"].astype(str)
+    assert all(len(reason) > 3 for reason in reasons), f"design {seed}: a unit failed without a reason"
+    return tuple(reasons)
+
+
+def summary(outcomes: list[Outcome]) -> str:
+    """Counts and times, for docs/promises.md."""
+    seconds = np.array([one.seconds for one in outcomes])
+    units = SAMPLES * sum(not one.refused for one in outcomes)
+    reasons = pd.Series([reason for one in outcomes for reason in one.failed], dtype=str).value_counts()
+    refused = pd.Series([one.refused.split("; ")[-1][:90] for one in outcomes if one.refused], dtype=str).value_counts()
+    lines = [
+        f"{len(outcomes)} designs, {len(outcomes) - int(refused.sum())} solved, {int(refused.sum())} refused",
+        f"{units} units, {int(reasons.sum())} failed with a reason",
+        f"seconds: median {np.median(seconds):.2f}, 99 % {np.quantile(seconds, 0.99):.2f}, "
+        f"slowest {seconds.max():.2f} (design {outcomes[int(seconds.argmax())].seed})",
+        *(f"  {count} x {reason}" for reason, count in [*reasons.items(), *refused.items()]),
+    ]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("number", [20, pytest.param(500, marks=pytest.mark.attack)])
+def test_a_random_design_is_solved_or_refused_with_a_reason(tmp_path: Path, number: int, compiled, capsys) -> None:
+    outcomes, broken = [], []
+    for seed in range(number):
+        try:
+            outcomes.append(outcome(seed, tmp_path))
+        except Exception as error:  # every design is looked at, then all failures are told at once
+            broken.append(f"design {seed}: {type(error).__name__}: {error}")
+    with capsys.disabled():
+        if number > 20:
+            print(f"\n{summary(outcomes)}")
+    assert not broken, "\n".join(broken)
+    assert all(len(one.refused) > 30 for one in outcomes if one.refused)
+    assert sum(not one.refused for one in outcomes) > number / 2
