@@ -1,6 +1,7 @@
 """The generator of blind units, the table of their cases and the rates made of it."""
 
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from scipy.stats import binom
 from pipeline import assembly
 from pipeline.checks.blind import run
 from pipeline.checks.blind.bench import draw_bench
-from pipeline.checks.blind.catalogue import UNCERTAIN, catalogue, condense
+from pipeline.checks.blind.catalogue import OFF, PLAUSIBLE, UNCERTAIN, catalogue, condense
 from pipeline.checks.blind.effect_size import amplitude_of, problem_of
-from pipeline.checks.blind.generate import FULL, NONE, Maker, generate, kind_of
+from pipeline.checks.blind.generate import FULL, MEASURING_UM, NONE, Maker, generate, kind_of
 from pipeline.checks.blind.outside_effects import OUTSIDE
 from pipeline.checks.blind.rates import lower_bound, rates
 from pipeline.checks.blind.report import write_reports
@@ -84,6 +85,25 @@ def test_the_truth_is_not_in_the_units_folder(smallest):
     assert not any(effect.name in words for effect in OUTSIDE)
 
 
+def test_what_the_model_believes_is_off_as_a_bench_and_a_calibration_are(smallest):
+    """Calibrated numbers by 5 to 20 %, inside of their stated ranges; measured dimensions by what measuring leaves."""
+    made = [generate(smallest, case) for case in range(9) if kind_of(case) == NONE]
+    scales = np.array([list(one.truth["scales"].values()) for one in made])
+    assert np.all((np.abs(np.log(scales)) >= np.log(OFF[0])) & (np.abs(np.log(scales)) <= np.log(OFF[1])))
+    assert OFF[1] < PLAUSIBLE
+    off = []
+    for one in made:
+        folder = smallest.unit_folder(one.truth["case"])
+        if one.truth["dimensions_known"]:
+            written = tomllib.loads((folder / "dims.toml").read_text())
+            off.append(np.array(written["pin_radial"]) - one.dimensions.pin_radial[0])
+            design = tomllib.loads((folder / "design.toml").read_text())["provenance"]
+            assert all("plausible" in design[key] for key in one.truth["scales"])
+    assert len(off) >= 2
+    spread = np.std(np.array(off) - np.mean(off, axis=1, keepdims=True))
+    assert 0.7 * MEASURING_UM < spread < 1.4 * MEASURING_UM
+
+
 def test_the_size_is_what_was_asked_for(smallest):
     truth = generate(smallest, _of_kind("one")).truth
     assert 0.9 <= truth["size_over_noise"] <= 33
@@ -107,7 +127,7 @@ def test_without_effect_and_noise_the_models_own_study_is_recovered(smallest, tm
     sample = draw(study, 4, 5)
     keys = refitted(study.design)
     unit = true_unit(study, keys, (1.2, 0.95), assembly.errors(sample), 0.0, believed(study, bench.cranks), bench)
-    write_unit(tmp_path / "u", study, bench, unit.angles(), (0.0, 1e-9), np.random.default_rng(0), sample)
+    write_unit(tmp_path / "u", study, bench, unit.angles(), (0.0, 1e-9), np.random.default_rng(0), sample, 0.0)
     problem, _ = problem_of(load_measured_unit(tmp_path / "u", ROOT), believed)
     fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
     fit = fitter.fit(Model(), everything, fitter.start(Model()))

@@ -21,12 +21,12 @@ from stages.condensed import COMPLIANCE_FILE, full_compliance
 
 Real = NDArray[np.float64]
 
-UNCERTAIN: Mapping[str, float] = {
-    "bearing.stiffness_N_per_mm_power": 1.3,
-    "disk.thickness_mm": 1.1,
-    "output.roller_length_mm": 1.3,
-}
-"""Numbers that the model must calibrate, and the factor within which the truth lies about its value."""
+UNCERTAIN = ("bearing.stiffness_N_per_mm_power", "disk.thickness_mm", "output.roller_length_mm")
+"""Numbers that the model must calibrate."""
+OFF = 1.05, 1.2
+"""Factors by which the truth of such a number is off, at least and at most, up or down."""
+PLAUSIBLE = 1.25
+"""Factor of the plausible range that is stated with them."""
 CRANKS_A_DESIGN = 6
 OTHER_LAW = "palmgren"
 """Of the generator; the model's studies take Hertz."""
@@ -119,7 +119,7 @@ def _design(base: Design, changes: Mapping[str, Any], name: str) -> Design:
 def _unsure(raw: Mapping[str, Any], key: str) -> dict[str, Any]:
     """Provenance of a number that is known within the factor by which the truth is drawn."""
     section, name = key.split(".")
-    value, factor = raw[section][name], UNCERTAIN[key]
+    value, factor = raw[section][name], PLAUSIBLE
     reason = "stands for the number fitted to another unit"
     return {"status": "calibrated", "reason": reason, "plausible": (value / factor, value * factor)}
 

@@ -39,6 +39,7 @@ def write_unit(
     noise: tuple[float, float],
     rng: np.random.Generator,
     dimensions: Errors | None,
+    measuring_um: float,
 ) -> None:
     """data.csv, unit.toml, the study's files and, where the dimensions are known, dims.toml.
 
@@ -47,14 +48,16 @@ def write_unit(
     angles : per position (n_rows,) [arcmin] without noise and offset.
     noise : standard deviation of a row's angle and resolution of the angle [arcmin].
     dimensions : one sample [um], or None where they are unknown.
+    measuring_um : standard deviation of what is written of them, of the part that all of a kind share and of each.
     """
     folder.mkdir(parents=True, exist_ok=True)
     design = study.design.model_dump(mode="json")
     settings = study.model_dump(mode="json", exclude={"name", "design", "cases"})
     (folder / "design.toml").write_text(toml_of(design), encoding="utf-8")
     (folder / "study.toml").write_text(toml_of({**settings, "design": "design.toml"}), encoding="utf-8")
+    measured_table(bench, angles, noise, rng).to_csv(folder / "data.csv", index=False)
     if dimensions is not None:
-        (folder / "dims.toml").write_text(toml_of(_measured(dimensions)), encoding="utf-8")
+        (folder / "dims.toml").write_text(toml_of(_measured(dimensions, measuring_um, rng)), encoding="utf-8")
     unit = {
         "title": f"blind unit {folder.name}",
         "design": "design.toml",
@@ -65,7 +68,6 @@ def write_unit(
         "instrument": {"angle_resolution_arcmin": noise[1], "torque_resolution_Nm": bench.torque_step},
     }
     (folder / "unit.toml").write_text(toml_of(unit), encoding="utf-8")
-    measured_table(bench, angles, noise, rng).to_csv(folder / "data.csv", index=False)
 
 
 def measured_table(
@@ -88,11 +90,14 @@ def measured_table(
     return pd.concat(parts, ignore_index=True)
 
 
-def _measured(dimensions: Errors) -> dict[str, Any]:
-    """As-measured dimensions [um], rounded as an inspection report is."""
+def _measured(dimensions: Errors, measuring_um: float, rng: np.random.Generator) -> dict[str, Any]:
+    """As-measured dimensions [um] with the errors of measuring, rounded as an inspection report is."""
     out = {}
     for name in DIMENSIONS:
-        value = np.round(getattr(dimensions, name)[0] / DIMENSION_STEP_UM) * DIMENSION_STEP_UM
+        true = getattr(dimensions, name)[0]
+        off = rng.standard_normal() + (rng.standard_normal(np.shape(true)) if np.ndim(true) else 0.0)
+        measured = true + measuring_um * off if name != "bearing_clearance" else true
+        value = np.round(measured / DIMENSION_STEP_UM) * DIMENSION_STEP_UM
         out[name] = np.round(np.atleast_1d(value), 3).tolist() if np.ndim(value) else round(float(value), 3)
     return out
 

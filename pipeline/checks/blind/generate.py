@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.checks.blind.bench import draw_bench, rows_a_cell
-from pipeline.checks.blind.catalogue import UNCERTAIN, Condensed, Reducer
+from pipeline.checks.blind.catalogue import OFF, Condensed, Reducer
 from pipeline.checks.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
 from pipeline.checks.blind.files import write_truth, write_unit
 from pipeline.checks.blind.outside_effects import OUTSIDE
@@ -34,6 +34,8 @@ KNOWN_SHARE = 0.7
 """Units whose dimensions were measured."""
 UNMEASURED = 0.4
 """Tolerances of the others, as a share of the study's."""
+MEASURING_UM = 0.3
+"""Standard deviation of a measured dimension, its part common to all pins and its own part alike."""
 REDRAWS = 30
 SAMPLES = 10**6
 OUTSIDE_PREFIX = "outside:"
@@ -131,7 +133,7 @@ class _Draw:
         sample = int(rng.integers(SAMPLES))
         self.dimensions: Errors = draw(self.study, sample, sample + 1)
         keys = refitted(self.reducer.truth.design)
-        self.scales = {key: float(UNCERTAIN.get(key, 1.0) ** rng.uniform(-1, 1)) for key in keys}
+        self.scales = {key: float(np.exp(rng.choice([-1, 1]) * rng.uniform(*np.log(OFF)))) for key in keys}
         rated = self.reducer.truth.design.cycloid.rated_torque_Nm
         self.bench = draw_bench(np.random.default_rng(bench), self.reducer.cranks, rated)
         self.unit = self._unit()
@@ -188,6 +190,7 @@ class _Draw:
             self.noise,
             np.random.default_rng(self.noise_stream),
             self.dimensions if self.known else None,
+            MEASURING_UM,
         )
 
     def _target(self) -> float:
