@@ -10,7 +10,6 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CRANKS
 from synthetic_unit import ROOT, Bench, make_unit
 
 from pipeline.identification.fitting.problem import candidates
@@ -20,6 +19,7 @@ from pipeline.identification.results.write import findings, write
 from pipeline.identification.selection import model_selection
 from pipeline.report.unit.page import STAGE_TITLES, write_page
 
+CRANKS = (0.0, 40.0, 95.0)
 OFFERED = ("coulomb", "angle_drift", "output_torsion", "preload")
 UNITS = 20 if os.environ.get("ALL_UNITS") else 3
 
