@@ -12,7 +12,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test attack lint types identify population blind \
+.PHONY: help setup study $(STAGES) why test attack lint types docs identify population blind \
 	bench paper calibrate verify coverage tails check licences clean-runs
 
 help:  ## list the targets
@@ -61,6 +61,13 @@ lint: $(VENV)/installed  ## check style and the direction of imports
 
 types: $(VENV)/installed  ## check types
 	$(VENV)/bin/mypy
+
+$(VENV)/documented: $(VENV)/installed docs/requirements.txt
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement docs/requirements.txt
+	@touch $@
+
+docs: $(VENV)/documented  ## build the pages of docs/ with the reference: build/docs/index.html
+	$(VENV)/bin/sphinx-build -q -W --keep-going docs build/docs
 
 bench: $(VENV)/installed  ## measure speed, as ratios within one run
 	$(PIPELINE) bench --study $(STUDY)

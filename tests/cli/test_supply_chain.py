@@ -15,6 +15,7 @@ from pipeline.checks.licences import PINNED, UNKNOWN, licences
 
 ROOT = Path(__file__).parent.parent.parent
 CONSTRAINTS = ROOT / "constraints.txt"
+PINS = (CONSTRAINTS, ROOT / "docs/requirements.txt")
 STUDY = """
 import sys
 from pathlib import Path
@@ -30,9 +31,9 @@ def _same(name: str) -> str:
 
 
 def test_every_package_is_pinned_with_the_hashes_of_its_files() -> None:
-    text = CONSTRAINTS.read_text()
+    text = "".join(path.read_text() for path in PINS)
     entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
-    assert len(entries) == len(PINNED.findall(text)) > 60
+    assert len(entries) == len(PINNED.findall(text)) > 90
     for entry in entries:
         assert len(re.findall(r"--hash=sha256:[0-9a-f]{64}", entry)) >= 1, entry
     pinned = {_same(match["name"]) for match in PINNED.finditer(text)}
@@ -40,7 +41,15 @@ def test_every_package_is_pinned_with_the_hashes_of_its_files() -> None:
     extras = [name for names in project["optional-dependencies"].values() for name in names]
     wanted = {_same(re.split(r"[\[<>=; ]", name)[0]) for name in [*project["dependencies"], *extras]}
     assert wanted - {_same(project["name"])} <= pinned
-    assert "--require-hashes --requirement constraints.txt" in (ROOT / "Makefile").read_text()
+    for path in PINS:
+        assert f"--require-hashes --requirement {path.relative_to(ROOT)}" in (ROOT / "Makefile").read_text()
+
+
+def test_both_files_of_pins_agree() -> None:
+    first, second = ({_same(match["name"]): match["version"] for match in PINNED.finditer(p.read_text())} for p in PINS)
+    shared = first.keys() & second.keys()
+    assert len(shared) > 5
+    assert {name: first[name] for name in shared} == {name: second[name] for name in shared}
 
 
 def test_every_installed_package_states_its_licence(capsys: pytest.CaptureFixture) -> None:

@@ -9,40 +9,15 @@ import pytest
 
 from pipeline import cli
 from pipeline.cli import settings
-from pipeline.cli.parser import parser
 from pipeline.engine.store import Output
 from pipeline.identification.results import tables
 
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text()
-MAKEFILE = (ROOT / "Makefile").read_text()
 
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
-
-
-def commands(start: str) -> list[list[str]]:
-    lines = [line for block in blocks("sh") for line in block.splitlines()]
-    return [shlex.split(line, comments=True) for line in lines if line.startswith(start)]
-
-
-def test_every_make_target_named_exists() -> None:
-    stages = re.search(r"^STAGES := (.*)$", MAKEFILE, re.MULTILINE)
-    assert stages is not None
-    targets = {*re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE), *stages.group(1).split()}
-    words = [word for command in commands("make") for word in command[1:]]
-    words += [word for span in re.findall(r"`make ([a-z -]+)`", README) for word in span.split()]
-    named = {word for word in words if "=" not in word}
-    assert len(named) > 10
-    assert named <= targets
-
-
-def test_every_command_line_is_understood() -> None:
-    lines = commands(".venv/bin/python -m pipeline")
-    assert len(lines) >= 3
-    for line in lines:
-        parser().parse_args(line[3:])  # exits if it does not understand
 
 
 def test_the_pandas_snippet_runs_on_a_run(
