@@ -9,18 +9,8 @@ from pipeline.config.design import Material as MaterialSection
 from pipeline.config.design import PinInHole as PinInHoleSection
 from pipeline.config.design import RollerPlate as RollerPlateSection
 from pipeline.config.study import Study
-from pipeline.model.contact.laws import (
-    ContactLaws,
-    LineContact,
-    Material,
-    concatenated,
-    cylinder_share,
-    flat_share,
-    hertz_laws,
-    mesh_compliance,
-    meshed_share,
-    palmgren_laws,
-)
+from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
+from pipeline.model.contact.line_laws import library as law_library
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import (
@@ -37,7 +27,6 @@ from pipeline.model.units import MM_PER_UM, NMM_PER_NM
 
 if TYPE_CHECKING:  # its statistics are slow to import, and workers import this module
     from pipeline.sampling import Errors as SampledErrors
-
 
 
 def profile(design: Design) -> CycloidProfile:
@@ -135,9 +124,7 @@ def _pin_laws(study: Study, at: Reducer) -> ContactLaws:
     pin = _material(design.materials[design.pins.material], design)
     disk = _material(design.materials[design.disk.material], design)
     contact = LineContact(1 / (1 / radius + at.pins.flank_curvature), thickness, pin, disk)
-    if study.springs.law == "palmgren":
-        return palmgren_laws(contact, 1, mesh_compliance(disk, thickness, radius, width))
-    return hertz_laws(contact, [cylinder_share(contact, pin, radius), meshed_share(contact, disk, width)], radius)
+    return law_library()[study.springs.law].on_mesh(contact, radius, width)
 
 
 def _hole_laws(study: Study, output: PinInHoleSection) -> ContactLaws:
@@ -151,30 +138,21 @@ def _hole_laws(study: Study, output: PinInHoleSection) -> ContactLaws:
     radius, thickness = output.pin_radius_mm, design.disk.thickness_mm
     relative = 1 / (1 / radius - 1 / output.hole_radius_mm(design.cycloid))
     contact = LineContact(np.full(output.pins, relative), thickness, pin, disk)
-    if study.springs.law == "palmgren":
-        return palmgren_laws(contact, 1, mesh_compliance(disk, thickness, radius, width))
-    return hertz_laws(contact, [cylinder_share(contact, pin, radius), meshed_share(contact, disk, width)], radius)
+    return law_library()[study.springs.law].on_mesh(contact, radius, width)
 
 
 def _roller_laws(study: Study, output: RollerPlateSection) -> ContactLaws:
     """A roller is pressed between the flats of two bodies: the disk's tongue and the plate, or the plate and the
     output, which is taken to be of the plate's material."""
-    design = study.design
+    design, law = study.design, law_library()[study.springs.law]
     roller = _material(design.materials[output.roller_material], design)
     plate = _material(design.materials[output.plate_material], design)
     disk = _material(design.materials[design.disk.material], design)
     laws = []
     for flats in ((disk, plate), (plate, plate)):
         radius = np.full(output.rollers // 2, output.roller_radius_mm)
-        sides = [LineContact(radius, output.roller_length_mm, roller, flat) for flat in flats]
-        if study.springs.law == "palmgren":
-            laws.append(palmgren_laws(sides[0], 2, 0.0))
-            continue
-        shares = []
-        for side, flat in zip(sides, flats, strict=True):
-            shares.append(cylinder_share(side, roller, output.roller_radius_mm))
-            shares.append(flat_share(side, flat, output.flat_depth_mm))
-        laws.append(hertz_laws(sides[0], shares, output.roller_radius_mm))
+        first, second = (LineContact(radius, output.roller_length_mm, roller, flat) for flat in flats)
+        laws.append(law.between_flats((first, second), output.roller_radius_mm, output.flat_depth_mm))
     return concatenated(laws)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, create_model, model_validator
 
 from pipeline.config.cases import Case
+from pipeline.config.contact_laws import LawName
 from pipeline.config.design import Design
 from pipeline.config.section import Millimetres, NotNegative, Section
 from pipeline.config.tolerances import Tolerances
@@ -50,7 +51,7 @@ class Clearance(Section):
 class Springs(Section):
     """Law of the line contacts, and the length of its tables."""
 
-    law: Literal["hertz", "palmgren"] = "hertz"
+    law: LawName = "hertz"
     table_points: Annotated[int, Field(ge=16, le=10**6)] = 200
 
 

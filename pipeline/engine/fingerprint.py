@@ -22,9 +22,13 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 OWN_PACKAGES = ("pipeline", "stages")
 TEMPLATES = (".html", ".css")
 """Files beside the modules of a package that are sources too."""
-NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects")
+NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects", "pipeline.config.contact_laws")
 """Modules that no value depends on: they show progress, or refuse settings."""
-FOUND_BY_FILE = {"pipeline.model.effects": "cycloid_effects", "pipeline.model.metrics": "cycloid_metrics"}
+FOUND_BY_FILE = {
+    "pipeline.model.contact.line_laws": "cycloid_contact_laws",
+    "pipeline.model.effects": "cycloid_effects",
+    "pipeline.model.metrics": "cycloid_metrics",
+}
 """Packages that import whatever modules lie in them, and the group of entry points in which others register more."""
 
 

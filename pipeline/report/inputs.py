@@ -7,9 +7,10 @@ from typing import Any
 from pipeline.config.cases import Case
 from pipeline.config.consistency import number_keys
 from pipeline.config.design import Design, PinInHole
-from pipeline.config.study import Cycle
+from pipeline.config.study import Cycle, Study
 from pipeline.config.tolerances import Fixed, Normal, Tolerances, Triangular
 from pipeline.figures.labels import PARAMETERS
+from pipeline.model.contact.line_laws import library as law_library
 from pipeline.report.frames import Frames
 from pipeline.report.wording import NOTHING, counted, listed, plain
 
@@ -51,10 +52,6 @@ ROLLER_READINGS = {
     "diameter": "a roller's whole diameter error at each contact",
 }
 HOLE_READING = "half of an output pin's diameter error at its one contact"
-LAWS = {
-    "hertz": "line contact after Hertz (Johnson, Contact Mechanics, 1985)",
-    "palmgren": "line contact after Palmgren (Ball and Roller Bearing Engineering, 1959)",
-}
 STRESS = {"plane_stress": "plane stress", "plane_strain": "plane strain"}
 PLATE = {"rotates": "only rotates", "floats": "rotates and floats"}
 
@@ -179,6 +176,12 @@ def _output_fact(design: Design) -> str:
     )
 
 
+def law_fact(study: Study) -> str:
+    """The law of the contacts and where it comes from."""
+    law = law_library()[study.springs.law]
+    return f"{law.title} ({law.source})"
+
+
 def _crank_angles(cycle: Cycle) -> str:
     if cycle.loaded_angles:
         loaded = f"{cycle.loaded_angles} evenly over the turn"
@@ -216,7 +219,7 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
             f"{DISK_READINGS[study.clearance.disk_reading]}; "
             f"{HOLE_READING if holes else ROLLER_READINGS[study.clearance.roller_reading]}",
         ),
-        ("Contacts", LAWS[study.springs.law]),
+        ("Contacts", law_fact(study)),
         (
             "Disk",
             f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "

@@ -78,6 +78,6 @@ def report_page(
         rows_shown=ROWS_SHOWN,
         drawn_cases=DRAWN_CASES,
         fewest_beyond=FEWEST_BEYOND,
-        law=inputs.LAWS[study.springs.law],
+        law=inputs.law_fact(study),
         stress=inputs.STRESS[study.design.disk.stress],
     )

@@ -8,11 +8,11 @@ from pipeline.model.contact.laws import (
     concatenated,
     cylinder_share,
     flat_share,
-    hertz_laws,
     mesh_compliance,
     meshed_share,
-    palmgren_laws,
 )
+from pipeline.model.contact.line_laws.hertz import hertz_laws
+from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import OUTPUT, RollerPlate, roller_plate_reducer

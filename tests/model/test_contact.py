@@ -13,11 +13,11 @@ from pipeline.model.contact.laws import (
     concatenated,
     cylinder_share,
     flat_share,
-    hertz_laws,
     mesh_compliance,
     meshed_share,
-    palmgren_laws,
 )
+from pipeline.model.contact.line_laws.hertz import hertz_laws
+from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 
 STRESS = Material(206e3, 0.3, "plane_stress")
 STRAIN = Material(206e3, 0.3, "plane_strain")

@@ -5,7 +5,8 @@ import pytest
 from drives import drive_with
 from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
 
-from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, hertz_laws, meshed_share
+from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
+from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import exact_gaps, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import OUTPUT, Bearing, PinInHole, pin_in_hole_reducer

@@ -1,4 +1,4 @@
-"""An effect and a metric of another package: registered by an entry point, they are used as those of the project."""
+"""What another package declares: registered by an entry point, it is used as that of the project."""
 
 from __future__ import annotations
 
@@ -14,12 +14,17 @@ import pandas as pd
 import pytest
 from conftest import ROOT, run_study, small_study
 
+from pipeline.config import load_study
 from pipeline.config.effects import effect_problems
 from pipeline.engine.fingerprint import source_hashes
+from pipeline.errors import InputError
 from pipeline.identification.fitting.problem import candidates
+from pipeline.model.contact.line_laws import library as laws
+from pipeline.model.contact.line_laws.contact_law import ENTRY_POINTS as LAWS
 from pipeline.model.effects import library
 from pipeline.model.effects.effect import ENTRY_POINTS as EFFECTS
 from pipeline.model.metrics.metric import ENTRY_POINTS as METRICS
+from pipeline.report.inputs import law_fact
 
 RUBBER = """
 from dataclasses import replace
@@ -39,6 +44,19 @@ METRIC = Metric(
     name="windup_arcmin", title="Windup at full torque", unit="arcmin", decimals=2, rank=90,
     definition="Difference in angle between +{{rigidity_high:g}} and -{{rigidity_high:g}} N m.",
     value=lambda loop, definitions: loop.high_plus - loop.high_minus,
+)
+"""
+LINEAR = """
+import numpy as np
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.contact.line_laws import ContactLaw
+def linear(contact, compliance):
+    zero = np.zeros_like(contact.radius)
+    return ContactLaws(zero + compliance, zero, zero, zero + 1, zero + np.inf, contact.pressure_factor)
+LAW = ContactLaw(
+    name="linear", title="linear springs", source="Hooke, 1678",
+    on_mesh=lambda contact, radius, patch: linear(contact, 2e-5),
+    between_flats=lambda sides, radius, depth: linear(sides[0], 3e-5),
 )
 """
 RUN = """
@@ -68,9 +86,11 @@ def install_rubber(folder: Path, name: str) -> None:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.syspath_prepend(tmp_path)
-    library.cache_clear()
+    for declared in (library, laws):
+        declared.cache_clear()
     yield tmp_path
-    library.cache_clear()
+    for declared in (library, laws):
+        declared.cache_clear()
 
 
 def test_an_effect_of_another_package_runs_in_a_study_and_is_tried(folder: Path) -> None:
@@ -124,3 +144,22 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     page = (runs / "winding" / "report" / "report.html").read_text()
     assert "Windup at full torque" in page
     assert re.search(r"Difference in angle between \+12 and -12", page)
+
+
+def test_a_contact_law_of_another_package_runs_in_a_study_and_is_told(folder: Path) -> None:
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
+    study = folder / "springy.toml"
+    study.write_text(text.replace("keep_contacts = [0]", 'keep_contacts = "all"').replace('"hertz"', '"linear"'))
+    with pytest.raises(InputError, match="springs.law = \"linear\"; must be 'hertz' or 'palmgren'"):
+        load_study(study, ROOT)
+    laws.cache_clear()
+    install(folder, "springs_of_hooke", LINEAR, "linear = LAW", LAWS)
+    assert "springs_of_hooke.py" in source_hashes("stages.springs")
+    assert "springs_of_hooke.py" not in source_hashes("stages.sample")
+    springy = load_study(study, ROOT)
+    assert law_fact(springy) == "linear springs (Hooke, 1678)"
+    contacts = run_study(springy, folder)["hysteresis"].read("contacts")
+    local, force = (np.asarray(contacts[name]) for name in ("local_um", "force_N"))
+    compliance = np.where(np.asarray(contacts["contact"]) < springy.design.cycloid.pins, 2e-2, 3e-2)  # [um/N]
+    assert np.count_nonzero(force > 1) > 100
+    np.testing.assert_allclose(local, compliance * force, rtol=1e-12)

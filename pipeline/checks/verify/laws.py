@@ -13,10 +13,10 @@ from pipeline.model.contact.laws import (
     Material,
     concatenated,
     cylinder_share,
-    hertz_laws,
     meshed_share,
-    palmgren_laws,
 )
+from pipeline.model.contact.line_laws.hertz import hertz_laws
+from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 from pipeline.model.geometry.cycloid_profile import Real
 
 LIMIT = 1e-10

@@ -5,10 +5,10 @@ the clearance, which the equilibrium adds. Every law of this package is
 
     delta(F) = a F - c F ln(F) + k F^m     for F <= force_limit, the tangent beyond,
 
-so one record of numbers per contact (``ContactLaws``) serves the solver, the tables and the checks.
+so one record of numbers per contact (``ContactLaws``) serves the solver, the tables and the checks. The laws themselves
+stand in ``line_laws``, one file each.
 
-Source: Johnson, Contact Mechanics (1985), ch. 4 and 5.6; Palmgren, Ball and Roller Bearing Engineering
-(1959), p. 50.
+Source: Johnson, Contact Mechanics (1985), ch. 4 and 5.6.
 """
 
 from dataclasses import dataclass, fields
@@ -16,19 +16,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.errors import ModelError
 from pipeline.model.geometry.cycloid_profile import Real
-
-PALMGREN_MM = 3.84e-5
-"""Palmgren's line contact of steel bodies: approach [mm] = 3.84e-5 Q^0.9 / L^0.8, Q in N, L in mm."""
-PALMGREN_FORCE_EXPONENT = 0.9
-PALMGREN_LENGTH_EXPONENT = 0.8
 
 SHARE_OF_LIMIT = 0.9
 """The tangent continues a law at this share of the force at which its slope would vanish."""
-HALF_WIDTH_LIMIT = 0.5
-"""Largest half width over cylinder radius: 30 degrees of arc, where Hertz' parabola leaves the circle
-by 7 % (Johnson 1985, 5.3)."""
 
 SMALLEST_DEFLECTION = 1e-100
 """Deflection [mm] from which a law is inverted; below it forces underflow."""
@@ -229,63 +220,6 @@ def meshed_share(contact: LineContact, material: Material, patch_half_width: flo
 def flat_share(contact: LineContact, material: Material, depth: float) -> tuple[Real, Real]:
     """A flat body down to the depth d: (2p/(pi E')) [ln(2 d/b) - nu'/2] (Johnson 1985, 5.6)."""
     return contact.share(material, np.log(2 * depth), -0.5 * material.lateral)
-
-
-def hertz_laws(contact: LineContact, shares: list[tuple[Real, Real]], smallest_radius: float) -> ContactLaws:
-    """Laws of contacts in series whose deflections are ``shares``, bounded where Hertz ends.
-
-    Parameters
-    ----------
-    smallest_radius : float
-        Radius of the smaller cylinder [mm]; bounds the half width.
-    """
-    linear = np.sum([a for a, _ in shares], axis=0)
-    logarithmic = np.sum([c for _, c in shares], axis=0)
-    flat = np.exp(linear / logarithmic - 1)
-    widest = (HALF_WIDTH_LIMIT * smallest_radius / np.exp(contact.log_half_width)) ** 2
-    nothing = np.zeros_like(linear)
-    return ContactLaws(
-        linear=linear,
-        logarithmic=logarithmic,
-        power=nothing,
-        exponent=np.ones_like(linear),
-        force_limit=np.minimum(SHARE_OF_LIMIT * flat, widest),
-        pressure=contact.pressure_factor,
-    )
-
-
-def palmgren_laws(contact: LineContact, interfaces: int, held_by_mesh: float) -> ContactLaws:
-    """Palmgren's laws of ``interfaces`` line contacts in series, less what the mesh holds already.
-
-    Parameters
-    ----------
-    held_by_mesh : float
-        Compliance [mm/N] of the meshed body between patch and the depth of the law (``mesh_compliance``);
-        0 without a meshed body.
-
-    Raises
-    ------
-    ValueError
-        If the law would decrease below 1 N, so that nothing of it is left.
-    """
-    shape = contact.radius.shape
-    power = interfaces * PALMGREN_MM / contact.length**PALMGREN_LENGTH_EXPONENT
-    if held_by_mesh > 0:
-        limit = (power * PALMGREN_FORCE_EXPONENT / held_by_mesh) ** (1 / (1 - PALMGREN_FORCE_EXPONENT))
-        if limit < 1:
-            raise ModelError(
-                f"Palmgren's law decreases beyond {limit:.3g} N; the mesh holds more than the law's whole approach"
-            )
-    else:
-        limit = np.inf
-    return ContactLaws(
-        linear=np.full(shape, -held_by_mesh),
-        logarithmic=np.zeros(shape),
-        power=np.full(shape, power),
-        exponent=np.full(shape, PALMGREN_FORCE_EXPONENT),
-        force_limit=np.full(shape, SHARE_OF_LIMIT * limit),
-        pressure=contact.pressure_factor,
-    )
 
 
 def mesh_compliance(material: Material, length: float, depth: float, patch_half_width: float) -> float:
