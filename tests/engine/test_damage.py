@@ -308,3 +308,23 @@ def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, fini
     capsys.readouterr()
     run((DRAW, ADD), Toy(), ["add"], tmp_path, RESOURCES)
     assert capsys.readouterr().err == "draw  up to date\nadd  up to date\n"
+
+
+def test_the_engine_is_imported_where_files_are_locked_otherwise() -> None:
+    """As on Windows, which has no fcntl."""
+    script = "import sys; sys.modules['fcntl'] = None; import pipeline.engine.runner, pipeline.engine.cluster"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", script], env=environment, check=True)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_that_a_body_meets_is_told_with_the_stage(tmp_path: Path) -> None:
+    """A body's own writing knows no name: a full disk is noticed by the write, not by the opening."""
+
+    def fills(job: object) -> None:
+        with open("/dev/full", "wb", buffering=0) as file:
+            file.write(b"1")
+
+    with pytest.raises(OSError, match="No space left") as caught:
+        run((replace(DRAW, run=fills),), Toy(), ["draw"], tmp_path, RESOURCES)
+    assert caught.value.filename == str(tmp_path / "toy/draw")
