@@ -1,6 +1,7 @@
 """Sphinx: the pages of this folder, and the reference made from the docstrings (numpydoc)."""
 
 import sys
+import warnings
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
@@ -23,6 +24,7 @@ autosummary_ignore_module_all = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
+warnings.filterwarnings("ignore", "Unknown section Source")  # of signatures; in the text it is renamed below
 
 draw(FOLDER / "generated")
 write_tables(FOLDER / "generated")

@@ -142,8 +142,10 @@ def _hole_laws(study: Study, output: PinInHoleSection) -> ContactLaws:
 
 
 def _roller_laws(study: Study, output: RollerPlateSection) -> ContactLaws:
-    """A roller is pressed between the flats of two bodies: the disk's tongue and the plate, or the plate and the
-    output, which is taken to be of the plate's material."""
+    """A roller between the flats of two bodies: the disk's tongue and the plate, or the plate and the output.
+
+    The output is taken to be of the plate's material.
+    """
     design, law = study.design, law_library()[study.springs.law]
     roller = _material(design.materials[output.roller_material], design)
     plate = _material(design.materials[output.plate_material], design)

@@ -220,7 +220,12 @@ def _study_design(name: str, study: Path, root: Path) -> Design:
 
 
 def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], where: str = "") -> Path:
-    """The file of a path (under one of `bases`) or of a stem (under data/`kind`)."""
+    """The file of a path (under one of `bases`) or of a stem (under data/`kind`).
+
+    Raises
+    ------
+    InputError : the name is none that a file here may have, or there is no such file.
+    """
     home = root / "data" / kind
     if not NAME.fullmatch(Path(name).stem):
         raise InputError([f"{where or kind} = {shown_value(str(name))}; the file's name {NAME_RULE}"])

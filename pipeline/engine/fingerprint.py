@@ -109,6 +109,11 @@ def source_hashes(module: str) -> dict[str, str]:
     -------
     dict of str to str
         Hash by path relative to the folder that holds the root package.
+
+    Raises
+    ------
+    TypeError
+        If the module has no source file.
     """
     own = {*OWN_PACKAGES, module.partition(".")[0]}
     hashes: dict[str, str] = {}

@@ -147,6 +147,11 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     comparisons : of one crank angle, or of the worst over the crank angles.
     population : the study's samples.
 
+    Raises
+    ------
+    ValueError
+        If the comparisons are of more than one crank angle.
+
     Notes
     -----
     Linear regression of the metrics on the mean deviations of the study's own samples gives the slopes B (metric by

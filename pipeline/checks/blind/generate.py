@@ -96,7 +96,12 @@ class Made:
 
 
 def generate(maker: Maker, case: int) -> Made:
-    """Write the unit and the truth of a case; the same for the same seed, whatever else is made."""
+    """Write the unit and the truth of a case; the same for the same seed, whatever else is made.
+
+    Raises
+    ------
+    RuntimeError : no draw of the case can be solved.
+    """
     for attempt in range(REDRAWS):
         try:
             return _Draw(maker, case, attempt).make()

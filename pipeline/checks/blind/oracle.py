@@ -1,5 +1,7 @@
-"""What could be told apart at all: effects fitted with the generator's own model, all else known, to curves without
-noise."""
+"""What could be told apart at all.
+
+Effects are fitted with the generator's own model, all else known, to curves without noise.
+"""
 
 from __future__ import annotations
 

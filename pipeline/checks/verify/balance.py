@@ -47,7 +47,13 @@ def _misfit(specimen: Specimen, states: Equilibria) -> Real:
 
 
 def mirrored(at: Reducer) -> np.ndarray:
-    """Permutation (n_contacts,) of the contacts by the mirror about the crank's axis, at crank 0."""
+    """Permutation (n_contacts,) of the contacts by the mirror about the crank's axis, at crank 0.
+
+    Raises
+    ------
+    ValueError
+        If a contact has no mirror image, as at any other crank angle.
+    """
     points: Complex = np.conj(at.contacts.point)
     interface = at.contacts.interface
     apart = np.abs(points[:, None] - at.contacts.point) + np.where(interface[:, None] == interface, 0.0, 1e3)

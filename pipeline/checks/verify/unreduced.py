@@ -1,5 +1,6 @@
-"""The reducer without condensation: every displacement of the disk's mesh, the rigid motions of plate and output, and
-the nonlinear springs in one Newton iteration.
+"""The reducer without condensation, in one Newton iteration.
+
+Its unknowns are every displacement of the disk's mesh and the rigid motions of plate and output; springs are nonlinear.
 
 Unknown z = (displacement of the mesh [mm], rotations of plate and output [rad], and their shifts where they float);
 the disk is not held: its rigid motion is part of the mesh's. A contact's spring acts between the pressure-weighted

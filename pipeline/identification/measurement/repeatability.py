@@ -236,8 +236,10 @@ def _random(blocks: Blocks, cells: Cells) -> Estimate:
 
 
 def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
-    """By position and cycle: difference (n_nodes,) [arcmin] of the next cycle from it, at the torques of the first
-    position's branches, NaN where not both reach; and how much warmer the next cycle was [K]."""
+    """By position and cycle: difference (n_nodes,) [arcmin] of the next cycle from it, and how much warmer it was [K].
+
+    At the torques of the first position's branches; NaN where not both reach.
+    """
     kinds: dict[int, Real] = {}
     found = {}
     for position in np.unique(blocks.position):

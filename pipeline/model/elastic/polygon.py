@@ -17,7 +17,7 @@ def coordinates(points: Complex) -> Real:
 
 
 def cross(a: Complex, b: Complex) -> Real:
-    """Cross product a_x b_y - a_y b_x of plane vectors given as complex numbers."""
+    """Cross product a_x b_y - a_y b_x of plane vectors (...) as complex numbers, in the product of their units."""
     return np.imag(np.conj(a) * b)
 
 

@@ -160,6 +160,11 @@ def gaps(
     method : ``"exact"`` or ``"first_order"``.
     disk_reading, roller_reading : keys of ``DISK_READINGS`` and ``ROLLER_READINGS``; the latter says nothing of pins
         in holes, whose geometry leaves no choice.
+
+    Raises
+    ------
+    ValueError
+        If there is not one roller error for each contact of the output.
     """
     of_pins = {"exact": exact_gaps, "first_order": first_order_gaps}[method]
     of_output = reducer.contacts.kind == OUTPUT

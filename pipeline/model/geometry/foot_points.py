@@ -111,8 +111,10 @@ def _turned(x, y, angle):
 
 @part
 def _foot_terms(sx, sy, fx, fy, cx, cy, pins):
-    """At a point of the locus with slow term s and fast term f: slope and bend of half the squared distance of c, and
-    the derivative of the locus with its square; x, y from the centre to the point."""
+    """Slope and bend of half the squared distance of c from a point of the locus with slow term s and fast term f.
+
+    Also the derivative of the locus with its square; x, y from the centre to the point.
+    """
     x, y = sx - fx - cx, sy - fy - cy
     dx, dy = pins * fy - sy, sx - pins * fx
     slope, length = x * dx + y * dy, dx * dx + dy * dy

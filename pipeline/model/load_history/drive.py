@@ -213,7 +213,7 @@ def ladder(levels: int, reach: float) -> Real:
 
 
 def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
-    """Poses just beyond an end of play, every rotation far enough to close a contact that carries ``torque``."""
+    """Poses (n, n_motions) beyond an end of play: each rotation closes a contact that carries ``torque`` [N mm]."""
     reducer = drive.reducer
     arms = np.abs(reducer.closing[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
