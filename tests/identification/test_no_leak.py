@@ -84,3 +84,14 @@ def test_noise_of_some_positions_is_that_of_a_unit_that_has_no_others(both, tmp_
     for name in ("floor", "random", "within_branch", "between_positions"):
         assert getattr(some, name).value == pytest.approx(getattr(alone, name).value, rel=1e-12, nan_ok=True)
     assert some.torque_noise_Nm == pytest.approx(alone.torque_noise_Nm)
+
+
+def test_a_fold_of_two_positions_refits_an_effect_over_the_crank_angle(both):
+    """It was a KeyError: two positions cannot test what three have named."""
+    (_, problem, *_), _ = both
+    everything = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem.trained_on(everything)), everything)
+    fold = selector.trained_on(problem.data.position != 2)
+    assert "ovality_2" in fold.testable
+    assert fold.testable == selector.testable
+    assert fold.problem.data.noise == problem.data.noise

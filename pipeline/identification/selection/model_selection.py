@@ -119,8 +119,13 @@ class Selector:
         }
 
     def trained_on(self, training: Truth) -> Selector:
-        """A selector that knows nothing of other cells than the training ones (n_cells,), not even their noise."""
-        return Selector(Fitter(self.problem.trained_on(training)), training, self.most_effects)
+        """A selector that knows nothing of other cells than the training ones (n_cells,), not even their noise.
+
+        It may refit what this one may test: with a position less an effect over the crank angle is still a model.
+        """
+        fold = Selector(Fitter(self.problem.trained_on(training)), training, self.most_effects)
+        fold.testable = self.testable
+        return fold
 
     def screen(self, cells: Truth, base: Fit) -> dict[str, Promise]:
         """What each further effect promises beside ``base``; also beside the declared scales where base is far off."""
