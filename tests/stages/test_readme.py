@@ -32,6 +32,7 @@ def test_the_pandas_snippet_runs_on_a_run(
     exec(compile(snippet, "README.md", "exec"), {})
     printed = capsys.readouterr().out
     assert "crank_deg" in printed
+    assert "lost_motion_arcmin_worst" in printed
     assert "disk_profile_um" in printed or "rank_correlation" in printed
 
 
