@@ -1,14 +1,15 @@
 """What went into a study, as the report tells it: reducer, tolerances, settings, and where each number comes from."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pipeline.config.cases import Case
 from pipeline.config.consistency import number_keys
 from pipeline.config.design import Design, PinInHole
+from pipeline.config.distributions import Distribution
 from pipeline.config.study import Cycle, Study
-from pipeline.config.tolerances import Fixed, Normal, Tolerances, Triangular
+from pipeline.config.tolerances import Tolerances
 from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws import library as law_library
 from pipeline.report.frames import Frames
@@ -252,27 +253,14 @@ def _any(value: Any) -> bool:
     return any(value) if isinstance(value, tuple) else bool(value)
 
 
-def _details(tolerance: Any) -> Iterator[str]:
-    if isinstance(tolerance, Normal):
-        yield f"σ {tolerance.scale_um:.3g} µm, truncated at the limits"
-        if tolerance.mean_um is not None:
-            yield f"mean {plain(tolerance.mean_um)} µm"
-    if isinstance(tolerance, Triangular):
-        yield f"mode {plain(tolerance.peak_um)} µm"
-    length = getattr(tolerance, "correlation_length_mm", None)
-    if length is not None:
-        yield f"correlated over {plain(length)} mm"
-
-
-def _tolerance_row(name: str, tolerance: Any) -> ToleranceRow:
+def _tolerance_row(name: str, tolerance: Distribution) -> ToleranceRow:
     lower, upper = tolerance.limits_um
-    fixed = isinstance(tolerance, Fixed)
     return ToleranceRow(
         PARAMETERS[name],
-        tolerance.distribution,
+        tolerance.name,
         plain(lower),
-        NOTHING if fixed else plain(upper),
+        plain(upper) if tolerance.varies else NOTHING,
         plain(tolerance.allowance_um),
-        "; ".join(_details(tolerance)),
+        "; ".join(tolerance.details(plain)),
         SIGNS[name],
     )

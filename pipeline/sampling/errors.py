@@ -11,8 +11,8 @@ from pipeline.config.cases import elements
 from pipeline.config.design import Design
 from pipeline.config.study import Study
 from pipeline.config.tolerances import OVALITIES, PIN_TOLERANCES
+from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
-from pipeline.sampling.distributions import correlated, deviation
 
 Real = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ def errors_at(study: Study, numbers: Real) -> Errors:
         length = getattr(tolerance, "correlation_length_mm", None)
         if length is not None:
             probability = correlated(probability, _circumference(name, study.design), length)
-        values[name] = tolerance.allowance_um + deviation(tolerance, probability)
+        values[name] = tolerance.allowance_um + tolerance.deviation(probability)
     return _errors(values, study.design)
 
 

@@ -13,8 +13,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import ROOT, run_study, small_study
+from scipy import stats
 
 from pipeline.config import load_study
+from pipeline.config.distributions.distribution import ENTRY_POINTS as DISTRIBUTIONS
 from pipeline.config.effects import effect_problems
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.errors import InputError
@@ -59,6 +61,32 @@ LAW = ContactLaw(
     between_flats=lambda sides, radius, depth: linear(sides[0], 3e-5),
 )
 """
+ARCSINE = """
+from typing import Literal
+import numpy as np
+from pipeline.config.distributions import Spread
+class Arcsine(Spread):
+    distribution: Literal["arcsine"]
+    def deviation(self, probability):
+        lower, upper = self.limits_um
+        return self.middle_um - (upper - lower) / 2 * np.cos(np.pi * probability)
+    def details(self, plain):
+        yield f"a vibration of amplitude {plain((self.upper_um - self.lower_um) / 2)} µm"
+        yield from super().details(plain)
+"""
+DRAW = """
+import sys
+from pathlib import Path
+from pipeline import cli
+from pipeline.cli import settings
+from pipeline.config import load_study
+from pipeline.engine.fingerprint import source_hashes
+from pipeline.report.inputs import tolerance_rows
+assert "arcsine_of_a_chatter.py" in source_hashes("stages.sample")
+settings.RUNS = Path(sys.argv[1])
+print(*tolerance_rows(load_study(sys.argv[2], Path()).tolerances), sep="\\n")
+sys.exit(cli.main(["run", "sample", "--study", sys.argv[2], "--jobs", "1"]))
+"""
 RUN = """
 import sys
 from pathlib import Path
@@ -81,6 +109,13 @@ def install(folder: Path, module: str, source: str, entry: str, group: str) -> N
 
 def install_rubber(folder: Path, name: str) -> None:
     install(folder, f"rubber_of_{name}", RUBBER.format(name=name), f"{name} = EFFECT", EFFECTS)
+
+
+def in_a_process(program: str, folder: Path, *arguments: Path) -> subprocess.CompletedProcess[str]:
+    """What a new process does, which finds the packages of the folder."""
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.run(command, env=path, cwd=ROOT, capture_output=True, text=True)
 
 
 @pytest.fixture
@@ -128,8 +163,7 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
     study = folder / "winding.toml"
     study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
-    path = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
-    done = subprocess.run([sys.executable, "-c", RUN, runs, study], env=path, cwd=ROOT, capture_output=True, text=True)
+    done = in_a_process(RUN, folder, runs, study)
     assert done.returncode == 0, done.stderr
     aggregate = runs / "winding" / "aggregate"
     metrics = pd.read_parquet(aggregate / "metrics.parquet")
@@ -163,3 +197,24 @@ def test_a_contact_law_of_another_package_runs_in_a_study_and_is_told(folder: Pa
     compliance = np.where(np.asarray(contacts["contact"]) < springy.design.cycloid.pins, 2e-2, 3e-2)  # [um/N]
     assert np.count_nonzero(force > 1) > 100
     np.testing.assert_allclose(local, compliance * force, rtol=1e-12)
+
+
+def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Path, runs: Path) -> None:
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 100")
+    before, after = text.split("[tolerances.pin_tangential]")
+    study = folder / "chatter.toml"
+    study.write_text("[tolerances.pin_tangential]".join((before, after.replace('"normal"', '"arcsine"', 1))))
+    refused = in_a_process(DRAW.replace("assert", "#"), folder, runs, study)
+    assert "tolerances.pin_tangential.distribution" in refused.stderr
+    assert "arcsine" in refused.stderr
+    install(folder, "arcsine_of_a_chatter", ARCSINE + "DISTRIBUTION = Arcsine", "arcsine = DISTRIBUTION", DISTRIBUTIONS)
+    done = in_a_process(DRAW, folder, runs, study)
+    assert done.returncode == 0, done.stderr
+    assert "title='tangential pin position', distribution='arcsine'" in done.stdout
+    assert "a vibration of amplitude 3 µm" in done.stdout
+    pins = pd.read_parquet(runs / "chatter" / "sample" / "pins.parquet")
+    drawn = pins[pins["sample"] > 0]["tangential_um"]
+    assert stats.kstest(drawn, stats.arcsine(-3, 6).cdf).pvalue > 0.01
+    study.write_text(study.read_text().replace("upper_um = 3.0", "upper_um = -4.0"))
+    refused = in_a_process(DRAW, folder, runs, study)
+    assert "tolerances.pin_tangential.upper_um = -4.0; must be > lower_um = -3" in refused.stderr

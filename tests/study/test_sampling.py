@@ -11,10 +11,14 @@ from scipy import stats
 
 from pipeline.config import load_study
 from pipeline.config.cases import Case
-from pipeline.config.tolerances import Fixed, Normal, Tolerances, Triangular, Uniform
+from pipeline.config.distributions.fixed import Fixed
+from pipeline.config.distributions.normal import Normal
+from pipeline.config.distributions.triangular import Triangular
+from pipeline.config.distributions.uniform import Uniform
+from pipeline.config.tolerances import Tolerances
 from pipeline.sampling import draw, oval_shift, replicates
+from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
-from pipeline.sampling.distributions import correlated, deviation
 
 STUDY = load_study("quick", Path(__file__).parents[2])
 NAMES = [field.name for field in fields(draw(STUDY, 0, 0))]
@@ -120,14 +124,14 @@ DISTRIBUTIONS = [
 @pytest.mark.parametrize(("tolerance", "exact"), DISTRIBUTIONS)
 def test_deviations_are_the_inverse_of_the_distribution_function(tolerance, exact):
     probability = np.linspace(0, 1, 201)
-    values = deviation(tolerance, probability)
+    values = tolerance.deviation(probability)
     np.testing.assert_allclose(exact.cdf(values), probability, atol=1e-12)
     np.testing.assert_allclose(values[[0, -1]], tolerance.limits_um, atol=1e-12)
 
 
 def test_a_normal_without_spread_is_its_mean():
     still = Normal(distribution="normal", lower_um=-1.0, upper_um=3.0, mean_um=2.0, sigma_um=0.0)
-    np.testing.assert_array_equal(deviation(still, np.array([0.0, 0.3, 1.0])), 2.0)
+    np.testing.assert_array_equal(still.deviation(np.array([0.0, 0.3, 1.0])), 2.0)
 
 
 @pytest.mark.parametrize("n", [79, 80])

@@ -18,7 +18,6 @@ from pipeline.checks.blind.files import write_truth, write_unit
 from pipeline.checks.blind.outside_effects import OUTSIDE
 from pipeline.checks.blind.true_unit import TrueUnit, UnsoundError, true_unit
 from pipeline.config.study import Study
-from pipeline.config.tolerances import Spread
 from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.problem import candidates
 from pipeline.sampling import Errors, draw
@@ -115,11 +114,8 @@ def _narrowed(study: Study) -> Study:
     narrow = {}
     for name in type(study.tolerances).model_fields:
         tolerance = getattr(study.tolerances, name)
-        if isinstance(tolerance, Spread):
-            keys = ("lower_um", "upper_um", "sigma_um", "mean_um", "mode_um")
-            values = {key: getattr(tolerance, key, None) for key in keys}
-            update = {key: UNMEASURED * value for key, value in values.items() if value is not None}
-            narrow[name] = tolerance.model_copy(update=update)
+        if tolerance.varies:
+            narrow[name] = tolerance.scaled(UNMEASURED)
     return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=narrow)})
 
 

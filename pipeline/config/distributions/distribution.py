@@ -1,0 +1,121 @@
+"""What a distribution declares, what all between two limits share, and the library of all."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from typing import Any, ClassVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.section import Micrometres, Millimetres, Problem, Section
+from pipeline.model.registry import declarations
+
+Real = NDArray[np.float64]
+ENTRY_POINTS = "cycloid_distributions"
+"""Group in which an installed package registers distributions of its own."""
+
+
+class Distribution(Section):
+    """Settings of a tolerance: its distribution, limits and allowance.
+
+    A subclass has a field ``distribution: Literal["<name>"]``, by which the file chooses it.
+
+    Attributes
+    ----------
+    name : as the file has it.
+    varies : whether the deviation differs from sample to sample.
+    lowest_key : the setting that is its lower limit.
+    allowance_um : added to every deviation.
+    """
+
+    name: ClassVar[str]
+    varies: ClassVar[bool] = True
+    lowest_key: ClassVar[str] = "lower_um"
+
+    allowance_um: Micrometres = 0.0
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        if "distribution" in cls.model_fields:
+            (cls.name,) = get_args(cls.model_fields["distribution"].annotation)
+
+    @property
+    @abstractmethod
+    def limits_um(self) -> tuple[float, float]:
+        """Lower and upper limit of the deviation [um]."""
+
+    @property
+    def least_um(self) -> float:
+        """Smallest deviation [um], whether the allowance counts or not."""
+        return min(self.allowance_um, self.allowance_um + self.limits_um[0])
+
+    @abstractmethod
+    def deviation(self, probability: Real) -> Real:
+        """Deviation [um] within the limits whose distribution function is `probability` (any shape), in [0, 1]."""
+
+    def scaled(self, factor: float) -> Distribution:
+        """The same distribution, all but its allowance times ``factor``."""
+        lengths = (name for name in type(self).model_fields if name.endswith("_um") and name != "allowance_um")
+        values = {name: value for name in lengths if (value := getattr(self, name)) is not None}
+        return self.model_copy(update={name: factor * value for name, value in values.items()})
+
+    def problems(self, key: str) -> Iterator[Problem]:
+        """Contradictions among the settings under the dotted ``key``, each of which is allowed."""
+        yield from ()
+
+    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+        """What the report tells beside the limits; ``plain`` writes a number."""
+        yield from ()
+
+
+class Spread(Distribution):
+    """A deviation between two limits.
+
+    Attributes
+    ----------
+    within_limits : settings that must lie within the limits.
+    correlation_length_mm : arc over which the correlation of neighbours on a circle falls to 1/e.
+    """
+
+    within_limits: ClassVar[tuple[str, ...]] = ()
+
+    lower_um: Micrometres
+    upper_um: Micrometres
+    correlation_length_mm: Millimetres | None = None
+
+    @property
+    def limits_um(self) -> tuple[float, float]:
+        """Lower and upper limit of the deviation [um]."""
+        return self.lower_um, self.upper_um
+
+    @property
+    def middle_um(self) -> float:
+        """Middle of the tolerance zone [um]."""
+        return (self.lower_um + self.upper_um) / 2
+
+    def problems(self, key: str) -> Iterator[Problem]:
+        """Limits in the wrong order, and settings outside of them."""
+        lower, upper = self.limits_um
+        if lower >= upper:
+            yield Problem(
+                f"{key}.upper_um", upper, f'must be > lower_um = {lower:g}; for one value take distribution = "fixed"'
+            )
+            return
+        for name in self.within_limits:
+            value = getattr(self, name)
+            if value is not None and not lower <= value <= upper:
+                yield Problem(f"{key}.{name}", value, f"must lie within the limits {lower:g} to {upper:g}")
+
+    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+        """The correlation along the circle."""
+        if self.correlation_length_mm is not None:
+            yield f"correlated over {plain(self.correlation_length_mm)} mm"
+
+
+@cache
+def library() -> Mapping[str, type[Distribution]]:
+    """All distributions by name: the files beside this one and what packages register as ``ENTRY_POINTS``."""
+    return declarations("pipeline.config.distributions", "DISTRIBUTION", ENTRY_POINTS)

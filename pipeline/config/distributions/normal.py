@@ -1,0 +1,49 @@
+"""Normal distribution truncated at the limits."""
+
+from collections.abc import Callable, Iterator
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from pipeline.config.distributions.distribution import Real, Spread
+from pipeline.config.section import Clearance, Micrometres
+
+
+class Normal(Spread):
+    """Normal distribution truncated at the limits; unless stated, centred between them with limits at 3 sigma."""
+
+    within_limits: ClassVar[tuple[str, ...]] = ("mean_um",)
+
+    distribution: Literal["normal"]
+    sigma_um: Clearance | None = None
+    mean_um: Micrometres | None = None
+
+    @property
+    def location_um(self) -> float:
+        """Mean before truncation [um]."""
+        return self.middle_um if self.mean_um is None else self.mean_um
+
+    @property
+    def scale_um(self) -> float:
+        """Standard deviation before truncation [um]."""
+        return (self.upper_um - self.lower_um) / 6 if self.sigma_um is None else self.sigma_um
+
+    def deviation(self, probability: Real) -> Real:
+        """Inverse distribution function at `probability` (any shape) [um]."""
+        from scipy.special import ndtr, ndtri  # slow to import, and reading a study draws nothing
+
+        location, scale, limits = self.location_um, self.scale_um, np.array(self.limits_um)
+        if scale == 0:
+            return np.full_like(probability, location)
+        below, above = ndtr((limits - location) / scale)
+        return np.clip(location + scale * ndtri(below + (above - below) * probability), *limits)
+
+    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+        """Standard deviation, and the mean where it is stated."""
+        yield f"σ {self.scale_um:.3g} µm, truncated at the limits"
+        if self.mean_um is not None:
+            yield f"mean {plain(self.mean_um)} µm"
+        yield from super().details(plain)
+
+
+DISTRIBUTION = Normal

@@ -1,0 +1,39 @@
+"""Density rising from the lower limit to the mode and falling to the upper limit."""
+
+from collections.abc import Callable, Iterator
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from pipeline.config.distributions.distribution import Real, Spread
+from pipeline.config.section import Micrometres
+
+
+class Triangular(Spread):
+    """Density rising from the lower limit to the mode and falling to the upper limit."""
+
+    within_limits: ClassVar[tuple[str, ...]] = ("mode_um",)
+
+    distribution: Literal["triangular"]
+    mode_um: Micrometres | None = None
+
+    @property
+    def peak_um(self) -> float:
+        """Most likely deviation [um]."""
+        return self.middle_um if self.mode_um is None else self.mode_um
+
+    def deviation(self, probability: Real) -> Real:
+        """Inverse distribution function at `probability` (any shape) [um]."""
+        (lower, upper), peak = self.limits_um, self.peak_um
+        width = upper - lower
+        rising = lower + np.sqrt(width * (peak - lower) * probability)
+        falling = upper - np.sqrt(width * (upper - peak) * (1 - probability))
+        return np.where(probability * width < peak - lower, rising, falling)
+
+    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+        """The mode."""
+        yield f"mode {plain(self.peak_um)} µm"
+        yield from super().details(plain)
+
+
+DISTRIBUTION = Triangular
