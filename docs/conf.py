@@ -1,8 +1,10 @@
 """Sphinx: the pages of this folder, and the reference made from the docstrings (numpydoc)."""
 
+import re
 import sys
 import warnings
 from pathlib import Path
+from typing import get_origin
 
 FOLDER = Path(__file__).parent
 sys.path[:0] = [str(FOLDER.parent), str(FOLDER)]
@@ -11,7 +13,7 @@ from architecture import draw  # noqa: E402  beside this file
 from tables import write_tables  # noqa: E402
 
 project = "Tolerance study of cycloid reducers"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode", "numpydoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
 templates_path = ["templates"]
 exclude_patterns = ["generated/*.md", "templates"]
 html_theme = "furo"
@@ -30,12 +32,22 @@ draw(FOLDER / "generated")
 write_tables(FOLDER / "generated")
 
 
+def as_written(_app, _kind, _name, _object, _options, lines):
+    """Stars and bars of formulas are no markup, and our section "Source" is what numpydoc calls "References"."""
+    for i, line in enumerate(lines):
+        parts = re.split(r"(`+[^`]*`+)", line)
+        parts[::2] = [re.sub(r"(?<![\\*])([*|])(?!\*)", r"\\\1", part) for part in parts[::2]]
+        lines[i] = "".join(parts)
+        if line == "Source" and set(lines[i + 1]) == {"-"}:
+            lines[i : i + 2] = ["References", "----------"]
+
+
+def no_alias(_app, _kind, _name, thing, skip, _options):
+    """Names of types have no signature."""
+    return True if get_origin(thing) else skip
+
+
 def setup(app):
-    """Our section "Source" is what numpydoc calls "References"."""
-
-    def renamed(_app, _kind, _name, _object, _options, lines):
-        for i, line in enumerate(lines[:-1]):
-            if line == "Source" and set(lines[i + 1]) == {"-"}:
-                lines[i : i + 2] = ["References", "----------"]
-
-    app.connect("autodoc-process-docstring", renamed, priority=400)
+    """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", as_written, priority=400)
+    app.connect("autodoc-skip-member", no_alias)

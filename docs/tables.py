@@ -10,7 +10,7 @@ def write_tables(folder: Path) -> None:
     lines = []
     for stage in STAGES:
         for table in stage.tables:
-            lines += [f"### {stage.name}/{table.name}", "", f"One row per {table.row_per}.", ""]
+            lines += [f"## {stage.name}/{table.name}", "", f"One row per {table.row_per}.", ""]
             lines += ["| column | unit | meaning |", "|---|---|---|"]
             cells = ((column.name, column.unit, column.meaning.replace("|", "\\|")) for column in table.columns)
             lines += [f"| `{name}` | {unit} | {meaning} |" for name, unit, meaning in cells]
