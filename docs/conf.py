@@ -35,9 +35,10 @@ write_tables(FOLDER / "generated")
 def as_written(_app, _kind, _name, _object, _options, lines):
     """Stars and bars of formulas are no markup, and our section "Source" is what numpydoc calls "References"."""
     for i, line in enumerate(lines):
-        parts = re.split(r"(`+[^`]*`+)", line)
+        bullet, text = re.match(r"(\s*\* )?(.*)", line).groups(default="")
+        parts = re.split(r"(`+[^`]*`+)", text)
         parts[::2] = [re.sub(r"(?<![\\*])([*|])(?!\*)", r"\\\1", part) for part in parts[::2]]
-        lines[i] = "".join(parts)
+        lines[i] = bullet + "".join(parts)
         if line == "Source" and set(lines[i + 1]) == {"-"}:
             lines[i : i + 2] = ["References", "----------"]
 
