@@ -40,7 +40,7 @@ def svg(rows: Sequence[Sequence[str]], edges: Edges, notes: Mapping[str, str]) -
     ]
     for name, after in sorted(edges.items()):
         x, y = centre[name]
-        for x_end, y_end in sorted(centre[other] for other in after):
+        for x_end, y_end in sorted(centre[room] for room in after):
             start, end = y + HEIGHT / 2, y_end - HEIGHT / 2
             bend = (start + end) / 2
             path = f"M{x:.0f} {start:.0f}C{x:.0f} {bend:.0f} {x_end:.0f} {bend:.0f} {x_end:.0f} {end:.0f}"
@@ -85,7 +85,7 @@ def chain_picture() -> str:
         depth[stage.name] = 1 + max((depth[name] for name in stage.reads), default=-1)
     rows = [[name for name in depth if depth[name] == level] for level in range(max(depth.values()) + 1)]
     before = reduced(reads)
-    edges = {name: {other for other in before if name in before[other]} for name in before}
+    edges = {name: {reader for reader in before if name in before[reader]} for name in before}
     return svg(rows, edges, {stage.name: ", ".join(table.name for table in stage.tables) for stage in STAGES})
 
 

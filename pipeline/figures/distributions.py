@@ -57,8 +57,8 @@ def _histogram(axes: Axes, values: np.ndarray, metric: str, limit: float | None,
     axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=BARS, edgecolor="white", linewidth=0.6)
     axes.grid(False, axis="x")
     top = counts.max()
-    inside = [value for value in (limit, nominal) if value is not None and np.isfinite(value)]
-    low, high = min([edges[0], *inside]), max([edges[-1], *inside])
+    marked = [value for value in (limit, nominal) if value is not None and np.isfinite(value)]
+    low, high = min([edges[0], *marked]), max([edges[-1], *marked])
     room = 0.06 * (high - low)
     axes.set(xlabel=quantity.axis, ylabel="samples", xlim=(low - room, high + room), ylim=(-0.36 * top, 1.12 * top))
     ticks = MaxNLocator(5, integer=True).tick_values(0, top)

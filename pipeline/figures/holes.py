@@ -57,9 +57,18 @@ def _draw_holes(axes: Axes, rows: pd.DataFrame, flank: NDArray[np.complex128], h
     circles(axes, pin, holes.pin_radius, facecolor="white", edgecolor=COLOURS[2], linewidth=0.9)
     axes.plot(wall.real, wall.imag, ".", color=ALARM, markersize=5)
     axes.plot(0, 0, "+", color=INK, markersize=6)
-    for at, station, contact in zip(pin, rows["station"], rows["contact"], strict=True):
+    for label_point, station, contact in zip(pin, rows["station"], rows["contact"], strict=True):
         text = f"{station}\n({contact})"
-        axes.text(at.real, at.imag, text, ha="center", va="center", fontsize=7, color=COLOURS[2], in_layout=False)
+        axes.text(
+            label_point.real,
+            label_point.imag,
+            text,
+            ha="center",
+            va="center",
+            fontsize=7,
+            color=COLOURS[2],
+            in_layout=False,
+        )
     edge = MARGIN * np.max(np.abs(flank))
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Output pins 0 to {len(rows) - 1} in the disk's holes")
 

@@ -60,22 +60,22 @@ def hysteresis_figure(
     marks : where to draw the definitions of the metrics, on the trace with the widest loop.
     """
     figure = new_figure(4.4)
-    whole, middle = figure.subplots(1, 2)
+    cycle_axes, middle = figure.subplots(1, 2)
     loops = {label: _centred_frame(rows) for label, rows in traces.items()}
-    for axes in (whole, middle):
+    for axes in (cycle_axes, middle):
         _draw_spread(axes, spread, "angle")
         for style, rows in zip(line_styles(loops), loops.values(), strict=True):
             axes.plot(rows["torque_Nm"], rows["angle_arcmin"], **{**style, "markersize": 2.5})
         axes.set(xlabel="torque on the output (N m)", ylabel="torsion angle (arcmin)")
-    whole.set_title("Load cycle")
+    cycle_axes.set_title("Load cycle")
     middle.set_title("About zero torque")
     if marks is not None:
         _zoom(middle, loops, spread, ZOOM * marks.lost_motion)
     if marks is not None and loops:
         widest = max(loops.values(), key=lambda rows: _at(rows, 0.0, "unloading+"))
-        _mark_rigidity(whole, widest, marks.rigidity)
+        _mark_rigidity(cycle_axes, widest, marks.rigidity)
         _mark_widths(middle, widest, marks.lost_motion)
-    legend_below(figure, whole)
+    legend_below(figure, cycle_axes)
     return figure
 
 
@@ -128,8 +128,8 @@ def _draw_spread(axes: Axes, spread: pd.DataFrame | None, what: str) -> None:
 
 def _at(rows: pd.DataFrame, torque: float, branch: str) -> float:
     """Angle of a loop at one of its torques [arcmin]."""
-    mine = rows[np.asarray(rows["branch"]) == branch]
-    return float(mine["angle_arcmin"].iloc[int(np.argmin(np.abs(mine["torque_Nm"].to_numpy() - torque)))])
+    branch_rows = rows[np.asarray(rows["branch"]) == branch]
+    return float(branch_rows["angle_arcmin"].iloc[int(np.argmin(np.abs(branch_rows["torque_Nm"].to_numpy() - torque)))])
 
 
 def _mark_rigidity(axes: Axes, loop: pd.DataFrame, torque: tuple[float, float]) -> None:
@@ -150,14 +150,14 @@ def _mark_widths(axes: Axes, loop: pd.DataFrame, torque: float) -> None:
         high, low = _at(loop, level, branches[0]), _at(loop, -level, branches[1])
         if high - low < SMALLEST_MARK * height:
             continue
-        place = side * reach
+        arrow_torque = side * reach
         for end, angle in ((level, high), (-level, low)):
-            axes.plot([end, place], [angle, angle], color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+            axes.plot([end, arrow_torque], [angle, angle], color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
             axes.plot(end, angle, "o", color=INK, markersize=5, markerfacecolor="white", zorder=4)
         arrow = {"arrowstyle": "<|-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", (place, high), (place, low), zorder=5, arrowprops=arrow)
+        axes.annotate("", (arrow_torque, high), (arrow_torque, low), zorder=5, arrowprops=arrow)
         axes.text(
-            place - 0.04 * reach,
+            arrow_torque - 0.04 * reach,
             low + 0.65 * (high - low),
             text,
             fontsize=8.5,
@@ -176,8 +176,8 @@ def _zoom(axes: Axes, loops: Mapping[str, pd.DataFrame], spread: pd.DataFrame | 
     top = 0.0
     for rows, columns in frames:
         for column in columns:
-            inside = np.abs(rows["torque_Nm"].to_numpy()) <= 1.1 * reach
-            top = max(top, float(np.max(np.abs(rows[column].to_numpy()[inside]), initial=0.0)))
+            shown = np.abs(rows["torque_Nm"].to_numpy()) <= 1.1 * reach
+            top = max(top, float(np.max(np.abs(rows[column].to_numpy()[shown]), initial=0.0)))
     axes.set_xlim(-reach, reach)
     if top > 0:
         axes.set_ylim(-1.1 * top, 1.1 * top)

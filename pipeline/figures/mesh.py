@@ -34,27 +34,27 @@ def mesh_figure(
     displacement : (n_nodes,) [um/N], by 1 N on the pin of the longest arm
     hole_points : (n_holes, n_points) [mm], those of ``patch_points`` on the walls of holes
     """
-    figure, (whole, close, *others) = _panels(len(hole_points) > 0)
+    figure, (overview, close, *hole_axes) = _panels(len(hole_points) > 0)
     plane = Triangulation(nodes.real, nodes.imag, triangles[:, :3])
     size = np.abs(displacement)
-    shaded = whole.tripcolor(plane, size, shading="gouraud", cmap="viridis", rasterized=True)
-    scale = figure.colorbar(shaded, ax=whole, label="deflection by 1 N on one pin (µm/N)", shrink=0.85)
+    shaded = overview.tripcolor(plane, size, shading="gouraud", cmap="viridis", rasterized=True)
+    scale = figure.colorbar(shaded, ax=overview, label="deflection by 1 N on one pin (µm/N)", shrink=0.85)
     scale.outline.set_visible(False)
     centres = patch_points.mean(axis=1)
     loaded = _loaded_patch(nodes, centres, size)
-    apart = np.abs(centres - centres[loaded])
-    reach = PATCH_PITCHES_SHOWN * float(np.min(apart[apart > 0]))
+    distance = np.abs(centres - centres[loaded])
+    reach = PATCH_PITCHES_SHOWN * float(np.min(distance[distance > 0]))
     corner = centres[loaded] - reach * (1 + 1j)
     side = 2 * reach
-    whole.add_patch(Rectangle((corner.real, corner.imag), side, side, fill=False, edgecolor=INK, linewidth=1.2))
+    overview.add_patch(Rectangle((corner.real, corner.imag), side, side, fill=False, edgecolor=INK, linewidth=1.2))
     _draw_flank(close, plane, patch_points, loaded, reach)
-    whole.set_title(f"{len(triangles):,} quadratic triangles, {len(nodes):,} nodes")
+    overview.set_title(f"{len(triangles):,} quadratic triangles, {len(nodes):,} nodes")
     close.set_title("Flank at the loaded pin")
     for patch in hole_points:
-        whole.plot(patch.real, patch.imag, color=ALARM, linewidth=2.0)
-    for axes in others:
+        overview.plot(patch.real, patch.imag, color=ALARM, linewidth=2.0)
+    for axes in hole_axes:
         _draw_hole(axes, nodes, triangles, hole_points)
-    for axes in (whole, close, *others):
+    for axes in (overview, close, *hole_axes):
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.grid(False)
     return figure
@@ -77,8 +77,8 @@ def _draw_hole(
     points = hole_points[0]
     centre, reach = points.mean(), HOLE_PATCHES_SHOWN * float(np.ptp(np.abs(points - points[0])))
     corners = nodes[triangles[:, :3]] - centre
-    seen = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
-    axes.triplot(Triangulation(nodes.real, nodes.imag, triangles[seen, :3]), color="0.7", linewidth=0.5)
+    visible = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
+    axes.triplot(Triangulation(nodes.real, nodes.imag, triangles[visible, :3]), color="0.7", linewidth=0.5)
     axes.plot(points.real, points.imag, color=ALARM, linewidth=4.0, solid_capstyle="butt")
     axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
     axes.set_title("Hole of output pin 0")
@@ -96,15 +96,15 @@ def _draw_flank(
     """The triangles and patches within ``reach`` [mm] of the loaded patch."""
     centre = patch_points[loaded].mean()
     corners = plane.x[plane.triangles] + 1j * plane.y[plane.triangles] - centre
-    seen = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
-    axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[seen]), color="0.7", linewidth=0.5)
-    near = np.flatnonzero(np.min(np.abs(patch_points - centre), axis=1) < 2 * reach)
-    neighbours = near[near != loaded]
+    visible = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
+    axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[visible]), color="0.7", linewidth=0.5)
+    patches_shown = np.flatnonzero(np.min(np.abs(patch_points - centre), axis=1) < 2 * reach)
+    neighbours = patches_shown[patches_shown != loaded]
     for numbers, colour, label in ((neighbours, ACCENT, "contact patches"), ([loaded], ALARM, "of the loaded pin")):
         points = patch_points[numbers].T
         lines = axes.plot(points.real, points.imag, color=colour, linewidth=4.0, solid_capstyle="butt")
         lines[0].set_label(label)
     # the corner that points away from the disk is empty
-    place = f"{'upper' if centre.imag > 0 else 'lower'} {'right' if centre.real > 0 else 'left'}"
-    axes.legend(loc=place, frameon=True, framealpha=1.0, edgecolor="none")
+    legend_corner = f"{'upper' if centre.imag > 0 else 'lower'} {'right' if centre.real > 0 else 'left'}"
+    axes.legend(loc=legend_corner, frameon=True, framealpha=1.0, edgecolor="none")
     axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))

@@ -64,10 +64,17 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], cra
     centre = pins["x_mm"].to_numpy() + 1j * pins["y_mm"].to_numpy() - radius * normal
     axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED, linewidth=0.7)
     circles(axes, centre, radius, facecolor="white", edgecolor=ACCENT, linewidth=0.8)
-    for number, at in zip(pins["contact"], NUMBER_RADIUS * centre, strict=True):
+    for number, label_point in zip(pins["contact"], NUMBER_RADIUS * centre, strict=True):
         if len(pins) <= MOST_NUMBERS or number % 5 == 0:
             axes.text(
-                at.real, at.imag, str(number), ha="center", va="center", fontsize=7, color=ACCENT, in_layout=False
+                label_point.real,
+                label_point.imag,
+                str(number),
+                ha="center",
+                va="center",
+                fontsize=7,
+                color=ACCENT,
+                in_layout=False,
             )
     reach = np.abs(centre[0])
     tip = 0.45 * reach * np.exp(1j * np.radians(crank_deg))
@@ -89,32 +96,39 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], cra
 
 def _draw_slide(axes: Axes, rollers: pd.DataFrame, radius: float) -> None:
     """Rollers of one interface, each with its place in its row."""
-    place = rollers["x_mm"].to_numpy() + 1j * rollers["y_mm"].to_numpy()
+    centres = rollers["x_mm"].to_numpy() + 1j * rollers["y_mm"].to_numpy()
     interface = int(rollers["interface"].iloc[0])
     colour = (COLOURS[2], ALARM)[interface % 2]
     axes.plot(0, 0, "+", color=INK, markersize=6)
-    circles(axes, place, radius, facecolor="white", edgecolor=colour, linewidth=0.9)
-    for at, station in zip(place, rollers["station"], strict=True):
+    circles(axes, centres, radius, facecolor="white", edgecolor=colour, linewidth=0.9)
+    for label_point, station in zip(centres, rollers["station"], strict=True):
         axes.text(
-            at.real, at.imag, str(station), ha="center", va="center_baseline", fontsize=6, color=colour, in_layout=False
+            label_point.real,
+            label_point.imag,
+            str(station),
+            ha="center",
+            va="center_baseline",
+            fontsize=6,
+            color=colour,
+            in_layout=False,
         )
-    _name_rows(axes, rollers, place, radius, colour)
-    edge = np.max(np.abs([place.real, place.imag])) + 12 * radius
+    _name_rows(axes, rollers, centres, radius, colour)
+    edge = np.max(np.abs([centres.real, centres.imag])) + 12 * radius
     bodies = f"{rollers['body_a'].iloc[0]} to {rollers['body_b'].iloc[0]}"
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Interface {interface}: {bodies}")
 
 
-def _name_rows(axes: Axes, rows: pd.DataFrame, place: NDArray[np.complex128], radius: float, colour: str) -> None:
+def _name_rows(axes: Axes, rows: pd.DataFrame, centres: NDArray[np.complex128], radius: float, colour: str) -> None:
     """Numbers of the contacts of each row of rollers, written beyond its outermost one."""
     for (face, end), row in rows.groupby(["face", "end"]):
-        mine = ((rows["face"] == face) & (rows["end"] == end)).to_numpy()
-        outer, inner = place[mine][0], place[mine][-1]
+        in_row = ((rows["face"] == face) & (rows["end"] == end)).to_numpy()
+        outer, inner = centres[in_row][0], centres[in_row][-1]
         along = (outer - inner) / abs(outer - inner) if len(row) > 1 else outer / abs(outer)
-        at = outer + along * 1.6 * radius
+        label_point = outer + along * 1.6 * radius
         upright = abs(along.imag) > abs(along.real)
         axes.text(
-            at.real,
-            at.imag,
+            label_point.real,
+            label_point.imag,
             f"{row['contact'].min()}–{row['contact'].max()}",
             color=colour,
             fontsize=7.5,

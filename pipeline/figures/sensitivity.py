@@ -34,8 +34,8 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     A bar without a filling and a number in brackets are not determined: the interval is as wide as the index. Errors
     that do not vary in the study have an index of exactly 0, or none, and no bar.
     """
-    known = np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"]).to_numpy()
-    shown = indices[known]
+    estimated = np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"]).to_numpy()
+    shown = indices[estimated]
     panels = [kind for kind in PANELS if (shown["kind"] == kind).any()]
     bars = {
         RANK_CORRELATION: int((shown["kind"] == RANK_CORRELATION).sum()),
@@ -56,9 +56,9 @@ def _panel(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> None:
     height = 0.72 / len(kinds)
     for k, kind in enumerate(kinds):
         part = rows[(rows["kind"] == kind) & rows["parameter"].isin(names)]
-        place = np.array([names.index(name) for name in part["parameter"]], float)
+        positions = np.array([names.index(name) for name in part["parameter"]], float)
         colours = [SUM_COLOURS[kind] if name == SUM else COLOURS[kind] for name in part["parameter"]]
-        _bars(axes, part, place + height * (k - (len(kinds) - 1) / 2), height, colours)
+        _bars(axes, part, positions + height * (k - (len(kinds) - 1) / 2), height, colours)
     axes.axvline(0, color=MUTED, linewidth=0.8)
     axes.set_yticks(range(len(names)), [parameter_title(name) for name in names])
     axes.tick_params(axis="y", length=0)
@@ -72,10 +72,10 @@ def _panel(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> None:
         axes.legend(handles=[Patch(color=COLOURS[kind], label=LABELS[kind]) for kind in kinds], loc="center right")
 
 
-def _bars(axes: Axes, rows: pd.DataFrame, place: Real, height: float, colours: list[str]) -> None:
+def _bars(axes: Axes, rows: pd.DataFrame, positions: Real, height: float, colours: list[str]) -> None:
     value, low, high = (rows[name].to_numpy(float) for name in ("index", "ci_low", "ci_high"))
     certain = determined(value, low, high)
-    for y, number, sure, colour in zip(place, value, certain, colours, strict=True):
+    for y, number, sure, colour in zip(positions, value, certain, colours, strict=True):
         (bar,) = axes.barh(y, number, height=0.92 * height, color=colour)
         if not sure:
             bar.set(facecolor="none", edgecolor=MUTED, linestyle=":")
@@ -90,4 +90,4 @@ def _bars(axes: Axes, rows: pd.DataFrame, place: Real, height: float, colours: l
             color=INK if sure else MUTED,
         )
     bounded = np.isfinite(low) & np.isfinite(high)
-    axes.hlines(place[bounded], low[bounded], high[bounded], color=INK, linewidth=1.0)
+    axes.hlines(positions[bounded], low[bounded], high[bounded], color=INK, linewidth=1.0)

@@ -56,9 +56,9 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str =
 
 def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict) -> None:
     loaded = rows[rows["force_N"] > 0]
-    values, beyond = loaded[column].to_numpy(), loaded["beyond_limit"].to_numpy()
-    tangent = beyond | np.append(beyond[1:], False)  # joined to the last point of the law proper
-    axes.plot(loaded["force_N"], np.where(beyond, np.nan, values), **style)
+    values, beyond_limit = loaded[column].to_numpy(), loaded["beyond_limit"].to_numpy()
+    tangent = beyond_limit | np.append(beyond_limit[1:], False)  # joined to the last point of the law proper
+    axes.plot(loaded["force_N"], np.where(beyond_limit, np.nan, values), **style)
     axes.plot(loaded["force_N"], np.where(tangent, values, np.nan), color=style["color"], linestyle=(0, (3, 2)))
 
 
@@ -66,8 +66,8 @@ def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
     """A few pins, their curvatures evenly spread from the most concave flank to the most convex one."""
     pins = contacts[contacts["kind"] == "pin"]
     curvatures = pins["curvature_per_mm"].to_numpy()
-    wanted = np.linspace(curvatures.min(), curvatures.max(), CURVES_SHOWN)
-    picks = dict.fromkeys(int(np.argmin(np.abs(curvatures - curvature))) for curvature in wanted)
+    targets = np.linspace(curvatures.min(), curvatures.max(), CURVES_SHOWN)
+    picks = dict.fromkeys(int(np.argmin(np.abs(curvatures - curvature))) for curvature in targets)
     chosen = {}
     for contact, curvature in zip(pins["contact"].iloc[list(picks)], curvatures[list(picks)], strict=True):
         shape = "concave" if curvature < 0 else "convex"
@@ -80,8 +80,8 @@ def _other_curves(contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], na
     """The bearing, and one contact of each interface; one for both where they obey the same law."""
     output = contacts[contacts["kind"] == "output"]
     rollers = output.loc[output.groupby("interface")["contact"].idxmin()]
-    first, *others = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
-    if all(np.array_equal(first, other) for other in others):
+    reference, *remaining = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
+    if all(np.array_equal(reference, curve) for curve in remaining):
         return {"input bearing": BEARING, name: int(rollers["contact"].iloc[0])}
     names = {f"roller, {row['body_a']} to {row['body_b']}": int(row["contact"]) for _, row in rollers.iterrows()}
     return {"input bearing": BEARING, **names}

@@ -38,17 +38,23 @@ def loops_figure(cells: pd.DataFrame) -> Figure:
     figure = new_figure(0.5 + 3.1 * rows)
     panels = np.atleast_1d(figure.subplots(rows, min(len(cranks), ACROSS), squeeze=False)).ravel()
     for axes, crank in zip(panels, cranks, strict=False):
-        mine = cells[cells["crank_deg"] == crank]
-        cycles = list(dict.fromkeys(mine["cycle"]))
-        one = mine[mine["cycle"] == cycles[min(1, len(cycles) - 1)]]
-        middle = one["angle_arcmin"].mean()
+        position_rows = cells[cells["crank_deg"] == crank]
+        cycles = list(dict.fromkeys(position_rows["cycle"]))
+        cycle_rows = position_rows[position_rows["cycle"] == cycles[min(1, len(cycles) - 1)]]
+        middle = cycle_rows["angle_arcmin"].mean()
         for stage, (label, colour, line) in MODELS.items():
-            shown = one[f"{stage}_arcmin"] - middle
-            axes.plot(one["torque_Nm"], shown, color=colour, linestyle=line, linewidth=1.2, label=label)
+            shown = cycle_rows[f"{stage}_arcmin"] - middle
+            axes.plot(cycle_rows["torque_Nm"], shown, color=colour, linestyle=line, linewidth=1.2, label=label)
         axes.plot(
-            one["torque_Nm"], one["angle_arcmin"] - middle, ".", color=INK, markersize=3.5, label="measured", zorder=1
+            cycle_rows["torque_Nm"],
+            cycle_rows["angle_arcmin"] - middle,
+            ".",
+            color=INK,
+            markersize=3.5,
+            label="measured",
+            zorder=1,
         )
-        axes.set_title(f"Crank at {crank:g}°, cycle {one['cycle'].iloc[0]}")
+        axes.set_title(f"Crank at {crank:g}°, cycle {cycle_rows['cycle'].iloc[0]}")
         axes.set_xlabel("torque (N m)")
     for axes in panels[len(cranks) :]:
         axes.set_axis_off()
@@ -64,10 +70,10 @@ def torque_figure(cells: pd.DataFrame) -> Figure:
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
         for sense, (label, colour, marker) in SENSES.items():
-            mine = cells[cells["direction"] == sense]
+            branch_rows = cells[cells["direction"] == sense]
             axes.plot(
-                mine["torque_Nm"],
-                mine[f"residual_{stage}_arcmin"],
+                branch_rows["torque_Nm"],
+                branch_rows[f"residual_{stage}_arcmin"],
                 marker,
                 color=colour,
                 markersize=2.5,
@@ -92,10 +98,10 @@ def time_figure(cells: pd.DataFrame) -> Figure:
     cranks = list(dict.fromkeys(cells["crank_deg"]))
     for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
         for k, crank in enumerate(cranks):
-            mine = (cells["crank_deg"] == crank).to_numpy()
-            residual = cells[f"residual_{stage}_arcmin"].to_numpy()[mine]
+            selected = (cells["crank_deg"] == crank).to_numpy()
+            residual = cells[f"residual_{stage}_arcmin"].to_numpy()[selected]
             colour = COLOURS[k % len(COLOURS)]
-            axes.plot(number[mine], residual, ".", color=colour, markersize=2.5, label=f"crank at {crank:g}°")
+            axes.plot(number[selected], residual, ".", color=colour, markersize=2.5, label=f"crank at {crank:g}°")
         for start in np.flatnonzero(np.diff(cells["cycle"].to_numpy()) != 0) + 0.5:
             axes.axvline(start, color=MUTED, linewidth=0.5, alpha=0.5)
         _zero_line(axes, cells)
@@ -112,13 +118,15 @@ def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
     fitted = candidates[candidates["score_after"].notna()].iloc[::-1]
     figure = new_figure(0.9 + 0.27 * max(len(fitted), 3))
     axes = figure.subplots()
-    place = np.arange(len(fitted))
+    positions = np.arange(len(fitted))
     colours = [
         ACCENT if member else (COLOURS[5] if good else MUTED)
         for member, good in zip(fitted["member_of_class"], fitted["significant"], strict=True)
     ]
-    axes.barh(place, fitted["score_after"], color=colours, height=0.62)
-    axes.set_yticks(place, [_label(*one) for one in zip(fitted["effect"], fitted["title"], strict=True)])
+    axes.barh(positions, fitted["score_after"], color=colours, height=0.62)
+    axes.set_yticks(
+        positions, [_label(*candidate) for candidate in zip(fitted["effect"], fitted["title"], strict=True)]
+    )
     axes.axvline(before, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
     axes.axvline(1.0, color=INK, linewidth=1.0, linestyle=":", label="noise of the cells")
     axes.set_xlabel("score (1: noise of the cells)")
@@ -155,11 +163,15 @@ def quantiles_figure(quantiles: pd.DataFrame) -> Figure:
     figure = new_figure(0.2 + 3.1 * rows)
     panels = figure.subplots(rows, min(len(labels), ACROSS), squeeze=False).ravel()
     for axes, label in zip(panels, labels, strict=False):
-        mine = quantiles[quantiles["label"] == label]
-        ends = [mine[["study", "measured"]].min().min(), mine[["study", "measured"]].max().max()]
+        metric_rows = quantiles[quantiles["label"] == label]
+        ends = [metric_rows[["study", "measured"]].min().min(), metric_rows[["study", "measured"]].max().max()]
         axes.plot(ends, ends, color=MUTED, linewidth=1.0, linestyle="--")
-        axes.plot(mine["study"], mine["measured"], "o", color=ACCENT)
-        axes.set(title=label, xlabel=f"study ({mine['unit'].iloc[0]})", ylabel=f"units ({mine['unit'].iloc[0]})")
+        axes.plot(metric_rows["study"], metric_rows["measured"], "o", color=ACCENT)
+        axes.set(
+            title=label,
+            xlabel=f"study ({metric_rows['unit'].iloc[0]})",
+            ylabel=f"units ({metric_rows['unit'].iloc[0]})",
+        )
     for axes in panels[len(labels) :]:
         axes.set_axis_off()
     return figure

@@ -76,13 +76,13 @@ def _interleaved(samples: Samples, dimensions: int, start: int, stop: int) -> Re
     point, replicate = np.divmod(draw, samples.randomisations)
     numbers = np.empty((len(draw), dimensions))
     for r in np.unique(replicate):
-        mine = replicate == r
-        first, last = int(point[mine][0]), int(point[mine][-1])
+        selected = replicate == r
+        first, last = int(point[selected][0]), int(point[selected][-1])
         if samples.experiment == "sobol":
-            numbers[mine] = _sobol(samples.seed, int(r), dimensions, first, last + 1)
+            numbers[selected] = _sobol(samples.seed, int(r), dimensions, first, last + 1)
         else:
             strata = samples.count // samples.randomisations
-            numbers[mine] = _hypercube(samples.seed, int(r), dimensions, strata)[first : last + 1]
+            numbers[selected] = _hypercube(samples.seed, int(r), dimensions, strata)[first : last + 1]
     return numbers
 
 

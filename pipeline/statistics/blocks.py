@@ -52,12 +52,12 @@ def confidence_set(losses: Real, level: float, resamples: int, seed: int) -> NDA
     ----------
     losses : (n_blocks, n_models)
     """
-    kept = np.ones(losses.shape[1], bool)
+    members = np.ones(losses.shape[1], bool)
     drawn = resampled_means(losses, resamples, seed)
-    while kept.sum() > 1:
-        mine = losses[:, kept]
-        relative = mine.mean(axis=0) - mine.mean()
-        noise = drawn[:, kept] - drawn[:, kept].mean(axis=1, keepdims=True) - relative
+    while members.sum() > 1:
+        member_losses = losses[:, members]
+        relative = member_losses.mean(axis=0) - member_losses.mean()
+        noise = drawn[:, members] - drawn[:, members].mean(axis=1, keepdims=True) - relative
         spread = np.sqrt(np.mean(noise**2, axis=0))
         if np.all(spread <= 0):
             break
@@ -65,5 +65,5 @@ def confidence_set(losses: Real, level: float, resamples: int, seed: int) -> NDA
         worst = np.max(relative / safe)
         if np.mean(np.max(noise / safe, axis=1) >= worst) >= 1 - level:
             break
-        kept[np.flatnonzero(kept)[np.argmax(relative / safe)]] = False
-    return kept
+        members[np.flatnonzero(members)[np.argmax(relative / safe)]] = False
+    return members

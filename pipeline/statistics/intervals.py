@@ -66,24 +66,24 @@ def distribution(values: Real, confidence: float, replicate: NDArray[np.integer]
         "mean": (_mean, mean_interval),
         "std": (_std, std_interval),
     }
-    found = {}
+    estimates = {}
     for name, (statistic, interval) in moments.items():
-        whole = statistic(values)
+        point_estimate = statistic(values)
         ends = (
             interval(values, confidence)
             if replicate is None
-            else replicated_interval(whole, by_replicate(statistic, values, replicate), confidence)
+            else replicated_interval(point_estimate, by_replicate(statistic, values, replicate), confidence)
         )
-        found[name] = _estimate(whole, ends, values.size)
+        estimates[name] = _estimate(point_estimate, ends, values.size)
     for name, level in QUANTILES.items():
-        whole = _quantile(values, level)
+        point_estimate = _quantile(values, level)
         ends = (
             quantile_interval(values, confidence, level)
             if replicate is None
-            else replicated_quantile_interval(whole, values, confidence, level, replicate)
+            else replicated_quantile_interval(point_estimate, values, confidence, level, replicate)
         )
-        found[name] = _estimate(whole, ends, values.size)
-    return found
+        estimates[name] = _estimate(point_estimate, ends, values.size)
+    return estimates
 
 
 def pass_share(passed: NDArray[np.bool_], confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:

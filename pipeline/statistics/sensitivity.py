@@ -63,16 +63,16 @@ def rank_correlation(
     65 (2000) 23.
     """
     columns = np.column_stack(list(parameters.values()))
-    whole = _spearman(columns, metrics)
-    z, n = _fisher(whole), len(metrics)
+    correlation = _spearman(columns, metrics)
+    z, n = _fisher(correlation), len(metrics)
     if replicate is None:
         few = n < FEWEST_SAMPLES
-        deviation = np.full_like(whole, np.nan) if few else np.sqrt((1 + whole**2 / 2) / (n - 3))
+        deviation = np.full_like(correlation, np.nan) if few else np.sqrt((1 + correlation**2 / 2) / (n - 3))
         half = stats.norm.ppf((1 + confidence) / 2) * deviation
     else:
         parts = [_fisher(_spearman(columns[replicate == r], metrics[replicate == r])) for r in np.unique(replicate)]
         half = _student(np.stack(parts), confidence) / np.sqrt(len(parts))
-    return Indices(tuple(parameters), whole, np.tanh(z - half), np.tanh(z + half))
+    return Indices(tuple(parameters), correlation, np.tanh(z - half), np.tanh(z + half))
 
 
 def _spearman(columns: Real, metrics: Real) -> Real:
