@@ -132,23 +132,27 @@ class Results:
         loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
         return f"{counted(loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
 
+    def _doubled(self, metric: str, column: str) -> tuple[float, float]:
+        """A value of the table of convergence now and with twice as many crank angles; NaN where they are too few."""
+        part = self.frames.convergence[self.frames.convergence["metric"] == metric]
+        now, then = (part.loc[part["extrapolated"] == later, column] for later in (False, True))
+        return (float(now.iloc[-1]), float(then.iloc[-1])) if len(now) and len(then) else (np.nan, np.nan)
+
+    @cached_property
+    def doubled_yield(self) -> str:
+        """Yield against all limits with twice as many crank angles, extrapolated; empty where they are too few."""
+        _, then = self._doubled(ALL_LIMITS, "yield")
+        return percent(then) if np.isfinite(then) and self.frames.over == "worst" else ""
+
     @cached_property
     def doubled(self) -> list[str]:
-        """How far mean worst values and the yield would move with twice as many crank angles, one phrase each."""
-        table = self.frames.convergence
+        """How far the mean worst values would move with twice as many crank angles, one phrase each."""
         phrases = []
-        for name in (*HEADLINES, ALL_LIMITS):
-            part = table[table["metric"] == name]
-            if len(part) < 2:
-                continue
-            now, then = part[~part["extrapolated"]].iloc[-1], part[part["extrapolated"]].iloc[-1]
-            if name == ALL_LIMITS:
-                change = 100 * (then["yield"] - now["yield"])
-                phrases.append(f"the yield against all limits by {signed(change, 1)} points")
-            elif np.isfinite(then["worst_mean"]):
+        for name in HEADLINES:
+            now, then = self._doubled(name, "worst_mean")
+            if np.isfinite(then):
                 metric = METRICS[name]
-                change = then["worst_mean"] - now["worst_mean"]
-                phrases.append(f"the mean worst {metric.inline} by {signed(change, metric.decimals)} {metric.unit}")
+                phrases.append(f"the {metric.inline} by {signed(then - now, metric.decimals)} {metric.unit}")
         return phrases
 
     @cached_property

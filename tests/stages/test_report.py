@@ -322,6 +322,25 @@ def test_contacts_beyond_the_pressure_limit_are_named(frames):
     assert ranges([3, 70, 71, 72, 75, 76]) == "3, 70–72, 75–76"
 
 
+def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
+    assert "with twice as many" not in written(frames)  # two angles tell nothing
+    rows = [("all_limits", np.nan, 0.75, 0.61), ("lost_motion_arcmin", 2.5, np.nan, np.nan)]
+    table = pd.DataFrame(
+        [
+            {"metric": name, "n_angles": 31, "worst_mean": mean, "yield": share, "extrapolated": False}
+            for name, mean, share, _ in rows
+        ]
+        + [
+            {"metric": name, "n_angles": 62, "worst_mean": mean + 0.012, "yield": then, "extrapolated": True}
+            for name, mean, _, then in rows
+        ]
+    )
+    text = written(replace(frames, convergence=table))
+    assert "with twice as many it would be about 61.0 %" in text
+    assert "the lost motion by 0.012 arcmin" in text
+    assert "with twice as many" not in written(replace(frames, convergence=table[~table["extrapolated"]]))
+
+
 def test_markup_in_a_title_is_text(frames):
     text = written(replace(frames, study=frames.study.model_copy(update={"title": "<script>alert(1)</script>"})))
     assert "<script" not in text
