@@ -42,8 +42,8 @@ def _misfit(specimen: Specimen, states: Equilibria) -> Real:
     """Deflection of closed contacts less their penetration, and penetration of open ones, over the largest."""
     force = states.force[0]
     approach = states.motion[0] @ specimen.reducer.closing.T - specimen.gap
-    own = specimen.laws.deflection(force) + force @ specimen.compliance
-    return np.where(force > 0, np.abs(approach - own), np.maximum(approach - own, 0.0)) / own.max()
+    deflection = specimen.laws.deflection(force) + force @ specimen.compliance
+    return np.where(force > 0, np.abs(approach - deflection), np.maximum(approach - deflection, 0.0)) / deflection.max()
 
 
 def mirrored(at: Reducer) -> np.ndarray:
@@ -56,8 +56,8 @@ def mirrored(at: Reducer) -> np.ndarray:
     """
     points: Complex = np.conj(at.contacts.point)
     interface = at.contacts.interface
-    apart = np.abs(points[:, None] - at.contacts.point) + np.where(interface[:, None] == interface, 0.0, 1e3)
-    partner = np.argmin(apart, axis=1)
+    distance = np.abs(points[:, None] - at.contacts.point) + np.where(interface[:, None] == interface, 0.0, 1e3)
+    partner = np.argmin(distance, axis=1)
     if np.abs(points - at.contacts.point[partner]).max() > 1e-9:
         raise ValueError("the contacts are not mirrored about the crank's axis; take crank angle 0")
     return partner
@@ -88,17 +88,17 @@ class PotentialEnergy:
     @classmethod
     def of(cls, specimen: Specimen, torque: float) -> "PotentialEnergy":
         """The energy of the sample at an output torque [N mm]."""
-        at, rows = specimen.reducer, specimen.disk_rows
-        scale = np.array([1 / SPAN if name.endswith("_phi") else 1.0 for name in at.motions])
+        reducer, rows = specimen.reducer, specimen.disk_rows
+        scale = np.array([1 / SPAN if name.endswith("_phi") else 1.0 for name in reducer.motions])
         n = len(rows)
-        patches = np.zeros((len(at.contacts), n))
+        patches = np.zeros((len(reducer.contacts), n))
         patches[rows, np.arange(n)] = -1.0
         stiffness = np.zeros((n + len(scale),) * 2)
         stiffness[:n, :n] = np.linalg.inv(specimen.disk_compliance.matrix) / UM_PER_MM
         stiffness[[n, n + 1], [n, n + 1]] = specimen.bearing.stiffness / UM_PER_MM
         load = np.zeros(len(stiffness))
-        load[n + at.output_motion] = torque / SPAN
-        return cls(specimen.laws, specimen.gap, np.hstack([patches, at.closing * scale]), stiffness, load)
+        load[n + reducer.output_motion] = torque / SPAN
+        return cls(specimen.laws, specimen.gap, np.hstack([patches, reducer.closing * scale]), stiffness, load)
 
     def penetration(self, state: Real) -> Real:
         """(n_contacts,) [mm], negative where open."""
@@ -137,24 +137,26 @@ class PotentialEnergy:
         """
         start = np.zeros(len(self.load))
         start[self.load != 0] = np.sign(self.load[self.load != 0]) * UM_PER_MM * np.abs(self.gap).max() * 3
-        near = minimize(self.value, start, jac=self.gradient, hess=self.curvature, method="trust-exact", tol=1e-6)
-        found = root(self.gradient, near.x, jac=self.curvature, tol=1e-14)
-        if np.abs(self.gradient(found.x)).max() > 1e-9 * np.abs(self.load).max():
-            raise ArithmeticError(f"least energy not found: {near.message} {found.message}")
-        return found.x
+        minimum = minimize(self.value, start, jac=self.gradient, hess=self.curvature, method="trust-exact", tol=1e-6)
+        stationary = root(self.gradient, minimum.x, jac=self.curvature, tol=1e-14)
+        if np.abs(self.gradient(stationary.x)).max() > 1e-9 * np.abs(self.load).max():
+            raise ArithmeticError(f"least energy not found: {minimum.message} {stationary.message}")
+        return stationary.x
 
 
 def _against_scipy(specimen: Specimen, states: Equilibria, torque: Real) -> Iterator[Finding]:
-    at = specimen.reducer
+    reducer = specimen.reducer
     angle, forces = [], []
-    for one in torque:
-        energy = PotentialEnergy.of(specimen, one)
+    for load in torque:
+        energy = PotentialEnergy.of(specimen, load)
         state = energy.least()
         forces.append(energy.force(state))
-        angle.append(state[len(specimen.disk_rows) + at.output_motion] / (SPAN * UM_PER_MM))
+        angle.append(state[len(specimen.disk_rows) + reducer.output_motion] / (SPAN * UM_PER_MM))
     largest = np.max(forces, axis=1, keepdims=True)
     yield compared("contact forces against scipy.optimize, over the largest", forces, states.force[0], LIMIT, largest)
-    yield relative("output angle against scipy.optimize [rad]", angle, states.motion[0, :, at.output_motion], LIMIT)
+    yield relative(
+        "output angle against scipy.optimize [rad]", angle, states.motion[0, :, reducer.output_motion], LIMIT
+    )
 
 
 def _mirror(specimen: Specimen, torque: Real) -> Iterator[Finding]:
@@ -176,17 +178,19 @@ def _mirror(specimen: Specimen, torque: Real) -> Iterator[Finding]:
 
 
 def _uniqueness(specimen: Specimen, states: Equilibria, torque: Real) -> Iterator[Finding]:
-    at, random = specimen.reducer, np.random.default_rng(1)
-    scatter = START_SCATTER * np.where([name.endswith("_phi") for name in at.motions], 0.1, 1.0)
-    start = scatter * random.standard_normal((STARTS, len(at.motions)))
+    reducer, random = specimen.reducer, np.random.default_rng(1)
+    scatter = START_SCATTER * np.where([name.endswith("_phi") for name in reducer.motions], 0.1, 1.0)
+    start = scatter * random.standard_normal((STARTS, len(reducer.motions)))
     gap = np.repeat(specimen.gap[None], STARTS, axis=0)
-    loose = np.full(STARTS, specimen.bearing_clearance)
+    clearance = np.full(STARTS, specimen.bearing_clearance)
     for name, bearing in (("linear bearing", specimen.bearing), ("bearing of exponent 1.5", Bearing(4e6, 1.5))):
         alone = states if bearing == specimen.bearing else None
         forces = []
-        for one in torque:  # a single load from each start: no step before it helps
-            found = solve(at, bearing, specimen.laws, specimen.compliance, gap, loose, start, np.array([one]))
-            forces.append(np.where(found.converged, 1.0, np.nan)[..., None] * found.force)
+        for load in torque:  # a single load from each start: no step before it helps
+            solution = solve(
+                reducer, bearing, specimen.laws, specimen.compliance, gap, clearance, start, np.array([load])
+            )
+            forces.append(np.where(solution.converged, 1.0, np.nan)[..., None] * solution.force)
         every = np.concatenate(forces, axis=1)
         reference = every[:1] if alone is None else alone.force
         yield compared(

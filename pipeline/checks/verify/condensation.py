@@ -54,10 +54,10 @@ def _patch_loads(specimen: Specimen) -> tuple[Real, Real]:
 def check_disk_compliance(specimen: Specimen) -> Iterator[Finding]:
     """Disk compliance: symmetry, patch integrals, mesh and patch independence."""
     study, compliance = specimen.study, specimen.disk_compliance
-    assembled, wanted = _patch_loads(specimen)
-    yield compared("force of every patch per unit force", wanted[:, :2], assembled[:, :2], 1e-3)
-    largest_arm = np.abs(wanted[:, 2]).max()
-    yield compared("moment of every patch, over the largest arm", wanted[:, 2], assembled[:, 2], 1e-3, largest_arm)
+    assembled, resultants = _patch_loads(specimen)
+    yield compared("force of every patch per unit force", resultants[:, :2], assembled[:, :2], 1e-3)
+    largest_arm = np.abs(resultants[:, 2]).max()
+    yield compared("moment of every patch, over the largest arm", resultants[:, 2], assembled[:, 2], 1e-3, largest_arm)
     yield vanishing("asymmetry before symmetrising, over the largest entry", compliance.asymmetry, 1e-10)
     yield at_least("least eigenvalue of the compliance [mm/N]", 0.0, np.linalg.eigvalsh(compliance.matrix))
 
@@ -65,7 +65,7 @@ def check_disk_compliance(specimen: Specimen) -> Iterator[Finding]:
     material = Material(steel.youngs_modulus_MPa, steel.poisson_ratio, study.design.disk.stress)
     unit = 2 / (np.pi * material.modulus * study.design.disk.thickness_mm)
     n, width = specimen.reducer.n_pins, study.reduce.patch_half_width_mm
-    off = ~np.eye(n, dtype=bool)
+    off_diagonal = ~np.eye(n, dtype=bool)
     base = compliance.matrix[:n, :n]
     (once,) = _pin_compliances(specimen, FINER, [width])
     twice, halved = _pin_compliances(specimen, FINER**2, [width, width / 2])
@@ -82,8 +82,8 @@ def check_disk_compliance(specimen: Specimen) -> Iterator[Finding]:
         )
         yield compared(
             f"off-diagonals of the pins, {name}, over the largest",
-            base[off],
-            finer[off],
+            base[off_diagonal],
+            finer[off_diagonal],
             5e-3,
-            np.abs(base[off]).max(),
+            np.abs(base[off_diagonal]).max(),
         )

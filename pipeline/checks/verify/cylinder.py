@@ -54,7 +54,7 @@ def check_cylinder_between_flats(specimen: Specimen) -> Iterator[Finding]:
             computed,
             2e-3,
         )
-        first, second = np.abs(np.diff([value for value, _ in meshed]))
+        coarse, fine = np.abs(np.diff([value for value, _ in meshed]))
         yield stated(
-            f"observed order of the compression, w/R = {width:g}, edges under w 2, 4, 8", np.log2(first / second)
+            f"observed order of the compression, w/R = {width:g}, edges under w 2, 4, 8", np.log2(coarse / fine)
         )

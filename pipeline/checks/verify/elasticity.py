@@ -45,8 +45,8 @@ def patch_test_error(stress: Stress) -> float:
     """Largest error of a linear displacement under its own tractions, relative to the displacement."""
     mesh = _small_disk(24, 0.35, 0.8)
     gradient = np.array([[1.0, 0.4], [0.4, -2.0]]) * 1e-3
-    first, shear = lame_constants(stress)
-    sigma = first * np.trace(gradient) * np.eye(2) + 2 * shear * gradient
+    lame, shear = lame_constants(stress)
+    sigma = lame * np.trace(gradient) * np.eye(2) + 2 * shear * gradient
     body = elastic_body(mesh, YOUNG, POISSON, 1.7, stress, "bore")
     traction = LinearForm(lambda v, w: sum(sigma[i, j] * w.n[j] * v[i] for i in range(2) for j in range(2)))
     loads = body.thickness * traction.assemble(FacetBasis(mesh, ElementVector(ElementTriP2())))
@@ -62,7 +62,7 @@ def manufactured(x: Real, y: Real) -> Real:
 
 
 def _stress_of_manufactured(stress: Stress, x: Real, y: Real) -> Real:
-    first, shear = lame_constants(stress)
+    lame, shear = lame_constants(stress)
     x, y = WAVE * x, WAVE * y
     gradient = WAVE * np.array(
         [
@@ -70,20 +70,20 @@ def _stress_of_manufactured(stress: Stress, x: Real, y: Real) -> Real:
             [-2 * np.sin(2 * x) * np.sin(y), np.cos(2 * x) * np.cos(y)],
         ]
     )
-    volume = first * (gradient[0, 0] + gradient[1, 1])
+    volume = lame * (gradient[0, 0] + gradient[1, 1])
     shearing = shear * (gradient[0, 1] + gradient[1, 0])
     return np.array([[volume + 2 * shear * gradient[0, 0], shearing], [shearing, volume + 2 * shear * gradient[1, 1]]])
 
 
 def _force_of_manufactured(stress: Stress, x: Real, y: Real) -> Real:
     """Body force -div(sigma)."""
-    first, shear = lame_constants(stress)
+    lame, shear = lame_constants(stress)
     x, y = WAVE * x, WAVE * y
     xx = np.array([-np.sin(x) * np.cos(y), -4 * np.cos(2 * x) * np.sin(y)])
     yy = np.array([-np.sin(x) * np.cos(y), -np.cos(2 * x) * np.sin(y)])
     xy = np.array([-np.cos(x) * np.sin(y), -2 * np.sin(2 * x) * np.cos(y)])
-    along_x = (first + 2 * shear) * xx[0] + first * xy[1] + shear * (yy[0] + xy[1])
-    along_y = (first + 2 * shear) * yy[1] + first * xy[0] + shear * (xx[1] + xy[0])
+    along_x = (lame + 2 * shear) * xx[0] + lame * xy[1] + shear * (yy[0] + xy[1])
+    along_y = (lame + 2 * shear) * yy[1] + lame * xy[0] + shear * (xx[1] + xy[0])
     return -(WAVE**2) * np.array([along_x, along_y])
 
 
@@ -101,9 +101,9 @@ def manufactured_error(mesh: MeshTri, stress: Stress) -> float:
         return sum(sigma[i, j] * w.n[j] * v[i] for i in range(2) for j in range(2))
 
     loads = LinearForm(force).assemble(basis) + LinearForm(traction).assemble(boundary)
-    moved = body.displacement(loads[:, None])[:, 0]
-    moved = moved + body.rigid_motions @ (body.reference.T @ _nodal(body, manufactured))
-    squared = Functional(lambda w: ((w["u"] - manufactured(*w.x)) ** 2).sum(axis=0)).assemble(basis, u=moved)
+    displacement = body.displacement(loads[:, None])[:, 0]
+    displacement = displacement + body.rigid_motions @ (body.reference.T @ _nodal(body, manufactured))
+    squared = Functional(lambda w: ((w["u"] - manufactured(*w.x)) ** 2).sum(axis=0)).assemble(basis, u=displacement)
     return float(np.sqrt(squared))
 
 
@@ -126,9 +126,9 @@ def lame_error(n_around: int, stress: Stress) -> float:
     body = elastic_body(mesh, YOUNG, POISSON, 1.0, stress, "bore")
     bore = FacetBasis(mesh, ElementVector(ElementTriP2()), facets=mesh.boundaries["bore"])
     loads = LinearForm(lambda v, w: -PRESSURE * (w.n[0] * v[0] + w.n[1] * v[1])).assemble(bore)
-    moved = body.displacement(loads[:, None])[:, 0][body.freedoms]
+    displacement = body.displacement(loads[:, None])[:, 0][body.freedoms]
     radius = np.abs(body.nodes)
-    radial = (moved[:, 0] * body.nodes.real + moved[:, 1] * body.nodes.imag) / radius
+    radial = (displacement[:, 0] * body.nodes.real + displacement[:, 1] * body.nodes.imag) / radius
     strain = stress == "plane_strain"
     modulus, ratio = (YOUNG / (1 - POISSON**2), POISSON / (1 - POISSON)) if strain else (YOUNG, POISSON)
     spread = PRESSURE * INNER**2 / modulus / (OUTER**2 - INNER**2)

@@ -34,9 +34,9 @@ def flank_distance(profile: CycloidProfile, centre: Complex, near: Real) -> Real
     nearest = near + offsets[np.argmin(scan, axis=1)]
     low, high = nearest - spacing, nearest + spacing
     for _ in range(NARROWINGS):
-        left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        falls = away(left) > away(right)
-        low, high = np.where(falls, left, low), np.where(falls, high, right)
+        lower, upper = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        falls = away(lower) > away(upper)
+        low, high = np.where(falls, lower, low), np.where(falls, high, upper)
     return away(0.5 * (low + high))
 
 
@@ -78,12 +78,12 @@ def _envelope(specimen: Specimen) -> tuple[Real, Real]:
     profile, design = specimen.profile, specimen.study.design
     searched, modelled = [], []
     for crank in np.degrees(2 * np.pi * np.arange(CRANKS) / CRANKS):
-        at = assembly.reducer(design, crank)
-        centre = (at.pins.centre - profile.eccentricity * np.exp(1j * at.crank)) * np.exp(
-            -1j * disk_rotation(profile, at.crank)
+        reducer = assembly.reducer(design, crank)
+        centre = (reducer.pins.centre - profile.eccentricity * np.exp(1j * reducer.crank)) * np.exp(
+            -1j * disk_rotation(profile, reducer.crank)
         )
-        searched.append(flank_distance(profile, centre, at.pins.flank_parameter) - profile.pin_radius)
-        modelled.append(exact_gaps(profile, at, _no_errors(profile, design.output.contacts), "radial")[0])
+        searched.append(flank_distance(profile, centre, reducer.pins.flank_parameter) - profile.pin_radius)
+        modelled.append(exact_gaps(profile, reducer, _no_errors(profile, design.output.contacts), "radial")[0])
     return np.array(searched), np.array(modelled)
 
 

@@ -102,8 +102,8 @@ def _continuity(name: str, laws: ContactLaws) -> Iterator[Finding]:
     )
     yield vanishing(f"{name}: force in the dead zone [N]", laws.force(np.array([[-1.0], [-1e-9], [0.0]])), 0.0)
     limited = np.flatnonzero(np.isfinite(laws.force_limit))
-    bounded, at = laws[limited], laws.force_limit[limited]
-    below, above = at * (1 - 1e-13), at * (1 + 1e-13)
+    bounded, limit = laws[limited], laws.force_limit[limited]
+    below, above = limit * (1 - 1e-13), limit * (1 + 1e-13)
     yield relative(
         f"{name}: deflection across the law's limit [mm]", bounded.deflection(below), bounded.deflection(above), LIMIT
     )

@@ -25,7 +25,7 @@ GOLDEN = (np.sqrt(5) - 1) / 2
 CRANK_DEG = 37.0
 
 
-def random_gaps(design: Design, at: Reducer, allowance: float) -> Real:
+def random_gaps(design: Design, reducer: Reducer, allowance: float) -> Real:
     """Gaps (n, n_contacts) [mm] of reducers with random pins and rollers, fixed seed."""
     profile = assembly.profile(design)
     random = np.random.default_rng(20170101)
@@ -38,10 +38,10 @@ def random_gaps(design: Design, at: Reducer, allowance: float) -> Real:
         eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
         roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.contacts)),
     )
-    return np.hstack([exact_gaps(profile, at, errors, "radial"), roller_gaps(errors, "half_diameter")])
+    return np.hstack([exact_gaps(profile, reducer, errors, "radial"), roller_gaps(errors, "half_diameter")])
 
 
-def _searched_end(at: Reducer, gap: Real, clearance: float, sense: float) -> Real:
+def _searched_end(reducer: Reducer, gap: Real, clearance: float, sense: float) -> Real:
     """Largest output rotation (n,) in one sense: the separated form, maximised over the bearing's disc.
 
     With the disk centre held, the parts separate; the end of play is a concave function of the centre, so two nested
@@ -49,8 +49,8 @@ def _searched_end(at: Reducer, gap: Real, clearance: float, sense: float) -> Rea
     """
 
     def end(x: Real, y: Real) -> Real:
-        moved = gap - x[:, None] * at.closing[:, 0] - y[:, None] * at.closing[:, 1]
-        play = separated_play(at, moved)
+        shifted = gap - x[:, None] * reducer.closing[:, 0] - y[:, None] * reducer.closing[:, 1]
+        play = separated_play(reducer, shifted)
         pose = play.pose_plus if sense > 0 else play.pose_minus
         return sense * pose[:, play.output_motion]
 
@@ -64,16 +64,16 @@ def _searched_end(at: Reducer, gap: Real, clearance: float, sense: float) -> Rea
 
 def _golden(function, low: Real, high: Real) -> Real:
     """Largest value (n,) of concave functions on [low, high], each entry its own search."""
-    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    at_left, at_right = function(left), function(right)
+    lower, upper = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    at_lower, at_upper = function(lower), function(upper)
     for _ in range(NARROWINGS):
-        rises = at_left < at_right
-        low, high = np.where(rises, left, low), np.where(rises, high, right)
+        rises = at_lower < at_upper
+        low, high = np.where(rises, lower, low), np.where(rises, high, upper)
         new = np.where(rises, low + GOLDEN * (high - low), high - GOLDEN * (high - low))
         at_new = function(new)
-        left, right = np.where(rises, right, new), np.where(rises, new, left)
-        at_left, at_right = np.where(rises, at_right, at_new), np.where(rises, at_new, at_left)
-    return np.maximum(at_left, at_right)
+        lower, upper = np.where(rises, upper, new), np.where(rises, new, lower)
+        at_lower, at_upper = np.where(rises, at_upper, at_new), np.where(rises, at_new, at_lower)
+    return np.maximum(at_lower, at_upper)
 
 
 def _with_plate(design: Design, plate: str) -> Design:
@@ -84,24 +84,24 @@ def check_rigid_backlash(specimen: Specimen) -> Iterator[Finding]:
     """Rigid backlash: general program against the separated form."""
     for plate in ("rotates", "floats"):
         design = _with_plate(specimen.study.design, plate)
-        at = assembly.reducer(design, CRANK_DEG)
-        gap = random_gaps(design, at, ALLOWANCE)
-        tight = np.zeros(len(gap))
+        reducer = assembly.reducer(design, CRANK_DEG)
+        gap = random_gaps(design, reducer, ALLOWANCE)
+        no_clearance = np.zeros(len(gap))
         yield relative(
             f"backlash, plate {plate}, bearing fixed [rad]",
-            separated_play(at, gap).backlash,
-            general_play(at, gap, tight).backlash,
+            separated_play(reducer, gap).backlash,
+            general_play(reducer, gap, no_clearance).backlash,
             1e-9,
         )
         few = gap[:2]
-        searched = [_searched_end(at, few, BEARING_CLEARANCE, sense) for sense in (1.0, -1.0)]
+        searched = [_searched_end(reducer, few, BEARING_CLEARANCE, sense) for sense in (1.0, -1.0)]
         yield relative(
             f"backlash, plate {plate}, bearing with clearance [rad]",
             searched[0] - searched[1],
-            general_play(at, few, np.full(len(few), BEARING_CLEARANCE)).backlash,
+            general_play(reducer, few, np.full(len(few), BEARING_CLEARANCE)).backlash,
             1e-9,
         )
-        gap = random_gaps(design, at, 0.0)
-        apart, whole = separated_play(at, gap), general_play(at, gap, tight)
-        yield relative(f"overlap of interfering parts, plate {plate} [mm]", apart.overlap, whole.overlap, 1e-9)
-        yield compared(f"backlash of interfering pins, plate {plate} [rad]", 0.0, whole.backlash, 1e-15)
+        gap = random_gaps(design, reducer, 0.0)
+        separated, general = separated_play(reducer, gap), general_play(reducer, gap, no_clearance)
+        yield relative(f"overlap of interfering parts, plate {plate} [mm]", separated.overlap, general.overlap, 1e-9)
+        yield compared(f"backlash of interfering pins, plate {plate} [rad]", 0.0, general.backlash, 1e-15)

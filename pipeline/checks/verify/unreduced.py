@@ -67,9 +67,9 @@ class Unreduced:
 
     def unbalanced(self, state: Real, torque: float) -> Real:
         """Gradient of the energy (n,)."""
-        left = self.stiffness @ state + self.closing.T @ self.forces(state)
-        left[self.output] -= torque
-        return left
+        residual = self.stiffness @ state + self.closing.T @ self.forces(state)
+        residual[self.output] -= torque
+        return residual
 
     def tangent(self, state: Real) -> csc_array:
         """Hessian of the energy (n, n)."""
@@ -99,18 +99,18 @@ class WholeSolution:
 
 def unreduced(specimen: Specimen) -> Unreduced:
     """The whole system of a sample, its bearing linear and without clearance."""
-    at, disk, rows = specimen.reducer, specimen.disk, specimen.disk_rows
-    others = [i for i, motion in enumerate(at.motions) if not motion.startswith("disk")]
+    reducer, disk, rows = specimen.reducer, specimen.disk, specimen.disk_rows
+    other_motions = [i for i, motion in enumerate(reducer.motions) if not motion.startswith("disk")]
     loads = disk.loads(specimen.patches)
-    place = csr_array((-np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(at.contacts), len(rows)))
-    closing = csr_array(hstack([place @ loads.T, csr_array(at.closing[:, others])]))
+    selection = csr_array((-np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(reducer.contacts), len(rows)))
+    closing = csr_array(hstack([selection @ loads.T, csr_array(reducer.closing[:, other_motions])]))
     bore = csc_array(disk.reference[:, :2])
     held = disk.stiffness + specimen.bearing.stiffness * (bore @ bore.T)
     size = closing.shape[1]
     stiffness = held.tocoo()
-    whole = csc_array((stiffness.data, (stiffness.row, stiffness.col)), shape=(size, size))
-    output = disk.freedoms.size + others.index(at.output_motion)
-    return Unreduced(specimen.laws, specimen.gap, whole, closing, output, disk.freedoms.size)
+    assembled = csc_array((stiffness.data, (stiffness.row, stiffness.col)), shape=(size, size))
+    output = disk.freedoms.size + other_motions.index(reducer.output_motion)
+    return Unreduced(specimen.laws, specimen.gap, assembled, closing, output, disk.freedoms.size)
 
 
 def solve_unreduced(specimen: Specimen, system: Unreduced, torque: Real) -> WholeSolution:
@@ -123,8 +123,8 @@ def solve_unreduced(specimen: Specimen, system: Unreduced, torque: Real) -> Whol
     """
     state = _first_state(specimen, system, float(np.sign(torque[0])))
     angles, forces, iterations = [], [], []
-    for one in torque:
-        state, steps = _newton(system, state, float(one))
+    for load in torque:
+        state, steps = _newton(system, state, float(load))
         angles.append(state[system.output])
         forces.append(system.forces(state))
         iterations.append(steps)
@@ -133,22 +133,22 @@ def solve_unreduced(specimen: Specimen, system: Unreduced, torque: Real) -> Whol
 
 def _first_state(specimen: Specimen, system: Unreduced, sense: float) -> Real:
     """Rigid bodies a little beyond the end of their free play, every part of the chain closed."""
-    at, disk = specimen.reducer, specimen.disk
-    play = rigid_play(at, specimen.gap[None], np.array([specimen.bearing_clearance]))
+    reducer, disk = specimen.reducer, specimen.disk
+    play = rigid_play(reducer, specimen.gap[None], np.array([specimen.bearing_clearance]))
     pose = (play.pose_plus if sense > 0 else play.pose_minus)[0].copy()
-    turn = sense * FIRST_CLOSURE / np.abs(at.closing[:, at.motions.index("disk_phi")]).max()
-    rotations = [i for i, motion in enumerate(at.motions) if motion.endswith("_phi")]
+    turn = sense * FIRST_CLOSURE / np.abs(reducer.closing[:, reducer.motions.index("disk_phi")]).max()
+    rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
     pose[rotations] += turn * np.arange(1, len(rotations) + 1)
-    others = [i for i, motion in enumerate(at.motions) if not motion.startswith("disk")]
-    centre = np.array([at.motions.index(f"disk_{name}") for name in ("x", "y", "phi")])
-    return np.concatenate([disk.rigid_motions @ pose[centre], pose[others]])
+    other_motions = [i for i, motion in enumerate(reducer.motions) if not motion.startswith("disk")]
+    centre = np.array([reducer.motions.index(f"disk_{name}") for name in ("x", "y", "phi")])
+    return np.concatenate([disk.rigid_motions @ pose[centre], pose[other_motions]])
 
 
 def _newton(system: Unreduced, state: Real, torque: float) -> tuple[Real, int]:
     arm = abs(system.closing[:, [system.output]]).max()
     for iteration in range(STEP_LIMIT):
-        left = system.unbalanced(state, torque)
-        moments = np.abs(left)
+        unbalanced = system.unbalanced(state, torque)
+        moments = np.abs(unbalanced)
         moments[system.free_from :] /= arm
         if moments.max() < BALANCED * abs(torque) / arm:
             return state, iteration
@@ -158,13 +158,13 @@ def _newton(system: Unreduced, state: Real, torque: float) -> tuple[Real, int]:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        state = state + _length(system, state, -factors.solve(left), left, torque)
+        state = state + _length(system, state, -factors.solve(unbalanced), unbalanced, torque)
     raise ArithmeticError(f"whole system not solved at {torque:g} N mm: {moments.max():.2g} N left over")
 
 
-def _length(system: Unreduced, state: Real, step: Real, left: Real, torque: float) -> Real:
+def _length(system: Unreduced, state: Real, step: Real, unbalanced: Real, torque: float) -> Real:
     """The step, halved until the energy falls; near the solution the energy is rounding and the whole step is taken."""
-    before, slope = system.energy(state, torque), float(left @ step)
+    before, slope = system.energy(state, torque), float(unbalanced @ step)
     length = 1.0
     while length > SHORTEST:
         change = system.energy(state + length * step, torque) - before

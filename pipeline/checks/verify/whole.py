@@ -27,11 +27,11 @@ GIB = 2.0**30
 
 def on_mesh(specimen: Specimen) -> Reducer:
     """The reducer with the arms that the patches have on the mesh's polygon, within its distance from the flank."""
-    at, rows = specimen.reducer, specimen.disk_rows
-    closing = at.closing.copy()
+    reducer, rows = specimen.reducer, specimen.disk_rows
+    closing = reducer.closing.copy()
     resultant = specimen.disk.loads(specimen.patches).T @ specimen.disk.rigid_motions
-    closing[rows, at.motions.index("disk_phi")] = -resultant[:, 2]
-    return replace(at, closing=closing)
+    closing[rows, reducer.motions.index("disk_phi")] = -resultant[:, 2]
+    return replace(reducer, closing=closing)
 
 
 def _agreement(
@@ -58,18 +58,18 @@ def check_unreduced(specimen: Specimen) -> Iterator[Finding]:
     start = time.perf_counter()
     ours = loaded(specimen, torque)  # the disk is condensed and the solver compiled by now
     solved_in = time.perf_counter() - start
-    with Meter() as whole:
-        other: WholeSolution = solve_unreduced(specimen, unreduced(specimen), torque)
-        whole_in = whole.seconds
-    yield from _agreement("unreduced", other.angle, other.force, ours, output, (ANGLE_LIMIT, FORCE_LIMIT))
+    with Meter() as meter:
+        solution: WholeSolution = solve_unreduced(specimen, unreduced(specimen), torque)
+        whole_in = meter.seconds
+    yield from _agreement("unreduced", solution.angle, solution.force, ours, output, (ANGLE_LIMIT, FORCE_LIMIT))
     same_arms = loaded(specimen, torque, reducer=on_mesh(specimen))
     name = "unreduced, arms of the mesh"
-    yield from _agreement(name, other.angle, other.force, same_arms, output, (ALGEBRA_LIMIT, ALGEBRA_LIMIT))
+    yield from _agreement(name, solution.angle, solution.force, same_arms, output, (ALGEBRA_LIMIT, ALGEBRA_LIMIT))
     yield stated("freedoms of the whole system", specimen.disk.freedoms.size)
-    yield stated("Newton steps of the whole system, 5 loads", float(other.iterations.sum()))
+    yield stated("Newton steps of the whole system, 5 loads", float(solution.iterations.sum()))
     yield from _cost("condensation and 5 loads", condensed_in, condensing.peak_bytes)
     yield stated("5 loads, condensed: time [s]", solved_in)
-    yield from _cost("5 loads, unreduced", whole_in, whole.peak_bytes)
+    yield from _cost("5 loads, unreduced", whole_in, meter.peak_bytes)
 
 
 def check_calculix(specimen: Specimen) -> Iterator[Finding]:
