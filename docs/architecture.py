@@ -8,8 +8,8 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).parent.parent
-WIDTH, HEIGHT, GAP, ROW = 150, 40, 34, 88
-"""Of a box, between two boxes, and from row to row [px]."""
+LETTER, HEIGHT, GAP, ROW = 5.5, 40, 34, 88
+"""Width of a letter of a note, height of a box, between two boxes, and from row to row [px]."""
 Edges = Mapping[str, set[str]]
 
 
@@ -24,9 +24,10 @@ def reduced(edges: Edges) -> dict[str, set[str]]:
 
 def svg(rows: Sequence[Sequence[str]], edges: Edges, notes: Mapping[str, str]) -> str:
     """Boxes in rows from top to bottom, with a line for each edge; ``notes`` stand under the names."""
-    width = max(map(len, rows)) * (WIDTH + GAP) + GAP
+    box_width = max(150, LETTER * max(map(len, notes.values())) + 16)
+    width = max(map(len, rows)) * (box_width + GAP) + GAP
     centre = {
-        name: (width / 2 + (column - (len(row) - 1) / 2) * (WIDTH + GAP), GAP + HEIGHT / 2 + i * ROW)
+        name: (width / 2 + (column - (len(row) - 1) / 2) * (box_width + GAP), GAP + HEIGHT / 2 + i * ROW)
         for i, row in enumerate(rows)
         for column, name in enumerate(row)
     }
@@ -46,7 +47,7 @@ def svg(rows: Sequence[Sequence[str]], edges: Edges, notes: Mapping[str, str]) -
             path = f"M{x:.0f} {start:.0f}C{x:.0f} {bend:.0f} {x_end:.0f} {bend:.0f} {x_end:.0f} {end:.0f}"
             lines.append(f'<path d="{path}" fill="none" stroke="#7a8794" marker-end="url(#tip)"/>')
     for name, (x, y) in centre.items():
-        box = f'x="{x - WIDTH / 2:.0f}" y="{y - HEIGHT / 2:.0f}" width="{WIDTH}" height="{HEIGHT}"'
+        box = f'x="{x - box_width / 2:.0f}" y="{y - HEIGHT / 2:.0f}" width="{box_width:.0f}" height="{HEIGHT}"'
         lines.append(f'<rect {box} rx="5" fill="#eef3f7" stroke="#44546a"/>')
         lines.append(f'<text x="{x:.0f}" y="{y - 2:.0f}" font-size="14" fill="#1b2733">{name}</text>')
         lines.append(f'<text x="{x:.0f}" y="{y + 13:.0f}" font-size="10" fill="#44546a">{notes[name]}</text>')
