@@ -238,8 +238,9 @@ def continued(values: np.ndarray) -> float:
 def _run(job: Job) -> Tables:
     study: Study = job.study
     columns = _metrics(job)
-    rigid = job.read("clearance", "kinematic")["backlash_arcmin"].reshape(study.samples.rows, -1)
-    turns = metric_turns(study, columns, rigid)
+    kinematic = job.read("clearance", "kinematic")
+    rigid = np.where(kinematic["preloaded"], np.nan, kinematic["backlash_arcmin"])
+    turns = metric_turns(study, columns, rigid.reshape(study.samples.rows, -1))
     of_units = _units(job, columns, turns)
     counted = np.any([~np.isnan(of_units[f"{name}_worst"]) for name in library()], axis=0)
     counted[: int(study.samples.nominal_first)] = False

@@ -106,8 +106,9 @@ def rigid_plays(study: Study, sampled: Errors) -> Iterator[tuple[float, Drive, R
 
 
 def rigid_backlash(study: Study, sampled: Errors) -> np.ndarray:
-    """Backlash of rigid bodies (n, n_rigid_angles) [arcmin] of ``n`` units at `rigid_angles`."""
-    return ARCMIN * np.stack([play.backlash for _, _, play in rigid_plays(study, sampled)], axis=1)
+    """Backlash of rigid bodies (n, n_rigid_angles) [arcmin] of ``n`` units; missing where contacts interfere."""
+    plays = (play for _, _, play in rigid_plays(study, sampled))
+    return ARCMIN * np.stack([np.where(play.preloaded, np.nan, play.backlash) for play in plays], axis=1)
 
 
 def _solve(study: Study, chunk: Chunk) -> Tables:

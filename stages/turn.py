@@ -59,11 +59,12 @@ def metric_turns(study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash
     Parameters
     ----------
     metrics : (n_loops,) each, the loaded angles of a unit one after the other.
-    rigid_backlash : (n, n_rigid_angles) [arcmin] at `rigid_angles`.
+    rigid_backlash : (n, n_rigid_angles) [arcmin] at `rigid_angles`; missing where contacts interfere.
 
     Notes
     -----
-    Where contacts interfere rigid bodies know the play of the other parts alone; the loaded angles hold the limit.
+    Where contacts interfere rigid bodies know the play of the other parts alone, which no unit has: there the limit of
+    the elastic ones runs straight from one loaded angle to the next, and no worst or best comes of it.
     """
     turns = {}
     for name, metric in library().items():
@@ -75,6 +76,9 @@ def metric_turns(study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash
             values = rigid_backlash.copy()
             values[np.isnan(loaded[:, 0])] = np.nan
             values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded
+            for unit in np.flatnonzero(np.isnan(values).any(axis=1) & ~np.isnan(loaded[:, 0])):
+                gaps = np.isnan(values[unit])
+                values[unit, gaps] = np.interp(rigid_deg[gaps], study.cycle.crank_deg, loaded[unit], period=360.0)
             even = np.isin(rigid_deg, study.cycle.rigid_crank_deg)
         turns[name] = Turn(values, even)
     return turns

@@ -394,7 +394,7 @@ def test_interfering_cases_and_kept_samples(runs, study):
     """A disk 4 um too large overlaps by what one rotation cannot relieve; samples that are not kept have no rows."""
     cases = (
         {"label": "free", "disk_profile": 4.0, "roller_diameter": -6.0},
-        {"label": "tight", "disk_profile": -4.0},
+        {"label": "tight", "disk_profile": -4.0, "roller_diameter": -6.0, "ovality_2": 4.0},
         {"label": "loose", "disk_profile": 4.0, "roller_diameter": -6.0, "bearing_clearance": 3.0},
     )
     settings = {**study.model_dump(exclude={"tolerances"}), "name": "interfering", "cases": cases}
@@ -413,6 +413,9 @@ def test_interfering_cases_and_kept_samples(runs, study):
         ).fun
         overlap = kinematic[(kinematic["sample"] == 1) & (kinematic["crank_deg"] == crank)]["overlap_um"].item()
         assert overlap == pytest.approx(least, rel=1e-9)
+    tight = pd.DataFrame(outputs["aggregate"].read("metrics")).query("sample == 1")["clearance_backlash_arcmin"]
+    units = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample").filter(like="clearance_backlash")
+    assert list(units.loc[1]) == pytest.approx([tight.max(), tight.mean(), tight.min()], rel=1e-3)  # no rigid play
     contacts = pd.DataFrame(outputs["hysteresis"].read("contacts"))
     assert set(contacts["sample"]) == {1}
     backlash = kinematic[kinematic["crank_deg"] == 0].set_index("sample")["backlash_arcmin"]
