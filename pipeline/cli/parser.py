@@ -61,7 +61,7 @@ def _studies(command: Commands) -> None:
     sparing = command("tails", "tails.find_tails", "units beyond the limits in parts per million, and far quantiles")
     _study(sparing)
     _where(sparing)
-    sparing.add_argument("--units", type=int, default=100_000, help="whose rigid play is looked at; default: 100,000")
+    sparing.add_argument("--units", type=int, default=100_000, help="looked at by a rough model; default: 100,000")
     sparing.add_argument("--solve", type=int, default=4_000, help="of them load-solved on average; default: 4,000")
 
     checking = command(

@@ -1,4 +1,4 @@
-"""The command of a study's far tails: load-solves what the rigid play picks, with what the stages have condensed."""
+"""The command of a study's far tails: load-solves what a rough model picks, with what the stages have condensed."""
 
 import argparse
 from dataclasses import replace
@@ -13,12 +13,16 @@ from pipeline.engine.runner import run
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
+from pipeline.model.load_history.winkler import secant_compliance
 from pipeline.model.metrics import library
-from pipeline.population import tails
-from pipeline.sampling import Errors
+from pipeline.population import prediction, tails
+from pipeline.sampling import Errors, draw
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.turn import loop_metrics
+
+TRIAL = 50
+"""Units of the pilot whose contact forces tell the springs of the rough model."""
 
 
 def find_tails(options: argparse.Namespace) -> None:
@@ -30,20 +34,26 @@ def find_tails(options: argparse.Namespace) -> None:
     with settings.resources(study, options) as resources:
         outputs = run(STAGES, study, ["springs", "reduce"], settings.RUNS, resources)
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
-    rows = tails.far_tails(study, options.units, options.solve, partial(over_turn, shared), resources.jobs)
+    trial = draw(tails.population(study, options.units), options.units, options.units + TRIAL)
+    rough = partial(prediction.rough_metrics, study, springs(shared, trial))
+    rows = tails.far_tails(study, options.units, options.solve, rough, partial(at_angles, shared), resources.jobs)
     table = settings.RUNS / "tails" / f"{study.name}.csv"
     write_atomic(table, tails.text(rows).encode())
     print(table.read_text(), end="")
     print(f"table: {settings.shown(table)}")
 
 
-def over_turn(shared: hysteresis.Shared, sampled: Errors) -> dict[str, np.ndarray]:
-    """Every metric of ``n`` units over the loaded angles, as limits mean it; missing where an angle has no result."""
-    study = shared.study
+def springs(shared: hysteresis.Shared, sampled: Errors) -> list[np.ndarray]:
+    """Compliance of independent springs (n_contacts,) [mm/N] at each loaded angle, by the forces of ``n`` units."""
+    found = []
+    for solved in hysteresis.solve_samples(replace(shared, curve=shared.brief), sampled):
+        states = solved.response.equilibria
+        found.append(secant_compliance(solved.drive, states.force[states.converged]))
+    return found
+
+
+def at_angles(shared: hysteresis.Shared, sampled: Errors) -> dict[str, np.ndarray]:
+    """Every metric of ``n`` units at the loaded angles (n, n_angles); missing where an angle has no result."""
     loops, _ = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
-    metrics, values_over_turn = loop_metrics(study, loops), {}
-    for name, metric in library().items():
-        turn = metrics[name].reshape(len(sampled), -1)
-        worst, best = metric.over_turn(turn)
-        values_over_turn[name] = {"worst": worst, "best": best, "mean": turn.mean(axis=1)}[study.limits.over]
-    return values_over_turn
+    metrics = loop_metrics(shared.study, loops)
+    return {name: metrics[name].reshape(len(sampled), -1) for name in library()}

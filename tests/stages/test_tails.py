@@ -1,18 +1,22 @@
 """Far tails of a study: the metrics are those of the chain, and few solved units tell what all of them do."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
-from pipeline.cli.tails import over_turn
+from pipeline import assembly
+from pipeline.cli.tails import TRIAL, at_angles, springs
 from pipeline.config.study import Limits
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError
 from pipeline.population import tails
+from pipeline.population.prediction import Prediction, Tail, rough_metrics
 from pipeline.sampling import draw
 from stages import hysteresis
 
-LOST_MOTION, RIGIDITY = "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin"
+LOST_MOTION, RIGIDITY, PRESSURE = "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin", "peak_pressure_MPa"
 UNITS = 4000
 
 
@@ -20,10 +24,19 @@ def limited(study, **limits):
     return study.model_copy(update={"limits": Limits(**limits)})
 
 
+def of_springs(study, sampled):
+    """Metrics at one angle, every contact of 1e-4 mm/N."""
+    contacts = len(assembly.reducer(study.design, 0.0).contacts)
+    return rough_metrics(study, [np.full(contacts, 1e-4)], sampled)
+
+
 def of_play(study, sampled):
-    """Lost motion that follows the play up to the radius of one pin; a rigidity that has nothing to do with it."""
+    """Lost motion that follows the springs' up to the radius of one pin, and a rigidity that does not."""
     stray = sampled.pin_radius[:, 5] + 0.5
-    return {LOST_MOTION: tails.worst_play(study, sampled) + 0.1 * stray, RIGIDITY: 5 + sampled.pin_tangential[:, 7]}
+    return {
+        LOST_MOTION: of_springs(study, sampled)[LOST_MOTION] + 0.1 * stray[:, None],
+        RIGIDITY: 5 + sampled.pin_tangential[:, [7]],
+    }
 
 
 @pytest.fixture(scope="module")
@@ -34,21 +47,49 @@ def one_angle(study):
 @pytest.fixture(scope="module")
 def every(one_angle):
     """Every unit's metrics, without the sampling."""
-    return of_play(one_angle, draw(tails.population(one_angle, UNITS), 0, UNITS))
+    of_units = of_play(one_angle, draw(tails.population(one_angle, UNITS), 0, UNITS))
+    return {name: values[:, 0] for name, values in of_units.items()}
 
 
 def rows_of(study, budget):
-    rows = tails.far_tails(study, UNITS, budget, lambda sampled: of_play(study, sampled))
+    rows = tails.far_tails(study, UNITS, budget, partial(of_springs, study), partial(of_play, study))
     return {(row.metric, row.statistic): row for row in rows}
 
 
-def test_metrics_are_those_of_the_chain(study, outputs, runs):
+@pytest.fixture(scope="module")
+def shared(study, outputs, runs):
+    return hysteresis.prepare(Job(study, 1, runs, outputs, Cache(runs / ".cache", "")))
+
+
+def test_metrics_are_those_of_the_chain(study, outputs, shared):
     """Unit k here is sample k + 1 there: the first is the nominal reducer."""
-    shared = hysteresis.prepare(Job(study, 1, runs, outputs, Cache(runs / ".cache", "")))
-    found = over_turn(shared, draw(tails.population(study, 50), 0, 7))
+    loaded = at_angles(shared, draw(tails.population(study, 50), 0, 7))
     units = outputs["aggregate"].read("units")
-    for name in (LOST_MOTION, RIGIDITY, "peak_pressure_MPa"):
-        np.testing.assert_allclose(found[name], units[f"{name}_worst"][1:8], rtol=1e-9)
+    for name in (LOST_MOTION, RIGIDITY, PRESSURE):
+        sign = -1.0 if name == RIGIDITY else 1.0
+        worst = sign * Tail(name, "worst", sign, 0.0).over_turn(loaded[name])
+        np.testing.assert_allclose(worst, units[f"{name}_worst"][1:8], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("metric", "least"), [(LOST_MOTION, 0.9), (RIGIDITY, 0.65), (PRESSURE, 0.7)])
+def test_springs_tell_the_metrics_under_load(by_springs, metric, least):
+    """Share of the variance of units that no fit has met: 0.97, 0.78 and 0.82 over 39,500 units at four angles."""
+    pilot, units, loaded, exact = by_springs
+    sign = -1.0 if metric == RIGIDITY else 1.0
+    tail = Tail(metric, "worst", sign, 0.0)
+    values = tail.over_turn(exact[metric])
+    prediction = Prediction.fitted(tail, loaded[metric], pilot, units)
+    assert 1 - np.var(values - prediction.value) / np.var(values) > least
+    assert prediction.scale == pytest.approx(np.std(values - prediction.value), rel=0.25)
+
+
+@pytest.fixture(scope="module")
+def by_springs(study, shared):
+    """Of a pilot and of other units the rough metrics, then those under load."""
+    drawn = [draw(tails.population(study, 900), *ends) for ends in ((900, 1300), (0, 900))]
+    compliances = springs(shared, draw(tails.population(study, 900), 900, 900 + TRIAL))
+    rough = (rough_metrics(study, compliances, one) for one in drawn)
+    return *rough, *(at_angles(shared, one) for one in drawn)
 
 
 def test_all_units_solved_are_counted(one_angle, every):
@@ -70,7 +111,7 @@ def test_few_solved_units_tell_what_all_do(one_angle, every):
     assert row.ci_high - row.ci_low < 0.01
 
 
-def test_a_metric_that_the_play_does_not_tell_has_no_interval(one_angle, every):
+def test_a_metric_that_the_springs_do_not_tell_has_no_interval(one_angle, every):
     rows = rows_of(limited(one_angle, **{RIGIDITY: float(np.quantile(every[RIGIDITY], 0.002))}), 400)
     assert (rows[RIGIDITY, "beyond"].ci_low, rows[RIGIDITY, "beyond"].ci_high) == (0.0, 1.0)
     assert rows[RIGIDITY, "p0.27"].ci_low == -np.inf

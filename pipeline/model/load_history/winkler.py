@@ -1,0 +1,114 @@
+"""A loop without the coupling of its contacts: every body rigid, every contact on a spring of its own.
+
+From the ends of the rigid play each part of the chain turns on its own springs under the same torque, its centre held;
+their rotations add up. One sort of the contacts per part takes the place of an equilibrium of all bodies.
+
+Source
+------
+Winkler, Die Lehre von der Elasticitaet und Festigkeit (1867), ch. 18: a foundation of independent springs; of the pins
+of a cycloid disk: Blanche, Yang, Cycloid drives with machining tolerances, J. Mech. Trans. Autom. Des. 111 (1989).
+"""
+
+import numpy as np
+
+from pipeline.model.compiled import entry
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.rigid_backlash import ARM_FLOOR, rigid_play
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.metrics import Definitions, LoopReadings
+from pipeline.model.units import ARCMIN, NMM_PER_NM
+
+
+def secant_compliance(drive: Drive, force: Real) -> Real:
+    """Compliance (n_contacts,) [mm/N] of independent springs, alike within a part of the chain.
+
+    Parameters
+    ----------
+    force : (..., n_contacts) [N] of equilibria of the drive.
+
+    Notes
+    -----
+    Under the forces the springs of a part take the work, sum F d, that its contacts do by their laws and the bodies'
+    compliance. The bearing gives way to the centre alone, which is held here.
+    """
+    interface = drive.reducer.contacts.interface
+    work = force * (drive.laws.deflection(force) + force @ drive.compliance)
+    compliance = np.empty(len(interface))
+    for part in np.unique(interface):
+        rows = interface == part
+        compliance[rows] = np.sum(work[..., rows]) / np.sum(force[..., rows] ** 2)
+    return compliance
+
+
+@entry
+def _turn(gap, arm, compliance, pressure, torques, angle, peak):
+    """Add the rotation to ``angle`` (n, n_torques), raise ``peak`` (n,); torques ascend.
+
+    The moment of the springs grows with the rotation, linearly between the rotations at which a contact closes (arm
+    above 0) or opens (below 0): they are passed in their order.
+    """
+    for s in range(gap.shape[0]):
+        ends = gap[s] / arm
+        order = np.argsort(ends)
+        slope, offset, passed = 0.0, 0.0, 0
+        for k in range(arm.shape[0]):
+            if arm[k] < 0.0:
+                slope += arm[k] * arm[k] / compliance[k]
+                offset += arm[k] * gap[s, k] / compliance[k]
+        for t in range(torques.shape[0]):
+            while passed < arm.shape[0] and slope * ends[order[passed]] - offset < torques[t]:
+                k = order[passed]
+                sense = 1.0 if arm[k] > 0.0 else -1.0
+                slope += sense * arm[k] * arm[k] / compliance[k]
+                offset += sense * arm[k] * gap[s, k] / compliance[k]
+                passed += 1
+            phi = (torques[t] + offset) / slope
+            angle[s, t] += phi
+            for k in range(arm.shape[0]):
+                force = (arm[k] * phi - gap[s, k]) / compliance[k]
+                if force > 0.0:
+                    peak[s] = max(peak[s], pressure[k] * np.sqrt(force))
+
+
+def _way(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: Real) -> Real:
+    """Angle of the output (n, n_torques) [rad] at ascending torques of one sense, from poses at its end of play."""
+    contacts, reducer = drive.reducer.contacts, drive.reducer
+    room = drive.gap - pose @ reducer.closing.T
+    angle = pose[:, [reducer.output_motion]] + drive.torsion * torques
+    for part in np.unique(contacts.interface):
+        rows = contacts.interface == part
+        rows = np.flatnonzero(rows & (np.abs(contacts.arm) > ARM_FLOOR * np.max(np.abs(contacts.arm[rows]))))
+        closing = -contacts.arm[rows]  # d penetration / d rotation
+        chosen = np.ascontiguousarray(room[:, rows]), closing, compliance[rows], drive.laws.pressure[rows]
+        _turn(*chosen, torques, angle, peak)
+    return np.asarray(angle)
+
+
+def winkler_readings(drive: Drive, compliance: Real, at: Definitions) -> LoopReadings:
+    """Readings of the frictionless loops of ``n`` states up to the torques of the definitions.
+
+    Parameters
+    ----------
+    compliance : of the springs (n_contacts,) [mm/N], as ``secant_compliance`` finds them; the drive's own is not used.
+    at : torques of the definitions.
+    """
+    play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
+    levels = NMM_PER_NM * np.array([at.lost_motion, at.rigidity_low, at.rigidity_high])
+    order, peak = np.argsort(levels), np.zeros(len(drive.gap))
+    plus, minus = np.empty((2, len(peak), len(levels)))
+    plus[:, order] = ARCMIN * _way(drive, compliance, play.pose_plus, levels[order], peak)
+    minus[:, order[::-1]] = ARCMIN * _way(drive, compliance, play.pose_minus, -levels[order[::-1]], peak)
+    limits = [ARCMIN * pose[:, drive.reducer.output_motion] for pose in (play.pose_minus, play.pose_plus)]
+    return LoopReadings(
+        limit_minus=limits[0],
+        limit_plus=limits[1],
+        zero_falling=limits[1],
+        zero_rising=limits[0],
+        lost_motion_minus=minus[:, 0],
+        lost_motion_plus=plus[:, 0],
+        low_minus=minus[:, 1],
+        high_minus=minus[:, 2],
+        low_plus=plus[:, 1],
+        high_plus=plus[:, 2],
+        peak_pressure=peak,
+    )

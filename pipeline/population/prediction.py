@@ -1,0 +1,133 @@
+"""How bad the units of a study are, foretold from a model that costs a fraction of the loaded one.
+
+The rough model has the exact gaps of a unit and its rigid play, and lets every contact give way by itself
+(``load_history.winkler``). At each loaded crank angle a metric is taken to be linear in the rough model's metrics, by
+a pilot of units whose metrics under load are known; over the turn it is then judged as the limits judge it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.config.study import Study
+from pipeline.model.load_history.winkler import winkler_readings
+from pipeline.model.metrics import library
+from pipeline.mounting import drive_of
+from pipeline.sampling import Errors
+from pipeline.statistics.two_phase import exceedance_chance
+
+Real = NDArray[np.float64]
+
+LEVEL = 0.9973
+"""Quantile of the far tail: three standard deviations of a normal distribution on both sides."""
+LEAST_SCATTER = 1e-3
+"""Scatter about the prediction that is assumed at least, in units of the metric's spread."""
+
+
+@dataclass(frozen=True)
+class Tail:
+    """A metric whose far tail is asked for, `over` the turn; `sign` makes large values the bad ones."""
+
+    metric: str
+    over: str
+    sign: float
+    limit: float
+
+    def over_turn(self, turn: Real) -> Real:
+        """Values (n,), the larger the worse, of the metric at the loaded crank angles (n, n_angles)."""
+        worst, best = library()[self.metric].over_turn(turn)
+        return np.asarray(self.sign * {"worst": worst, "best": best, "mean": turn.mean(axis=1)}[self.over])
+
+
+def rough_metrics(study: Study, compliances: Sequence[Real], sampled: Errors) -> Mapping[str, Real]:
+    """Metrics (n, n_angles) of units on independent springs.
+
+    Parameters
+    ----------
+    compliances : of the springs (n_contacts,) [mm/N] at each loaded crank angle.
+    """
+    errors, at = assembly.errors(sampled), assembly.definitions(study)
+    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    readings = [
+        winkler_readings(drive_of(study, crank, None, errors, clearance), compliance, at)
+        for crank, compliance in zip(study.cycle.crank_deg, compliances, strict=True)
+    ]
+    return {name: np.stack([metric.value(one, at) for one in readings], axis=1) for name, metric in library().items()}
+
+
+def predicted_turn(loaded: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]) -> tuple[Real, Real]:
+    """A metric under load of the pilot and of the units (n, n_angles), by least squares at each crank angle.
+
+    Parameters
+    ----------
+    loaded : (n_pilot, n_angles), what it is of the pilot.
+    pilot, units : all rough metrics (n, n_angles), in which it is taken to be linear.
+    """
+    samples = [np.stack([np.ones_like(loaded), *pilot.values()], axis=2)]
+    samples.append(np.stack([np.ones_like(next(iter(units.values()))), *units.values()], axis=2))
+    known = np.all(np.isfinite(loaded) & np.all(np.isfinite(samples[0]), axis=2), axis=1)
+    slopes = [
+        np.linalg.lstsq(samples[0][known, angle], loaded[known, angle], rcond=None)[0]
+        for angle in range(loaded.shape[1])
+    ]
+    of_pilot, of_units = (np.einsum("nam,am->na", one, np.stack(slopes)) for one in samples)
+    return of_pilot, of_units
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How bad the units of phase 1 are taken to be, the larger the worse.
+
+    Attributes
+    ----------
+    value : (n_units,) on a line over what the rough metrics tell, fitted to the pilot.
+    missed : (n_pilot,) what the line misses of the pilot.
+    scale : typical size of it.
+    limits : of the share beyond, and where the far quantile is expected.
+    """
+
+    value: Real
+    missed: Real
+    scale: float
+    limits: tuple[float, float]
+
+    @classmethod
+    def fitted(cls, tail: Tail, loaded: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]) -> Prediction:
+        """From the rough metrics of the units, and of the pilot whose metric under load is known (n, n_angles)."""
+        rough, of_units = (tail.over_turn(turn) for turn in predicted_turn(loaded, pilot, units))
+        values = tail.over_turn(loaded)
+        known = np.isfinite(values) & np.isfinite(rough)
+        line = np.polynomial.Polynomial.fit(rough[known], values[known], 1)
+        missed = values[known] - line(rough[known])
+        scale = max(float(np.std(missed, ddof=2)), LEAST_SCATTER * float(np.std(values[known])))
+        value = np.where(np.isfinite(of_units), line(of_units), tail.limit)  # what no rough model tells is looked at
+        quantile = float(np.quantile(value + np.resize(missed, value.size), LEVEL))
+        return cls(value, missed, scale, (tail.limit, quantile))
+
+    @property
+    def demand(self) -> Real:
+        """(n_units,) by whose root a unit is to be taken: chance q beyond a limit over its mean p squared, summed.
+
+        The relative variance of a share is the sum of (q/p^2)/probability, so what several tails ask for adds up.
+        """
+        chance = np.stack([exceedance_chance(self.value, limit, self.scale) for limit in self.limits])
+        return np.asarray(np.sum(chance / np.mean(chance, axis=1)[:, None] ** 2, axis=0))
+
+    def expected(self, probability: Real) -> list[float]:
+        """Independent units beyond each limit that the taken ones are worth, if all units miss as the pilot does.
+
+        (sum q)^2 / sum(q/probability) with the chance q of a unit, the share of the pilot's misses that would do.
+        """
+        order = np.argsort(self.value)
+        weight = np.append(np.cumsum(1 / probability[order][::-1])[::-1], 0.0)
+        found = []
+        for limit in self.limits:
+            first = np.searchsorted(self.value[order], limit - self.missed, side="right")
+            beyond, weights = np.mean(self.value.size - first), np.mean(weight[first])
+            found.append(float(beyond**2 / weights) if weights > 0 else 0.0)
+        return found
