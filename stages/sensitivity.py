@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job
 from pipeline.engine.table import Column, Columns, Table
@@ -71,9 +72,7 @@ def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
         return []
     samples = worst.index.to_numpy()
     replicate = replicates(study.samples, samples)
-    indices = rank_correlation(
-        _scalars(job, samples), worst[names].to_numpy(), study.metrics.confidence, replicate
-    )
+    indices = rank_correlation(_scalars(job, samples), worst[names].to_numpy(), study.metrics.confidence, replicate)
     return [
         _row(
             metric,
@@ -91,17 +90,13 @@ def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
 def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
     """One number (n,) per error of the given samples: of errors of elements their mean."""
     stop = int(samples[-1]) + 1
-    reducer, pins, lobes, rollers = (
-        job.read_items("sample", name, 0, stop) for name in ("reducer", "pins", "lobes", "rollers")
-    )
-    elements = {
-        "pin_radial": pins["radial_um"],
-        "pin_tangential": pins["tangential_um"],
-        "pin_radius": pins["radius_um"],
-        "lobe_profile": lobes["profile_um"],
-        "roller_diameter": rollers["diameter_um"],
+    elements = [dimension for dimension in dimension_library().values() if dimension.elements]
+    tables = {name: job.read_items("sample", name, 0, stop) for name in ("reducer", *(d.table for d in elements))}
+    means = {
+        f"{dimension.name}_mean_um": tables[dimension.table][dimension.column].reshape(stop, -1).mean(axis=1)
+        for dimension in elements
     }
-    means = {f"{name}_mean_um": values.reshape(stop, -1).mean(axis=1) for name, values in elements.items()}
+    reducer = tables["reducer"]
     alone = {name: values for name, values in reducer.items() if name != "sample" and not name.endswith("_rad")}
     return {name: np.asarray(values)[samples] for name, values in {**alone, **means}.items()}
 

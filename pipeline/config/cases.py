@@ -3,38 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import create_model
 
 from pipeline.config.design import Design
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.section import Micrometres, Problem, Section
-from pipeline.config.tolerances import ONE_SIDED, PIN_TOLERANCES
 
 PerElement = Micrometres | tuple[Micrometres, ...]
 
 
-class Case(Section):
+class _Case(Section):
     """One sample of known deviations [um]; a number stands for all elements alike, a list gives one per element.
 
-    Signs are those of the tolerances. Ovalities are amplitudes with their phase at 0: the pin circle is widest
+    Signs are those of the dimensions. Ovalities are amplitudes with their phase at 0: the pin circle is widest
     along the crank at 0 degrees.
     """
 
     label: str
-    pin_radial: PerElement = 0.0
-    pin_tangential: PerElement = 0.0
-    pin_radius: PerElement = 0.0
-    disk_profile: Micrometres = 0.0
-    lobe_profile: PerElement = 0.0
-    eccentricity: Micrometres = 0.0
-    roller_diameter: PerElement = 0.0
-    bearing_clearance: Micrometres = 0.0
-    ovality_2: Micrometres = 0.0
-    ovality_3: Micrometres = 0.0
+
+    def deviation_um(self, dimension: str) -> float | tuple[float, ...]:
+        """Deviation of a dimension [um], of elements alike or of each."""
+        return getattr(self, dimension)
+
+
+if TYPE_CHECKING:
+    Case = _Case
+else:
+    _of_dimensions = {
+        name: (PerElement if dimension.elements else Micrometres, 0.0)
+        for name, dimension in dimension_library().items()
+    }
+    Case = create_model("Case", __base__=_Case, __doc__=_Case.__doc__, **_of_dimensions)
 
 
 def elements(design: Design) -> dict[str, int]:
-    """Number of elements of each tolerance that has one deviation per element."""
-    counts = dict.fromkeys(PIN_TOLERANCES, design.cycloid.pins)
-    return {**counts, "lobe_profile": design.cycloid.lobes, "roller_diameter": design.output.contacts}
+    """Number of elements of each dimension that has one deviation per element."""
+    library = dimension_library()
+    return {name: dimension.elements.count(design) for name, dimension in library.items() if dimension.elements}
 
 
 def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[Problem]:
@@ -50,8 +58,8 @@ def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[
         first = labels.setdefault(case.label, position)
         if first != position:
             yield Problem(f"cases[{position}].label", case.label, f"cases[{first}] has it already; labels must differ")
-        for name in ONE_SIDED:
-            if getattr(case, name) < 0:
+        for name, dimension in dimension_library().items():
+            if dimension.one_sided and np.min(case.deviation_um(name)) < 0:
                 yield Problem(f"cases[{position}].{name}", getattr(case, name), "must be >= 0")
         for name, count in elements(design).items() if design else ():
             value = getattr(case, name)

@@ -25,6 +25,7 @@ TEMPLATES = (".html", ".css")
 NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects", "pipeline.config.contact_laws")
 """Modules that no value depends on: they show progress, or refuse settings."""
 FOUND_BY_FILE = {
+    "pipeline.config.dimensions": "cycloid_dimensions",
     "pipeline.config.distributions": "cycloid_distributions",
     "pipeline.model.contact.line_laws": "cycloid_contact_laws",
     "pipeline.model.effects": "cycloid_effects",

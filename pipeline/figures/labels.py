@@ -1,23 +1,12 @@
 """What tables call by a column name, as an engineer calls it."""
 
+from pipeline.config.dimensions import dimension_library
 from pipeline.model.metrics import library
 
 METRICS = library()
 """The metrics by column name."""
 
-PARAMETERS = {
-    "disk_profile": "disk profile (whole disk)",
-    "lobe_profile": "lobe profile (each lobe)",
-    "pin_radial": "radial pin position",
-    "pin_tangential": "tangential pin position",
-    "pin_radius": "pin radius",
-    "ovality_2": "two-lobed ovality of pin circle",
-    "ovality_3": "three-lobed ovality of pin circle",
-    "eccentricity": "eccentricity",
-    "roller_diameter": "output roller or pin diameter",
-    "bearing_clearance": "bearing clearance",
-    "sum": "sum of all",
-}
+PARAMETERS = {name: dimension.title for name, dimension in dimension_library().items()} | {"sum": "sum of all"}
 
 
 def parameter_title(name: str) -> str:

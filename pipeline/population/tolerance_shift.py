@@ -12,27 +12,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pipeline.config import Study
+from pipeline.config.dimensions import dimension_library
 from pipeline.errors import InputError
 from pipeline.population.comparison import Comparison, metrics_at
 
 Real = NDArray[np.float64]
 
-SCALARS = {
-    "eccentricity": "eccentricity_um",
-    "disk_profile": "disk_profile_um",
-    "bearing_clearance": "bearing_clearance_um",
-    "ovality_2": "ovality_2_amplitude_um",
-    "ovality_3": "ovality_3_amplitude_um",
-}
-"""Tolerance and its column in the table reducer."""
-GROUPS = {
-    "pin_radial": ("pins", "radial_um"),
-    "pin_tangential": ("pins", "tangential_um"),
-    "pin_radius": ("pins", "radius_um"),
-    "lobe_profile": ("lobes", "profile_um"),
-    "roller_diameter": ("rollers", "diameter_um"),
-}
-"""Tolerance of each element, its table and column; all elements are shifted alike."""
 ALPHA = 0.05
 """Level at which what a shift leaves is called a difference."""
 ITERATIONS = 10
@@ -133,9 +118,9 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
 
 def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Mean deviation [um] of each tolerance of every sample, from the tables of the stage sample."""
-    reducer = tables["reducer"].set_index("sample")
-    columns = {name: reducer[column] for name, column in SCALARS.items()}
-    columns |= {name: tables[table].groupby("sample")[column].mean() for name, (table, column) in GROUPS.items()}
+    columns = {}
+    for dimension in sorted(dimension_library().values(), key=lambda dimension: dimension.drawn):
+        columns[dimension.name] = tables[dimension.table].groupby("sample")[dimension.column].mean()
     return pd.DataFrame(columns)
 
 

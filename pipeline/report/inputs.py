@@ -7,6 +7,7 @@ from typing import Any
 from pipeline.config.cases import Case
 from pipeline.config.consistency import number_keys
 from pipeline.config.design import Design, PinInHole
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
 from pipeline.config.study import Cycle, Study
 from pipeline.config.tolerances import Tolerances
@@ -24,18 +25,6 @@ UNITS = {
     "_um": "µm",
 }
 PROPER_NAMES = {"youngs": "Young's", "poisson": "Poisson's"}
-SIGNS = {
-    "pin_radial": "each pin; outwards positive",
-    "pin_tangential": "each pin; counterclockwise positive",
-    "pin_radius": "each pin; smaller gives clearance",
-    "disk_profile": "material off the whole flank; positive gives clearance",
-    "lobe_profile": "material off each lobe besides; positive gives clearance",
-    "eccentricity": "larger positive",
-    "roller_diameter": "each output roller or pin; smaller gives clearance",
-    "bearing_clearance": "radial, besides the design's",
-    "ovality_2": "amplitude; direction random",
-    "ovality_3": "amplitude; direction random",
-}
 EXPERIMENTS = {
     "monte_carlo": "Monte Carlo: independent random samples",
     "sobol": "scrambled Sobol’ points",
@@ -262,5 +251,5 @@ def _tolerance_row(name: str, tolerance: Distribution) -> ToleranceRow:
         plain(upper) if tolerance.varies else NOTHING,
         plain(tolerance.allowance_um),
         "; ".join(tolerance.details(plain)),
-        SIGNS[name],
+        dimension_library()[name].sign,
     )

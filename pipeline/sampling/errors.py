@@ -2,46 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, make_dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.cases import elements
 from pipeline.config.design import Design
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.study import Study
-from pipeline.config.tolerances import OVALITIES, PIN_TOLERANCES
 from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
 
 Real = NDArray[np.float64]
 
-SCALARS = ("eccentricity", "disk_profile", "bearing_clearance", *OVALITIES)
-PHASES = tuple(f"{name}_phase" for name in OVALITIES)
-
 
 @dataclass(frozen=True)
-class Errors:
-    """Total deviations from the design, allowances included; signs as in the study file.
+class _Errors:
+    """Total deviations from the design, allowances included; signs are those of the dimensions.
 
     Attributes
     ----------
     eccentricity, disk_profile, bearing_clearance : (n_samples,) [um]; the clearance adds to the design's.
-    ovality_2_amplitude, ovality_3_amplitude : (n_samples,) [um].
-    ovality_2_phase, ovality_3_phase : (n_samples,) [rad], where the pin circle is widest, counterclockwise from the
-        crank at 0.
     pin_radial, pin_tangential, pin_radius : (n_samples, n_pins) [um], pins clockwise; radial with the ovalities added.
     lobe_profile : (n_samples, n_lobes) [um], beside disk_profile; lobes clockwise.
     roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts.
+
+    Every other dimension has an attribute of its name, (n_samples,) or (n_samples, n_elements) [um]. One with a
+    direction has ``<name>_amplitude`` [um] and ``<name>_phase`` [rad], counterclockwise from the crank at 0: of an
+    ovality where the pin circle is widest.
     """
 
     eccentricity: Real
     disk_profile: Real
     bearing_clearance: Real
-    ovality_2_amplitude: Real
-    ovality_2_phase: Real
-    ovality_3_amplitude: Real
-    ovality_3_phase: Real
     pin_radial: Real
     pin_tangential: Real
     pin_radius: Real
@@ -50,6 +44,14 @@ class Errors:
 
     def __len__(self) -> int:
         return len(self.eccentricity)
+
+
+if TYPE_CHECKING:
+    Errors = _Errors
+else:
+    _names = [n for d in dimension_library().values() for n in ((d.field, d.phase) if d.direction else (d.field,))]
+    _others = [(name, Real) for name in _names if name not in _Errors.__dataclass_fields__]
+    Errors = make_dataclass("Errors", _others, bases=(_Errors,), frozen=True, namespace={"__module__": __name__})
 
 
 def draw(study: Study, start: int, stop: int) -> Errors:
@@ -79,31 +81,22 @@ def draw(study: Study, start: int, stop: int) -> Errors:
     return drawn
 
 
-def oval_shift(amplitude: Real, phase: Real, order: int, pins: int) -> Real:
-    """Radial shift of the pins by a ring out of round, amplitude cos(order (theta - phase)).
-
-    Parameters
-    ----------
-    amplitude : (n_samples,), in any unit of length.
-    phase : (n_samples,) [rad].
-    order : waves around the circle.
-    pins : number of pins, clockwise from theta = 0.
-
-    Returns
-    -------
-    (n_samples, pins), in the unit of the amplitude.
-    """
-    theta = -2 * np.pi * np.arange(pins) / pins
-    return amplitude[:, None] * np.cos(order * (theta - phase[:, None]))
-
-
 def _random(study: Study, start: int, stop: int) -> Errors:
     return errors_at(study, uniforms(study.samples, sum(dimensions(study.design).values()), start, stop))
 
 
 def dimensions(design: Design) -> dict[str, int]:
     """Dimensions of the design of experiment that belong to each tolerance and phase, in their order."""
-    return {**dict.fromkeys((*SCALARS, *PHASES), 1), **elements(design)}
+    places: list[tuple[int, str, int]] = []
+    for name, dimension in dimension_library().items():
+        places.append((dimension.drawn[0], name, dimension.elements.count(design) if dimension.elements else 1))
+        if dimension.direction:
+            places.append((dimension.drawn[1], dimension.phase, 1))
+    return {name: count for _, name, count in sorted(places)}
+
+
+def _directions() -> list[str]:
+    return [dimension.phase for dimension in dimension_library().values() if dimension.direction]
 
 
 def errors_at(study: Study, numbers: Real) -> Errors:
@@ -111,7 +104,7 @@ def errors_at(study: Study, numbers: Real) -> Errors:
     sizes = dimensions(study.design)
     ends = np.cumsum(list(sizes.values()))
     columns = dict(zip(sizes, np.split(numbers, ends[:-1], axis=1), strict=True))
-    values = {name: 2 * np.pi * columns.pop(name) for name in PHASES}
+    values = {name: 2 * np.pi * columns.pop(name) for name in _directions()}
     for name, probability in columns.items():
         tolerance = getattr(study.tolerances, name)
         length = getattr(tolerance, "correlation_length_mm", None)
@@ -122,36 +115,41 @@ def errors_at(study: Study, numbers: Real) -> Errors:
 
 
 def _circumference(name: str, design: Design) -> float:
-    """Length of the circle on which the elements lie [mm]: the pin circle, or the disk at half the lobes' height."""
-    radius = design.cycloid.pin_circle_radius_mm
-    return 2 * np.pi * (radius if name in PIN_TOLERANCES else radius - design.cycloid.pin_radius_mm)
+    """Length of the circle on which the elements lie [mm]."""
+    elements = dimension_library()[name].elements
+    if elements is None or elements.radius_mm is None:
+        raise ValueError(f"{name} does not lie along a circle")
+    return 2 * np.pi * elements.radius_mm(design)
 
 
 def _listed(study: Study, start: int, stop: int) -> Errors:
-    listed = study.cases[start:stop]
-    counts = {**dict.fromkeys(SCALARS, 1), **elements(study.design)}
+    listed, counts = study.cases[start:stop], dimensions(study.design)
     values = {
-        name: np.array([np.broadcast_to(getattr(case, name), n) for case in listed]).reshape(-1, n)
+        name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in listed]).reshape(-1, n)
         for name, n in counts.items()
+        if name in dimension_library()
     }
-    return _errors({**values, **dict.fromkeys(PHASES, np.zeros((len(listed), 1)))}, study.design)
+    return _errors({**values, **dict.fromkeys(_directions(), np.zeros((len(listed), 1)))}, study.design)
 
 
 def _nominal(study: Study) -> Errors:
     """The allowances without deviations, one sample."""
-    counts = {**dict.fromkeys(SCALARS, 1), **elements(study.design)}
-    values = {name: np.full((1, n), getattr(study.tolerances, name).allowance_um) for name, n in counts.items()}
-    return _errors({**values, **dict.fromkeys(PHASES, np.zeros((1, 1)))}, study.design)
+    counts = dimensions(study.design)
+    values = {name: np.full((1, counts[name]), tolerance.allowance_um) for name, tolerance in study.tolerances}
+    return _errors({**values, **dict.fromkeys(_directions(), np.zeros((1, 1)))}, study.design)
 
 
 def _errors(values: dict[str, Real], design: Design) -> Errors:
     """Errors from one array (n_samples, n_elements) per tolerance and phase."""
-    single = {name: values[name][:, 0] for name in (*SCALARS, *PHASES)}
-    radial = values["pin_radial"].copy()
-    for name, order in OVALITIES.items():
-        radial += oval_shift(single[name], single[f"{name}_phase"], order, design.cycloid.pins)
-        single[f"{name}_amplitude"] = single.pop(name)
-    return Errors(**single, **{name: values[name] for name in elements(design)} | {"pin_radial": radial})
+    library = dimension_library().values()
+    errors = {d.field: values[d.name] if d.elements else values[d.name][:, 0] for d in library}
+    errors |= {name: values[name][:, 0] for name in _directions()}
+    for dimension in library:
+        if dimension.shift:
+            deviation = errors[dimension.field]
+            direction = errors.get(dimension.phase, np.zeros(len(deviation)))
+            errors[dimension.acts_on] = errors[dimension.acts_on] + dimension.shift(deviation, direction, design)
+    return Errors(**errors)
 
 
 def _joined(*parts: Errors) -> Errors:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.study import Study
-from pipeline.config.tolerances import OVALITIES
 from pipeline.sampling.designs import independent_uniforms
 from pipeline.sampling.errors import Errors, dimensions, errors_at
 
@@ -24,7 +24,8 @@ def error_groups(study: Study) -> tuple[str, ...]:
     return tuple(
         name
         for name, tolerance in study.tolerances
-        if tolerance.varies or (name in OVALITIES and tolerance.allowance_um + tolerance.limits_um[0] > 0)
+        if tolerance.varies
+        or (dimension_library()[name].direction and tolerance.allowance_um + tolerance.limits_um[0] > 0)
     )
 
 

@@ -16,6 +16,7 @@ from conftest import ROOT, run_study, small_study
 from scipy import stats
 
 from pipeline.config import load_study
+from pipeline.config.dimensions.dimension import ENTRY_POINTS as DIMENSIONS
 from pipeline.config.distributions.distribution import ENTRY_POINTS as DISTRIBUTIONS
 from pipeline.config.effects import effect_problems
 from pipeline.engine.fingerprint import source_hashes
@@ -74,6 +75,10 @@ class Arcsine(Spread):
         yield f"a vibration of amplitude {plain((self.upper_um - self.lower_um) / 2)} µm"
         yield from super().details(plain)
 """
+FOUR_LOBED = """
+from pipeline.config.dimensions._ovality import ovality
+DIMENSION = ovality(4, "four-lobed", rank=110, drawn=(12, 13))
+"""
 DRAW = """
 import sys
 from pathlib import Path
@@ -82,7 +87,7 @@ from pipeline.cli import settings
 from pipeline.config import load_study
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.report.inputs import tolerance_rows
-assert "arcsine_of_a_chatter.py" in source_hashes("stages.sample")
+assert {sys.argv[3]} <= set(source_hashes("stages.sample"))
 settings.RUNS = Path(sys.argv[1])
 print(*tolerance_rows(load_study(sys.argv[2], Path()).tolerances), sep="\\n")
 sys.exit(cli.main(["run", "sample", "--study", sys.argv[2], "--jobs", "1"]))
@@ -111,7 +116,7 @@ def install_rubber(folder: Path, name: str) -> None:
     install(folder, f"rubber_of_{name}", RUBBER.format(name=name), f"{name} = EFFECT", EFFECTS)
 
 
-def in_a_process(program: str, folder: Path, *arguments: Path) -> subprocess.CompletedProcess[str]:
+def in_a_process(program: str, folder: Path, *arguments: Path | str) -> subprocess.CompletedProcess[str]:
     """What a new process does, which finds the packages of the folder."""
     path = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
     command = [sys.executable, "-c", program, *map(str, arguments)]
@@ -204,11 +209,11 @@ def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Pat
     before, after = text.split("[tolerances.pin_tangential]")
     study = folder / "chatter.toml"
     study.write_text("[tolerances.pin_tangential]".join((before, after.replace('"normal"', '"arcsine"', 1))))
-    refused = in_a_process(DRAW.replace("assert", "#"), folder, runs, study)
+    refused = in_a_process(DRAW, folder, runs, study, "pipeline/errors.py")
     assert "tolerances.pin_tangential.distribution" in refused.stderr
     assert "arcsine" in refused.stderr
     install(folder, "arcsine_of_a_chatter", ARCSINE + "DISTRIBUTION = Arcsine", "arcsine = DISTRIBUTION", DISTRIBUTIONS)
-    done = in_a_process(DRAW, folder, runs, study)
+    done = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
     assert done.returncode == 0, done.stderr
     assert "title='tangential pin position', distribution='arcsine'" in done.stdout
     assert "a vibration of amplitude 3 µm" in done.stdout
@@ -216,5 +221,27 @@ def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Pat
     drawn = pins[pins["sample"] > 0]["tangential_um"]
     assert stats.kstest(drawn, stats.arcsine(-3, 6).cdf).pvalue > 0.01
     study.write_text(study.read_text().replace("upper_um = 3.0", "upper_um = -4.0"))
-    refused = in_a_process(DRAW, folder, runs, study)
+    refused = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
     assert "tolerances.pin_tangential.upper_um = -4.0; must be > lower_um = -3" in refused.stderr
+
+
+def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, runs: Path) -> None:
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 20")
+    clamped = text + '\n[tolerances.ovality_4]\ndistribution = "uniform"\nlower_um = 1.0\nupper_um = 3.0\n'
+    study = folder / "clamped.toml"
+    study.write_text(clamped)
+    refused = in_a_process(DRAW, folder, runs, study, "pipeline/errors.py")
+    assert "tolerances.ovality_4" in refused.stderr
+    install(folder, "chuck_of_four_jaws", FOUR_LOBED, "ovality_4 = DIMENSION", DIMENSIONS)
+    done = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
+    assert done.returncode == 0, done.stderr
+    assert "title='four-lobed ovality of pin circle', distribution='uniform', lower='1', upper='3'" in done.stdout
+    reducer, pins = (pd.read_parquet(runs / "clamped" / "sample" / f"{name}.parquet") for name in ("reducer", "pins"))
+    waves = np.fft.fft(pins["radial_um"].to_numpy().reshape(21, 80))[1:, 4] / 40
+    amplitude, phase = (reducer[f"ovality_4_{name}"].to_numpy()[1:] for name in ("amplitude_um", "phase_rad"))
+    assert np.all((amplitude >= 1) & (amplitude <= 3))
+    # what is left of the fourth wave is the drift of the seats, of standard deviation 1 um over 80 pins
+    assert np.max(np.abs(waves - amplitude * np.exp(4j * phase))) < 1.5 < np.max(np.abs(waves))
+    study.write_text(clamped.replace("lower_um = 1.0", "lower_um = -1.0"))
+    refused = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
+    assert "tolerances.ovality_4.lower_um = -1.0; must be >= 0" in refused.stderr

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.checks.blind.bench import Bench, quantised
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.study import Study
 from pipeline.config.writing import toml_of
 from pipeline.sampling import Errors
@@ -19,16 +20,9 @@ from pipeline.sampling import Errors
 Real = NDArray[np.float64]
 
 DIMENSION_STEP_UM = 0.1
-DIMENSIONS = (
-    "pin_radial",
-    "pin_tangential",
-    "pin_radius",
-    "lobe_profile",
-    "roller_diameter",
-    "disk_profile",
-    "eccentricity",
-    "bearing_clearance",
-)
+_INSPECTED = [dimension for dimension in dimension_library().values() if not dimension.acts_on]
+DIMENSIONS = tuple(dimension.name for dimension in sorted(_INSPECTED, key=lambda dimension: dimension.elements is None))
+"""What an inspection measures, elements before the rest; what acts through another dimension is part of that."""
 
 
 def write_unit(

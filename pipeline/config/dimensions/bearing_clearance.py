@@ -1,0 +1,13 @@
+"""Radial clearance of the input bearing, besides the design's."""
+
+from pipeline.config.dimensions.dimension import Dimension
+
+DIMENSION = Dimension(
+    name="bearing_clearance",
+    title="bearing clearance",
+    sign="radial, besides the design's",
+    meaning="radial clearance of the input bearing beyond the design's",
+    rank=80,
+    drawn=(2,),
+    one_sided=True,
+)

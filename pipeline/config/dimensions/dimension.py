@@ -1,0 +1,106 @@
+"""What a toleranced dimension declares, the elements that have one each, and the library of all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.design import Design
+from pipeline.model.registry import declarations
+
+Real = NDArray[np.float64]
+ENTRY_POINTS = "cycloid_dimensions"
+"""Group in which an installed package registers dimensions of its own."""
+REDUCER = "reducer"
+"""Table of what a reducer has once."""
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Parts of a reducer that have one deviation each.
+
+    Attributes
+    ----------
+    name : of one; their table is its plural.
+    count : number of them in a design.
+    radius_mm : of the circle along which they are machined one after the other, None where they are made apart.
+    """
+
+    name: str
+    count: Callable[[Design], int]
+    radius_mm: Callable[[Design], float] | None
+
+
+PINS = Elements("pin", lambda design: design.cycloid.pins, lambda design: design.cycloid.pin_circle_radius_mm)
+LOBES = Elements(
+    "lobe",
+    lambda design: design.cycloid.lobes,
+    lambda design: design.cycloid.pin_circle_radius_mm - design.cycloid.pin_radius_mm,
+)
+"""Along the disk at half of the lobes' height."""
+ROLLERS = Elements("roller", lambda design: design.output.contacts, None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dimension:
+    """A dimension of which a study gives a tolerance.
+
+    Attributes
+    ----------
+    name : as the study file has it; of elements it begins with theirs.
+    title : as the report tells it.
+    sign : which deviation is positive, or what it does.
+    meaning : of its column in the tables.
+    rank : place in study files and reports, ascending.
+    drawn : its place in the design of experiment, and that of its direction; places after all others leave their order.
+    elements : what has one each; None for a dimension of the whole reducer.
+    one_sided : whether the total cannot be negative: a clearance, an amplitude.
+    direction : meaning of its random direction, which makes the deviation an amplitude; empty without one.
+    size_um : nominal size that no deviation may use up, where it has one.
+    acts_on : dimension of elements through which it acts, in place of a gap of its own.
+    shift : deviations (n,), directions (n,) [rad] and design to what they add to ``acts_on`` (n, n_elements).
+    """
+
+    name: str
+    title: str
+    sign: str
+    meaning: str
+    rank: int
+    drawn: tuple[int, ...]
+    elements: Elements | None = None
+    one_sided: bool = False
+    direction: str = ""
+    size_um: Callable[[Design], float] | None = None
+    acts_on: str = ""
+    shift: Callable[[Real, Real, Design], Real] | None = None
+
+    @property
+    def field(self) -> str:
+        """Name among the errors of a sample."""
+        return f"{self.name}_amplitude" if self.direction else self.name
+
+    @property
+    def phase(self) -> str:
+        """Name of the direction among the errors of a sample."""
+        return f"{self.name}_phase"
+
+    @property
+    def table(self) -> str:
+        """Table of the stage ``sample`` that has its column."""
+        return f"{self.elements.name}s" if self.elements else REDUCER
+
+    @property
+    def column(self) -> str:
+        """Column in ``table``."""
+        return f"{self.field.removeprefix(f'{self.elements.name}_') if self.elements else self.field}_um"
+
+
+@cache
+def dimension_library() -> Mapping[str, Dimension]:
+    """All dimensions by name and rank: the files beside this one and what packages register as ``ENTRY_POINTS``."""
+    dimensions = declarations("pipeline.config.dimensions", "DIMENSION", ENTRY_POINTS)
+    return dict(sorted(dimensions.items(), key=lambda item: item[1].rank))
