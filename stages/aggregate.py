@@ -190,7 +190,7 @@ def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> 
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def _convergence(study: Study, turns: Mapping[str, Turn], counted: np.ndarray) -> Columns:
+def convergence_rows(study: Study, turns: Mapping[str, Turn], counted: np.ndarray) -> Columns:
     """How worst values and yields move with the number of crank angles, and how they would with twice as many.
 
     Parameters
@@ -208,9 +208,10 @@ def _convergence(study: Study, turns: Mapping[str, Turn], counted: np.ndarray) -
             worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
         within = _within(study, pd.DataFrame(worst))
         for name in (*turns, *([ALL_LIMITS] if within else [])):
-            share = float(within[name].mean()) if name in within and counted.any() else np.nan
-            holding = worst[name][~np.isnan(worst[name])] if name in worst else np.array([])
-            mean = float(np.mean(holding)) if len(holding) else np.nan
+            limited = list(study.limits.of_metrics) if name == ALL_LIMITS else [name]
+            holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
+            share = float(within[name][holding].mean()) if name in within and holding.any() else np.nan
+            mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan
             n_angles = angles.get(name, min(angles.values()))
             rows.append(
                 {"metric": name, "n_angles": n_angles, "worst_mean": mean, "yield": share, "extrapolated": False}
@@ -251,7 +252,7 @@ def _run(job: Job) -> Tables:
         "metrics": columns,
         "units": of_units,
         "distributions": _distributions(study, metrics, units),
-        "convergence": _convergence(study, turns, counted),
+        "convergence": convergence_rows(study, turns, counted),
         "sensitivity": sensitivity(job, of_units, over_turn(units, "worst")),
     }
 

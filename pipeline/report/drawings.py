@@ -46,8 +46,9 @@ def drawings(frames: Frames) -> Iterator[Drawing]:
     yield from _loops(frames)
     if not frames.listed and len(frames.worst):
         yield _distributions(frames)
-        if len(frames.study.cycle.crank_deg) > 1:
-            yield _cranks(frames)
+        holding = [metric for metric in HEADLINES if metric in _varying(frames)]
+        if len(frames.study.cycle.crank_deg) > 1 and holding:
+            yield _cranks(frames, holding)
         yield from _drivers(frames)
 
 
@@ -243,14 +244,14 @@ def _nominal(frames: Frames) -> dict[str, float]:
     return frames.turn_of(0) if frames.study.samples.nominal_first else {}
 
 
-def _cranks(frames: Frames) -> Drawing:
+def _cranks(frames: Frames, metrics: list[str]) -> Drawing:
     by_crank = frames.distributions[frames.distributions["over"] == "angle"]
     return Drawing(
         "cranks",
         "The metrics over the turn of the crank",
         "Mean and band of 90 % of the samples at each loaded crank angle, and the nominal reducer. A unit's worst lies "
         "beyond the band of a single angle: it is the worst of them all.",
-        crank_figure(by_crank, frames.nominal, HEADLINES, frames.limits),
+        crank_figure(by_crank, frames.nominal, metrics, frames.limits),
     )
 
 

@@ -302,6 +302,16 @@ def test_report_of_a_study_without_any_result(frames):
     ]
 
 
+def test_a_metric_that_holds_for_no_sample_has_no_picture(frames):
+    """Friction above the torque of the lost motion: the other metrics stand, over the turn and at each angle."""
+    name = "lost_motion_arcmin"
+    without = frames.distributions[~frames.distributions["metric"].isin([name, "all_limits"])]
+    units = frames.units.assign(**{f"{name}_{over}": np.nan for over in ("worst", "mean", "best")})
+    stuck = replace(frames, metrics=frames.metrics.assign(**{name: np.nan}), units=units, distributions=without)
+    assert {"distributions", "cranks"} <= {drawing.name for drawing in drawings(stuck)}
+    assert "No sample has a result" not in written(stuck)
+
+
 def test_no_limits_no_yield(frames):
     free = replace(frames, study=frames.study.model_copy(update={"limits": Limits()}))
     text = written(free)

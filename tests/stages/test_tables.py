@@ -19,6 +19,8 @@ from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 from stages import hysteresis
+from stages.aggregate import convergence_rows
+from stages.turn import Turn
 
 CONTRACT = {
     "sample/reducer": ("sample", "eccentricity_um disk_profile_um bearing_clearance_um"),
@@ -351,6 +353,22 @@ def test_yield_is_the_share_within_the_limits(frames, study):
     assert shares["all_limits"] == pytest.approx(np.logical_and.reduce(list(passed.values())).mean())
     assert np.all(metrics["hysteresis_loss_arcmin"] == 0)  # no friction
     np.testing.assert_array_equal(metrics["zero_torque_width_arcmin"], metrics["clearance_backlash_arcmin"])
+
+
+def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
+    """Of four units one has no lost motion; of the three others two keep its limit, whatever the number of angles."""
+    values = {name: np.full((4, 12), limit) for name, limit in study.limits.of_metrics.items()}
+    for name in library():
+        values.setdefault(name, np.ones((4, 12)))
+    values["lost_motion_arcmin"][:2] = [[np.nan], [9.0]]
+    turns = {name: Turn(values[name], np.full(12, True)) for name in library()}
+    rows = pd.DataFrame(convergence_rows(study, turns, np.full(4, True))).set_index("metric")
+    assert list(rows.loc["lost_motion_arcmin", "yield"]) == pytest.approx([2 / 3] * 4)
+    assert list(rows.loc["all_limits", "yield"]) == pytest.approx([2 / 3] * 4)
+    assert list(rows.loc["clearance_backlash_arcmin", "yield"]) == [1.0] * 4
+    nothing = {**turns, "lost_motion_arcmin": Turn(np.full((4, 12), np.nan), np.full(12, True))}
+    rows = pd.DataFrame(convergence_rows(study, nothing, np.full(4, True))).set_index("metric")
+    assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
 
 
 def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, runs, study, monkeypatch):
