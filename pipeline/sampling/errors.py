@@ -50,6 +50,9 @@ if TYPE_CHECKING:
     Errors = _Errors
 else:
     _names = [n for d in dimension_library().values() for n in ((d.field, d.phase) if d.direction else (d.field,))]
+    for _dimension in dimension_library().values():
+        if not (_dimension.shift or _dimension.name in _Errors.__dataclass_fields__):
+            raise TypeError(f"dimension {_dimension.name} acts on nothing; give it a shift, or a gap in the model")
     _others = [(name, Real) for name in _names if name not in _Errors.__dataclass_fields__]
     Errors = make_dataclass("Errors", _others, bases=(_Errors,), frozen=True, namespace={"__module__": __name__})
 

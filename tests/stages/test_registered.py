@@ -79,6 +79,10 @@ FOUR_LOBED = """
 from pipeline.config.dimensions._ovality import ovality
 DIMENSION = ovality(4, "four-lobed", rank=110, drawn=(12, 13))
 """
+IDLE = """
+from pipeline.config.dimensions import Dimension
+DIMENSION = Dimension(name="colour", title="colour", sign="dark", meaning="of the disk", rank=120, drawn=(12,))
+"""
 DRAW = """
 import sys
 from pathlib import Path
@@ -245,3 +249,9 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
     study.write_text(clamped.replace("lower_um = 1.0", "lower_um = -1.0"))
     refused = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
     assert "tolerances.ovality_4.lower_um = -1.0; must be >= 0" in refused.stderr
+
+
+def test_a_dimension_that_acts_on_nothing_is_refused(folder: Path) -> None:
+    install(folder, "colour_of_a_disk", IDLE, "colour = DIMENSION", DIMENSIONS)
+    done = in_a_process("import pipeline.sampling", folder)
+    assert "dimension colour acts on nothing; give it a shift, or a gap in the model" in done.stderr
