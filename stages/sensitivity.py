@@ -65,26 +65,23 @@ def _row(metric: str, over: str, parameter: str, kind: str, values: tuple[float,
 
 
 def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
+    """Rank correlations of every metric, each over the samples for which it holds."""
     study: Study = job.study
-    names = [name for name in library() if worst[name].notna().any()]
-    worst = worst[worst[names].notna().all(axis=1)]
-    if worst.empty:
-        return []
-    samples = worst.index.to_numpy()
-    replicate = replicates(study.samples, samples)
-    indices = rank_correlation(_scalars(job, samples), worst[names].to_numpy(), study.metrics.confidence, replicate)
-    return [
-        _row(
-            metric,
-            "worst",
-            parameter,
-            RANK_CORRELATION,
-            (indices.value[p, m], indices.ci_low[p, m], indices.ci_high[p, m]),
-            len(samples),
-        )
-        for m, metric in enumerate(names)
-        for p, parameter in enumerate(indices.parameters)
-    ]
+    everything, rows = _scalars(job, worst.index.to_numpy()), []
+    for metric in library():
+        holding = worst[metric].notna().to_numpy()
+        if not holding.any():
+            continue
+        scalars = {name: values[holding] for name, values in everything.items()}
+        samples = worst.index.to_numpy()[holding]
+        values = worst[metric].to_numpy()[holding, None]
+        indices = rank_correlation(scalars, values, study.metrics.confidence, replicates(study.samples, samples))
+        triples = zip(indices.value[:, 0], indices.ci_low[:, 0], indices.ci_high[:, 0], strict=True)
+        rows += [
+            _row(metric, "worst", parameter, RANK_CORRELATION, triple, len(samples))
+            for parameter, triple in zip(indices.parameters, triples, strict=True)
+        ]
+    return rows
 
 
 def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:

@@ -44,7 +44,7 @@ def drawings(frames: Frames) -> Iterator[Drawing]:
     yield _clearances(frames)
     yield from _loads(frames)
     yield from _loops(frames)
-    if not frames.listed and len(frames.worst):
+    if not frames.listed and len(frames.over_turn):
         yield _distributions(frames)
         holding = [metric for metric in HEADLINES if metric in _varying(frames)]
         if len(frames.study.cycle.crank_deg) > 1 and holding:
@@ -223,21 +223,21 @@ def _loop_spreads(frames: Frames) -> Mapping[str, pd.DataFrame]:
 
 
 def _distributions(frames: Frames) -> Drawing:
-    worst = frames.distributions[frames.distributions["over"] == "worst"]
+    worst = frames.distributions[frames.distributions["over"] == frames.over]
     level = plain(100 * frames.study.metrics.confidence)
     return Drawing(
         "distributions",
         "Distributions of the metrics over the samples",
-        f"Worst value of each of {counted(len(frames.worst), 'sample')} over the turn. Below each histogram: "
-        f"5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead marks an end that the "
-        "samples do not determine. Beyond the limit the ground is shaded.",
-        distributions_figure(frames.worst[_varying(frames)], worst, frames.limits, _nominal(frames)),
+        f"{frames.over.capitalize()} value of each of {counted(len(frames.over_turn), 'sample')} over the turn. "
+        f"Below each histogram: 5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead "
+        "marks an end that the samples do not determine. Beyond the limit the ground is shaded.",
+        distributions_figure(frames.over_turn[_varying(frames)], worst, frames.limits, _nominal(frames)),
     )
 
 
 def _varying(frames: Frames) -> list[str]:
     """Metrics that hold for some sample."""
-    return [name for name in frames.shown_metrics if frames.worst[name].notna().any()]
+    return [name for name in frames.shown_metrics if frames.over_turn[name].notna().any()]
 
 
 def _nominal(frames: Frames) -> dict[str, float]:

@@ -58,7 +58,7 @@ def base_samples(frames: Frames) -> int:
 
 def constant_metrics(frames: Frames) -> list[str]:
     """Metrics that do not vary over the samples, which therefore nothing drives."""
-    constant = np.ptp(frames.worst[frames.shown_metrics].to_numpy(), axis=0) == 0 if len(frames.worst) else ()
+    constant = np.ptp(frames.over_turn[frames.shown_metrics].to_numpy(), axis=0) == 0 if len(frames.over_turn) else ()
     return [METRICS[name].inline for name, same in zip(frames.shown_metrics, constant, strict=False) if same]
 
 

@@ -64,17 +64,17 @@ class Frames:
         return self.study.limits.over
 
     @cached_property
-    def worst(self) -> pd.DataFrame:
-        """(n,) worst metrics over the turn, by sample; the nominal sample and failed ones left out."""
+    def over_turn(self) -> pd.DataFrame:
+        """(n,) metrics over the turn as limits mean it, by sample; without the nominal sample and failed ones."""
         nominal = [0] if self.study.samples.nominal_first else []
-        columns = {f"{name}_worst": name for name in METRICS}
+        columns = {f"{name}_{self.over}": name for name in METRICS}
         solved = self.units[self.units[list(columns)].notna().any(axis=1)].set_index("sample")
         return solved.drop(index=nominal, errors="ignore")[list(columns)].rename(columns=columns)
 
-    def turn_of(self, sample: int, over: str = "worst") -> dict[str, float]:
-        """Each metric of one sample over the turn; NaN where a crank angle has no result."""
+    def turn_of(self, sample: int) -> dict[str, float]:
+        """Each metric of one sample over the turn, as the limits mean it; NaN where a crank angle has no result."""
         row = self.units[self.units["sample"] == sample]
-        return {name: float(row[f"{name}_{over}"].iloc[0]) if len(row) else np.nan for name in METRICS}
+        return {name: float(row[f"{name}_{self.over}"].iloc[0]) if len(row) else np.nan for name in METRICS}
 
     @cached_property
     def failed(self) -> pd.DataFrame:

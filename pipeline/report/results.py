@@ -61,10 +61,8 @@ class Results:
             for (metric, over, crank, statistic), row in zip(keys, values, strict=True)
         }
 
-    def _estimate(
-        self, metric: str, statistic: str, crank: float | None = None, over: str = "worst"
-    ) -> tuple[float, float, float]:
-        of = over if crank is None else "angle"
+    def _estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
+        of = self.frames.over if crank is None else "angle"
         return self._estimates.get((metric, of, crank, statistic), (np.nan, np.nan, np.nan))
 
     def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
@@ -73,23 +71,23 @@ class Results:
         return Cell(number(value, quantity), interval(low, high, quantity) if np.isfinite(value) else "")
 
     def _share(self, metric: str, statistic: str) -> Cell:
-        value, low, high = self._estimate(metric, statistic, over=self.frames.over)
+        value, low, high = self._estimate(metric, statistic)
         return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(NOTHING)
 
     @property
     def samples(self) -> int:
         """Samples that the statistics rest on."""
-        return len(self.frames.worst)
+        return len(self.frames.over_turn)
 
     @cached_property
     def nominal(self) -> dict[str, float]:
-        """The nominal reducer's worst of each metric over the turn; NaN without such a sample."""
+        """Each metric of the nominal reducer over the turn, as the limits mean it; NaN without such a sample."""
         first = 0 if self.frames.study.samples.nominal_first else -1
         return self.frames.turn_of(first)
 
     @cached_property
     def metric_rows(self) -> list[MetricRow]:
-        """Key results of every metric, worst over the turn."""
+        """Key results of every metric over the turn, as the limits mean it."""
         nominal = self.nominal
         return [
             MetricRow(

@@ -1,5 +1,6 @@
 """Reading ranges of items, files written whole or not at all, and the cache."""
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +86,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     def broken(self: Path, data: bytes) -> None:
         with self.open("wb") as file:
             file.write(data[:1])
-        raise OSError("no space left")
+        raise OSError(errno.ENOSPC, "no space left")
 
     monkeypatch.setattr(Path, "write_bytes", broken)
     with pytest.raises(OSError, match="no space"):

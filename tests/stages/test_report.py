@@ -332,6 +332,26 @@ def test_contacts_beyond_the_pressure_limit_are_named(frames):
     assert ranges([3, 70, 71, 72, 75, 76]) == "3, 70–72, 75–76"
 
 
+def test_the_page_shows_what_the_limits_are_of(frames):
+    """Limits on the mean over the turn: cards, table and yield are those of the mean."""
+    study = frames.study
+    limits = study.limits.model_copy(update={"over": "mean"})
+    text = written(replace(frames, study=study.model_copy(update={"limits": limits})))
+    table = frames.distributions[frames.distributions["over"] == "mean"].set_index(["metric", "statistic"])["value"]
+    row = cells(text, "Lost motion")
+    assert row[1].startswith(METRICS["lost_motion_arcmin"].text(table["lost_motion_arcmin", "mean"]))
+    assert row[-1].startswith(f"{100 * table['lost_motion_arcmin', 'yield']:.1f} %")
+    assert "Mean value over the turn of the crank" in text
+    assert "by their mean value" in text
+
+
+def test_without_a_known_yield_the_page_says_so(frames):
+    unknown = frames.distributions[frames.distributions["metric"] != "all_limits"]
+    text = written(replace(frames, distributions=unknown))
+    assert "All limits together are kept" not in text
+    assert "a number that has a limit holds for none of them" in text
+
+
 def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
     assert "with twice as many" not in written(frames)  # two angles tell nothing
     rows = [("all_limits", np.nan, 0.75, 0.61), ("lost_motion_arcmin", 2.5, np.nan, np.nan)]
