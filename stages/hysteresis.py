@@ -16,7 +16,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle
 from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
-from pipeline.model.load_history.validity import invalid_metrics
+from pipeline.model.load_history.validity import beyond_limit_share, invalid_metrics
 from pipeline.model.metrics import library
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
@@ -188,19 +188,8 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
         **{library()[name].valid_column: reason == "" for name, reason in solved.invalid.items()},
         "bearing_force_N": np.max(thrust, axis=1),
-        "beyond_limit_share": np.max(_beyond_limit_share(drive, states), axis=1),
+        "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
     }
-
-
-def _beyond_limit_share(drive: Drive, states: Equilibria) -> np.ndarray:
-    """Share of the pins' moment on contacts beyond their law's range (n, n_states)."""
-    contacts = drive.reducer.contacts
-    of_pins = contacts.kind == PIN
-    force = states.force[..., of_pins]
-    moment = np.abs(contacts.arm[of_pins]) * force
-    beyond = np.sum(moment, axis=2, where=force > drive.laws.force_limit[of_pins])
-    whole = np.sum(moment, axis=2)
-    return np.divide(beyond, whole, out=np.zeros_like(whole), where=whole > 0)
 
 
 def _curve_values(solved: Solved) -> dict[str, np.ndarray]:
@@ -215,7 +204,7 @@ def _curve_values(solved: Solved) -> dict[str, np.ndarray]:
         "pins_in_contact": np.count_nonzero(closed[..., of_pins], axis=2),
         "outputs_in_contact": np.count_nonzero(closed[..., ~of_pins], axis=2),
         "peak_pressure_MPa": np.max(drive.laws.peak_pressure(states.force), axis=2),
-        "beyond_limit_share": _beyond_limit_share(drive, states),
+        "beyond_limit_share": beyond_limit_share(drive, states),
         "iterations": states.iterations,
         "residual": states.residual,
     }

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import PIN
 from pipeline.model.load_history.drive import Drive
@@ -99,3 +100,14 @@ def invalid_metrics(drive: Drive, response: CycleResponse, at: Definitions) -> M
             reason[states & (reason == "")] = text
         reasons[name] = reason
     return reasons
+
+
+def beyond_limit_share(drive: Drive, states: Equilibria) -> np.ndarray:
+    """Share of the pins' moment on contacts beyond their law's range (n, n_states)."""
+    contacts = drive.reducer.contacts
+    of_pins = contacts.kind == PIN
+    force = states.force[..., of_pins]
+    moment = np.abs(contacts.arm[of_pins]) * force
+    beyond = np.sum(moment, axis=2, where=force > drive.laws.force_limit[of_pins])
+    whole = np.sum(moment, axis=2)
+    return np.divide(beyond, whole, out=np.zeros_like(whole), where=whole > 0)
