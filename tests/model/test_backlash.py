@@ -170,6 +170,28 @@ def test_a_bearing_clearance_relieves_an_interference():
     assert 0 < less.overlap[0] < separated_play(at, gap).overlap[0]
 
 
+@PLATES
+def test_an_interference_that_the_disk_cannot_relieve_takes_few_programs(floats, monkeypatch):
+    """Between plate and output the disk's centre decides nothing: each of its places within the clearance is optimal.
+
+    The tangents alone lead from corner to corner of their polygon, more than a thousand times with 5 pins.
+    """
+    at, calls = reducer_at(SMALL, CRANK, floats=floats), []
+
+    def counted(*given, **named):
+        calls.append(1)
+        return linprog(*given, **named)
+
+    monkeypatch.setattr(backlash, "linprog", counted)
+    for seed, clearance in enumerate([0.3e-3, 3e-3, 30e-3]):
+        gap = random_gaps(at, 1, seed) - np.where(parts(at)[2], 20e-3, 0.0)
+        play = general_play(at, gap, np.array([clearance]))
+        assert play.overlap[0] == pytest.approx(separated_play(at, gap).overlap[0], rel=1e-9)
+        assert penetration(at, gap, play.pose_plus)[0] == pytest.approx(play.overlap[0], rel=1e-9)
+        assert np.hypot(*play.pose_plus[0, :2]) <= clearance * (1 + 1e-9) + 1e-12
+    assert len(calls) < 3 * 60
+
+
 def test_samples_with_and_without_bearing_clearance_are_solved_each_in_its_own_way():
     at = reducer_at(SMALL, CRANK, floats=True)
     gap, clearance = random_gaps(at, 6, 7, low=-1e-3), np.array([0.0, 2e-3, 0.0, 4e-3, 1e-3, 0.0])

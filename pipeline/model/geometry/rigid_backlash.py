@@ -21,6 +21,10 @@ CONE_TOLERANCE = 1e-9
 """The bearing's disc is cut until it is met to this share of the clearance."""
 PROGRAM_TOLERANCE = 1e-10
 """Feasibility of the linear programs, which are solved in micrometres."""
+AMONG_MANY = 20
+"""Tangents of the bearing's disc after which its optimum is taken for one of many; a single one needs some 16."""
+MOST_CUTS = 200
+"""Tangents of the bearing's disc after which a program is given up."""
 ARM_FLOOR = 1e-9
 """Arms below this share of the largest one carry no moment; such contacts limit no rotation."""
 TOUCHING = 1e-10
@@ -160,8 +164,8 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
     return RigidPlay(poses["plus"], poses["minus"], overlap, reducer.output_motion)
 
 
-def _cut_program(objective: Real, rows: Real, limits: Real, radius: float) -> np.ndarray | None:
-    """Maximise objective @ x subject to rows @ x <= limits and |x[:2]| <= radius; None where infeasible.
+def _program(objective: Real, rows: Real, limits: Real, radius: float) -> np.ndarray | None:
+    """Maximise objective @ x subject to rows @ x <= limits and |x[0]|, |x[1]| <= radius; None where infeasible.
 
     Raises
     ------
@@ -174,18 +178,72 @@ def _cut_program(objective: Real, rows: Real, limits: Real, radius: float) -> np
         "primal_feasibility_tolerance": PROGRAM_TOLERANCE,
         "dual_feasibility_tolerance": PROGRAM_TOLERANCE,
     }
-    while True:
-        solution = linprog(-objective, A_ub=rows, b_ub=limits, bounds=bounds, method="highs", options=options)
-        if solution.status == 2:
-            return None
-        if solution.status != 0:
-            raise ArithmeticError(f"rigid play not solved: {solution.message}")
-        reach = float(np.hypot(*solution.x[:2]))
-        if reach <= radius * (1 + CONE_TOLERANCE) + PROGRAM_TOLERANCE:
-            return solution.x
-        cut = np.zeros(len(objective))
-        cut[:2] = solution.x[:2] / reach
-        rows, limits = np.vstack([rows, cut]), np.append(limits, radius)
+    solution = linprog(-objective, A_ub=rows, b_ub=limits, bounds=bounds, method="highs", options=options)
+    if solution.status == 2:
+        return None
+    if solution.status != 0:
+        raise ArithmeticError(f"rigid play not solved: {solution.message}")
+    return np.asarray(solution.x)
+
+
+def _overshoot(x: Real, radius: float) -> float:
+    """How far [um] x[:2] lies beyond the disc of a radius and its tolerance; negative within."""
+    return float(np.hypot(*x[:2])) - radius * (1 + CONE_TOLERANCE) - PROGRAM_TOLERANCE
+
+
+def _with_tangent(tangents: Real, x: Real) -> Real:
+    """The tangents of the disc (n_cuts, n_motions) and the one in the direction of x[:2]."""
+    normal = np.zeros((1, tangents.shape[1]))
+    normal[0, :2] = x[:2] / np.hypot(*x[:2])
+    return np.vstack([tangents, normal])
+
+
+def _cut_program(objective: Real, rows: Real, limits: Real, radius: float) -> np.ndarray | None:
+    """Maximise objective @ x subject to rows @ x <= limits and |x[:2]| <= radius; None where infeasible.
+
+    Notes
+    -----
+    The disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960) 703). Each quarters the
+    overshoot, unless the optimum is one of many: where the disk's centre decides nothing, every tangent only moves it
+    on to the next corner of the polygon. After ``AMONG_MANY`` tangents the optimum nearest to the centre is asked for.
+
+    Raises
+    ------
+    ArithmeticError
+        If the program is unbounded, the solver fails or ``MOST_CUTS`` tangents are not enough.
+    """
+    tangents = np.zeros((0, len(objective)))
+    while len(tangents) < MOST_CUTS:
+        bounded = np.append(limits, np.full(len(tangents), radius))
+        optimum = _program(objective, np.vstack([rows, tangents]), bounded, radius)
+        if optimum is None or _overshoot(optimum, radius) <= 0:
+            return optimum
+        tangents = _with_tangent(tangents, optimum)
+        if len(tangents) > AMONG_MANY:
+            optimal = np.vstack([rows, -objective]), np.append(limits, PROGRAM_TOLERANCE - objective @ optimum)
+            nearest, tangents = _nearest_to_the_centre(*optimal, tangents, radius)
+            if nearest is not None:
+                return nearest
+    raise ArithmeticError(f"rigid play not solved: {MOST_CUTS} tangents do not replace the bearing's clearance")
+
+
+def _nearest_to_the_centre(rows: Real, limits: Real, tangents: Real, radius: float) -> tuple[Real | None, Real]:
+    """Point of rows @ x <= limits whose x[:2] lies within the disc, None where there is none; and all tangents used.
+
+    The largest of x[:2] along the tangents' normals is minimised: from below it tends to the least distance.
+    """
+    n = rows.shape[1]
+    distance = np.append(np.zeros(n), -1.0)
+    fixed = np.hstack([rows, np.zeros((len(rows), 1))])
+    while len(tangents) < MOST_CUTS:
+        measured = np.hstack([tangents, np.full((len(tangents), 1), -1.0)])
+        point = _program(distance, np.vstack([fixed, measured]), np.append(limits, np.zeros(len(tangents))), radius)
+        if point is None or point[n] > radius * (1 + CONE_TOLERANCE) + PROGRAM_TOLERANCE:
+            break
+        if _overshoot(point, radius) <= 0:
+            return point[:n], tangents
+        tangents = _with_tangent(tangents, point)
+    return None, tangents
 
 
 def _general_ends(closing: Real, gap: Real, radius: float, output: int) -> tuple[Real, Real, float]:
