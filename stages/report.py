@@ -12,6 +12,7 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.style import save
 from pipeline.report.drawings import drawings
+from pipeline.report.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
 from pipeline.report.page import TableNote, report_page
 from pipeline.report.rendering import Picture
@@ -45,9 +46,10 @@ def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
 
 
 def _loads(job: Job, samples: list[int]) -> pd.DataFrame:
-    """Contacts of the drawn samples, as far as the study keeps them."""
+    """Contacts of the drawn samples and of the page's single units, as far as the study keeps them."""
     keep = job.study.cycle.keep_contacts
-    kept = [sample for sample in samples if keep == "all" or sample in keep]
+    drawn = {sample for sample in samples if keep == "all" or sample in keep}
+    kept = sorted(drawn | set(kept_samples(job.study)))
     parts = [pd.DataFrame(job.read_items("hysteresis", "contacts", sample, sample + 1)) for sample in kept]
     return pd.concat(parts) if parts else pd.DataFrame(CONTACTS.empty())
 

@@ -18,7 +18,9 @@ from pipeline.figures.reducer import reducer_figure
 from pipeline.figures.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.figures.springs import spring_laws_figure
+from pipeline.figures.units import units_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
+from pipeline.report.explorer import explored_units
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.wording import counted, plain
 
@@ -46,6 +48,7 @@ def drawings(frames: Frames) -> Iterator[Drawing]:
     yield from _loops(frames)
     if not frames.listed and len(frames.over_turn):
         yield _distributions(frames)
+        yield from _units(frames)
         holding = [metric for metric in HEADLINES if metric in _varying(frames)]
         if len(frames.study.cycle.crank_deg) > 1 and holding:
             yield _cranks(frames, holding)
@@ -232,6 +235,24 @@ def _distributions(frames: Frames) -> Drawing:
         f"Below each histogram: 5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead "
         "marks an end that the samples do not determine. Beyond the limit the ground is shaded.",
         distributions_figure(frames.over_turn[_varying(frames)], worst, frames.limits, _nominal(frames)),
+    )
+
+
+def _units(frames: Frames) -> Iterator[Drawing]:
+    units = explored_units(frames)
+    if len(units.columns) < 2:
+        return
+    pair = list(units.columns[:2])
+    curves = frames.at_crank(frames.curves)
+    angles = np.stack([curves.loc[curves["sample"] == sample, "angle_arcmin"].to_numpy() for sample in units.index])
+    torque = curves["torque_Nm"].to_numpy()[: angles.shape[1]]
+    yield Drawing(
+        "units",
+        "Single units",
+        f"The first {counted(len(units), 'unit')}: their values over the turn, and their loops at crank angle "
+        f"{plain(frames.crank_deg)}°. Point at a unit, or go from unit to unit with the arrow keys, to see its loop "
+        "and the forces on its pins (filled points).",
+        units_figure(pair, units[pair].to_numpy(), frames.limits, torque, angles),
     )
 
 

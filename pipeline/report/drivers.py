@@ -43,6 +43,32 @@ def drivers(frames: Frames) -> list[Driver]:
     return [_driver(metric, table[table["metric"] == metric]) for metric in frames.shown_metrics]
 
 
+def driver_tables(frames: Frames) -> dict[str, list[tuple[str, list[Cell]]]]:
+    """By metric, every error with its total index, first-order index and rank correlation; largest total first."""
+    table = frames.sensitivity[(frames.sensitivity["over"] == "worst") & (frames.sensitivity["parameter"] != SUM)]
+    return {metric: _driver_rows(table[table["metric"] == metric]) for metric in frames.shown_metrics}
+
+
+def _driver_rows(table: pd.DataFrame) -> list[tuple[str, list[Cell]]]:
+    cells: dict[str, dict[str, Cell]] = {}
+    totals: dict[str, float] = {}
+    columns = (table[name] for name in ("parameter", "kind", "index", "ci_low", "ci_high"))
+    for parameter, kind, index, low, high in zip(*columns, strict=True):
+        title = parameter_title(str(parameter))
+        if np.isfinite(index):
+            texts = (
+                (signed(index, 2), f"{signed(low, 2)} to {signed(high, 2)}" if np.isfinite([low, high]).all() else "")
+                if kind == RANK_CORRELATION
+                else (percent(index), percent_interval(low, high))
+            )
+            cells.setdefault(title, {})[str(kind)] = Cell(*texts)
+        if kind == TOTAL:
+            totals[title] = float(np.nan_to_num(index))
+    titles = sorted(cells, key=lambda title: -totals.get(title, 0.0))
+    kinds = (TOTAL, FIRST_ORDER, RANK_CORRELATION)
+    return [(title, [cells[title].get(kind, Cell(NOTHING)) for kind in kinds]) for title in titles]
+
+
 def first_drivers(leading: Sequence[Driver]) -> str:
     """The first driver of each headline metric, in one phrase."""
     return "; ".join(

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 from pipeline import assembly
 from pipeline.config.study import Study
-from pipeline.model.metrics import Metric, library
+from pipeline.figures.labels import METRICS
+from pipeline.model.metrics import Metric
 from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
-from pipeline.report.drivers import base_samples, constant_metrics, drivers, first_drivers
+from pipeline.report.drivers import base_samples, constant_metrics, driver_tables, drivers, first_drivers
+from pipeline.report.explorer import explored
 from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.results import Results
@@ -31,7 +33,7 @@ class TableNote:
 def definitions(study: Study) -> list[tuple[Metric, str]]:
     """Every metric with its definition at the torques of the study."""
     torques = vars(assembly.definitions(study))
-    return [(metric, metric.definition.format(**torques)) for metric in library().values()]
+    return [(metric, metric.definition.format(**torques)) for metric in METRICS.values()]
 
 
 def report_page(
@@ -63,6 +65,9 @@ def report_page(
         beyond_law=beyond_law(frames),
         overloaded=overloaded(frames),
         definitions=definitions(study),
+        metric_titles={name: METRICS[name].title for name in frames.shown_metrics},
+        explorer=explored(frames) if "units" in pictures else {},
+        driver_tables=driver_tables(frames),
         pictures=pictures,
         tables=tables,
         versions=versions,

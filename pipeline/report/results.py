@@ -37,6 +37,7 @@ class Cell:
 class MetricRow:
     """One metric in the table of key results; `met` tells of each sample whether it keeps the limit."""
 
+    name: str
     title: str
     unit: str
     nominal: str
@@ -91,6 +92,7 @@ class Results:
         nominal = self.nominal
         return [
             MetricRow(
+                metric,
                 METRICS[metric].title,
                 METRICS[metric].unit,
                 number(nominal[metric], METRICS[metric]),
@@ -104,8 +106,7 @@ class Results:
     @property
     def headlines(self) -> list[MetricRow]:
         """The three metrics that the study is about."""
-        titles = [METRICS[metric].title for metric in HEADLINES]
-        return [row for row in self.metric_rows if row.title in titles]
+        return [row for row in self.metric_rows if row.name in HEADLINES]
 
     def limit(self, metric: str) -> str:
         """The limit of a metric with the side that it bounds."""
@@ -158,10 +159,10 @@ class Results:
         """Per crank angle and headline metric: nominal, mean, 5 % to 95 % quantile."""
         rows = []
         for crank in self.frames.study.cycle.crank_deg:
-            at = self.frames.nominal[self.frames.nominal["crank_deg"] == crank]
+            rows_of_crank = self.frames.nominal[self.frames.nominal["crank_deg"] == crank]
             cells = []
             for metric in HEADLINES:
-                nominal = float(at[metric].iloc[0]) if len(at) else np.nan
+                nominal = float(rows_of_crank[metric].iloc[0]) if len(rows_of_crank) else np.nan
                 low, high = (self._estimate(metric, name, crank)[0] for name in ("p05", "p95"))
                 cells.append(
                     (

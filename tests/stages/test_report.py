@@ -110,7 +110,9 @@ class PageResources(HTMLParser):
     def handle_starttag(self, tag, attrs):
         self.elements.add(tag)
         found = dict(attrs)
-        self.addresses += [found[name] for name in ("src", "href", "srcset", "action", "data") if name in found]
+        self.addresses += [
+            found[name] for name in ("src", "xlink:href", "href", "srcset", "action", "data") if name in found
+        ]
         if "id" in found:
             self.anchors.add(found["id"])
 
@@ -120,7 +122,7 @@ def test_page_needs_nothing_beside_it(page):
     outside = [address for address in seen.addresses if not address.startswith(("data:image/svg+xml;base64,", "#"))]
     assert outside == []
     assert {address[1:] for address in seen.addresses if address.startswith("#")} <= seen.anchors
-    assert not seen.elements & {"script", "link", "iframe", "object", "video"}
+    assert not seen.elements & {"link", "iframe", "object", "video"}
     assert not re.search(r"https?://|@import|url\(", page)
 
 
@@ -140,7 +142,8 @@ def test_every_figure_is_written_twice_and_stands_in_the_page(finished, page):
 
 def cells(page: str, heading: str) -> list[str]:
     """Text of the cells of the first row with this heading; a number and its interval are parted by a bar."""
-    row = re.search(rf'<tr><th scope="row">{heading}(?:<span[^>]*>[^<]*</span>)?</th>(.*?)</tr>', page, re.DOTALL)
+    title = rf"(?:{heading}|<a [^>]*>{heading}</a>)(?: <span[^>]*>[^<]*</span>)?"
+    row = re.search(rf'<tr><th scope="row">{title}</th>(.*?)</tr>', page.partition('id="results"')[2], re.DOTALL)
     assert row, heading
     found = re.findall(r"<td[^>]*>(.*?)</td>", row[1], re.DOTALL)
     return [re.sub(r"<[^>]*>", "", cell.replace('<span class="ci">', "|")) for cell in found]
@@ -322,7 +325,8 @@ def test_no_limits_no_yield(frames):
 
 def test_contacts_beyond_the_pressure_limit_are_named(frames):
     tight = replace(frames, study=frames.study.model_copy(update={"limits": Limits(peak_pressure_MPa=0.001)}))
-    loads = frames.loads[(frames.loads["crank_deg"] == 0.0) & (frames.loads["pressure_MPa"] > 0.001)]
+    nominal = frames.loads[(frames.loads["sample"] == 0) & (frames.loads["crank_deg"] == 0.0)]
+    loads = nominal[nominal["pressure_MPa"] > 0.001]
     pins = sorted(loads.loc[loads["contact"] < 80, "contact"].unique())
     (sentence,) = overloaded(tight)
     assert sentence.startswith(f"{len(pins)} pins ({ranges(pins)}) and ")
@@ -373,8 +377,8 @@ def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
 
 def test_markup_in_a_title_is_text(frames):
     text = written(replace(frames, study=frames.study.model_copy(update={"title": "<script>alert(1)</script>"})))
-    assert "<script" not in text
-    assert "&lt;script&gt;" in text
+    assert "<script>alert" not in text
+    assert "&lt;script&gt;alert" in text
 
 
 def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(runs, finished):

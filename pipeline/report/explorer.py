@@ -1,0 +1,93 @@
+"""Units that a reader may question in the page: their metrics, loops and pin forces as data of its script."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.study import Study
+from pipeline.figures.labels import METRICS
+from pipeline.report.frames import Frames, case_label
+
+UNITS_SHOWN = 150
+"""Points that can be told apart, and whose loops stay below 100 kB of the page."""
+KEPT_UNITS = 24
+"""Units at most whose contact forces are read for the page."""
+
+
+def explored(frames: Frames) -> Mapping[str, object]:
+    """What the page's script draws; empty where no unit has a result.
+
+    Returns
+    -------
+    ``metrics``: name, title, unit, decimals, limit and its side; ``units``: label and the values in the metrics' order
+    over the turn; ``torque`` [N m] of every step and ``angle`` [arcmin] of every unit's loop, ``force`` [N] on every
+    pin at the largest torque of the units whose contacts were kept, all at one ``crank`` angle [deg].
+    """
+    shown = explored_units(frames)
+    if not len(shown):
+        return {}
+    curves = frames.at_crank(frames.curves)
+    angles = {
+        int(sample): rows["angle_arcmin"].to_numpy()
+        for sample, rows in curves.groupby("sample")
+        if sample in shown.index
+    }
+    torque = curves["torque_Nm"].to_numpy()[: len(next(iter(angles.values())))]
+    forces = _pin_forces(frames, shown.index)
+    return {
+        "crank": frames.crank_deg,
+        "metrics": [_metric(frames, name) for name in shown.columns],
+        "units": [
+            {
+                "label": case_label(frames.study, sample),
+                "values": _rounded(values, 4),
+                "angle": _rounded(angles[sample], 4),
+                "force": _rounded(forces[sample], 1) if sample in forces else None,
+            }
+            for sample, values in zip(map(int, shown.index), shown.to_numpy(float), strict=True)
+        ],
+        "torque": _rounded(torque, 4),
+    }
+
+
+def kept_samples(study: Study) -> list[int]:
+    """The first samples whose contacts the study keeps."""
+    keep = study.cycle.keep_contacts
+    kept = range(study.samples.rows) if keep == "all" else sorted(keep)
+    return [sample for sample in kept if sample < study.samples.rows][:KEPT_UNITS]
+
+
+def explored_units(frames: Frames) -> pd.DataFrame:
+    """Metrics over the turn (n_units, n_metrics) of the first units that have all of them, and their loop."""
+    metrics = [name for name in frames.shown_metrics if frames.over_turn[name].notna().any()]
+    solved = frames.over_turn[metrics].dropna()
+    return solved[solved.index.isin(np.unique(frames.curves["sample"]))].head(UNITS_SHOWN) if metrics else solved[:0]
+
+
+def _pin_forces(frames: Frames, samples: pd.Index) -> dict[int, np.ndarray]:
+    """Force (n_pins,) [N] on every pin at the first step of the largest torque, by sample."""
+    pins = frames.study.design.cycloid.pins
+    rows = frames.at_crank(frames.loads)
+    rows = rows[(rows["contact"] < pins) & rows["sample"].isin(samples)]
+    if not len(rows):
+        return {}
+    largest = rows[rows["torque_Nm"] == rows["torque_Nm"].max()]
+    loaded = largest[largest["step"] == largest["step"].min()]
+    return {int(sample): part["force_N"].to_numpy() for sample, part in loaded.groupby("sample")}
+
+
+def _metric(frames: Frames, name: str) -> Mapping[str, object]:
+    metric = METRICS[name]
+    return {
+        "name": name,
+        "title": metric.title,
+        "unit": metric.unit,
+        "decimals": metric.decimals,
+        "limit": frames.limits.get(name),
+        "smallerIsWorse": metric.smaller_is_worse,
+    }
+
+
+def _rounded(values: np.ndarray, digits: int) -> list[float]:
+    return [round(float(value), digits) for value in values]

@@ -1,0 +1,42 @@
+"""A million samples: memory below 2 GiB, and time that grows with their number and no faster."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.config import Study, load_study
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.store import Output
+from stages.chain import STAGES
+
+ROOT = Path(__file__).parents[2]
+GIB = 2**30
+
+
+def study_of(count: int) -> Study:
+    """The quick study at one crank angle."""
+    study = load_study("quick", ROOT)
+    return study.model_copy(
+        update={
+            "name": f"samples_{count}",
+            "samples": study.samples.model_copy(update={"count": count}),
+            "cycle": study.cycle.model_copy(update={"crank_deg": (0.0,), "rigid_angles": 1}),
+        }
+    )
+
+
+def seconds(outputs: dict[str, Output]) -> float:
+    return sum(output.record["seconds"] for output in outputs.values())
+
+
+@pytest.mark.attack
+def test_time_and_memory_of_a_million_samples(tmp_path: Path) -> None:
+    taken = []
+    for count in (100_000, 1_000_000):
+        outputs = run(STAGES, study_of(count), ["aggregate"], tmp_path, Resources(2, 512))
+        taken.append(seconds(outputs))
+        peak = max(output.record["peak_memory_bytes"] for output in outputs.values())
+        print(f"{count:,} samples: {taken[-1]:.0f} s, peak of all processes {peak / GIB:.2f} GiB")
+        assert peak < 2 * GIB
+        assert outputs["hysteresis"].record["failed"] == 0
+    assert taken[1] < 13 * taken[0]
