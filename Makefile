@@ -13,7 +13,7 @@ JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup study $(STAGES) why test attack lint types docs identify population blind \
-	bench paper calibrate verify coverage tails check licences clean-runs
+	bench paper calibrate verify coverage tails compare check licences clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -38,6 +38,10 @@ check: $(VENV)/installed  ## compare every byte of a run with its records: make 
 
 why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis STUDY=quick
 	@$(PIPELINE) why $(or $(STAGE),report) --study $(STUDY)
+
+compare: $(VENV)/installed  ## hold two studies against each other: make compare A=paper B=quick
+	$(PIPELINE) compare $(or $(A),$(error say which: make compare A=<study> B=<study>)) \
+		$(or $(B),$(error say which: make compare A=<study> B=<study>)) $(JOBS_OPTION)
 
 identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
 	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)

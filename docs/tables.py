@@ -1,16 +1,20 @@
-"""The tables of all stages as Markdown, read from their declarations."""
+"""The tables of all stages and decisions as Markdown, read from their declarations."""
 
 from pathlib import Path
 
+from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS
 from stages.chain import STAGES
+
+DECISIONS = {"compare": (DIFFERENCES, DRIVER_CHANGES, INPUTS)}
+"""Tables of other targets."""
 
 
 def write_tables(folder: Path) -> None:
     """Write ``tables.md`` into ``folder``."""
     lines = []
-    for stage in STAGES:
-        for table in stage.tables:
-            lines += [f"## {stage.name}/{table.name}", "", f"One row per {table.row_per}.", ""]
+    for target, tables in ({stage.name: stage.tables for stage in STAGES} | DECISIONS).items():
+        for table in tables:
+            lines += [f"## {target}/{table.name}", "", f"One row per {table.row_per}.", ""]
             lines += ["| column | unit | meaning |", "|---|---|---|"]
             cells = ((column.name, column.unit, column.meaning.replace("|", "\\|")) for column in table.columns)
             lines += [f"| `{name}` | {unit} | {meaning} |" for name, unit, meaning in cells]

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from pipeline.config.study import Study
+from pipeline.config.study import ALL_LIMITS, Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
@@ -17,7 +17,6 @@ from stages.turn import OVER, OVER_TURN, Turn, loop_metrics, metric_turns, over_
 
 SAMPLES_AT_ONCE = 10_000
 """Samples whose loops are read together: at most a few million rows."""
-ALL_LIMITS = "all_limits"
 STRIDES = (8, 4, 2, 1)
 """Every so many of the crank angles: how the worst value moves as they double."""
 FEWEST_ANGLES = 3
@@ -117,14 +116,6 @@ def _units(job: Job, metrics: Columns, turns: Mapping[str, Turn]) -> Columns:
     }
 
 
-def _within(study: Study, values: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Whether each sample keeps each limit that the study sets, and all of them; ``values`` by metric."""
-    within = {
-        name: library()[name].keeps(values[name].to_numpy(), limit) for name, limit in study.limits.of_metrics.items()
-    }
-    return {**within, ALL_LIMITS: np.logical_and.reduce(list(within.values()))} if within else {}
-
-
 def _part(replicate: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
     return None if replicate is None else replicate[rows]
 
@@ -140,8 +131,8 @@ def _distribution_rows(
         if holding.any():
             statistics = distribution(values[metric].to_numpy()[holding], confidence, _part(replicate, holding))
             estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
-    for name, passed in _within(study, values).items():
-        limited = list(study.limits.of_metrics) if name == ALL_LIMITS else [name]
+    for name, passed in study.limits.kept(values).items():
+        limited = study.limits.limited(name)
         holding = ~np.isnan(values[limited].to_numpy(float)).any(axis=1)
         if holding.any():
             estimates.append((name, "yield", pass_share(passed[holding], confidence, _part(replicate, holding))))
@@ -206,9 +197,9 @@ def convergence_rows(study: Study, turns: Mapping[str, Turn], counted: np.ndarra
             values = turn.values[counted]
             part = values[:, turn.even][:, ::stride] if stride > 1 else values
             worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
-        within = _within(study, pd.DataFrame(worst))
+        within = study.limits.kept(worst)
         for name in (*turns, *([ALL_LIMITS] if within else [])):
-            limited = list(study.limits.of_metrics) if name == ALL_LIMITS else [name]
+            limited = study.limits.limited(name)
             holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
             share = float(within[name][holding].mean()) if name in within and holding.any() else np.nan
             mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan

@@ -32,6 +32,7 @@ def parser() -> argparse.ArgumentParser:
         return sub
 
     _studies(command)
+    _decisions(command)
     _measured(command)
     _checks(command)
     return whole
@@ -70,6 +71,15 @@ def _studies(command: Commands) -> None:
     checking.add_argument("run", help="folder of a run, or the name of one in data/runs")
 
     command("clean-runs", "studies.clean_runs", "forget all runs, never inputs")
+
+
+def _decisions(command: Commands) -> None:
+    comparing = command(
+        "compare", "decisions.compare_runs", "hold one study against another: what differs, by how much"
+    )
+    comparing.add_argument("a", help="study file, or the stem of one in data/studies")
+    comparing.add_argument("b", help="the other one; differences are b less a")
+    _where(comparing)
 
 
 def _measured(command: Commands) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, create_model, model_validator
 
 from pipeline.config.cases import Case
@@ -121,6 +124,10 @@ class Metrics(Section):
     confidence: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
 
 
+ALL_LIMITS = "all_limits"
+"""Name of the yield against all limits together."""
+
+
 class _Limits(Section):
     """Limits for the yield, one for each metric: upper ones, or lower ones where the smaller is the worse.
 
@@ -134,6 +141,18 @@ class _Limits(Section):
         """The limits that are set, by metric."""
         limits = {name: getattr(self, name) for name in metric_library()}
         return {name: limit for name, limit in limits.items() if limit is not None}
+
+    def kept(self, values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.bool_]]:
+        """Whether each value (n,) keeps each limit that is set, and `ALL_LIMITS` of them; ``values`` by metric."""
+        kept = {
+            name: metric_library()[name].keeps(np.asarray(values[name]), limit)
+            for name, limit in self.of_metrics.items()
+        }
+        return {**kept, ALL_LIMITS: np.logical_and.reduce(list(kept.values()))} if kept else {}
+
+    def limited(self, name: str) -> list[str]:
+        """Metrics whose limits a yield of this name counts."""
+        return list(self.of_metrics) if name == ALL_LIMITS else [name]
 
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from pipeline.config.section import nearest_name
 from pipeline.config.text_file import LARGEST_VALUE, check_text, header
 from pipeline.errors import InputError
 from pipeline.statistics import Estimate
+from pipeline.statistics.differences import welch_interval
 
 Real = NDArray[np.float64]
 
@@ -244,15 +245,8 @@ def _unknown(n: int) -> Estimate:
 
 def _bias(units: Real, samples: Real, confidence: float) -> Estimate:
     """Difference of means with Welch's interval; unbounded for one unit."""
-    value = float(units.mean() - samples.mean())
-    if min(units.size, samples.size) < 2:
-        return Estimate(value, -np.inf, np.inf, units.size)
-    parts = np.array([units.var(ddof=1) / units.size, samples.var(ddof=1) / samples.size])
-    if parts.sum() == 0:
-        return Estimate(value, value, value, units.size)
-    freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([units.size - 1, samples.size - 1]))
-    half = float(stats.t.ppf((1 + confidence) / 2, freedom) * np.sqrt(parts.sum()))
-    return Estimate(value, value - half, value + half, units.size)
+    low, high = welch_interval(samples, units, confidence)
+    return Estimate(float(units.mean() - samples.mean()), low, high, units.size)
 
 
 def _spread_ratio(units: Real, samples: Real, confidence: float) -> Estimate:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from pipeline.config.study import ALL_LIMITS
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames, case_label
@@ -21,7 +22,6 @@ from pipeline.report.wording import (
 )
 
 STATISTICS = ("mean", "std", "p05", "p95")
-ALL_LIMITS = "all_limits"
 FAILURES_SHOWN = 20
 
 

@@ -1,8 +1,18 @@
 """Manufacturing errors of any sample of a study, counted and not consumed. Arrays have the sample axis first."""
 
 from pipeline.config.dimensions._ovality import oval_shift
-from pipeline.sampling.designs import replicates
-from pipeline.sampling.errors import Errors, draw
+from pipeline.sampling.designs import replicates, uniforms
+from pipeline.sampling.errors import Errors, dimensions, draw
 from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
 
-__all__ = ["Errors", "draw", "draw_mixed", "drawn_units", "error_groups", "oval_shift", "replicates"]
+__all__ = [
+    "Errors",
+    "dimensions",
+    "draw",
+    "draw_mixed",
+    "drawn_units",
+    "error_groups",
+    "oval_shift",
+    "replicates",
+    "uniforms",
+]

@@ -63,8 +63,8 @@ def distribution(values: Real, confidence: float, replicate: NDArray[np.integer]
     if values.size == 0 or not np.all(np.isfinite(values)):
         raise ValueError(f"{np.sum(~np.isfinite(values))} of {values.size} values are not finite; select them first")
     moments: dict[str, tuple[Statistic, Callable[[Real, float], Interval]]] = {
-        "mean": (_mean, mean_interval),
-        "std": (_std, std_interval),
+        "mean": (mean, mean_interval),
+        "std": (standard_deviation, std_interval),
     }
     estimates = {}
     for name, (statistic, interval) in moments.items():
@@ -76,7 +76,7 @@ def distribution(values: Real, confidence: float, replicate: NDArray[np.integer]
         )
         estimates[name] = _estimate(point_estimate, ends, values.size)
     for name, level in QUANTILES.items():
-        point_estimate = _quantile(values, level)
+        point_estimate = quantile(values, level)
         ends = (
             quantile_interval(values, confidence, level)
             if replicate is None
@@ -104,15 +104,15 @@ def pass_share(passed: NDArray[np.bool_], confidence: float, replicate: NDArray[
         ends = share_interval(counts, confidence)
     else:
         ends = replicated_share_interval(counts, confidence, replicate)
-    return _estimate(_mean(counts), ends, counts.size)
+    return _estimate(mean(counts), ends, counts.size)
 
 
 def mean_interval(values: Real, confidence: float) -> Interval:
     """Student's t interval of the mean; unbounded for one value."""
     if values.size < 2:
         return -np.inf, np.inf
-    half = stats.t.ppf((1 + confidence) / 2, values.size - 1) * _std(values) / np.sqrt(values.size)
-    return _mean(values) - half, _mean(values) + half
+    half = stats.t.ppf((1 + confidence) / 2, values.size - 1) * standard_deviation(values) / np.sqrt(values.size)
+    return mean(values) - half, mean(values) + half
 
 
 def std_interval(values: Real, confidence: float) -> Interval:
@@ -128,7 +128,7 @@ def std_interval(values: Real, confidence: float) -> Interval:
     Bonett, Approximate confidence interval for standard deviation of nonnormal distributions, Comput. Stat. Data Anal.
     50 (2006) 775.
     """
-    n, variance = values.size, _std(values) ** 2
+    n, variance = values.size, standard_deviation(values) ** 2
     if n < 5:
         return 0.0, np.inf
     if variance == 0:
@@ -167,15 +167,16 @@ def _estimate(value: float, ends: Interval, n: int) -> Estimate:
     return Estimate(value, float(ends[0]), float(ends[1]), n)
 
 
-def _mean(values: Real) -> float:
+def mean(values: Real) -> float:
+    """Mean of values (n,)."""
     return float(np.mean(values))
 
 
-def _std(values: Real) -> float:
-    """Standard deviation; 0 for equal values, whose mean may be off by a rounding, and for a single one."""
+def standard_deviation(values: Real) -> float:
+    """Standard deviation of values (n,); 0 for equal ones, whose mean may be off by a rounding, and for a single."""
     return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
 
 
-def _quantile(values: Real, level: float) -> float:
-    """Quantile whose bias is nil in the median for any distribution (Hyndman and Fan's eighth)."""
+def quantile(values: Real, level: float) -> float:
+    """The `level` quantile of values (n,), median-unbiased for any distribution (Hyndman and Fan's eighth)."""
     return float(np.quantile(values, level, method="median_unbiased"))

@@ -1,0 +1,255 @@
+"""Two runs side by side: which inputs differ, and by how much mean, spread, quantiles and yield of every metric."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.config.study import Study
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.errors import InputError
+from pipeline.model.metrics import library
+from pipeline.sampling import dimensions, replicates, uniforms
+from pipeline.statistics.differences import (
+    Replicate,
+    enough_beyond,
+    mean_difference,
+    order_differences,
+    replicated_difference,
+    share_difference,
+)
+from pipeline.statistics.intervals import QUANTILES, mean, quantile, standard_deviation
+
+Real = NDArray[np.float64]
+
+DIFFERENCES = Table(
+    "differences",
+    "metric, statistic",
+    (
+        Column("metric", "label", "", "column of metrics; all_limits: the yield against all limits of each run"),
+        Column("statistic", "label", "", "mean, std, quantile, yield, or the label of a listed case"),
+        Column("a", "float64", "the metric's", "of run A, over the samples compared"),
+        Column("b", "float64", "the metric's", "of run B"),
+        Column("difference", "float64", "the metric's", "b less a"),
+        Column("ci_low", "float64", "the metric's", "lower end of the confidence interval of the difference"),
+        Column("ci_high", "float64", "the metric's", "upper end"),
+        Column("n_a", "int32", "1", "samples of run A that it rests on"),
+        Column("n_b", "int32", "1", "samples of run B"),
+        Column("paired", "bool", "", "whether the samples share their draws, and are compared one by one"),
+    ),
+)
+INPUTS = Table(
+    "inputs",
+    "setting that differs",
+    (
+        Column("key", "label", "", "of the study, or of its design"),
+        Column("a", "label", "", "in run A; null where it is absent"),
+        Column("b", "label", "", "in run B; null where it is absent"),
+    ),
+)
+DRIVER_CHANGES = Table(
+    "drivers",
+    "metric, parameter, kind",
+    (
+        Column("metric", "label", "", "column of metrics"),
+        Column("parameter", "label", "", "error of a sample, or group of errors"),
+        Column("kind", "label", "", "as in the table of sensitivity"),
+        *(
+            Column(f"{name}_{run}", "float64", "1", f"{meaning}, of run {run.upper()}; null: not determined")
+            for run in "ab"
+            for name, meaning in (("index", "the index"), ("ci_low", "its lower end"), ("ci_high", "its upper end"))
+        ),
+    ),
+)
+UNCOMPARED = ("name", "title", "description", "run", "design.title", "design.source", "design.provenance")
+"""Settings that change no result."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A study with the metrics of its units over the turn, as its limits mean them, (n,) each, indexed by sample."""
+
+    study: Study
+    units: pd.DataFrame
+    sensitivity: pd.DataFrame
+
+    @property
+    def label(self) -> str:
+        """How the run is called."""
+        return self.study.name
+
+
+def differing_inputs(a: Study, b: Study) -> list[tuple[str, Any, Any]]:
+    """Dotted key and both values of every setting that differs; None where a study has none."""
+    settings = [dict(_flat(study.model_dump())) for study in (a, b)]
+    keys = sorted(set(settings[0]) | set(settings[1]))
+    rows = [(key, settings[0].get(key), settings[1].get(key)) for key in keys]
+    return [row for row in rows if row[1] != row[2] and not _uncompared(row[0])]
+
+
+def _uncompared(key: str) -> bool:
+    return any(key == name or key.startswith(f"{name}.") for name in UNCOMPARED)
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping) and value:
+        for name, inner in value.items():
+            yield from _flat(inner, f"{key}.{name}" if key else str(name))
+    else:
+        yield key, value
+
+
+def shared_draws(a: Study, b: Study) -> int:
+    """Draws that two studies have in common, from the first on: those of the shorter one, or 0.
+
+    Notes
+    -----
+    They share them where a draw has as many numbers for each tolerance and the numbers are equal; the first and the
+    last are compared.
+    """
+    sizes = dimensions(a.design)
+    if sizes != dimensions(b.design) or "cases" in (a.samples.experiment, b.samples.experiment):
+        return 0
+    if a.samples.replicated and a.samples.randomisations != b.samples.randomisations:
+        return 0
+    n = min(a.samples.count, b.samples.count)
+    for k in (0, n - 1):
+        of_a, of_b = (uniforms(study.samples, sum(sizes.values()), k, k + 1) for study in (a, b))
+        if not np.array_equal(of_a, of_b):
+            return 0
+    return n
+
+
+def differences(a: Run, b: Run) -> Columns:
+    """Rows of `DIFFERENCES`: `b` less `a`.
+
+    Raises
+    ------
+    InputError
+        If one study lists cases and the other draws samples, or the lists have no label in common.
+    """
+    listed = [run.study.samples.experiment == "cases" for run in (a, b)]
+    if any(listed) and not all(listed):
+        name = (a if listed[0] else b).label
+        raise InputError(f"study {name}: listed cases are no sample of anything; compare it with another list of cases")
+    rows = _case_rows(a, b) if all(listed) else _sample_rows(a, b)
+    frame = pd.DataFrame(rows, columns=[column.name for column in DIFFERENCES.columns])
+    return {name: frame[name].to_numpy() for name in frame}
+
+
+def _case_rows(a: Run, b: Run) -> list[tuple]:
+    """The cases of equal labels, one by one: nothing about them is random."""
+    values = [_by_label(run) for run in (a, b)]
+    common = [label for label in values[0].index if label in values[1].index]
+    if not common:
+        raise InputError(f"studies {a.label} and {b.label}: no case has the same label in both; rename some")
+    rows = []
+    for label in common:
+        for metric in library():
+            pair = [float(one.loc[label, metric]) for one in values]
+            rows.append((metric, label, *pair, pair[1] - pair[0], np.nan, np.nan, 1, 1, True))
+    return rows
+
+
+def _by_label(run: Run) -> pd.DataFrame:
+    shift = int(run.study.samples.nominal_first)
+    labels = {shift + k: case.label for k, case in enumerate(run.study.cases)}
+    units = run.units[run.units.index.isin(labels)]
+    return units.set_axis([labels[int(sample)] for sample in units.index])
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Values of both runs with what their intervals need: rows in common if paired."""
+
+    values: tuple[pd.DataFrame, pd.DataFrame]
+    replicate: tuple[Replicate, Replicate]
+    confidence: float
+    paired: bool
+    seed: int
+
+    @property
+    def replicated(self) -> bool:
+        """Whether both come in independent randomisations."""
+        return all(one is not None for one in self.replicate)
+
+
+def _sample_rows(a: Run, b: Run) -> list[tuple]:
+    n = shared_draws(a.study, b.study)
+    frames = [run.units.set_axis(run.units.index - int(run.study.samples.nominal_first)) for run in (a, b)]
+    frames = [frame[frame.index >= 0] for frame in frames]
+    if n:
+        common = frames[0].index.intersection(frames[1].index)
+        frames = [frame.loc[common[common < n]] for frame in frames]
+    draws = [
+        replicates(run.study.samples, frame.index.to_numpy() + int(run.study.samples.nominal_first))
+        for run, frame in zip((a, b), frames, strict=True)
+    ]
+    pair = _Pair((frames[0], frames[1]), (draws[0], draws[1]), a.study.metrics.confidence, n > 0, a.study.samples.seed)
+    rows = [row for metric in library() for row in _metric_rows(pair, metric)]
+    kept = [run.study.limits.kept(frame) for run, frame in zip((a, b), frames, strict=True)]
+    for name in (name for name in kept[0] if name in kept[1]):
+        limited = [run.study.limits.limited(name) for run in (a, b)]
+        known = [frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited, strict=True)]
+        rows += _yield_rows(pair, name, (kept[0][name], kept[1][name]), (known[0], known[1]))
+    return rows
+
+
+def _chosen(pair: _Pair, known: tuple, values: tuple) -> tuple[tuple, tuple]:
+    """Values and replicates of what is known, of both runs where they are paired."""
+    if pair.paired:
+        known = (known[0] & known[1],) * 2
+    replicate = tuple(None if r is None else r[k] for r, k in zip(pair.replicate, known, strict=True))
+    return tuple(v[k] for v, k in zip(values, known, strict=True)), replicate
+
+
+def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple]:
+    whole = tuple(frame[metric].to_numpy(float) for frame in pair.values)
+    (a, b), replicate = _chosen(pair, tuple(np.isfinite(one) for one in whole), whole)
+    if min(a.size, b.size) == 0:
+        return
+    statistics: dict[str, Callable[[Real], float]] = {"mean": mean, "std": standard_deviation}
+    statistics |= {name: partial(quantile, level=level) for name, level in QUANTILES.items()}
+    if pair.replicated:
+        ends = {
+            name: replicated_difference(statistic, (a, b), replicate, pair.confidence, pair.paired)
+            if enough_beyond(min(a.size, b.size), QUANTILES.get(name, 0.5))
+            else (-np.inf, np.inf)
+            for name, statistic in statistics.items()
+        }
+    else:
+        ends = {"mean": mean_difference(a, b, pair.confidence, pair.paired)}
+        ends |= order_differences(a, b, pair.confidence, pair.paired, pair.seed)
+    for name, statistic in statistics.items():
+        of_a, of_b = statistic(a), statistic(b)
+        yield (metric, name, of_a, of_b, of_b - of_a, *ends[name], a.size, b.size, pair.paired)
+
+
+def _yield_rows(pair: _Pair, name: str, kept: tuple, known: tuple) -> Iterator[tuple]:
+    (a, b), replicate = _chosen(pair, known, kept)
+    if min(a.size, b.size) == 0:
+        return
+    if pair.replicated and np.ptp(a) and np.ptp(b):
+        counted = (a.astype(float), b.astype(float))
+        ends = replicated_difference(mean, counted, replicate, pair.confidence, pair.paired)
+    else:
+        ends = share_difference(a, b, pair.confidence, pair.paired)
+    of_a, of_b = float(a.mean()), float(b.mean())
+    yield (name, "yield", of_a, of_b, of_b - of_a, *ends, a.size, b.size, pair.paired)
+
+
+def driver_changes(a: Run, b: Run) -> Columns:
+    """Rows of `DRIVER_CHANGES`: indices of the worst over the turn in both runs."""
+    keys = ["metric", "parameter", "kind"]
+    parts = []
+    for run in (a, b):
+        table = run.sensitivity[run.sensitivity["over"] == "worst"]
+        parts.append(table.astype(dict.fromkeys(keys, str))[[*keys, "index", "ci_low", "ci_high"]])
+    merged = parts[0].merge(parts[1], on=keys, how="outer", suffixes=("_a", "_b"))
+    return {column.name: merged[column.name].to_numpy() for column in DRIVER_CHANGES.columns}

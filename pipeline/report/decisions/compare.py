@@ -1,0 +1,140 @@
+"""The page on two runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.section import shown_value
+from pipeline.config.study import ALL_LIMITS
+from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, Run
+from pipeline.engine.store import write_atomic
+from pipeline.engine.table import Columns
+from pipeline.figures.labels import METRICS, parameter_title
+from pipeline.figures.overlay import overlay_figure
+from pipeline.figures.style import save
+from pipeline.model.metrics import Quantity, signed
+from pipeline.report.rendering import Picture, rendered
+from pipeline.report.wording import NOTHING, SHARE, interval, number, percent
+from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
+
+TEMPLATE = "decisions/compare.html"
+KINDS = {
+    TOTAL: "share of the variance, in all",
+    FIRST_ORDER: "share of the variance, by itself",
+    RANK_CORRELATION: "rank correlation",
+}
+LEADING = 3
+"""Drivers of a metric that are shown, by the larger of the two runs."""
+
+
+def write_comparison(
+    a: Run, b: Run, inputs: Sequence[tuple[str, Any, Any]], rows: Columns, drivers: Columns, folder: Path
+) -> None:
+    """Write report.html, its figure and the three tables as CSV and Parquet into ``folder``."""
+    settings = [(key, *(_text(value) for value in pair)) for key, *pair in inputs]
+    columns = {name: np.array([row[k] for row in settings], object) for k, name in enumerate(("key", "a", "b"))}
+    for table, content in ((DIFFERENCES, rows), (DRIVER_CHANGES, drivers), (INPUTS, columns)):
+        write_atomic(folder / f"{table.name}.parquet", table.part(content).data)
+        text = pd.DataFrame(content).to_csv(index=False, float_format="%.8g")
+        write_atomic(folder / f"{table.name}.csv", text.encode())
+    frame = pd.DataFrame(rows)
+    metrics = [name for name in METRICS if not _constant(a, b, name)]
+    page = rendered(
+        TEMPLATE,
+        a=a,
+        b=b,
+        settings=[(key, *(value or NOTHING for value in pair)) for key, *pair in settings],
+        sentence=sentence(a, b, frame),
+        paired=bool(len(frame) and frame["paired"].iloc[0]),
+        listed=a.study.samples.experiment == "cases",
+        rows=[_row(row) for row in frame.to_dict("records") if row["metric"] in (*metrics, ALL_LIMITS)],
+        drivers=_drivers(pd.DataFrame(drivers)),
+        level=100 * a.study.metrics.confidence,
+        pictures=_pictures(a, b, metrics, folder),
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def sentence(a: Run, b: Run, rows: pd.DataFrame) -> str:
+    """What the comparison says of the yield against all limits, else of the first headline metric."""
+    shares = rows[(rows["metric"] == ALL_LIMITS) & (rows["statistic"] == "yield")]
+    if len(shares):
+        row = shares.iloc[0]
+        known = row["ci_low"] > 0 or row["ci_high"] < 0
+        change = f"{signed(100 * row['difference'], 1)} percentage points"
+        ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
+        told = "" if known else " The samples do not tell the two apart."
+        return (
+            f"Of {a.label} {percent(row['a'])} of the units keep all limits, of {b.label} {percent(row['b'])}: "
+            f"{change} ({ends}).{told}"
+        )
+    count = len(rows["metric"].unique()) if len(rows) else 0
+    return f"{count} metrics are compared; no yield, since not both studies set limits."
+
+
+def _constant(a: Run, b: Run, metric: str) -> bool:
+    """Whether a metric is one number in both runs, as the hysteresis loss without friction."""
+    values = np.concatenate([run.units[metric].dropna().to_numpy(float) for run in (a, b)])
+    return values.size == 0 or (values.size > 1 and float(np.ptp(values)) == 0)
+
+
+def _text(value: Any) -> str | None:
+    return None if value is None else value if isinstance(value, str) else shown_value(value)
+
+
+def _row(row: dict[Any, Any]) -> dict[str, str]:
+    share = row["statistic"] == "yield"
+    quantity = SHARE if share else METRICS[row["metric"]]
+    factor = 100 if share else 1
+    finer = Quantity(quantity.title, quantity.unit, quantity.decimals + 1)
+    known = np.isfinite(row["ci_low"]) or np.isfinite(row["ci_high"])
+    title = "All limits" if row["metric"] == ALL_LIMITS else METRICS[row["metric"]].title
+    return {
+        "title": title,
+        "unit": quantity.unit,
+        "statistic": row["statistic"],
+        "a": number(factor * row["a"], quantity),
+        "b": number(factor * row["b"], quantity),
+        "difference": number(factor * row["difference"], finer),
+        "ends": interval(factor * row["ci_low"], factor * row["ci_high"], finer) if known else "",
+        "certain": bool(row["ci_low"] > 0 or row["ci_high"] < 0),
+    }
+
+
+def _drivers(table: pd.DataFrame) -> list[dict[str, str]]:
+    """The leading drivers of every metric by each kind."""
+    rows = []
+    table = table[table["parameter"] != SUM]
+    for (metric, kind), part in table.groupby(["metric", "kind"], sort=False):
+        if METRICS[metric].needs_friction:
+            continue
+        size = part[["index_a", "index_b"]].abs().max(axis=1).sort_values(ascending=False, kind="stable")
+        for position in size.dropna().index[:LEADING]:
+            row = part.loc[position]
+            cells = {}
+            for run in "ab":
+                cells[run] = _index(row[f"index_{run}"])
+                cells[f"ends_{run}"] = f"{_index(row[f'ci_low_{run}'])} to {_index(row[f'ci_high_{run}'])}"
+            title = parameter_title(row["parameter"])
+            rows.append({"metric": METRICS[metric].title, "kind": KINDS[kind], "parameter": title, **cells})
+    return rows
+
+
+def _index(value: float) -> str:
+    return signed(value, 2) if np.isfinite(value) else NOTHING
+
+
+def _pictures(a: Run, b: Run, metrics: Sequence[str], folder: Path) -> dict[str, Picture]:
+    if a.study.samples.experiment == "cases" or not metrics:
+        return {}
+    stem = folder / "figures" / "distributions"
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    runs = {f"A: {a.label}": a.units, f"B: {b.label}": b.units}
+    save(overlay_figure(runs, [run.study.limits.of_metrics for run in (a, b)], metrics), stem)
+    caption = "Upright lines are the limits of each run. Values over the turn, as the limits count them."
+    return {"distributions": Picture("Distributions of both runs", caption, stem.with_suffix(".svg").read_bytes())}

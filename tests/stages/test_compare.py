@@ -1,0 +1,100 @@
+"""The command compare: studies that differ in one tolerance, unit by unit; without shared draws; of cases."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline import cli
+from pipeline.cli import settings
+from pipeline.config import load_study
+from pipeline.decisions.run_comparison import differing_inputs, shared_draws
+
+ROOT = Path(__file__).parent.parent.parent
+QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 24")
+ECCENTRICITY = (
+    '[tolerances.eccentricity]          # ground crank\ndistribution = "normal"\nlower_um = -2.0\nupper_um = 2.0'
+)
+
+
+@pytest.fixture
+def own_runs(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    monkeypatch.setattr(settings, "RUNS", folder)
+    return folder
+
+
+def written(folder: Path, name: str, text: str) -> str:
+    path = folder / f"{name}.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def compared(own_runs: Path, a: str, b: str) -> pd.DataFrame:
+    assert cli.main(["compare", a, b, "--jobs", "1"]) == 0
+    folder = own_runs / "compare" / f"{Path(a).stem}-{Path(b).stem}"
+    table = pd.read_parquet(folder / "differences.parquet")
+    pd.testing.assert_frame_equal(
+        pd.read_csv(folder / "differences.csv"),
+        table.astype({"metric": str, "statistic": str}),
+        check_dtype=False,
+        rtol=1e-6,
+    )
+    return table.set_index(["metric", "statistic"])
+
+
+def test_one_tolerance_changed_is_compared_unit_by_unit(
+    outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    assert ECCENTRICITY in QUICK
+    wide = QUICK.replace(ECCENTRICITY, ECCENTRICITY.replace("2.0", "6.0"))
+    a, b = written(tmp_path, "narrow", QUICK), written(tmp_path, "wide", wide)
+    table = compared(own_runs, a, b)
+    units = [pd.read_parquet(own_runs / name / "aggregate/units.parquet").iloc[1:] for name in ("narrow", "wide")]
+    lost = [frame["lost_motion_arcmin_worst"].to_numpy() for frame in units]
+    row = table.loc["lost_motion_arcmin", "mean"]
+    assert row["paired"]
+    assert row["difference"] == pytest.approx(np.mean(lost[1] - lost[0]))
+    half = 2.0687 * np.std(lost[1] - lost[0], ddof=1) / np.sqrt(24)  # Student's t of 23 degrees of freedom
+    assert row["ci_high"] - row["difference"] == pytest.approx(half, rel=1e-4)
+    kept = [np.mean(values <= 2.8) for values in lost]
+    assert table.loc["lost_motion_arcmin", "yield"]["difference"] == pytest.approx(kept[1] - kept[0])
+    page = (own_runs / "compare/narrow-wide/report.html").read_text()
+    assert "tolerances.eccentricity.upper_um" in page
+    assert "share their draws" in page
+    assert "report.html" in capsys.readouterr().out
+    inputs = pd.read_csv(own_runs / "compare/narrow-wide/inputs.csv")
+    assert set(inputs["key"]) == {"tolerances.eccentricity.lower_um", "tolerances.eccentricity.upper_um"}
+
+
+def test_studies_that_share_no_draw_are_told_apart() -> None:
+    quick, paper, holes = (load_study(name, ROOT) for name in ("quick", "paper", "pin_in_hole"))
+    seeded = quick.model_copy(update={"samples": quick.samples.model_copy(update={"seed": 1})})
+    assert shared_draws(quick, paper) == 50
+    assert shared_draws(quick, seeded) == shared_draws(quick, holes) == 0
+    assert [key for key, *_ in differing_inputs(quick, seeded)] == ["samples.seed"]
+    sobol = {"experiment": "sobol", "count": 64}
+    pair = [
+        quick.model_copy(update={"samples": quick.samples.model_copy(update=sobol | {"randomisations": r})})
+        for r in (8, 16)
+    ]
+    assert shared_draws(pair[0], pair[0]) == 64
+    assert shared_draws(*pair) == 0
+
+
+def test_cases_are_compared_by_their_labels(outputs: dict, own_runs: Path, tmp_path: Path) -> None:
+    head, rest = QUICK.split("[samples]")[0], QUICK[QUICK.index("# --- how it is computed") :]
+    cycle = QUICK[QUICK.index("[cycle]") : QUICK.index("# --- tolerances")]
+    listed = f'{head}[samples]\nexperiment = "cases"\n\n[[cases]]\nlabel = "one"\ndisk_profile = SIZE\n\n{cycle}{rest}'
+    a, b = (
+        written(tmp_path, "tight", listed.replace("SIZE", "8.0")),
+        written(tmp_path, "loose", listed.replace("SIZE", "12.0")),
+    )
+    table = compared(own_runs, a, b)
+    row = table.loc["lost_motion_arcmin", "one"]
+    assert row["difference"] == row["b"] - row["a"] > 0.1
+    assert np.isnan(row["ci_low"])
+    assert cli.main(["compare", a, written(tmp_path, "random", QUICK), "--jobs", "1"]) == 2
