@@ -8,6 +8,7 @@ from pipeline.config.design import Design
 from pipeline.config.design import Material as MaterialSection
 from pipeline.config.design import PinInHole as PinInHoleSection
 from pipeline.config.design import RollerPlate as RollerPlateSection
+from pipeline.config.flank import flank_profile
 from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
 from pipeline.model.contact.line_laws import library as law_library
@@ -30,9 +31,8 @@ if TYPE_CHECKING:  # its statistics are slow to import, and workers import this 
 
 
 def profile(design: Design) -> CycloidProfile:
-    """The flank of the design."""
-    cycloid = design.cycloid
-    return CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
+    """The flank of the design, with its modification."""
+    return flank_profile(design.cycloid, design.flank)
 
 
 def reducer(design: Design, crank_deg: float) -> Reducer:

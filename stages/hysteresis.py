@@ -339,6 +339,7 @@ HYSTERESIS = Stage(
         "design.cycloid",
         "design.bearing",
         "design.output",
+        "design.flank",
         "design.effects",
         "clearance",
         "cycle.crank_deg",

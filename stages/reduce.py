@@ -20,7 +20,7 @@ from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
 from stages.keys import CONTACT, CRANK
 
 MESH_FILE = "mesh.npz"
-SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.output", "reduce")
+SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.flank", "design.output", "reduce")
 
 CONTACTS = Table(
     "contacts",

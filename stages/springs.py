@@ -134,6 +134,7 @@ SPRINGS = Stage(
         "design.pins",
         "design.bearing",
         "design.output",
+        "design.flank",
         "springs",
         "reduce.patch_half_width_mm",
         "reduce.roller_patch_half_width_mm",

@@ -6,23 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from pipeline.config.cycloid import Cycloid
+from pipeline.config.flank import Flank
 from pipeline.config.section import Clearance, Millimetres, Section
-
-
-class Cycloid(Section):
-    """Cycloid stage: ring of pins and one disk with `pins - 1` lobes."""
-
-    pins: Annotated[int, Field(ge=4, le=1000)]
-    pin_radius_mm: Millimetres
-    pin_circle_radius_mm: Millimetres
-    eccentricity_mm: Millimetres
-    # From a watch to a wind turbine.
-    rated_torque_Nm: Annotated[float, Field(ge=1e-6, le=1e7)]
-
-    @property
-    def lobes(self) -> int:
-        """Number of lobes of the disk, which is also the reduction ratio."""
-        return self.pins - 1
 
 
 class Housing(Section):
@@ -189,6 +175,7 @@ class Design(Section):
     disk: Disk
     pins: Pins
     bearing: Bearing
+    flank: Flank | None = None
     output: Annotated[RollerPlate | PinInHole, Field(discriminator="mechanism")]
     effects: dict[str, dict[str, float]] = {}
     provenance: dict[str, Provenance] = {}

@@ -7,6 +7,7 @@ from math import hypot, pi, sin
 from typing import Any
 
 from pipeline.config.design import Cycloid, Disk, Housing, PinInHole, RollerPlate
+from pipeline.config.flank import flank_problems
 from pipeline.config.section import Problem, nearest_name
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
@@ -22,7 +23,10 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
     found: list[Problem] = []
     cycloid, housing, disk, output = (parts.get(name) for name in ("cycloid", "housing", "disk", "output"))
     if cycloid:
-        found += _profile(cycloid)
+        impossible = list(_profile(cycloid))
+        found += impossible
+        if parts.get("flank") and not impossible:
+            found += flank_problems(cycloid, parts["flank"])
     if cycloid and housing:
         found += _housing(cycloid, housing)
     if cycloid and disk:

@@ -13,6 +13,7 @@ from pipeline.config.cases import Case, case_problems
 from pipeline.config.consistency import provenance_problems, study_problems
 from pipeline.config.design import Design
 from pipeline.config.effects import effect_problems
+from pipeline.config.flank_file import with_flank_file
 from pipeline.config.geometry import geometry_problems
 from pipeline.config.messages import problems_of
 from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
@@ -38,7 +39,7 @@ def load_design(path_or_stem: str | Path, root: Path) -> Design:
     InputError : the file is missing, is no TOML, or holds values that are not allowed; with all of its problems.
     """
     path = found_file(path_or_stem, root, "designs", [Path(), root])
-    return parse_design(read_toml(path), path.name)
+    return parse_design(_design_tables(path), path.name)
 
 
 def load_study(path_or_stem: str | Path, root: Path) -> Study:
@@ -216,7 +217,17 @@ def _depth(value: Any) -> int:
 
 def _study_design(name: str, study: Path, root: Path) -> Design:
     path = found_file(name, root, "designs", [study.parent, root], f"{study.name}: design")
-    return parse_design(read_toml(path), path.name)
+    return parse_design(_design_tables(path), path.name)
+
+
+def _design_tables(path: Path) -> dict[str, Any]:
+    """The tables of a design file, with the flank file that it names."""
+    try:
+        return with_flank_file(read_toml(path), path.parent)
+    except InputError as error:
+        raise InputError(
+            [line if line.startswith(path.name) else f"{path.name}: {line}" for line in error.problems]
+        ) from None
 
 
 def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], where: str = "") -> Path:

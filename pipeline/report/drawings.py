@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from pipeline.config.design import Design, PinInHole
 from pipeline.figures.clearances import pin_clearances_figure
 from pipeline.figures.distributions import crank_figure, distributions_figure
+from pipeline.figures.flank import nominal_gap_figure
 from pipeline.figures.holes import Holes, holes_figure, output_pin_loads_figure
 from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
 from pipeline.figures.labels import METRICS
@@ -21,6 +22,7 @@ from pipeline.figures.springs import spring_laws_figure
 from pipeline.figures.units import units_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report.explorer import explored_units
+from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.wording import counted, plain
 
@@ -42,6 +44,8 @@ class Drawing:
 def drawings(frames: Frames) -> Iterator[Drawing]:
     """All figures that the frames have rows for, one after the other, so that each can be written and forgotten."""
     yield _reducer(frames)
+    if frames.study.design.flank is not None:
+        yield _flank(frames)
     yield _springs(frames)
     yield _clearances(frames)
     yield from _loads(frames)
@@ -88,6 +92,20 @@ def _reducer(frames: Frames) -> Drawing:
         "Pins are counted clockwise from the direction of the eccentric at crank angle 0. The rollers of each row are "
         "counted from outside to inside; beside each row stand the numbers of its contacts in the tables.",
         figure,
+    )
+
+
+def _flank(frames: Frames) -> Drawing:
+    design = frames.study.design
+    measured = design.flank.measured if design.flank else None
+    lobes_differ = measured is not None and len(measured.deviation_um) > 1
+    return Drawing(
+        "flank",
+        "Gap of the drawn flank",
+        f"What the drawn flank leaves to nominal pins before any take-up, {flank_fact(design)}; crank angle of the "
+        f"pins {plain(frames.crank_deg)}°. First order fails at the roots, where the centre of curvature of the flank "
+        "is close to the pin's.",
+        nominal_gap_figure(nominal_gap_curve(design), nominal_gaps(design, frames.crank_deg), lobes_differ),
     )
 
 

@@ -13,6 +13,7 @@ from pipeline.config.study import Cycle, Study
 from pipeline.config.tolerances import Tolerances
 from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws import library as law_library
+from pipeline.report.flank import flank_fact
 from pipeline.report.frames import Frames
 from pipeline.report.wording import NOTHING, counted, listed, plain
 
@@ -23,6 +24,7 @@ UNITS = {
     "_Nm": "N m",
     "_mm": "mm",
     "_um": "µm",
+    "_arcmin": "′",
 }
 PROPER_NAMES = {"youngs": "Young's", "poisson": "Poisson's"}
 EXPERIMENTS = {
@@ -138,6 +140,7 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
         ("Eccentricity", f"{plain(cycloid.eccentricity_mm)} mm"),
         ("Rated torque", f"{plain(cycloid.rated_torque_Nm)} N m"),
         ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
+        *([("Flank", flank_fact(design))] if design.flank else []),
         ("Input bearing", f"radial spring, {law}"),
         ("Output", _output_fact(design)),
         *([("Effects", _effects_fact(design))] if design.effects else []),

@@ -15,6 +15,7 @@ from pipeline.checks.verify.condensation import check_disk_compliance
 from pipeline.checks.verify.cylinder import check_cylinder_between_flats
 from pipeline.checks.verify.elasticity import check_elastic_bodies
 from pipeline.checks.verify.findings import Check, Finding
+from pipeline.checks.verify.flank import check_flank
 from pipeline.checks.verify.geometry import check_profile
 from pipeline.checks.verify.laws import check_contact_laws
 from pipeline.checks.verify.play import check_rigid_backlash
@@ -26,6 +27,7 @@ MESHES = {"coarse": "quick", "paper": "paper"}
 """Study whose mesh and tolerances each size takes."""
 CHECKS: Mapping[str, Check] = {
     "profile": check_profile,
+    "modified flank": check_flank,
     "rigid backlash": check_rigid_backlash,
     "cylinder between flats": check_cylinder_between_flats,
     "disk compliance": check_disk_compliance,

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.model.geometry.flank_modification import NOMINAL, FlankModification
+
 Real = NDArray[Any]  # float64; numpy's stubs lose the type in arithmetic with complex numbers
 Complex = NDArray[Any]  # complex128
 Index = NDArray[np.intp]
@@ -25,6 +27,8 @@ class CycloidProfile:
     its parallel at the pin radius. Pin i sits at psi = theta_i + alpha/(N-1), and its phase in the mesh
     is beta = theta_i - alpha = -(N-1) psi (modulo a turn): 0 in a root, 180 degrees on a tip.
     Valid for K1 = e N/R < 1 and a convex locus radius above the pin radius (no undercut).
+    ``modification`` is what the drawing makes of the flank: the methods here are those of the nominal one,
+    ``generating`` has the numbers that generate the drawn one, and ``drawn_flank`` gives its points.
 
     Source
     ------
@@ -36,6 +40,20 @@ class CycloidProfile:
     pin_circle_radius: float
     pin_radius: float
     eccentricity: float
+    modification: FlankModification = NOMINAL
+
+    @property
+    def numbers(self) -> tuple[int, float, float, float]:
+        """Pins, radius of their circle, radius of a pin and eccentricity: the profile without its modification."""
+        return self.pins, self.pin_circle_radius, self.pin_radius, self.eccentricity
+
+    @property
+    def generating(self) -> "CycloidProfile":
+        """The nominal profile whose flank is the drawn one, but for rotation and measured deviation."""
+        if self.modification == NOMINAL:
+            return self
+        circle = self.pin_circle_radius + self.modification.moved_distance
+        return CycloidProfile(self.pins, circle, self.pin_radius + self.modification.equidistant, self.eccentricity)
 
     @property
     def lobes(self) -> int:
@@ -115,7 +133,7 @@ class PinContacts:
     phase, flank_parameter
         beta_i in (-pi, pi] and psi_i [rad].
     flank_curvature
-        Of the disk at the contact [1/mm], convex positive.
+        Of the disk at the contact [1/mm], convex positive; that of the generating profile.
     """
 
     centre: Complex
@@ -153,5 +171,5 @@ def pin_contacts(profile: CycloidProfile, crank: float) -> PinContacts:
         arm=np.imag(np.conj(profile.eccentricity * profile.lobes * eccentric) * normal),
         phase=beta,
         flank_parameter=psi,
-        flank_curvature=profile.flank_curvature(beta),
+        flank_curvature=profile.generating.flank_curvature(beta),
     )

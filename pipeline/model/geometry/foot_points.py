@@ -37,7 +37,7 @@ SMALL_TURN = 0.1
 
 @dataclass(frozen=True)
 class Valleys:
-    """The nominal pins in their valleys, in the disk frame.
+    """The nominal pins in the valleys of the flank without rotation and measured deviation, in the disk frame.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Valleys:
 @lru_cache(maxsize=64)
 def valleys(profile: CycloidProfile, crank: float) -> Valleys:
     """What ``_distances`` needs of the nominal reducer at the crank angle ``crank`` [rad]; kept from call to call."""
-    pins = pin_contacts(profile, crank)
+    pins, flank = pin_contacts(profile, crank), profile.generating
     turn = np.exp(-1j * disk_rotation(profile, crank))
     radial = pins.centre / np.abs(pins.centre)
     root = pins.flank_parameter + pins.phase / profile.lobes
@@ -68,18 +68,18 @@ def valleys(profile: CycloidProfile, crank: float) -> Valleys:
         radial * turn,
         np.exp(1j * root),
     )
-    psi = _valley_points(profile)
-    along = (profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), profile.normal(psi))
+    psi = valley_points(profile, VALLEY_SCAN)
+    along = (profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), flank.normal(psi))
     return Valleys(
-        np.vstack([*(row for one in directions for row in (one.real, one.imag)), *_rooms(profile, pins.phase)]),
+        np.vstack([*(row for one in directions for row in (one.real, one.imag)), *_rooms(flank, pins.phase)]),
         np.vstack([psi, *(row for one in along for row in (one.real, one.imag))]),
         complex(np.exp(1j * crank) * turn),
     )
 
 
-def _valley_points(profile: CycloidProfile) -> Real:
-    """Parameters psi of a valley about its root at 0, some way beyond its tips, over which a pin may move."""
-    even = BEYOND_THE_TIP * np.linspace(-1, 1, 2 * VALLEY_SCAN + 1)
+def valley_points(profile: CycloidProfile, scan: int) -> Real:
+    """Parameters psi of a valley (2 scan + 1,) about its root at 0, ascending, some way beyond its tips."""
+    even = BEYOND_THE_TIP * np.linspace(-1, 1, 2 * scan + 1)
     return 0.5 * profile.lobe_pitch * even * np.abs(even)
 
 
@@ -89,7 +89,7 @@ def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
     The first is the least gap over change of normal among the points of the valley that are no neighbours of the
     foot, and Newton's own limit; the second the least gap of the other side of the root.
     """
-    psi = _valley_points(profile)
+    psi = valley_points(profile, VALLEY_SCAN)
     flank, normal = profile.flank(psi), profile.normal(psi)
     place = -phase / profile.lobes
     gap = np.abs(profile.locus(place)[:, None] - flank) - profile.pin_radius

@@ -1,0 +1,98 @@
+"""Check of the modified flank: exact gaps by a search, first order of the textbooks, the published take-up."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.checks.specimen import Specimen
+from pipeline.checks.verify.findings import Finding, compared, relative
+from pipeline.checks.verify.geometry import flank_distance
+from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real, disk_rotation
+from pipeline.model.geometry.flank_modification import FlankModification
+from pipeline.model.geometry.rigid_backlash import separated_play
+
+CRANKS = 16
+ALONG, MOVED, TURNED = 8e-3, -3e-3, 2e-4
+"""Equidistant and moved distance [mm] and rotation [rad]: each about 5 um on the paper's flank."""
+AWAY_FROM_ROOTS = np.radians(40.0)
+
+
+class TurnedFlank(CycloidProfile):
+    """The flank of a rotation, each point as the textbooks write it; for ``flank_distance``."""
+
+    def flank(self, psi):
+        k, phase = self.shortening, self.lobes * np.asarray(psi)
+        s = np.sqrt(1 + k * k - 2 * k * np.cos(phase))
+        arm = self.eccentricity * self.lobes * np.abs(np.sin(phase)) / s
+        return self.locus(psi) + (self.pin_radius + TURNED * arm) * self.normal(psi)
+
+
+def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> tuple[Real, Real, Real, Real]:
+    """Phase, arm, exact and first-order gap of the nominal pins."""
+    profile, at = replace(specimen.profile, modification=modification), assembly.reducer(specimen.study.design, crank)
+    pins = np.zeros((1, profile.pins))
+    no_errors = Errors(
+        pins, pins, pins, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, len(at.contacts) - at.n_pins))
+    )
+    exact, first = (method(profile, at, no_errors, "radial")[0] for method in (exact_gaps, first_order_gaps))
+    return at.pins.phase, at.pins.arm, exact, first
+
+
+def _searched(flank: CycloidProfile, profile: CycloidProfile, crank_deg: float) -> Real:
+    """Gap of nominal pins by a golden-section search on another flank."""
+    crank, theta = np.radians(crank_deg), profile.pin_angle()
+    centre = profile.pin_circle_radius * np.exp(1j * theta) - profile.eccentricity * np.exp(1j * crank)
+    turn = disk_rotation(profile, crank)
+    return flank_distance(flank, centre * np.exp(-1j * turn), theta - turn) - profile.pin_radius
+
+
+def _published(profile: CycloidProfile, phase: Real, dr: float, circle: float) -> Real:
+    """Gap after turning to the first contact.
+
+    Source: Li, Guan and others, initial clearance of modified cycloid gears.
+    """
+    k, phi = profile.shortening, np.abs(phase)
+    s, largest = np.sqrt(1 + k * k - 2 * k * np.cos(phi)), np.sqrt(1 - k * k)
+    return dr * (1 - np.sin(phi) / s) - circle * (1 - k * np.cos(phi) - largest * np.sin(phi)) / s
+
+
+def check_flank(specimen: Specimen) -> Iterator[Finding]:
+    """Flank as drawn: equidistant, moved distance and rotation."""
+    profile = specimen.profile
+    cranks = np.degrees(2 * np.pi * (np.arange(CRANKS) + 0.37) / CRANKS)
+    numbers = (profile.pins, profile.pin_circle_radius + MOVED, profile.pin_radius + ALONG, profile.eccentricity)
+    for name, modification, flank in (
+        ("equidistant and moved distance", FlankModification(ALONG, MOVED), CycloidProfile(*numbers)),
+        ("rotation", FlankModification(rotation=TURNED), TurnedFlank(*profile.numbers)),
+    ):
+        modelled = [_gaps(specimen, modification, crank)[2] for crank in cranks]
+        searched = [_searched(flank, profile, crank) for crank in cranks]
+        yield compared(f"gaps of the drawn flank against a search, {name} [mm]", searched, modelled, 1e-9)
+    missed = []
+    for size in (1.0, 0.1):
+        every = FlankModification(size * ALONG, size * MOVED, size * TURNED)
+        phase, _, exact, first = map(np.concatenate, zip(*(_gaps(specimen, every, c) for c in cranks), strict=True))
+        missed.append(np.abs(exact - first)[np.abs(phase) > AWAY_FROM_ROOTS].max())
+    yield relative("first order misses a hundredth at a tenth of the modification", 100.0, missed[0] / missed[1], 0.15)
+    yield from _taken_up(specimen)
+
+
+def _taken_up(specimen: Specimen) -> Iterator[Finding]:
+    profile = specimen.profile
+    turning = []
+    for crank in np.degrees(2 * np.pi / profile.pins * np.arange(CRANKS * 8) / (CRANKS * 8)):
+        phase, arm, _, first = _gaps(specimen, FlankModification(ALONG, MOVED), crank)
+        turning.append(np.stack([phase, arm, first])[:, arm < 0])
+    phase, arm, gap = np.concatenate(turning, axis=1)
+    taken_up = gap + arm * np.min(gap / -arm)
+    published = _published(profile, phase, ALONG, MOVED)
+    yield compared(
+        "gaps after turning to the first contact against Li and Guan [mm]", published, taken_up, 2e-3 * ALONG
+    )
+    at = assembly.reducer(specimen.study.design, float(np.degrees(0.3)))
+    gap = np.zeros((1, len(at.contacts)))
+    gap[0, : at.n_pins] = _gaps(specimen, FlankModification(rotation=TURNED), float(np.degrees(0.3)))[3]
+    yield relative("play of a rotation is twice its angle [rad]", 2 * TURNED, separated_play(at, gap).backlash[0], 1e-5)

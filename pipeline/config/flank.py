@@ -1,0 +1,191 @@
+"""The flank of the disk as drawn, and as measured: the optional section `[flank]` of a design file."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.config.cycloid import Cycloid
+from pipeline.config.section import Micrometres, Problem, Section
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
+from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
+from pipeline.model.geometry.flank_modification import NOMINAL, FlankModification, MeasuredFlank
+from pipeline.model.units import ARCMIN, MM_PER_UM
+
+FEWEST_POINTS = 8
+WIDEST_GAP_DEG = 30.0
+"""Of phase between two measured points: a flank is no guess between them."""
+CHECKED_POINTS = 2049
+"""Of a lobe, at which the flank must go on around the disk's centre."""
+
+
+class Measured(Section):
+    """Deviation of the measured flank from the drawn one along its outward normal: excess of material is positive.
+
+    Points stand at `phase_deg` of a lobe, or at `arc_mm` along the drawn flank, both clockwise from the root at which
+    the lobe begins. One list of deviations holds for all lobes, or there is one a lobe, clockwise from lobe 0. `file`
+    names where they were read from.
+    """
+
+    phase_deg: tuple[Annotated[float, Field(ge=0, lt=360)], ...] | None = None
+    arc_mm: tuple[Annotated[float, Field(ge=0)], ...] | None = None
+    deviation_um: Annotated[tuple[tuple[Micrometres, ...], ...], Field(min_length=1)]
+    file: str = ""
+
+    @property
+    def place(self) -> str:
+        """Name of the key that says where the points stand."""
+        return "arc_mm" if self.phase_deg is None else "phase_deg"
+
+    @property
+    def places(self) -> tuple[float, ...]:
+        """Where the points stand, in degrees or mm."""
+        return (self.arc_mm or ()) if self.phase_deg is None else self.phase_deg
+
+    @property
+    def points(self) -> int:
+        """Number of points of a lobe."""
+        return len(self.places)
+
+    def row(self, lobe: int, point: int) -> str:
+        """A point as a message names it: its line in the file, or its place in the lists."""
+        k = lobe % len(self.deviation_um)
+        return f"{self.file}:{2 + k * self.points + point}" if self.file else f"point {point} of list {k}"
+
+
+class Flank(Section):
+    """How the drawing modifies the flank that the reducer's own pins would generate, and what was measured of it.
+
+    `equidistant_um` (dr): the generating roller is larger than a pin; positive takes material off along the normal.
+    `moved_distance_um` (dR): the generating pin circle is larger than the reducer's; negative takes material off.
+    `rotation_arcmin` (delta): |a| delta off both flanks of every lobe, a being the arm of the normal about the disk's
+    centre; nothing at root and tip, where the two flanks meet in the parallel drawn by the others.
+    """
+
+    equidistant_um: Micrometres = 0.0
+    moved_distance_um: Micrometres = 0.0
+    rotation_arcmin: Annotated[float, Field(ge=0, le=60)] = 0.0
+    measured: Measured | None = None
+
+
+def flank_profile(cycloid: Cycloid, flank: Flank | None) -> CycloidProfile:
+    """The profile of the disk with the modification that the design draws, and the measured deviation."""
+    profile = CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
+    if flank is None:
+        return profile
+    drawn = CycloidProfile(*profile.numbers, _modification(flank, None))
+    measured = None if flank.measured is None else _measured(flank.measured, drawn)
+    return CycloidProfile(*profile.numbers, _modification(flank, measured))
+
+
+def _modification(flank: Flank, measured: MeasuredFlank | None) -> FlankModification:
+    return FlankModification(
+        MM_PER_UM * flank.equidistant_um,
+        MM_PER_UM * flank.moved_distance_um,
+        flank.rotation_arcmin / ARCMIN,
+        measured,
+    )
+
+
+def _measured(measured: Measured, drawn: CycloidProfile) -> MeasuredFlank:
+    if measured.phase_deg is not None:
+        phase = np.radians(measured.phase_deg)
+    else:
+        phase = phase_of_arc(drawn, np.array(measured.arc_mm))
+    return MeasuredFlank(phase, MM_PER_UM * np.array(measured.deviation_um))
+
+
+def flank_problems(cycloid: Cycloid, flank: Flank) -> Iterator[Problem]:
+    """What cannot be made or read of a flank whose nominal form is possible."""
+    drawn = flank_profile(cycloid, flank.model_copy(update={"measured": None}))
+    generating = drawn.generating
+    if generating.pin_radius <= 0 or generating.pin_circle_radius <= 0:
+        key = "equidistant_um" if generating.pin_radius <= 0 else "moved_distance_um"
+        yield Problem(f"flank.{key}", getattr(flank, key), "leaves no generating roller; micrometres are asked for")
+        return
+    if generating.shortening >= 1:
+        limit = cycloid.eccentricity_mm * cycloid.pins - cycloid.pin_circle_radius_mm
+        allowed = f"must be > {limit / MM_PER_UM:.4g}, or the drawn flank has loops: its pin circle is too small"
+        yield Problem("flank.moved_distance_um", flank.moved_distance_um, allowed)
+        return
+    locus = generating.smallest_convex_locus_radius()
+    if generating.pin_radius >= locus:
+        allowed = f"must be < {(locus - cycloid.pin_radius_mm) / MM_PER_UM:.4g}, or the drawn flank is undercut"
+        yield Problem("flank.equidistant_um", flank.equidistant_um, allowed)
+        return
+    if fold := _fold(drawn):
+        allowed = f"the flank folds at a phase of {fold[1]:.3g} deg; take a smaller rotation"
+        yield Problem("flank.rotation_arcmin", flank.rotation_arcmin, allowed)
+    elif flank.measured is not None:
+        yield from _measured_problems(cycloid, flank, flank.measured, drawn)
+
+
+def _measured_problems(cycloid: Cycloid, flank: Flank, measured: Measured, drawn: CycloidProfile) -> Iterator[Problem]:
+    """The problems of a measured flank; of those that make others, the first."""
+    for checked in (_layout(cycloid, measured), _places(measured, lobe_length(drawn)), _coverage(measured, drawn)):
+        if problems := list(checked):
+            yield from problems
+            return
+    if fold := _fold(flank_profile(cycloid, flank)):
+        lobe, degrees = fold
+        after = int(np.searchsorted(np.degrees(_measured(measured, drawn).phase), degrees))
+        first, last = (measured.row(lobe, point) for point in (max(after - 1, 0), min(after, measured.points - 1)))
+        allowed = (
+            f"the flank folds or cuts itself at a phase of {degrees:.4g} deg; correct these points, or leave them out"
+        )
+        yield Problem(f"flank.measured: {first} to {last}", None, allowed)
+
+
+def _layout(cycloid: Cycloid, measured: Measured) -> Iterator[Problem]:
+    key, lists = "flank.measured", measured.deviation_um
+    if (measured.phase_deg is None) == (measured.arc_mm is None):
+        yield Problem(key, None, "must have phase_deg or arc_mm, one of them: where its points stand on a lobe")
+    elif measured.points < FEWEST_POINTS:
+        yield Problem(f"{key}.{measured.place}", f"{measured.points} points", f"must be >= {FEWEST_POINTS} of a lobe")
+    elif len(lists) not in (1, cycloid.lobes):
+        yield Problem(f"{key}.deviation_um", f"{len(lists)} lists", f"must be 1, or {cycloid.lobes}: one a lobe")
+    else:
+        for k, values in enumerate(lists):
+            if len(values) != measured.points:
+                allowed = f"must be {measured.points}, one for each {measured.place}"
+                yield Problem(f"{key}.deviation_um[{k}]", f"{len(values)} values", allowed)
+
+
+def _places(measured: Measured, length: float) -> Iterator[Problem]:
+    key, places = f"flank.measured.{measured.place}", measured.places
+    for k, (before, after) in enumerate(itertools.pairwise(places)):
+        if after <= before:
+            allowed = f"stands after {before:g}: points must ascend along a lobe, none twice"
+            yield Problem(f"{key}, {measured.row(0, k)} and {measured.row(0, k + 1)}", after, allowed)
+    if measured.arc_mm is not None and places[-1] >= length:
+        allowed = f"must be < {length:.6g}, the length of a lobe"
+        yield Problem(f"{key}, {measured.row(0, measured.points - 1)}", places[-1], allowed)
+
+
+def _coverage(measured: Measured, drawn: CycloidProfile) -> Iterator[Problem]:
+    phase = np.degrees(_measured(measured, drawn).phase)
+    gaps = np.diff(np.append(phase, phase[0] + 360))
+    widest = int(np.argmax(gaps))
+    if gaps[widest] > WIDEST_GAP_DEG:
+        allowed = f"no point in the next {gaps[widest]:.3g} deg of phase, must be one within {WIDEST_GAP_DEG:g}"
+        key = f"flank.measured.{measured.place}, {measured.row(0, widest)}"
+        yield Problem(key, measured.places[widest], f"{allowed}; measure the whole lobe")
+
+
+def _fold(profile: CycloidProfile) -> tuple[int, float] | None:
+    """Lobe and phase [deg] at which the flank turns back about the disk's centre; None where it nowhere does."""
+    if profile.modification == NOMINAL:
+        return None
+    measured = profile.modification.measured
+    lobes = np.arange(1 if measured is None else len(measured.material))[:, None]
+    phase = np.linspace(0, 2 * np.pi, CHECKED_POINTS)
+    points = drawn_flank(profile, lobes, phase)
+    back = np.imag(np.conj(points[:, :-1]) * points[:, 1:]) >= 0
+    if not back.any():
+        return None
+    lobe, place = np.argwhere(back)[0]
+    return int(lobe), float(np.degrees(phase[place]))

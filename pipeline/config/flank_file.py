@@ -1,0 +1,109 @@
+"""A measured flank read from a CSV file, which a design names beside its drawn flank."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.section import nearest_name, shown_value
+from pipeline.config.text_file import check_text, header
+from pipeline.errors import InputError
+
+DEVIATION, LOBE, PLACES = "deviation_um", "lobe", ("phase_deg", "arc_mm")
+LARGEST_TABLE = 2_000_000
+"""Rows: a thousand lobes with two thousand points each."""
+SHOWN_ROWS = 5
+
+
+def with_flank_file(raw: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The design ``raw`` with the content of the flank file that it names, a path from its own ``folder``.
+
+    Raises
+    ------
+    InputError : there is no such file, or it is no table of a flank.
+    """
+    flank = raw.get("flank")
+    if not isinstance(flank, Mapping) or not isinstance(flank.get("measured"), str):
+        return dict(raw)
+    path = folder / flank["measured"]
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        what = "is no CSV file" if path.is_file() else "no such file beside the design"
+        shown = shown_value(flank["measured"])
+        raise InputError([f"flank.measured = {shown}; {what}; name a CSV file, its path from the design's folder"])
+    return {**raw, "flank": {**flank, "measured": flank_table(path)}}
+
+
+def flank_table(path: Path) -> dict[str, Any]:
+    """The columns of a flank file as the section ``flank.measured`` has them.
+
+    Raises
+    ------
+    InputError : a column is missing or unknown, rows are no numbers, or lobes are not one after the other.
+    """
+    name = path.name
+    check_text(path, name)
+    try:
+        table = pd.read_csv(
+            path, sep=",", dtype=str, keep_default_na=False, skip_blank_lines=False, nrows=LARGEST_TABLE + 1
+        )
+    except (ValueError, UnicodeError) as error:  # no columns, ragged rows, other encodings
+        raise InputError([f"{name}: not a CSV table: {error}; give columns {_columns()}"]) from None
+    table.columns = pd.Index(header(table.columns, name))
+    place = _checked_columns(list(table.columns), name)
+    if not 0 < len(table) <= LARGEST_TABLE:
+        raise InputError([f"{name}: {len(table) or 'no'} rows; must be 1 to {LARGEST_TABLE} measured points"])
+    numbers = table.apply(pd.to_numeric, errors="coerce")
+    for column in numbers:
+        if len(wrong := np.flatnonzero(~np.isfinite(numbers[column].to_numpy(float)))):
+            rows = ", ".join(str(row + 2) for row in wrong[:SHOWN_ROWS])
+            shown = shown_value(table[column].iloc[wrong[0]])
+            more = " and more" if len(wrong) > SHOWN_ROWS else ""
+            raise InputError([f"{name}: {column} = {shown}; must be a number; correct row {rows}{more}"])
+    lists = _lobes(numbers, place, name)
+    return {place: lists[0][0], DEVIATION: tuple(deviation for _, deviation in lists), "file": name}
+
+
+def _columns() -> str:
+    return f"{' or '.join(PLACES)}, {DEVIATION}, and {LOBE} where each lobe was measured"
+
+
+def _checked_columns(columns: list[str], name: str) -> str:
+    places = [column for column in PLACES if column in columns]
+    known = (*PLACES, DEVIATION, LOBE)
+    for column in columns:
+        if column not in known:
+            advice = nearest_name(column, known)
+            raise InputError([f"{name}: column {shown_value(column)} is unknown; {advice}; columns are {_columns()}"])
+    if len(places) != 1 or DEVIATION not in columns:
+        raise InputError([f"{name}: columns {', '.join(columns)}; must be {_columns()}"])
+    return places[0]
+
+
+def _lobes(numbers: pd.DataFrame, place: str, name: str) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    """Places and deviations of each lobe."""
+    if LOBE not in numbers:
+        return [(tuple(numbers[place].astype(float)), tuple(numbers[DEVIATION].astype(float)))]
+    lobe = numbers[LOBE].to_numpy(float)
+    count = int(np.argmax(lobe != lobe[0])) or len(lobe)
+    expected = np.arange(len(lobe)) // count
+    if wrong := np.flatnonzero(lobe != expected).tolist():
+        allowed = f"must be {expected[wrong[0]]}: {count} rows a lobe as of the first, lobes from 0, clockwise"
+        raise InputError([f"{name}: lobe = {lobe[wrong[0]]:g} in row {wrong[0] + 2}; {allowed}"])
+    values = (
+        [numbers[column].to_numpy(float).reshape(-1, count) for column in (place, DEVIATION)]
+        if (len(lobe) % count == 0)
+        else []
+    )
+    if not values:
+        raise InputError([f"{name}: the last lobe has {len(lobe) % count} rows; must have {count} as the first"])
+    places, deviations = values
+    if len(other := np.argwhere(places != places[0])):
+        k, point = other[0]
+        shown = f"{place} = {places[k, point]:g} in row {2 + k * count + point}"
+        allowed = f"must be {places[0, point]:g} as in row {2 + point}: all lobes are measured at the same points"
+        raise InputError([f"{name}: {shown}; {allowed}"])
+    return [(tuple(at.tolist()), tuple(off.tolist())) for at, off in zip(places, deviations, strict=True)]

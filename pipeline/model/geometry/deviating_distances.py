@@ -1,0 +1,177 @@
+"""Distance of actual pins from a flank that is no parallel of a cycloid: turned, or measured.
+
+As ``foot_points``, but the normal of the flank is not that of the locus. Each side of the valley of a pin is scanned
+over its tip, the side below the root mirrored; where the flank cannot come nearer than what was found, by the length
+between two points, it is left out; every minimum is refined.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from pipeline.model.compiled import entry, part
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, Index, Real
+from pipeline.model.geometry.drawn_flank import STEPS
+from pipeline.model.geometry.foot_points import Valleys
+
+REACH = 800
+"""Points of a side, at the ends of the cubics: a quarter of a lobe over its tip."""
+COARSE = 16
+"""Points of the scan between which the finer ones are left out where they lie too far."""
+ARC_OVER_CHORD = 1.2
+"""Length of flank between two points of the coarse scan over their distance, at most."""
+SECANTS = 12
+"""Steps of the regula falsi; what has not settled then has a kink within its bracket, and is bisected."""
+BISECTIONS = 45
+SETTLED = 1e-12
+"""Bracket [rad] at which a minimum is found: the distance is second order in it, or first at a kink."""
+
+
+@lru_cache(maxsize=64)
+def _scan_points(profile: CycloidProfile) -> Real:
+    """Rows (7, ``REACH`` + 1): psi [rad] from 0 at the root, direction of psi, fast term [mm], normal into the disk."""
+    psi = profile.lobe_pitch / STEPS * np.arange(REACH + 1)
+    terms = (np.exp(1j * psi), profile.eccentricity * np.exp(1j * profile.pins * psi), profile.normal(psi))
+    return np.stack([psi, *(row for term in terms for row in (term.real, term.imag))])
+
+
+@part
+def _half_slope(psi, gear, offset, cubics, sense, cx, cy):
+    """Half of the derivative of the squared distance of c from the flank by psi, and the distance.
+
+    ``gear``: pins, circle, eccentricity; ``cubics`` of the lobe, which begins at the root for ``sense`` 1, and ends
+    there for -1.
+    """
+    pins, circle, eccentricity = gear
+    steps = cubics.shape[0]
+    per_psi = sense * (pins - 1) * steps / (2 * np.pi)
+    place = per_psi * psi if sense > 0 else steps + per_psi * psi
+    step = int(min(max(np.floor(place), 0), steps - 1))
+    t = place - step
+    b, c, d = cubics[step, 1], cubics[step, 2], cubics[step, 3]
+    off = offset + cubics[step, 0] + t * (b + t * (c + t * d))
+    sx, sy = circle * np.cos(psi), circle * np.sin(psi)
+    fx, fy = eccentricity * np.cos(pins * psi), eccentricity * np.sin(pins * psi)
+    mx, my = pins * fx - sx, pins * fy - sy
+    length = np.sqrt(mx * mx + my * my)
+    nx, ny = mx / length, my / length
+    # The derivative of m is i (N^2 f - s); its part across m turns the normal.
+    turning = (nx * (pins * pins * fx - sx) + ny * (pins * pins * fy - sy)) / length
+    along, across = per_psi * (b + t * (2 * c + 3 * t * d)), off * turning - length
+    x, y = sx - fx + off * nx - cx, sy - fy + off * ny - cy
+    return along * (x * nx + y * ny) + across * (y * nx - x * ny), np.sqrt(x * x + y * y)
+
+
+@part
+def _least(low, high, gear, offset, cubics, sense, cx, cy):
+    """Least distance of c from the flank between psi = low and high, about a single minimum."""
+    falling, near_low = _half_slope(low, gear, offset, cubics, sense, cx, cy)
+    rising, near_high = _half_slope(high, gear, offset, cubics, sense, cx, cy)
+    least = min(near_low, near_high)
+    if falling >= 0.0 or rising <= 0.0:
+        return least
+    for step in range(SECANTS + BISECTIONS):
+        middle = (low * rising - high * falling) / (rising - falling) if step < SECANTS else 0.5 * (low + high)
+        slope, distance = _half_slope(middle, gear, offset, cubics, sense, cx, cy)
+        least = min(least, distance)
+        if slope == 0.0 or high - low <= SETTLED:
+            break
+        if slope < 0.0:
+            low, falling, rising = middle, slope, 0.5 * rising
+        else:
+            high, rising, falling = middle, slope, 0.5 * falling
+    return least
+
+
+@part
+def _scanned(first, last, by, points, circle, offset, cubics, sense, cx, cy, far):
+    """Fill ``far`` with the distance of c from the points ``first`` to ``last`` of the scan; the least."""
+    steps, least = cubics.shape[0], np.inf
+    for k in range(first, last + 1, by):
+        # The deviation at the end of a cubic; that of the lobe's end is its first one's of the next lobe.
+        step = k if sense > 0 else steps - k
+        if step < steps:
+            off = offset + cubics[step, 0]
+        else:
+            off = offset + cubics[steps - 1, 0] + cubics[steps - 1, 1] + cubics[steps - 1, 2] + cubics[steps - 1, 3]
+        x = circle * points[1, k] - points[3, k] + off * points[5, k] - cx
+        y = circle * points[2, k] - points[4, k] + off * points[6, k] - cy
+        far[k] = np.sqrt(x * x + y * y)
+        least = min(least, far[k])
+    return least
+
+
+@part
+def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, far):
+    """Least distance of c from one side of a valley."""
+    last, circle = points.shape[1] - 1, gear[1]
+    best = _scanned(0, last, COARSE, points, circle, offset, cubics, sense, cx, cy, far)
+    for block in range(chords.shape[0]):
+        first, end = block * COARSE, (block + 1) * COARSE
+        if 0.5 * (far[first] + far[end] - chords[block]) > best:
+            continue
+        from_k, to_k = max(first - 1, 0), min(end + 1, last)
+        best = min(best, _scanned(from_k, to_k, 1, points, circle, offset, cubics, sense, cx, cy, far))
+        for k in range(first, end + 1):
+            falls = k == 0 or far[k] <= far[k - 1]
+            if falls and (k == last or far[k] <= far[k + 1]):
+                # On either side of the least point, apart: it may be a kink.
+                for left in range(max(k - 1, 0), min(k, last - 1) + 1):
+                    low, high = points[0, left], points[0, left + 1]
+                    best = min(best, _least(low, high, gear, offset, cubics, sense, cx, cy))
+    return best
+
+
+@entry
+def _distances(table, points, chords, eccentric, gear, radius, deviation, shares, lobe, before, behind, moved):
+    pins, circle, nominal = gear
+    out, along, eccentricity = moved
+    n, n_pins = out.shape
+    rows, far = deviation.shape[0], np.empty(points.shape[1])
+    distance = np.empty((n, n_pins))
+    for s in range(n):
+        for i in range(n_pins):
+            cx = table[4, i] + table[6, i] * out[s, i] - table[7, i] * along[s, i] - eccentricity[s] * eccentric.real
+            cy = table[5, i] + table[7, i] * out[s, i] + table[6, i] * along[s, i] - eccentricity[s] * eccentric.imag
+            x = cx * table[8, i] + cy * table[9, i]
+            y = cy * table[8, i] - cx * table[9, i]
+            nearest = np.inf
+            for beside, sense in ((before[i], -1.0), (behind[i], 1.0)):
+                error = lobe[s, beside]
+                shifted = (pins, circle - shares[0] * error, nominal)
+                off, cubics = radius + shares[1] * error, deviation[beside % rows]
+                side = _least_of_side(points, chords, shifted, off, cubics, sense, x, -sense * y, far)
+                nearest = min(nearest, side)
+            distance[s, i] = nearest
+    return distance
+
+
+def deviating_distances(
+    profile: CycloidProfile,
+    nominal: Valleys,
+    deviation: Real,
+    shares: tuple[float, float],
+    lobe: Real,
+    sides: tuple[Index, Index],
+    moved: tuple[Real, Real, Real],
+) -> Real:
+    """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
+
+    Parameters
+    ----------
+    profile : with its modification.
+    deviation : its ``deviation_table``.
+    shares : what a lobe's error takes off the circle, and adds to the offset of its flank.
+    lobe : (n, n_lobes) [mm]
+    sides : the lobes before and behind the root of each pin's valley (n_pins,).
+    moved : error of the pins outward and counterclockwise (n, n_pins), of the eccentricity (n,) [mm].
+    """
+    flank = profile.generating
+    points = _scan_points(flank)
+    coarse = flank.flank(points[0, ::COARSE])
+    rise = np.ptp(deviation[..., 0])
+    chords = ARC_OVER_CHORD * (np.abs(np.diff(coarse)) + rise)
+    gear = float(profile.pins), flank.pin_circle_radius, flank.eccentricity
+    return _distances(
+        nominal.pins, points, chords, nominal.eccentric, gear, flank.pin_radius, deviation, shares, lobe, *sides, moved
+    )

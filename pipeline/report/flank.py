@@ -1,0 +1,51 @@
+"""The drawn flank in the report: its words, and the gap that it leaves to nominal pins."""
+
+import numpy as np
+import pandas as pd
+
+from pipeline import assembly
+from pipeline.config.design import Design
+from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
+from pipeline.model.units import UM_PER_MM
+from pipeline.report.wording import listed, plain
+
+CRANKS_PER_PITCH = 16
+"""Crank angles within a pitch of the pins: between them their phases fill the lobe."""
+
+
+def nominal_gaps(design: Design, crank_deg: float) -> pd.DataFrame:
+    """Gaps of nominal pins at one crank angle by phase: phase_deg, exact_um, first_order_um."""
+    at, profile = assembly.reducer(design, crank_deg), assembly.profile(design)
+    pins = np.zeros((1, profile.pins))
+    nominal = Errors(
+        pins, pins, pins, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, len(at.contacts) - at.n_pins))
+    )
+    gaps = {
+        name: UM_PER_MM * method(profile, at, nominal, "radial")[0]
+        for name, method in (("exact_um", exact_gaps), ("first_order_um", first_order_gaps))
+    }
+    return pd.DataFrame({"phase_deg": np.degrees(at.pins.phase), **gaps})
+
+
+def nominal_gap_curve(design: Design) -> pd.DataFrame:
+    """Gaps of nominal pins over the phase, ascending; columns as of ``nominal_gaps``."""
+    cranks = 360 / design.cycloid.pins * np.arange(CRANKS_PER_PITCH) / CRANKS_PER_PITCH
+    rows = pd.concat([nominal_gaps(design, float(crank)) for crank in cranks])
+    return rows.sort_values("phase_deg", ignore_index=True)
+
+
+def flank_fact(design: Design) -> str:
+    """How the drawing modifies the flank; empty without a modification."""
+    flank = design.flank
+    if flank is None:
+        return ""
+    parts = {
+        "equidistant {} µm": flank.equidistant_um,
+        "moved distance {} µm": flank.moved_distance_um,
+        "rotation {}′": flank.rotation_arcmin,
+    }
+    drawn = [text.format(plain(value)) for text, value in parts.items() if value]
+    if flank.measured is not None:
+        lobes = "each lobe" if len(flank.measured.deviation_um) > 1 else "one for all lobes"
+        drawn.append(f"and a measured deviation at {flank.measured.points} points, {lobes}")
+    return listed(drawn) if drawn else "as the pins generate it"

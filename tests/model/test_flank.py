@@ -1,0 +1,221 @@
+"""The flank as drawn and as measured: exact gaps against an independent search, first order and published formulas."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reducers import MICROMETRE, PAPER, SMALL, errors_of, random_errors, reducer_at
+
+from pipeline.model.geometry.clearance import exact_gaps, first_order_gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile
+from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
+from pipeline.model.geometry.flank_modification import FlankModification, MeasuredFlank
+from pipeline.model.geometry.rigid_backlash import separated_play
+
+PROFILES = pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])
+DELTA = 5e-4
+
+
+def modified(profile, *args, **values):
+    return replace(profile, modification=FlankModification(*args, **values))
+
+
+def waves(profile, lobes, size=2e-3):
+    """Waves that vanish in the roots, of every lobe apart or of all alike."""
+    phase = 2 * np.pi * (np.arange(90) + 0.3) / 90
+    shift = np.arange(lobes)[:, None]
+    return MeasuredFlank(phase, wave(phase, shift, size))
+
+
+def wave(phase, shift, size=2e-3):
+    return size * np.sin(phase / 2) ** 2 * (np.sin(3 * phase + shift) + 0.3 * np.cos(7 * phase - shift))
+
+
+def written_flank(profile, lobe, beta):
+    """The flank of the textbooks with each modification written out, points (n,) of phases ``beta`` of one lobe."""
+    m, n, e = profile.modification, profile.pins, profile.eccentricity
+    circle, psi = profile.pin_circle_radius + m.moved_distance, -(lobe + beta / (2 * np.pi)) * profile.lobe_pitch
+    k = e * n / circle
+    s = np.sqrt(1 + k * k - 2 * k * np.cos(beta))
+    off = profile.pin_radius + m.equidistant + m.rotation * e * (n - 1) * np.abs(np.sin(beta)) / s
+    if m.measured is not None:
+        off = off - wave(beta, lobe if len(m.measured.material) > 1 else 0)
+    inward = (k * np.exp(1j * n * psi) - np.exp(1j * psi)) / s
+    return circle * np.exp(1j * psi) - e * np.exp(1j * n * psi) + off * inward
+
+
+def searched_gaps(profile, crank, errors=None):
+    """Distance of each pin from all lobes by a search that narrows from every point of a dense scan."""
+    theta = -2 * np.pi * np.arange(profile.pins) / profile.pins
+    out = 0 if errors is None else errors.pin_radial[0] + 1j * errors.pin_tangential[0]
+    e = profile.eccentricity + (0 if errors is None else errors.eccentricity[0])
+    centre = (np.exp(1j * theta) * (profile.pin_circle_radius + out) - e * np.exp(1j * crank)) * np.exp(
+        1j * crank / profile.lobes
+    )
+    least = np.full(profile.pins, np.inf)
+    for lobe in range(profile.lobes):
+        middle = -(lobe + 0.5) * profile.lobe_pitch
+        near = np.flatnonzero(np.abs(np.angle(centre * np.exp(-1j * middle))) < 1.2 * profile.lobe_pitch)
+        low, high = np.zeros((len(near), 1)), np.full((len(near), 1), 2 * np.pi)
+        for points in (4001, *[21] * 7):
+            beta = low + (high - low) * np.linspace(0, 1, points)
+            away = np.abs(centre[near, None] - written_flank(profile, lobe, beta))
+            best = np.take_along_axis(beta, np.argmin(away, axis=1)[:, None], 1)
+            step = (high - low) / (points - 1)
+            low, high = np.maximum(best - step, 0), np.minimum(best + step, 2 * np.pi)
+        least[near] = np.minimum(least[near], away.min(axis=1))
+    return least - profile.pin_radius - (0 if errors is None else errors.pin_radius[0])
+
+
+@PROFILES
+@pytest.mark.parametrize("crank", [0.0, 0.9])
+@pytest.mark.parametrize(
+    "modification",
+    [
+        FlankModification(8e-3, -3e-3),
+        FlankModification(rotation=DELTA),
+        FlankModification(12e-3, 5e-3, DELTA),
+    ],
+    ids=["dr and dR", "rotation", "all"],
+)
+def test_exact_gap_is_the_distance_from_the_drawn_flank(profile, crank, modification):
+    drawn = replace(profile, modification=modification)
+    at = reducer_at(drawn, crank)
+    errors = random_errors(drawn, at, 1, 3e-3, np.random.default_rng(1), 0.0)
+    np.testing.assert_allclose(
+        exact_gaps(drawn, at, errors, "radial")[0], searched_gaps(drawn, crank, errors), atol=1e-9
+    )
+    assert reducer_at(profile, crank).pins.arm == pytest.approx(at.pins.arm, abs=0)
+
+
+@pytest.mark.parametrize("lobes", [1, SMALL.lobes])
+@pytest.mark.parametrize("crank", [0.0, 0.9, 4.0])
+def test_exact_gap_is_the_distance_from_the_measured_flank(lobes, crank):
+    """The search knows the waves, the model 90 points of them: the interpolation is up to 10 nm off."""
+    drawn = modified(SMALL, 3e-3, -1e-3, DELTA, waves(SMALL, lobes))
+    at = reducer_at(drawn, crank)
+    gap = exact_gaps(drawn, at, errors_of(drawn, at), "radial")[0]
+    np.testing.assert_allclose(gap, searched_gaps(drawn, crank), atol=1e-5)
+    assert np.ptp(gap) > 2e-3
+
+
+@PROFILES
+@pytest.mark.parametrize("method", [exact_gaps, first_order_gaps])
+def test_modifications_are_the_errors_of_the_same_size(profile, method):
+    """An equidistant is a uniform lobe error along the normal, a moved distance one of the pin circle."""
+    for reading, drawn, size in (
+        ("normal", modified(profile, equidistant=6e-3), 6e-3),
+        ("radial", modified(profile, moved_distance=-6e-3), 6e-3),
+    ):
+        at = reducer_at(drawn, 0.4)
+        by_drawing = method(drawn, at, errors_of(drawn, at), reading)
+        by_error = method(profile, at, errors_of(profile, at, lobe=size), reading)
+        np.testing.assert_allclose(by_drawing, by_error, atol=1e-13, rtol=0)
+
+
+@pytest.mark.parametrize("method", [exact_gaps, first_order_gaps])
+def test_a_constant_measured_deviation_is_an_equidistant(method):
+    phase = 2 * np.pi * np.arange(12) / 12
+    excess = modified(SMALL, measured=MeasuredFlank(phase, np.full((SMALL.lobes, 12), -4e-3)))
+    drawn, at = modified(SMALL, equidistant=4e-3), reducer_at(SMALL, 1.3)
+    errors = random_errors(SMALL, at, 3, 2e-3, np.random.default_rng(0))
+    gap = method(excess, at, errors, "normal")
+    np.testing.assert_allclose(gap, method(drawn, at, errors, "normal"), atol=1e-12)
+
+
+def test_a_deviation_of_one_lobe_opens_its_own_pins_only():
+    phase = 2 * np.pi * np.arange(24) / 24
+    material = np.zeros((SMALL.lobes, 24))
+    material[4, 3:-3] = -5e-3  # nothing at its roots, which it shares with its neighbours
+    drawn, at = modified(SMALL, measured=MeasuredFlank(phase, material)), reducer_at(SMALL, 0.3)
+    for method in (exact_gaps, first_order_gaps):
+        gap = method(drawn, at, errors_of(drawn, at), "radial")[0]
+        lobe = np.mod(np.floor(-at.pins.flank_parameter / SMALL.lobe_pitch), SMALL.lobes)
+        opened = (lobe == 4) & (np.abs(at.pins.phase) > np.radians(60))
+        assert np.all(gap[opened] > 4e-3)
+        assert np.any(opened)
+        np.testing.assert_allclose(gap[lobe != 4], 0, atol=1e-9)
+
+
+@PROFILES
+def test_first_order_is_the_textbooks_and_misses_a_second_order_away_from_the_roots(profile):
+    crank = 0.35
+    missed = []
+    for size in (1.0, 0.1):
+        dr, dR, delta = 4e-3 * size, -3e-3 * size, 1e-4 * size
+        drawn = modified(profile, dr, dR, delta)
+        at = reducer_at(drawn, crank)
+        first = first_order_gaps(drawn, at, errors_of(drawn, at), "radial")[0]
+        k, phi = profile.shortening, at.pins.phase
+        s = np.sqrt(1 + k * k - 2 * k * np.cos(phi))
+        arm = profile.eccentricity * profile.lobes * np.abs(np.sin(phi)) / s
+        np.testing.assert_allclose(first, dr - dR * (1 - k * np.cos(phi)) / s + delta * arm, atol=1e-3 * abs(dR))
+        away = np.abs(phi) > np.radians(40)
+        missed.append(np.abs(exact_gaps(drawn, at, errors_of(drawn, at), "radial")[0] - first)[away].max())
+    assert missed[0] < 0.1e-3
+    assert missed[0] / missed[1] == pytest.approx(100, rel=0.1)
+
+
+def turned_gaps(profile):
+    """First-order gaps over the phase (0, pi), after the disk was turned until the first pin touched."""
+    phases, gaps, arms = [], [], []
+    for crank in 2 * np.pi / profile.pins * np.arange(120) / 120:
+        at = reducer_at(profile, crank)
+        loaded = at.pins.arm < 0
+        phases.append(at.pins.phase[loaded])
+        arms.append(np.abs(at.pins.arm[loaded]))
+        gaps.append(first_order_gaps(profile, at, errors_of(profile, at), "radial")[0][loaded])
+    phase, gap, arm = map(np.concatenate, (phases, gaps, arms))
+    return phase, gap - arm * np.min(gap / arm)
+
+
+@settings(max_examples=6, deadline=None, derandomize=True)
+@given(share=st.floats(-1.0, 0.9), dr=st.floats(2.0, 10.0))
+def test_gaps_after_turning_to_the_first_contact_are_li_and_guans(share, dr):
+    """Where dr sqrt(1 - K^2) >= dR the first is the pin of the longest arm, cos phi = K."""
+    dr, limit = MICROMETRE * dr, np.sqrt(1 - SMALL.shortening**2)
+    dR = share * dr * limit
+    phase, gap = turned_gaps(modified(SMALL, dr, dR))
+    k, phi = SMALL.shortening, np.abs(phase)
+    s = np.sqrt(1 + k * k - 2 * k * np.cos(phi))
+    published = dr * (1 - np.sin(phi) / s) - dR * (1 - k * np.cos(phi) - limit * np.sin(phi)) / s
+    np.testing.assert_allclose(gap, published, atol=2e-3 * dr)  # K is that of the nominal pin circle
+    assert np.degrees(np.abs(phi[np.argmin(gap)] - np.arccos(k))) < 1.0
+
+
+@PROFILES
+def test_play_of_a_rotation_is_twice_its_angle(profile):
+    """Gaps |a| delta: the first pin of either sense touches after delta, whichever it is."""
+    for crank in (0.0, 0.2, 3.0):
+        drawn = modified(profile, rotation=DELTA)
+        at = reducer_at(drawn, crank)
+        rollers = np.zeros((1, len(at.contacts) - at.n_pins))
+        first = np.hstack([first_order_gaps(drawn, at, errors_of(drawn, at), "radial"), rollers])
+        assert separated_play(at, first).backlash[0] == pytest.approx(2 * DELTA, rel=1e-6)
+    slight = modified(SMALL, rotation=1e-6)
+    exact = np.hstack([exact_gaps(slight, at, errors_of(slight, at), "radial"), rollers]) if profile is SMALL else None
+    if exact is not None:
+        assert separated_play(at, exact).backlash[0] == pytest.approx(2e-6, rel=1e-3)
+
+
+def test_root_and_tip_keep_the_parallel_under_a_rotation():
+    drawn, parallel = modified(SMALL, 5e-3, 0.0, DELTA), modified(SMALL, 5e-3)
+    beta = np.array([0.0, np.pi, 2 * np.pi])
+    np.testing.assert_allclose(drawn_flank(drawn, 3, beta), drawn_flank(parallel, 3, beta), atol=1e-15)
+    between = drawn_flank(drawn, 3, 1.2) - drawn_flank(parallel, 3, 1.2)
+    k = SMALL.shortening
+    arm = SMALL.eccentricity * SMALL.lobes * np.sin(1.2) / np.sqrt(1 + k * k - 2 * k * np.cos(1.2))
+    assert abs(between) == pytest.approx(DELTA * arm, rel=1e-9)
+
+
+def test_arc_length_of_a_lobe_finds_its_phases():
+    """A circle of radius R - r has lobes of equal length where the eccentricity vanishes: phase and arc agree."""
+    round_disk = CycloidProfile(9, 20.0, 2.0, 1e-9)
+    assert lobe_length(round_disk) == pytest.approx(2 * np.pi * 18 / 8, rel=1e-6)
+    np.testing.assert_allclose(
+        phase_of_arc(round_disk, np.array([0.0, 0.25, 0.5]) * lobe_length(round_disk)),
+        np.pi * np.array([0, 0.5, 1.0]),
+        atol=1e-6,
+    )
