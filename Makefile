@@ -13,7 +13,7 @@ JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup study $(STAGES) why test attack lint types docs identify population blind \
-	bench paper calibrate verify coverage tails compare check licences clean-runs
+	bench paper calibrate verify coverage tails flank compare check licences clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -84,6 +84,10 @@ calibrate: $(VENV)/installed  ## fit numbers of the design to Table 2, with inte
 
 verify: $(VENV)/installed  ## hold the mechanics against exact answers and independent solvers: make verify MESH=coarse
 	$(PIPELINE) verify --mesh $(or $(MESH),paper)
+
+flank: $(VENV)/installed  ## write a design's flank as CSV and DXF: make flank DESIGN=pham2017 OUT=flank
+	$(PIPELINE) flank --design $(or $(DESIGN),$(error say which design: make flank DESIGN=<file> OUT=<folder>)) \
+		--out $(or $(OUT),$(error say where to: make flank DESIGN=<file> OUT=<folder>))
 
 tails: $(VENV)/installed  ## yield in parts per million and the 99.73 % quantile of STUDY, from few load-solved units
 	$(PIPELINE) tails --study $(STUDY) $(JOBS_OPTION)

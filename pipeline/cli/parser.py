@@ -65,6 +65,11 @@ def _studies(command: Commands) -> None:
     sparing.add_argument("--units", type=int, default=100_000, help="looked at by a rough model; default: 100,000")
     sparing.add_argument("--solve", type=int, default=4_000, help="of them load-solved on average; default: 4,000")
 
+    drawing = command("flank", "flank.write_flank", "write the flank of a design as CSV and DXF, drawn and measured")
+    drawing.add_argument("--design", required=True, help="design file, or the stem of one in data/designs")
+    drawing.add_argument("--out", required=True, type=Path, help="folder for drawn.csv, measured.csv and flank.dxf")
+    drawing.add_argument("--points", type=int, default=360, help="of each lobe; default: 360")
+
     checking = command(
         "check", "studies.check_run", "compare every byte of a run with its records, and say what to run again"
     )

@@ -1,0 +1,34 @@
+"""DXF files of closed outlines, for CAD and measuring machines."""
+
+import io
+from collections.abc import Mapping
+
+import ezdxf
+from ezdxf import units
+from numpy.typing import NDArray
+
+RELEASE = "R2010"
+COLOURS = (7, 1)
+"""Of the layers by their order, in AutoCAD's index: black or white, and red."""
+
+
+def outlines_dxf(outlines: Mapping[str, NDArray]) -> bytes:
+    """A drawing in millimetres with one closed polyline on a layer of each name.
+
+    Parameters
+    ----------
+    outlines : layer -> corners (n_points,) complex [mm] in order, the first not repeated.
+    """
+    fixed, ezdxf.options.write_fixed_meta_data_for_testing = ezdxf.options.write_fixed_meta_data_for_testing, True
+    try:  # equal outlines give equal bytes: neither time nor a random number is written
+        document = ezdxf.new(RELEASE)
+        document.units = units.MM
+        for number, (layer, corners) in enumerate(outlines.items()):
+            document.layers.add(layer, color=COLOURS[number % len(COLOURS)])
+            points = list(zip(corners.real.tolist(), corners.imag.tolist(), strict=True))
+            document.modelspace().add_lwpolyline(points, close=True, dxfattribs={"layer": layer})
+        text = io.StringIO()
+        document.write(text)
+    finally:
+        ezdxf.options.write_fixed_meta_data_for_testing = fixed
+    return text.getvalue().encode()
