@@ -15,8 +15,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         module, _, action = options.command.partition(".")
         getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)
     except (Exception, KeyboardInterrupt) as error:
-        told = answer(error)
-        for line in told.lines:
+        outcome = answer(error)
+        for line in outcome.lines:
             print(line, file=sys.stderr)
-        return told.status
+        return outcome.status
     return 0

@@ -97,10 +97,10 @@ def export_deck(options: argparse.Namespace) -> None:
 
 def list_licences(_: argparse.Namespace) -> None:
     """List the licence of every pinned package; ends with status 1 where an installed one states none."""
-    found = licences(settings.ROOT / "constraints.txt")
-    for one in found:
-        print(f"{one.package:24}{one.version:12}{one.licence}")
-    unknown = [one.package for one in found if one.licence == UNKNOWN and one.version != UNKNOWN]
+    packages = licences(settings.ROOT / "constraints.txt")
+    for package in packages:
+        print(f"{package.package:24}{package.version:12}{package.licence}")
+    unknown = [package.package for package in packages if package.licence == UNKNOWN and package.version != UNKNOWN]
     if unknown:
         print(f"without a licence: {', '.join(unknown)}", file=sys.stderr)
         raise SystemExit(1)

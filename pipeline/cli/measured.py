@@ -40,14 +40,14 @@ def identify_unit(options: argparse.Namespace) -> None:
 
     measurement = Measurement.read(unit)
     print("\n".join(measurement.summary), flush=True)  # before anything is compiled or condensed
-    found = identify_measured(measurement, condensed)
+    identification = identify_measured(measurement, condensed)
     folder = settings.RUNS / "identify" / unit.name
-    of = found if isinstance(found, FaultyUnit) else results.findings(found)
-    results.write(of, folder)
-    write_page(of, folder, settings.shown(folder))
-    print(f"{found.verdict.verdict}: {found.statement.sentence}")
-    if found.statement.advice:
-        print(found.statement.advice)
+    findings = identification if isinstance(identification, FaultyUnit) else results.findings(identification)
+    results.write(findings, folder)
+    write_page(findings, folder, settings.shown(folder))
+    print(f"{identification.verdict.verdict}: {identification.statement.sentence}")
+    if identification.statement.advice:
+        print(identification.statement.advice)
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 
@@ -61,16 +61,18 @@ def compare_population(options: argparse.Namespace) -> None:
     confidence = study.metrics.confidence
     comparisons = compared(units, population.metrics, confidence)
     closings = {
-        crank: closing([one for one in comparisons if one.crank_deg == crank], population, confidence)
-        for crank in dict.fromkeys(one.crank_deg for one in comparisons)
+        crank: closing(
+            [comparison for comparison in comparisons if comparison.crank_deg == crank], population, confidence
+        )
+        for crank in dict.fromkeys(comparison.crank_deg for comparison in comparisons)
     }
     folder = settings.RUNS / "population" / study.name
     population_results.write(comparisons, closings, folder)
     write_population_page(study, options.units.name, comparisons, closings, folder)
     print((folder / "comparison.csv").read_text(), end="")
-    for crank, one in closings.items():
-        place = "" if crank is None else f"crank at {crank:g} deg: "
-        print(f"{place}{population_results.sentence(one)}")
+    for crank, comparison in closings.items():
+        position = "" if crank is None else f"crank at {crank:g} deg: "
+        print(f"{position}{population_results.sentence(comparison)}")
     print(f"page: {settings.shown(folder / 'population.html')}")
 
 

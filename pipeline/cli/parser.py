@@ -23,8 +23,8 @@ class Commands(Protocol):
 
 def parser() -> argparse.ArgumentParser:
     """All commands; `command` of the parsed options is the action."""
-    whole = Parser(prog="python -m pipeline", description="Tolerance studies of cycloid reducers.")
-    commands = whole.add_subparsers(required=True, metavar="COMMAND")
+    program = Parser(prog="python -m pipeline", description="Tolerance studies of cycloid reducers.")
+    commands = program.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, action: str, text: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
@@ -35,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     _decisions(command)
     _measured(command)
     _checks(command)
-    return whole
+    return program
 
 
 def _studies(command: Commands) -> None:

@@ -67,18 +67,18 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
     tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in hysteresis.SAMPLED}
     solved = hysteresis.solve_samples(shared, errors_of_columns(tables))
-    curves = [one for one in solved if one.crank_deg in study.cycle.curve_crank_deg]
+    curves = [loop for loop in solved if loop.crank_deg in study.cycle.curve_crank_deg]
     return hysteresis.contact_rows(np.array([sample]), curves)
 
 
 def check_run(options: argparse.Namespace) -> None:
     """Compare every byte of a run with its records."""
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
-    found = damages(folder)
-    for damage in found:
+    damaged = damages(folder)
+    for damage in damaged:
         print(f"{folder / damage.stage / damage.name}: damaged or missing; removed")
-    if found:
-        stages = " ".join(dict.fromkeys(damage.stage for damage in found))
+    if damaged:
+        stages = " ".join(dict.fromkeys(damage.stage for damage in damaged))
         print(f"run again: python -m pipeline run {stages} --study {folder.name}")
         raise SystemExit(1)
     print(f"{settings.shown(folder)}: every file is what was written")

@@ -45,11 +45,11 @@ def find_tails(options: argparse.Namespace) -> None:
 
 def springs(shared: hysteresis.Shared, sampled: Errors) -> list[np.ndarray]:
     """Compliance of independent springs (n_contacts,) [mm/N] at each loaded angle, by the forces of ``n`` units."""
-    found = []
+    compliances = []
     for solved in hysteresis.solve_samples(replace(shared, curve=shared.brief), sampled):
         states = solved.response.equilibria
-        found.append(secant_compliance(solved.drive, states.force[states.converged]))
-    return found
+        compliances.append(secant_compliance(solved.drive, states.force[states.converged]))
+    return compliances
 
 
 def at_angles(shared: hysteresis.Shared, sampled: Errors) -> dict[str, np.ndarray]:

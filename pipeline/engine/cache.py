@@ -55,9 +55,9 @@ class Cache:
             return f"{ENTRY}: missing or damaged"
         if (entry.get("key"), entry.get("code")) != (key, self.code):
             return f"{ENTRY}: of another key"
-        found = {path.name for path in target.iterdir()} - {ENTRY}
-        for name in sorted(found ^ set(entry["files"])):
-            return f"{name}: {'not of this entry' if name in found else 'missing'}"
+        present = {path.name for path in target.iterdir()} - {ENTRY}
+        for name in sorted(present ^ set(entry["files"])):
+            return f"{name}: {'not of this entry' if name in present else 'missing'}"
         for name, written in entry["files"].items():
             if _described(target / name) != written:
                 return f"{name}: not what was written ({json.dumps(written)})"

@@ -69,12 +69,14 @@ class Fingerprint:
     def changes_since(self, record: Mapping[str, Any]) -> list[str]:
         """Plain sentences: what differs from the fingerprint in a stage's record."""
         changes = []
-        for name, before, now in _differences(record["settings"], self.settings):
-            changes.append(f"setting {name} changed: {_short(before)} -> {_short(now)}")
-        for name, before, now in _differences(record["sources"], self.sources):
-            changes.append(f"source {name} {'added' if before is _NONE else 'removed' if now is _NONE else 'changed'}")
-        for name, before, now in _differences(record["packages"], self.packages):
-            changes.append(f"package {name} {before} -> {now}")
+        for name, before, after in _differences(record["settings"], self.settings):
+            changes.append(f"setting {name} changed: {_short(before)} -> {_short(after)}")
+        for name, before, after in _differences(record["sources"], self.sources):
+            changes.append(
+                f"source {name} {'added' if before is _NONE else 'removed' if after is _NONE else 'changed'}"
+            )
+        for name, before, after in _differences(record["packages"], self.packages):
+            changes.append(f"package {name} {before} -> {after}")
         for name, _, _ in _differences(record["inputs"], self.inputs):
             changes.append(f"input {name} changed")
         return changes
@@ -117,15 +119,15 @@ def source_hashes(module: str) -> dict[str, str]:
     TypeError
         If the module has no source file.
     """
-    own = {*OWN_PACKAGES, module.partition(".")[0]}
+    packages = {*OWN_PACKAGES, module.partition(".")[0]}
     hashes: dict[str, str] = {}
-    seen: set[str] = set()
+    visited: set[str] = set()
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        if name in seen or name in NO_EFFECT or name.partition(".")[0] not in own:
+        if name in visited or name in NO_EFFECT or name.partition(".")[0] not in packages:
             continue
-        seen.add(name)
+        visited.add(name)
         root, path = _locate(name)
         if path is not None:
             hashes[path.relative_to(root).as_posix()], imports = _source(path, path.stat().st_mtime_ns, name)
@@ -134,7 +136,7 @@ def source_hashes(module: str) -> dict[str, str]:
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
                 if name in FOUND_BY_FILE:
                     registered = [entry.module for entry in importlib.metadata.entry_points(group=FOUND_BY_FILE[name])]
-                    own |= {module.partition(".")[0] for module in registered}
+                    packages |= {module.partition(".")[0] for module in registered}
                     waiting += [f"{name}.{file.stem}" for file in sorted(path.parent.glob("*.py"))] + registered
             waiting += imports
             waiting.append(name.rpartition(".")[0])
@@ -145,13 +147,13 @@ def source_hashes(module: str) -> dict[str, str]:
 
 def _locate(name: str) -> tuple[Path, Path | None]:
     """Folder of the top package and the file of a module; no file if the name is not a module but a thing in one."""
-    top, *rest = name.split(".")
+    top, *inner = name.split(".")
     spec = importlib.util.find_spec(top) if top else None
     if spec is None or spec.origin is None:
         return Path(), None
     origin = Path(spec.origin)
     root = origin.parent.parent if spec.submodule_search_locations else origin.parent
-    base = root.joinpath(top, *rest)
+    base = root.joinpath(top, *inner)
     return root, next((p for p in (base / "__init__.py", base.with_suffix(".py")) if p.is_file()), None)
 
 
@@ -167,8 +169,12 @@ class _Effective(ast.NodeTransformer):
     """Removes what has no effect on a result: docstrings, and imports for type checkers only."""
 
     def _without_docstring(self, node: Any) -> Any:
-        first = node.body[0] if node.body else None
-        if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str):
+        statement = node.body[0] if node.body else None
+        if (
+            isinstance(statement, ast.Expr)
+            and isinstance(statement.value, ast.Constant)
+            and isinstance(statement.value.value, str)
+        ):
             node.body = node.body[1:]
         return self.generic_visit(node)
 
@@ -193,9 +199,9 @@ def _imported(tree: ast.AST, package: str) -> Iterator[str]:
 _NONE = object()
 
 
-def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    for name in sorted({*before, *now}):
-        pair = before.get(name, _NONE), now.get(name, _NONE)
+def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    for name in sorted({*before, *after}):
+        pair = before.get(name, _NONE), after.get(name, _NONE)
         if pair[0] != pair[1]:
             yield name, *pair
 

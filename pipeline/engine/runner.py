@@ -68,12 +68,12 @@ def run(
     with locked(runs / study.name):
         for stage in needed:
             inputs = {name: outputs[name] for name in stage.reads}
-            now = fingerprint(stage, study, _content(inputs))
+            current = fingerprint(stage, study, _content(inputs))
             output = Output.open(runs / study.name / stage.name)
-            if output is not None and not _reasons(output, now):
+            if output is not None and not _reasons(output, current):
                 progress.say(stage.name, "up to date")
             else:
-                output = _executed(stage, study, now, inputs, runs, resources)
+                output = _executed(stage, study, current, inputs, runs, resources)
             outputs[stage.name] = output
     return outputs
 
@@ -96,9 +96,11 @@ def why(stages: Sequence[Stage], study: Any, target: str, runs: Path) -> list[st
         if output is None:
             reasons = ["never run"]
         else:
-            known = {name: outputs[name] for name in stage.reads if name in outputs}
-            lost = {name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in known}
-            reasons = _reasons(output, fingerprint(stage, study, _content(known) | lost))
+            available = {name: outputs[name] for name in stage.reads if name in outputs}
+            lost = {
+                name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in available
+            }
+            reasons = _reasons(output, fingerprint(stage, study, _content(available) | lost))
             outputs[stage.name] = output
         sentences += reasons if stage.name == target else [f"{stage.name} runs first: {text}" for text in reasons]
     return sentences or ["up to date"]
@@ -123,12 +125,12 @@ def damages(run_folder: Path) -> list[Damage]:
     folders = sorted(path.parent for path in run_folder.glob(f"[!.]*/{RECORD}"))
     if not folders:
         raise InputError(f"{run_folder}: no run; see {run_folder.parent} for the runs that there are")
-    found = []
+    damage = []
     with locked(run_folder):
         for folder in folders:
             output = Output.open(folder)
-            found += [Damage(folder.name, name) for name in ([RECORD] if output is None else output.verify())]
-    return found
+            damage += [Damage(folder.name, name) for name in ([RECORD] if output is None else output.verify())]
+    return damage
 
 
 def _needed(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:
@@ -139,16 +141,16 @@ def _needed(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:
         raise InputError(
             f"stage {name} is unknown; stages are {', '.join(names)}{_hint(name, names)}" for name in unknown
         )
-    wanted = set(targets)
+    needed = set(targets)
     for stage in reversed(stages):
-        if stage.name in wanted:
-            wanted |= set(stage.reads)
-    return [stage for stage in stages if stage.name in wanted]
+        if stage.name in needed:
+            needed |= set(stage.reads)
+    return [stage for stage in stages if stage.name in needed]
 
 
 def _hint(name: str, names: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, names, 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    matches = difflib.get_close_matches(name, names, 1)
+    return f"; did you mean {matches[0]}?" if matches else ""
 
 
 def _content(outputs: Mapping[str, Output]) -> dict[str, str]:
@@ -157,23 +159,25 @@ def _content(outputs: Mapping[str, Output]) -> dict[str, str]:
     return {name: digest for name, digest in hashes.items() if not name.endswith(PICTURES)}
 
 
-def _reasons(output: Output, now: Fingerprint) -> list[str]:
-    changes = [] if output.record["key"] == now.key else now.changes_since(output.record)
+def _reasons(output: Output, current: Fingerprint) -> list[str]:
+    changes = [] if output.record["key"] == current.key else current.changes_since(output.record)
     return changes + output.faults()
 
 
 def _executed(
-    stage: Stage, study: Any, now: Fingerprint, inputs: Mapping[str, Output], runs: Path, resources: Resources
+    stage: Stage, study: Any, current: Fingerprint, inputs: Mapping[str, Output], runs: Path, resources: Resources
 ) -> Output:
     """Run a stage and publish its output."""
     progress.announce(stage.name)
     started = datetime.now(UTC).isoformat(timespec="seconds")
     with progress.Meter() as meter, blamed(runs / study.name / stage.name):
-        state = {"key": now.key, "chunk": resources.chunk} if stage.solve else None
+        state = {"key": current.key, "chunk": resources.chunk} if stage.solve else None
         work = Work(runs / study.name, stage.name, state)
         sections = Sections(study, (*stage.sections, "name"))
-        job = Job(sections, resources.jobs, work.output, inputs, Cache(runs / ".cache", now.code))
-        counts = _solve_chunks(stage, job, work, resources, now.code) if stage.solve else _run_whole(stage, job, work)
+        job = Job(sections, resources.jobs, work.output, inputs, Cache(runs / ".cache", current.code))
+        counts = (
+            _solve_chunks(stage, job, work, resources, current.code) if stage.solve else _run_whole(stage, job, work)
+        )
         contents = work.contents(stage.tables)
     if not stage.solve:
         rows, files = sum(table["rows"] for table in contents["tables"].values()), len(contents["files"])
@@ -181,11 +185,11 @@ def _executed(
     record = {
         "stage": stage.name,
         "status": "complete",
-        "key": now.key,
-        "settings": now.settings,
-        "inputs": now.inputs,
-        "packages": now.packages,
-        "sources": now.sources,
+        "key": current.key,
+        "settings": current.settings,
+        "inputs": current.inputs,
+        "packages": current.packages,
+        "sources": current.sources,
         **counts,
         **contents,
         "started": started,
@@ -209,19 +213,19 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
     assert stage.prepare is not None
     total = stage.items(job)
     bounds = [(start, min(start + resources.chunk, total)) for start in range(0, total, resources.chunk)]
-    left = [bound for bound in bounds if bound[0] not in work.finished]
+    unfinished = [bound for bound in bounds if bound[0] not in work.finished]
     reads = {name: name.partition("/") for name in stage.chunk_reads}
 
     def read(start: int, stop: int) -> Chunk:
-        tables = {name: job.inputs[at].read_items(table, start, stop) for name, (at, _, table) in reads.items()}
+        tables = {name: job.inputs[source].read_items(table, start, stop) for name, (source, _, table) in reads.items()}
         return Chunk(start, stop, tables)
 
     with progress.Line(stage.name, stage.unit, total) as line:
-        for start, stop in set(bounds) - set(left):
+        for start, stop in set(bounds) - set(unfinished):
             line.advance(stop - start, work.finished[start]["failed"])
-        shared = stage.prepare(job) if left else None
+        shared = stage.prepare(job) if unfinished else None
         with closing(
-            solved_chunks(stage, shared, left, read, work.folder, resources.jobs, resources.backend, code)
+            solved_chunks(stage, shared, unfinished, read, work.folder, resources.jobs, resources.backend, code)
         ) as solved:
             for part in solved:
                 work.write_chunk(part.start, part.parts, part.failed)

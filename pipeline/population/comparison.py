@@ -131,11 +131,11 @@ def metrics_at(metrics: pd.DataFrame, crank_deg: float | None) -> pd.DataFrame:
         worst = grouped[names].max()
         worst[SMALLER_IS_WORSE] = grouped[SMALLER_IS_WORSE].min()
         return worst.drop(index=failed)
-    here = metrics[np.isclose(metrics["crank_deg"], crank_deg)]
-    if here.empty:
-        known = ", ".join(f"{crank:g}" for crank in np.unique(metrics["crank_deg"]))
-        raise InputError(f"units.csv: crank_deg = {crank_deg:g}; the study has {known}; add it to its cycle.crank_deg")
-    return here.set_index("sample")[names].drop(index=failed)
+    of_crank = metrics[np.isclose(metrics["crank_deg"], crank_deg)]
+    if of_crank.empty:
+        cranks = ", ".join(f"{crank:g}" for crank in np.unique(metrics["crank_deg"]))
+        raise InputError(f"units.csv: crank_deg = {crank_deg:g}; the study has {cranks}; add it to its cycle.crank_deg")
+    return of_crank.set_index("sample")[names].drop(index=failed)
 
 
 def compared(
@@ -154,16 +154,16 @@ def compared(
     cranks = population["crank_deg"].to_numpy() if "crank_deg" in population else np.full(len(population), np.nan)
     groups: list[tuple[float | None, NDArray[np.bool_]]] = [(None, np.isnan(cranks))]
     groups += [(float(crank), cranks == crank) for crank in np.unique(cranks[np.isfinite(cranks)])]
-    found = []
-    for crank, mine in groups:
-        if not mine.any():
+    comparisons = []
+    for crank, of_crank in groups:
+        if not of_crank.any():
             continue
         samples = metrics_at(metrics, crank)
         for metric in [name for name in POPULATION_METRICS if name in population]:
-            units = population.loc[mine, metric].dropna().to_numpy(float)
+            units = population.loc[of_crank, metric].dropna().to_numpy(float)
             if units.size:
-                found.append(_comparison(metric, crank, units, samples[metric].to_numpy(), confidence, rng))
-    return found
+                comparisons.append(_comparison(metric, crank, units, samples[metric].to_numpy(), confidence, rng))
+    return comparisons
 
 
 def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> tuple[Test, ...]:
@@ -182,15 +182,15 @@ def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> t
     pooled = np.concatenate([units, samples])
     order = np.argsort(pooled, kind="stable")
     label = (order < units.size)[None, :]
-    last = np.append(np.diff(pooled[order]) > 0, True)
-    observed = _distances(label, last)[:, 0]
+    group_end = np.append(np.diff(pooled[order]) > 0, True)
+    observed = _distances(label, group_end)[:, 0]
     reached = np.ones(len(TESTS))
     at_once = max(1, PERMUTED_AT_ONCE // pooled.size)
     done = 0
     while done < PERMUTATIONS:
         rows = min(at_once, PERMUTATIONS - done)
         drawn = rng.permuted(np.repeat(label, rows, axis=0), axis=1)
-        reached += np.sum(_distances(drawn, last) >= observed[:, None] * (1 - 1e-12), axis=1)
+        reached += np.sum(_distances(drawn, group_end) >= observed[:, None] * (1 - 1e-12), axis=1)
         done += rows
     return tuple(
         Test(name, float(value), float(count / (1 + PERMUTATIONS)))
@@ -198,25 +198,25 @@ def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> t
     )
 
 
-def _distances(label: NDArray[np.bool_], last: NDArray[np.bool_]) -> Real:
+def _distances(label: NDArray[np.bool_], group_end: NDArray[np.bool_]) -> Real:
     """The three statistics (3, n_rows) of rows of labels (n_rows, n) in ascending order of value.
 
-    `last` marks the last of each group of equal values, where the distribution functions are compared.
+    `group_end` marks the last of each group of equal values, where the distribution functions are compared.
     """
     n = label.shape[1]
     m = int(label[0].sum())
-    place = np.flatnonzero(last) + 1
-    weight = np.diff(np.concatenate([[0], place]))
-    below = np.cumsum(label, axis=1)[:, last]
-    apart = below / m - (place - below) / (n - m)
+    rank = np.flatnonzero(group_end) + 1
+    weight = np.diff(np.concatenate([[0], rank]))
+    below = np.cumsum(label, axis=1)[:, group_end]
+    difference = below / m - (rank - below) / (n - m)
     pairs = m * (n - m)
-    inner = place < n
-    spread = place[inner] * (n - place[inner])
+    inner = rank < n
+    spread = rank[inner] * (n - rank[inner])
     return np.stack(
         [
-            np.max(np.abs(apart), axis=1),
-            pairs / n**2 * np.sum(weight * apart**2, axis=1),
-            pairs * np.sum(weight[inner] * apart[:, inner] ** 2 / spread, axis=1),
+            np.max(np.abs(difference), axis=1),
+            pairs / n**2 * np.sum(weight * difference**2, axis=1),
+            pairs * np.sum(weight[inner] * difference[:, inner] ** 2 / spread, axis=1),
         ]
     )
 

@@ -51,13 +51,16 @@ def rough_metrics(study: Study, compliances: Sequence[Real], sampled: Errors) ->
     ----------
     compliances : of the springs (n_contacts,) [mm/N] at each loaded crank angle.
     """
-    errors, at = assembly.errors(sampled), assembly.definitions(study)
+    errors, definitions = assembly.errors(sampled), assembly.definitions(study)
     clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     readings = [
-        winkler_readings(drive_of(study, crank, None, errors, clearance), compliance, at)
+        winkler_readings(drive_of(study, crank, None, errors, clearance), compliance, definitions)
         for crank, compliance in zip(study.cycle.crank_deg, compliances, strict=True)
     ]
-    return {name: np.stack([metric.value(one, at) for one in readings], axis=1) for name, metric in library().items()}
+    return {
+        name: np.stack([metric.value(reading, definitions) for reading in readings], axis=1)
+        for name, metric in library().items()
+    }
 
 
 def predicted_turn(loaded: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]) -> tuple[Real, Real]:
@@ -70,12 +73,12 @@ def predicted_turn(loaded: Real, pilot: Mapping[str, Real], units: Mapping[str, 
     """
     samples = [np.stack([np.ones_like(loaded), *pilot.values()], axis=2)]
     samples.append(np.stack([np.ones_like(next(iter(units.values()))), *units.values()], axis=2))
-    known = np.all(np.isfinite(loaded) & np.all(np.isfinite(samples[0]), axis=2), axis=1)
+    finite = np.all(np.isfinite(loaded) & np.all(np.isfinite(samples[0]), axis=2), axis=1)
     slopes = [
-        np.linalg.lstsq(samples[0][known, angle], loaded[known, angle], rcond=None)[0]
+        np.linalg.lstsq(samples[0][finite, angle], loaded[finite, angle], rcond=None)[0]
         for angle in range(loaded.shape[1])
     ]
-    of_pilot, of_units = (np.einsum("nam,am->na", one, np.stack(slopes)) for one in samples)
+    of_pilot, of_units = (np.einsum("nam,am->na", metrics, np.stack(slopes)) for metrics in samples)
     return of_pilot, of_units
 
 
@@ -101,10 +104,10 @@ class Prediction:
         """From the rough metrics of the units, and of the pilot whose metric under load is known (n, n_angles)."""
         rough, of_units = (tail.over_turn(turn) for turn in predicted_turn(loaded, pilot, units))
         values = tail.over_turn(loaded)
-        known = np.isfinite(values) & np.isfinite(rough)
-        line = np.polynomial.Polynomial.fit(rough[known], values[known], 1)
-        missed = values[known] - line(rough[known])
-        scale = max(float(np.std(missed, ddof=2)), LEAST_SCATTER * float(np.std(values[known])))
+        finite = np.isfinite(values) & np.isfinite(rough)
+        line = np.polynomial.Polynomial.fit(rough[finite], values[finite], 1)
+        missed = values[finite] - line(rough[finite])
+        scale = max(float(np.std(missed, ddof=2)), LEAST_SCATTER * float(np.std(values[finite])))
         value = np.where(np.isfinite(of_units), line(of_units), tail.limit)  # what no rough model tells is looked at
         quantile = float(np.quantile(value + np.resize(missed, value.size), LEVEL))
         return cls(value, missed, scale, (tail.limit, quantile))
@@ -125,9 +128,9 @@ class Prediction:
         """
         order = np.argsort(self.value)
         weight = np.append(np.cumsum(1 / probability[order][::-1])[::-1], 0.0)
-        found = []
+        numbers = []
         for limit in self.limits:
-            first = np.searchsorted(self.value[order], limit - self.missed, side="right")
-            beyond, weights = np.mean(self.value.size - first), np.mean(weight[first])
-            found.append(float(beyond**2 / weights) if weights > 0 else 0.0)
-        return found
+            rank = np.searchsorted(self.value[order], limit - self.missed, side="right")
+            share, weights = np.mean(self.value.size - rank), np.mean(weight[rank])
+            numbers.append(float(share**2 / weights) if weights > 0 else 0.0)
+        return numbers

@@ -16,22 +16,22 @@ from pipeline.population.tolerance_shift import Closing
 def comparison_frame(comparisons: Sequence[Comparison]) -> pd.DataFrame:
     """One row a metric and crank angle (empty: the worst over the crank angles)."""
     rows = []
-    for one in comparisons:
-        tests = {test.name: test for test in one.tests}
+    for comparison in comparisons:
+        tests = {test.name: test for test in comparison.tests}
         rows.append(
             {
-                "metric": one.metric,
-                "crank_deg": np.nan if one.crank_deg is None else one.crank_deg,
-                "units": one.units.size,
-                "samples": one.samples.size,
-                "units_mean": one.units.mean(),
-                "samples_mean": one.samples.mean(),
-                "bias": one.bias.value,
-                "bias_ci_low": one.bias.ci_low,
-                "bias_ci_high": one.bias.ci_high,
-                "spread_ratio": one.spread_ratio.value,
-                "spread_ratio_ci_low": one.spread_ratio.ci_low,
-                "spread_ratio_ci_high": one.spread_ratio.ci_high,
+                "metric": comparison.metric,
+                "crank_deg": np.nan if comparison.crank_deg is None else comparison.crank_deg,
+                "units": comparison.units.size,
+                "samples": comparison.samples.size,
+                "units_mean": comparison.units.mean(),
+                "samples_mean": comparison.samples.mean(),
+                "bias": comparison.bias.value,
+                "bias_ci_low": comparison.bias.ci_low,
+                "bias_ci_high": comparison.bias.ci_high,
+                "spread_ratio": comparison.spread_ratio.value,
+                "spread_ratio_ci_low": comparison.spread_ratio.ci_low,
+                "spread_ratio_ci_high": comparison.spread_ratio.ci_high,
                 **{f"{name}_p": tests[name].p_value if name in tests else np.nan for name in TESTS},
             }
         )
@@ -53,14 +53,14 @@ def quantile_frame(comparisons: Sequence[Comparison]) -> pd.DataFrame:
     parts = [
         pd.DataFrame(
             {
-                "metric": one.metric,
-                "crank_deg": np.nan if one.crank_deg is None else one.crank_deg,
-                "probability": one.quantiles[:, 0],
-                "study": one.quantiles[:, 1],
-                "measured": one.quantiles[:, 2],
+                "metric": comparison.metric,
+                "crank_deg": np.nan if comparison.crank_deg is None else comparison.crank_deg,
+                "probability": comparison.quantiles[:, 0],
+                "study": comparison.quantiles[:, 1],
+                "measured": comparison.quantiles[:, 2],
             }
         )
-        for one in comparisons
+        for comparison in comparisons
     ]
     return pd.concat(parts, ignore_index=True)
 
@@ -69,15 +69,16 @@ def sentence(closing: Closing) -> str:
     """What the comparison says in one sentence."""
     if not closing.different:
         return f"The units' means do not differ from the study's (p = {closing.p_value:.2g})."
-    closing_ones = [one for one in closing.candidates if one.closes]
-    if not closing_ones:
+    closers = [candidate for candidate in closing.candidates if candidate.closes]
+    if not closers:
         return (
             f"The units differ from the study (p = {closing.p_value:.2g}) and no single tolerance closes the "
             "difference within its limits: it takes an effect, or several tolerances. Measure one unit's loops."
         )
     named = "; or ".join(
-        f"{one.tolerance} shifted by {one.shift_um:.2g} um ({one.shift_low_um:.2g} to {one.shift_high_um:.2g})"
-        for one in closing_ones
+        f"{candidate.tolerance} shifted by {candidate.shift_um:.2g} um "
+        f"({candidate.shift_low_um:.2g} to {candidate.shift_high_um:.2g})"
+        for candidate in closers
     )
     return f"The units differ from the study (p = {closing.p_value:.2g}); it would be closed by {named}."
 

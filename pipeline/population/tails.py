@@ -64,14 +64,14 @@ def tails_of(study: Study) -> tuple[Tail, ...]:
     """
     if study.samples.experiment == "cases":
         raise InputError(f"study {study.name}: listed cases are no sample of anything; tails need random samples")
-    found = []
+    tails = []
     for name, limit in study.limits.of_metrics.items():
         sign = -1.0 if library()[name].smaller_is_worse else 1.0
         if not library()[name].turn_of_rigid_bodies:
-            found.append(Tail(name, study.limits.over, sign, sign * limit))
-    if not found:
+            tails.append(Tail(name, study.limits.over, sign, sign * limit))
+    if not tails:
         raise InputError(f"study {study.name}: [limits] names no metric under load; set one, as lost_motion_arcmin")
-    return tuple(found)
+    return tuple(tails)
 
 
 def population(study: Study, units: int) -> Study:
@@ -96,7 +96,7 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     pilot = draw(many, units, units + PILOT)
     loaded, looked = solve(pilot), rough(pilot)
     predictions = [Prediction.fitted(tail, loaded[tail.metric], looked, everyone) for tail in tails]
-    probability = inclusion_probability(np.sum([one.demand for one in predictions], axis=0), budget)
+    probability = inclusion_probability(np.sum([metric.demand for metric in predictions], axis=0), budget)
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(SELECTION,)))
     taken = np.flatnonzero(rng.random(units) < probability)
     parts = Parallel(jobs)(delayed(_solved)(many, solve, taken[a : a + BATCH]) for a in range(0, taken.size, BATCH))
@@ -128,7 +128,7 @@ def _joined(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
 def _solved(study: Study, solve: Solve, taken: NDArray[np.intp]) -> Mapping[str, Real]:
     """Metrics of the taken units; each is drawn by its own number."""
     drawn = [draw(study, int(unit), int(unit) + 1) for unit in taken]
-    together = {name: np.concatenate([getattr(one, name) for one in drawn]) for name in vars(drawn[0])}
+    together = {name: np.concatenate([getattr(part, name) for part in drawn]) for name in vars(drawn[0])}
     return solve(Errors(**together))
 
 
@@ -139,10 +139,10 @@ def _rows(
 
     An estimate that may expect too few units beyond has no interval: its spread does not show what was missed.
     """
-    known = np.isfinite(bad)
-    units -= round(float(np.sum(1 / probability[~known])))
-    share = tail_share(bad[known] > tail.limit, probability[known], units, confidence)
-    quantile = tail_quantile(bad[known], probability[known], units, LEVEL, confidence)
+    finite = np.isfinite(bad)
+    units -= round(float(np.sum(1 / probability[~finite])))
+    share = tail_share(bad[finite] > tail.limit, probability[finite], units, confidence)
+    quantile = tail_quantile(bad[finite], probability[finite], units, LEVEL, confidence)
     if expected[0] < FEWEST_BEYOND:
         share = replace(share, ci_low=0.0, ci_high=1.0)
     if expected[1] < FEWEST_BEYOND:
@@ -150,4 +150,4 @@ def _rows(
     low, high = sorted((tail.sign * quantile.ci_low, tail.sign * quantile.ci_high))
     quantile = replace(quantile, value=tail.sign * quantile.value, ci_low=low, ci_high=high)
     name = f"p{100 * LEVEL:.2f}" if tail.sign > 0 else f"p{100 * (1 - LEVEL):.2f}"
-    return [TailRow(tail.metric, kind, *astuple(one)) for kind, one in (("beyond", share), (name, quantile))]
+    return [TailRow(tail.metric, kind, *astuple(estimate)) for kind, estimate in (("beyond", share), (name, quantile))]

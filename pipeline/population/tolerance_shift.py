@@ -154,16 +154,16 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
     bias = np.array([comparison.bias.value for comparison in comparisons])
     covariance = _covariance(comparisons, metrics.to_numpy())
-    whole = float(bias @ np.linalg.solve(covariance, bias))
+    distance = float(bias @ np.linalg.solve(covariance, bias))
     units = min(comparison.units.size for comparison in comparisons)
-    p_value = _tail(whole, bias.size, units)
+    p_value = _tail(distance, bias.size, units)
     slopes, uncertainty = _slopes(deviations.to_numpy(), metrics.to_numpy())
     z = float(stats.norm.ppf((1 + confidence) / 2))
-    found = []
+    candidates = []
     for name, slope, error in zip(deviations, slopes, uncertainty, strict=True):
-        shift, deviation, left = _closest_shift(bias, slope, covariance, error)
+        shift, deviation, remaining = _closest_shift(bias, slope, covariance, error)
         room = _room(population.study, name, float(deviations[name].mean()), shift)
-        found.append(
+        candidates.append(
             Candidate(
                 tolerance=name,
                 shift_um=shift,
@@ -171,22 +171,24 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
                 shift_high_um=shift + z * deviation,
                 room_um=room,
                 within_limits=abs(shift) - z * deviation <= room,
-                explained=1 - left / whole if whole > 0 else 0.0,
-                p_value=_tail(left, bias.size - 1, units) if bias.size > 1 else np.nan,
+                explained=1 - remaining / distance if distance > 0 else 0.0,
+                p_value=_tail(remaining, bias.size - 1, units) if bias.size > 1 else np.nan,
             )
         )
-    found.sort(key=lambda candidate: (not candidate.closes, -candidate.explained, abs(candidate.shift_um)))
-    return Closing(p_value < ALPHA, p_value, tuple(found))
+    candidates.sort(key=lambda candidate: (not candidate.closes, -candidate.explained, abs(candidate.shift_um)))
+    return Closing(p_value < ALPHA, p_value, tuple(candidates))
 
 
 def _covariance(comparisons: Sequence[Comparison], samples: Real) -> Real:
     """Covariance of the biases: spread of the units over their number, correlated as in the study, plus the study's."""
     correlation = np.atleast_2d(np.corrcoef(samples, rowvar=False))
-    own = samples.std(axis=0, ddof=1)
+    scatter = samples.std(axis=0, ddof=1)
     # One or two units do not show their spread; the study's stands for it.
-    spread = np.array([c.units.std(ddof=1) if c.units.size > 2 else s for c, s in zip(comparisons, own, strict=True)])
+    spread = np.array(
+        [c.units.std(ddof=1) if c.units.size > 2 else s for c, s in zip(comparisons, scatter, strict=True)]
+    )
     error = spread / np.sqrt([comparison.units.size for comparison in comparisons])
-    return np.asarray(correlation * (np.outer(error, error) + np.outer(own, own) / len(samples)), float)
+    return np.asarray(correlation * (np.outer(error, error) + np.outer(scatter, scatter) / len(samples)), float)
 
 
 def _tail(value: float, freedom: int, units: int) -> float:
@@ -198,21 +200,21 @@ def _tail(value: float, freedom: int, units: int) -> float:
 
 def _closest_shift(bias: Real, slope: Real, covariance: Real, slope_covariance: Real) -> tuple[float, float, float]:
     """Shift [um] that leaves least, its standard deviation [um], and what it leaves."""
-    shift, deviation, left = 0.0, np.inf, 0.0
+    shift, deviation, remaining = 0.0, np.inf, 0.0
     for _ in range(ITERATIONS):
         weighted = np.linalg.solve(covariance + shift**2 * slope_covariance, np.column_stack([slope, bias]))
         information = float(slope @ weighted[:, 0])
         shift, deviation = float(slope @ weighted[:, 1]) / information, information**-0.5
-        left = max(float(bias @ weighted[:, 1]) - information * shift**2, 0.0)
-    return shift, deviation, left
+        remaining = max(float(bias @ weighted[:, 1]) - information * shift**2, 0.0)
+    return shift, deviation, remaining
 
 
 def _slopes(deviations: Real, metrics: Real) -> tuple[Real, Real]:
     """Slopes (n_tolerances, n_metrics) of one least-squares plane over all tolerances, and the covariance of each."""
     design = np.column_stack([np.ones(len(deviations)), deviations - deviations.mean(axis=0)])
     slopes = np.linalg.lstsq(design, metrics, rcond=None)[0]
-    rest = metrics - design @ slopes
-    residual = rest.T @ rest / (len(design) - design.shape[1])
+    remainder = metrics - design @ slopes
+    residual = remainder.T @ remainder / (len(design) - design.shape[1])
     leverage = np.diagonal(np.linalg.inv(design.T @ design))
     return np.asarray(slopes[1:], float), np.asarray(leverage[1:, None, None] * residual, float)
 
