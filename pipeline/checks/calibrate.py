@@ -83,23 +83,23 @@ def read_targets(path: Path, study: Study) -> tuple[Target, ...]:
     cases = [case.label for case in study.cases]
     problems = []
     for line, row in enumerate(rows, 2):
-        for column, known in (("case", cases), ("metric", METRICS)):
-            if row[column] not in known:
+        for column, names in (("case", cases), ("metric", METRICS)):
+            if row[column] not in names:
                 problems.append(
-                    f"{path.name}: line {line}: {column} = {row[column]!r}; {nearest_name(row[column], known)}"
+                    f"{path.name}: line {line}: {column} = {row[column]!r}; {nearest_name(row[column], names)}"
                 )
     numbers = ("tolerance_disk_um", "tolerance_roller_um", "value")
     values = _numbers(path, rows, numbers, problems)
     return tuple(
         Target(
             row["case"],
-            one["tolerance_disk_um"],
-            one["tolerance_roller_um"],
+            cells["tolerance_disk_um"],
+            cells["tolerance_roller_um"],
             row["metric"],
-            one["value"],
+            cells["value"],
             row["source"],
         )
-        for row, one in zip(rows, values, strict=True)
+        for row, cells in zip(rows, values, strict=True)
     )
 
 
@@ -119,14 +119,16 @@ def read_parameters(path: Path, design: Design) -> tuple[Parameter, ...]:
         if row["key"] not in numbers
     ]
     values = _numbers(path, rows, ("lower", "upper"), problems)
-    found = tuple(Parameter(row["key"], **value) for row, value in zip(rows, values, strict=True))
-    for one in found:
-        value = number(design, one.key)
-        if not 0 < one.lower < value < one.upper:
-            problems.append(f"{path.name}: {one.key} = {value:g} in the design; must lie within 0 < lower < it < upper")
+    parameters = tuple(Parameter(row["key"], **value) for row, value in zip(rows, values, strict=True))
+    for parameter in parameters:
+        value = number(design, parameter.key)
+        if not 0 < parameter.lower < value < parameter.upper:
+            problems.append(
+                f"{path.name}: {parameter.key} = {value:g} in the design; must lie within 0 < lower < it < upper"
+            )
     if problems:
         raise InputError(problems)
-    return found
+    return parameters
 
 
 def number(design: Design, key: str) -> float:
@@ -160,23 +162,26 @@ def calibrated(
     value, used = np.array([target.value for target in targets]), np.array([target.value != 0 for target in targets])
     if np.count_nonzero(used) < len(keys):
         raise InputError(f"{len(keys)} numbers cannot be fitted to {np.count_nonzero(used)} targets other than zero")
-    lower, upper = np.array([one.lower for one in parameters]), np.array([one.upper for one in parameters])
+    lower, upper = (
+        np.array([bounded.lower for bounded in parameters]),
+        np.array([bounded.upper for bounded in parameters]),
+    )
     best = np.array([number(study.design, key) for key in keys])
     for turn in range(1 if disk else ROUNDS):
-        here = disk or condensed(with_numbers(study, dict(zip(keys, best, strict=True))))
+        body = disk or condensed(with_numbers(study, dict(zip(keys, best, strict=True))))
 
-        def misfit(numbers: Real, here: Condensed = here) -> Real:
+        def misfit(numbers: Real, body: Condensed = body) -> Real:
             changed = with_numbers(study, dict(zip(keys, numbers, strict=True)))
-            return computed(changed, here, targets)[used] / value[used] - 1
+            return computed(changed, body, targets)[used] / value[used] - 1
 
         fit = fitted(misfit, best, lower, upper, None)
-        moved, best = np.max(np.abs(np.log(fit.value / best))), fit.value
-        if moved < SETTLED or turn == ROUNDS - 1:
+        change, best = np.max(np.abs(np.log(fit.value / best))), fit.value
+        if change < SETTLED or turn == ROUNDS - 1:
             break
     if confidence is not None:
         fit = fitted(misfit, best, lower, upper, confidence)
-    found = with_numbers(study, dict(zip(keys, fit.value.tolist(), strict=True)))
-    return Calibration(found, here, tuple(parameters), fit, used)
+    changed_study = with_numbers(study, dict(zip(keys, fit.value.tolist(), strict=True)))
+    return Calibration(changed_study, body, tuple(parameters), fit, used)
 
 
 def computed(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
@@ -186,7 +191,7 @@ def computed(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
 
 def of_targets(study: Study, metrics: Real, targets: Sequence[Target]) -> Real:
     """The values (n_targets,) of the targets among the ``metrics`` (n_cases, 3) of the study's cases."""
-    case = {one.label: row for row, one in enumerate(study.cases)}
+    case = {case_study.label: row for row, case_study in enumerate(study.cases)}
     return np.array([metrics[case[target.case], METRICS.index(target.metric)] for target in targets])
 
 
@@ -197,10 +202,10 @@ def write(calibration: Calibration, targets: Sequence[Target], source: str, fold
     with (folder / "fit.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["key", "value", "ci_low", "ci_high", "lower", "upper", "degrees_of_freedom"])
-        for k, one in enumerate(calibration.parameters):
+        for k, parameter in enumerate(calibration.parameters):
             ends = ["" if np.isnan(end) else f"{end:.6g}" for end in (fit.low[k], fit.high[k])]
-            table.writerow([one.key, f"{fit.value[k]:.6g}", *ends, one.lower, one.upper, fit.freedom])
-    keys = [one.key for one in calibration.parameters]
+            table.writerow([parameter.key, f"{fit.value[k]:.6g}", *ends, parameter.lower, parameter.upper, fit.freedom])
+    keys = [parameter.key for parameter in calibration.parameters]
     with (folder / "correlation.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["key", *keys])
@@ -222,18 +227,18 @@ def _design_file(calibration: Calibration, source: str) -> str:
     """The fitted design as TOML; its fitted numbers say so in their provenance."""
     content = calibration.study.design.model_dump()
     fit = calibration.fit
-    for one, value, low, high in zip(calibration.parameters, fit.value, fit.low, fit.high, strict=True):
+    for parameter, value, low, high in zip(calibration.parameters, fit.value, fit.low, fit.high, strict=True):
         ends = ["not bounded" if np.isnan(end) else f"{end:.4g}" for end in (low, high)]
-        content["provenance"][one.key] = {
+        content["provenance"][parameter.key] = {
             "status": "calibrated",
             "reason": f"fitted to {source} with {len(calibration.parameters)} numbers, {fit.freedom} degrees of "
             f"freedom left; interval {ends[0]} to {ends[1]}",
         }
-        section, name = one.key.rsplit(".", 1)
-        place = content
+        section, name = parameter.key.rsplit(".", 1)
+        table = content
         for part in section.split("."):
-            place = place[part]
-        place[name] = float(f"{value:.6g}")
+            table = table[part]
+        table[name] = float(f"{value:.6g}")
     parse_design(content, "design.toml")
     return toml_of(content)
 
@@ -245,8 +250,8 @@ def _rows(path: Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.DictReader(file, restval="")
             if tuple(reader.fieldnames or ()) != columns:
-                found = ", ".join(reader.fieldnames or ())
-                raise InputError(f"{path.name}: columns {found}; must be {', '.join(columns)}")
+                columns_of_file = ", ".join(reader.fieldnames or ())
+                raise InputError(f"{path.name}: columns {columns_of_file}; must be {', '.join(columns)}")
             return list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path.name}: no table: {error}; give a CSV file") from None

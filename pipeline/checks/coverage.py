@@ -60,11 +60,11 @@ def play(study: Study, experiment: Experiment, count: int, seed: int) -> tuple[R
     """Rigid backlash (count,) [arcmin] of an experiment at the study's first crank angle; each sample's replicate."""
     settings = {"experiment": experiment, "count": count, "seed": seed, "nominal_first": False}
     study = study.model_copy(update={"samples": study.samples.model_copy(update=settings)})
-    at = assembly.reducer(study.design, study.cycle.crank_deg[0])
+    reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
     sampled = draw(study, 0, count)
-    gap = gaps(assembly.profile(study.design), at, assembly.errors(sampled), **dict(study.clearance))
-    loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
-    return ARCMIN * rigid_play(at, gap, loose).backlash, replicates(study.samples, np.arange(count))
+    gap = gaps(assembly.profile(study.design), reducer, assembly.errors(sampled), **dict(study.clearance))
+    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    return ARCMIN * rigid_play(reducer, gap, clearance).backlash, replicates(study.samples, np.arange(count))
 
 
 def reference(study: Study, batches: int = REFERENCE_BATCHES, jobs: int = 1) -> Real:
@@ -96,14 +96,14 @@ def coverages(
     """Coverage of every statistic over ``repeats`` experiments of the seeds 0, 1, ..."""
     runs = Parallel(jobs)(delayed(estimates)(study, experiment, count, seed, truth) for seed in range(repeats))
     parts = 1 if experiment == "monte_carlo" else study.samples.randomisations
-    found = []
+    rows = []
     for name, exact in truth.items():
         low, high = np.array([(run[name].ci_low, run[name].ci_high) for run in runs]).T
-        inside = np.asarray((low <= exact) & (exact <= high), float)
+        covered = np.asarray((low <= exact) & (exact <= high), float)
         bounded = float(np.mean(np.isfinite(low) | np.isfinite(high)))
-        interval = share_interval(inside, CONFIDENCE)
-        found.append(Coverage(experiment, name, count, parts, repeats, bounded, float(np.mean(inside)), *interval))
-    return found
+        interval = share_interval(covered, CONFIDENCE)
+        rows.append(Coverage(experiment, name, count, parts, repeats, bounded, float(np.mean(covered)), *interval))
+    return rows
 
 
 def text(rows: list[Coverage]) -> str:

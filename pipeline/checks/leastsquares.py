@@ -94,32 +94,32 @@ def _solve(residual: Residual, start: Real, low: Real, high: Real) -> tuple[Real
         return residual(np.exp(logs))
 
     def slope(logs: Real) -> Real:
-        here = misfit(logs)
+        base = misfit(logs)
         columns = []
         for k in range(len(logs)):
             step = np.zeros(len(logs))
             step[k] = STEP if logs[k] + STEP <= high[k] else -STEP
-            columns.append((misfit(logs + step) - here) / step[k])
+            columns.append((misfit(logs + step) - base) / step[k])
         return np.stack(columns, axis=1)
 
-    inside = np.clip(start, low + STEP, high - STEP)
-    solution = least_squares(misfit, inside, slope, (low, high), xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE)
+    bounded = np.clip(start, low + STEP, high - STEP)
+    solution = least_squares(misfit, bounded, slope, (low, high), xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE)
     return solution.x, solution.fun, solution.jac
 
 
 def _end(residual: Residual, best: Real, low: Real, high: Real, k: int, bound: float, limit: float) -> float:
     """Where the profile of the number k reaches ``limit`` between the best value and the bound; NaN if nowhere."""
-    others = np.arange(len(best)) != k
+    free = np.arange(len(best)) != k
 
     def excess(log: float) -> float:
         def rest(values: Real) -> Real:
-            whole = np.exp(best)
-            whole[k], whole[others] = np.exp(log), values
-            return residual(whole)
+            parameters = np.exp(best)
+            parameters[k], parameters[free] = np.exp(log), values
+            return residual(parameters)
 
-        if not np.any(others):
+        if not np.any(free):
             return float(np.sum(rest(np.empty(0)) ** 2)) - limit
-        return float(np.sum(_solve(rest, best[others], low[others], high[others])[1] ** 2)) - limit
+        return float(np.sum(_solve(rest, best[free], low[free], high[free])[1] ** 2)) - limit
 
     if abs(bound - best[k]) < END_TOLERANCE or excess(bound) <= 0:
         return np.nan

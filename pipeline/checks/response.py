@@ -116,8 +116,8 @@ def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> Solv
     """
     design, metrics = study.design, study.metrics
     sampled = draw(study, 0, study.samples.rows)
-    loose = assembly.bearing_clearance(design, sampled.bearing_clearance)
-    drive = drive_of(study, study.cycle.crank_deg[0], disk.compliance(design), assembly.errors(sampled), loose)
+    clearance = assembly.bearing_clearance(design, sampled.bearing_clearance)
+    drive = drive_of(study, study.cycle.crank_deg[0], disk.compliance(design), assembly.errors(sampled), clearance)
     percents = metrics.lost_motion_percent, *metrics.rigidity_percent, *([backlash_percent] if backlash_percent else [])
     marks = tuple(percent / 100 for percent in percents)
     cycle = LoadCycle.evenly(drive.rated_torque, LEVELS, study.cycle.torque_fraction, marks)
@@ -135,9 +135,9 @@ def metrics_of(study: Study, cases: Solved, backlash_percent: float = 0.0) -> Re
     backlash_percent : of the rated torque, where the backlash is read on the way up in both senses; at 0 it is the
         limit of no torque.
     """
-    at = assembly.definitions(study)
-    readings = loop_readings(cases.response, np.full(len(cases.gap), np.nan), at)
-    values = np.stack([library()[name].value(readings, at) for name in METRICS], axis=1)
+    definitions = assembly.definitions(study)
+    readings = loop_readings(cases.response, np.full(len(cases.gap), np.nan), definitions)
+    values = np.stack([library()[name].value(readings, definitions) for name in METRICS], axis=1)
     if backlash_percent:
         plus, minus = cases.step("loading+", backlash_percent), cases.step("loading-", -backlash_percent)
         values[:, 0] = ARCMIN * (cases.response.angle[:, plus] - cases.response.angle[:, minus])

@@ -111,10 +111,10 @@ def loaded(
 
     ``compliance``, ``gap`` and ``reducer`` take the place of the sample's own.
     """
-    at = reducer or specimen.reducer
+    mounted = reducer or specimen.reducer
     gaps_of_one = (specimen.gap if gap is None else gap)[None]
-    loose = np.array([specimen.bearing_clearance])
-    play = rigid_play(at, gaps_of_one, loose)
+    clearance = np.array([specimen.bearing_clearance])
+    play = rigid_play(mounted, gaps_of_one, clearance)
     start = play.pose_plus if torque[0] > 0 else play.pose_minus
     matrix = specimen.compliance if compliance is None else compliance
-    return solve(at, specimen.bearing, specimen.laws, matrix, gaps_of_one, loose, start, torque)
+    return solve(mounted, specimen.bearing, specimen.laws, matrix, gaps_of_one, clearance, start, torque)

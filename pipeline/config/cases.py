@@ -55,9 +55,11 @@ def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[
     """
     labels: dict[str, int] = {}
     for position, case in cases.items():
-        first = labels.setdefault(case.label, position)
-        if first != position:
-            yield Problem(f"cases[{position}].label", case.label, f"cases[{first}] has it already; labels must differ")
+        earlier = labels.setdefault(case.label, position)
+        if earlier != position:
+            yield Problem(
+                f"cases[{position}].label", case.label, f"cases[{earlier}] has it already; labels must differ"
+            )
         for name, dimension in dimension_library().items():
             if dimension.one_sided and np.min(case.deviation_um(name)) < 0:
                 yield Problem(f"cases[{position}].{name}", getattr(case, name), "must be >= 0")

@@ -31,32 +31,34 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     parts : the sections that are valid by themselves, by name.
     raw : the file as read, which also tells what was left to its default.
     """
-    found: list[Problem] = []
+    problems: list[Problem] = []
     samples, cycle, metrics, reduce, design = (
         parts.get(name) for name in ("samples", "cycle", "metrics", "reduce", "design")
     )
     if "name" in parts and not NAME.fullmatch(parts["name"]):
-        found.append(Problem("file name", parts["name"], NAME_RULE))
+        problems.append(Problem("file name", parts["name"], NAME_RULE))
     if parts.get("name") in RESERVED_NAMES:
-        found.append(Problem("file name", parts["name"], "is the run folder of another target; rename the study file"))
+        problems.append(
+            Problem("file name", parts["name"], "is the run folder of another target; rename the study file")
+        )
     if samples:
-        found += _samples(samples, raw)
+        problems += _samples(samples, raw)
     if samples and design:
-        found += _size(samples, design)
+        problems += _size(samples, design)
     if samples and parts.get("drivers"):
-        found += _drivers(parts["drivers"], samples)
+        problems += _drivers(parts["drivers"], samples)
     if cycle:
-        found += _cycle(cycle, samples, raw)
-        found += _phases(cycle, design)
+        problems += _cycle(cycle, samples, raw)
+        problems += _phases(cycle, design)
     if cycle and metrics:
-        found += _metrics(metrics, cycle)
+        problems += _metrics(metrics, cycle)
     if reduce and design:
-        found += _patches(reduce, design)
-        found += _mesh(reduce, design)
+        problems += _patches(reduce, design)
+        problems += _mesh(reduce, design)
     if design:
-        found += study_effect_problems(design.effects)
-        found += _readings(parts.get("clearance"), design)
-    return found
+        problems += study_effect_problems(design.effects)
+        problems += _readings(parts.get("clearance"), design)
+    return problems
 
 
 def number_keys(raw: Mapping[str, Any], prefix: str = "") -> list[str]:

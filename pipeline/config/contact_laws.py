@@ -10,7 +10,7 @@ def _known(name: str) -> str:
     from pipeline.model.contact.line_laws import library  # most programs that read a study need no mechanics
 
     if name not in library():
-        raise PydanticKnownError("literal_error", {"expected": " or ".join(repr(known) for known in library())})
+        raise PydanticKnownError("literal_error", {"expected": " or ".join(repr(law) for law in library())})
     return name
 
 

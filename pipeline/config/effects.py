@@ -30,12 +30,12 @@ def effect_problems(effects: Effects) -> Iterator[Problem]:
         return
     from pipeline.model.effects import library  # the mechanics are slow to import
 
-    known = library()
+    available = library()
     for name, values in effects.items():
-        if name not in known:
-            yield Problem(f"effects.{name}", None, f"unknown effect; known are {', '.join(known)}")
+        if name not in available:
+            yield Problem(f"effects.{name}", None, f"unknown effect; known are {', '.join(available)}")
             continue
-        allowed = {parameter.name: parameter for parameter in known[name].parameters}
+        allowed = {parameter.name: parameter for parameter in available[name].parameters}
         shown = ", ".join(allowed)
         for key, value in values.items():
             if key not in allowed:

@@ -20,22 +20,22 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
     parts : the sections that are valid by themselves, by name; a check whose sections are not all there is left out, so
         that the problems of the others are still found.
     """
-    found: list[Problem] = []
+    problems: list[Problem] = []
     cycloid, housing, disk, output = (parts.get(name) for name in ("cycloid", "housing", "disk", "output"))
     if cycloid:
         impossible = list(_profile(cycloid))
-        found += impossible
+        problems += impossible
         if parts.get("flank") and not impossible:
-            found += flank_problems(cycloid, parts["flank"])
+            problems += flank_problems(cycloid, parts["flank"])
     if cycloid and housing:
-        found += _housing(cycloid, housing)
+        problems += _housing(cycloid, housing)
     if cycloid and disk:
-        found += _bore(cycloid, disk)
+        problems += _bore(cycloid, disk)
     if isinstance(output, RollerPlate):
-        found += _plate(output, cycloid, disk)
+        problems += _plate(output, cycloid, disk)
     if isinstance(output, PinInHole) and cycloid:
-        found += _holes(output, cycloid, disk)
-    return found + list(_materials(parts))
+        problems += _holes(output, cycloid, disk)
+    return problems + list(_materials(parts))
 
 
 def root_radius(cycloid: Cycloid) -> float:

@@ -35,14 +35,16 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]
 
     A value that fails each alternative of a union is one problem whose alternatives are joined by "or".
     """
-    found: dict[str, Problem] = {}
+    problems: dict[str, Problem] = {}
     for detail in error.errors(include_url=False):
         problem = _problem(detail, model)
-        known = found.get(problem.key)
-        if known and problem.allowed not in known.allowed:
-            problem = Problem(known.key, known.found, f"{known.allowed}, or {problem.allowed.removeprefix('must be ')}")
-        found[problem.key] = problem
-    return list(found.values())
+        earlier = problems.get(problem.key)
+        if earlier and problem.allowed not in earlier.allowed:
+            problem = Problem(
+                earlier.key, earlier.found, f"{earlier.allowed}, or {problem.allowed.removeprefix('must be ')}"
+            )
+        problems[problem.key] = problem
+    return list(problems.values())
 
 
 def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:

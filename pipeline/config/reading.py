@@ -241,9 +241,9 @@ def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], where
     if not NAME.fullmatch(Path(name).stem):
         raise InputError([f"{where or kind} = {shown_value(str(name))}; the file's name {NAME_RULE}"])
     places = [base / name for base in bases] if Path(name).suffix == ".toml" else [home / f"{name}.toml"]
-    for place in places:
-        if place.is_file():
-            return place
+    for candidate in places:
+        if candidate.is_file():
+            return candidate
     stems = [path.stem for path in home.glob("*.toml")]
     advice = nearest_name(Path(name).stem, stems) if stems else f"data/{kind} is empty"
     raise InputError([f"{where or kind} = {str(name)!r}; no such file; {advice}"])

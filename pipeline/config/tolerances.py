@@ -41,8 +41,8 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
     tolerances : the valid tolerances by name.
     design : the reducer they belong to, None where it could not be read.
     """
-    known = dimension_library()
-    correlated = [name for name, dimension in known.items() if dimension.elements and dimension.elements.radius_mm]
+    dimensions = dimension_library()
+    correlated = [name for name, dimension in dimensions.items() if dimension.elements and dimension.elements.radius_mm]
     for name, tolerance in tolerances.items():
         key = f"tolerances.{name}"
         yield from tolerance.problems(key)
@@ -50,11 +50,11 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
         if length is not None and name not in correlated:
             allowed = f"only {', '.join(correlated)} lie along a machined circle; delete it"
             yield Problem(f"{key}.correlation_length_mm", length, allowed)
-        if known[name].one_sided and tolerance.least_um < 0:
+        if dimensions[name].one_sided and tolerance.least_um < 0:
             allowed = "must be >= 0, and with allowance_um added too"
             yield Problem(f"{key}.{tolerance.lowest_key}", tolerance.limits_um[0], allowed)
         if design is not None:
-            yield from _size_problems(known[name], tolerance, design)
+            yield from _size_problems(dimensions[name], tolerance, design)
 
 
 def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design) -> Iterator[Problem]:

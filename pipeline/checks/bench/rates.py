@@ -40,22 +40,27 @@ def seconds_of(action: Callable[[], object]) -> float:
 
 def hot_parts(study: Study, shared: hysteresis.Shared, samples: int) -> Iterator[Result]:
     """Rates on so many samples, solved chunk by chunk as a study does."""
-    whole, brief = replace(shared, brief=shared.curve), replace(shared, curve=shared.brief)
+    curves, brief = replace(shared, brief=shared.curve), replace(shared, curve=shared.brief)
     sized = study.model_copy(update={"samples": study.samples.model_copy(update={"count": samples})})
     full, short, unloaded, sizes = 0.0, 0.0, {"first_order": 0.0, "exact": 0.0}, []
     cranks = study.cycle.crank_deg
-    profile, at = assembly.profile(study.design), assembly.reducer(study.design, cranks[0])
+    profile, reducer = assembly.profile(study.design), assembly.reducer(study.design, cranks[0])
     for start in range(0, samples, study.run.chunk):
         sampled = draw(sized, start, min(start + study.run.chunk, samples))
-        errors, loose = assembly.errors(sampled), assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+        errors, clearance = (
+            assembly.errors(sampled),
+            assembly.bearing_clearance(study.design, sampled.bearing_clearance),
+        )
         for method in unloaded:
-            action = partial(_unloaded, at, profile, errors, loose, {**study.clearance.model_dump(), "method": method})
+            action = partial(
+                _unloaded, reducer, profile, errors, clearance, {**study.clearance.model_dump(), "method": method}
+            )
             unloaded[method] += seconds_of(action)
-        full += seconds_of(partial(_solved, whole, sampled))
+        full += seconds_of(partial(_solved, curves, sampled))
         short += seconds_of(partial(_solved, brief, sampled))
-        sizes.append(_sizes(_solved(whole, sampled), len(at.motions)))
+        sizes.append(_sizes(_solved(curves, sampled), len(reducer.motions)))
     loops, size = samples * len(cranks), np.concatenate(sizes)
-    steps, few = (len(one.steps[1]) for one in (shared.curve, shared.brief))
+    steps, few = (len(cycle.steps[1]) for cycle in (shared.curve, shared.brief))
     yield Result("loops_per_second_per_core", loops / full, "1/s", samples, 1, f"{steps} steps a loop")
     yield Result("metrics_only_per_second_per_core", loops / short, "1/s", samples, 1, f"{few} steps a loop")
     note = f"{size.size} equilibria, mean system of {size.mean():.1f} unknowns"
@@ -65,8 +70,10 @@ def hot_parts(study: Study, shared: hysteresis.Shared, samples: int) -> Iterator
         yield Result("unloaded_per_second_per_core", samples / spent, "1/s", samples, 1, method)
 
 
-def _unloaded(at: Reducer, profile: CycloidProfile, errors: Errors, loose: Real, options: dict[str, str]) -> RigidPlay:
-    return rigid_play(at, gaps(profile, at, errors, **options), loose)
+def _unloaded(
+    reducer: Reducer, profile: CycloidProfile, errors: Errors, clearance: Real, options: dict[str, str]
+) -> RigidPlay:
+    return rigid_play(reducer, gaps(profile, reducer, errors, **options), clearance)
 
 
 def _solved(shared: hysteresis.Shared, sampled: SampledErrors) -> list[Equilibria]:

@@ -41,9 +41,9 @@ def condensing(study: Study) -> Iterator[Result]:
             for _ in range(REPEATS)
         ]
     )
-    by_sector, whole = np.median(times, axis=0)
+    by_sector, by_disk = np.median(times, axis=0)
     note = (
-        f"{ANGLES_BY_SECTOR} crank angles in {by_sector:.2f} s over {ANGLES_WHOLE} on the whole disk in {whole:.2f} s"
+        f"{ANGLES_BY_SECTOR} crank angles in {by_sector:.2f} s over {ANGLES_WHOLE} on the whole disk in {by_disk:.2f} s"
     )
     yield Result("condensing_ratio", float(np.median(times[:, 0] / times[:, 1])), "1", 1, 1, note)
 
@@ -71,8 +71,8 @@ def calculix(study: Study, verified: Path) -> Iterator[Result]:
     torque = SHARES * specimen.rated_torque
     ours = loaded(specimen, torque)
     errors = assembly.errors(draw(specimen.study, specimen.sample, specimen.sample + 1))
-    loose = np.array([specimen.bearing_clearance])
-    drive = drive_of(specimen.study, specimen.crank_deg, specimen.compliance, errors, loose, specimen.laws)
+    clearance = np.array([specimen.bearing_clearance])
+    drive = drive_of(specimen.study, specimen.crank_deg, specimen.compliance, errors, clearance, specimen.laws)
     copies = drive.some(np.zeros(COPIES, int))
     seconds = seconds_of(partial(solve_cycle, copies, cycle)) / (COPIES * 2 * len(cycle.fractions))
     with tempfile.TemporaryDirectory() as folder:
@@ -84,7 +84,7 @@ def calculix(study: Study, verified: Path) -> Iterator[Result]:
     if verified.exists():
         with verified.open(newline="") as file:
             times = [float(row["computed"]) for row in csv.DictReader(file) if row["quantity"] == VERIFIED]
-        for one in times:
-            theirs = one / len(torque)
+        for run_time in times:
+            theirs = run_time / len(torque)
             note = f"{theirs:.3g} s of the last make verify, which the size of the mesh does not change in ours"
             yield Result("calculix_ratio", theirs / seconds, "1", COPIES, 1, note)

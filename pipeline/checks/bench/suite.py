@@ -33,9 +33,9 @@ def bench(study: Study, coarse: Study, runs: Path) -> Iterator[Result]:
     """
     with TemporaryDirectory(dir=runs, prefix="bench-") as name:
         folder, previous = Path(name), None
-        first = _seconds(_outputs(study, 1, 1, "hysteresis", folder))  # condenses the disk and compiles the solver
+        cold = _seconds(_outputs(study, 1, 1, "hysteresis", folder))  # condenses the disk and compiles the solver
         yield Result(
-            f"{STAGE}reduce", first["reduce"], "s", 1, 1, f"condensed anew: {len(study.cycle.crank_deg)} cranks"
+            f"{STAGE}reduce", cold["reduce"], "s", 1, 1, f"condensed anew: {len(study.cycle.crank_deg)} cranks"
         )
         for samples in SAMPLES:
             outputs = _outputs(study, samples, JOBS, LAST, folder)

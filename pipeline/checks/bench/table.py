@@ -52,21 +52,21 @@ def bench_figure(results: Sequence[Result]) -> Figure:
     figure = new_figure(3.4)
     rates, stages = figure.subplots(1, 2)
     for (name, note), style in zip(RATES, line_styles(dict.fromkeys(RATES.values())), strict=True):
-        rows = [one for one in results if one.name == name and note in one.note]
-        rates.loglog([one.samples for one in rows], [one.value for one in rows], **style)
+        rows = [row for row in results if row.name == name and note in row.note]
+        rates.loglog([row.samples for row in rows], [row.value for row in rows], **style)
     rates.set_title("Rates per second and core")
     rates.set_xlabel("samples")
     rates.legend(loc="center right", bbox_to_anchor=(1.0, 0.32))
-    _stages(stages, [one for one in results if one.name.startswith(STAGE) and one.jobs > 1])
+    _stages(stages, [row for row in results if row.name.startswith(STAGE) and row.jobs > 1])
     return figure
 
 
 def _stages(axes: Axes, rows: Sequence[Result]) -> None:
     """Bars of the seconds of the stages, one for every number of samples."""
-    sizes = sorted({one.samples for one in rows})
+    sizes = sorted({row.samples for row in rows})
     done = dict.fromkeys(sizes, 0.0)
-    for number, name in enumerate(dict.fromkeys(one.name for one in rows)):
-        seconds = {one.samples: one.value for one in rows if one.name == name}
+    for number, name in enumerate(dict.fromkeys(row.name for row in rows)):
+        seconds = {row.samples: row.value for row in rows if row.name == name}
         width = [seconds.get(size, 0.0) for size in sizes]
         colour = COLOURS[number] if number < len(COLOURS) else RULE
         style: dict[str, Any] = {"color": colour, "label": name[len(STAGE) :]}

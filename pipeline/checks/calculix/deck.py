@@ -107,23 +107,23 @@ def calculix_deck(specimen: Specimen, torque: Real, states: Equilibria) -> Deck:
         If the bearing is not a linear spring without clearance: CalculiX has no spring of the law K (d - c)^n for a
         displacement in the plane.
     """
-    bearing, loose = specimen.bearing, specimen.bearing_clearance
-    if bearing.exponent != 1 or loose > 0:
+    bearing, clearance = specimen.bearing, specimen.bearing_clearance
+    if bearing.exponent != 1 or clearance > 0:
         raise InputError(
-            f"bearing: exponent {bearing.exponent:g}, clearance {loose:g} mm; CalculiX has only linear springs for a "
-            "displacement in the plane; export a design with exponent 1 and clearance 0"
+            f"bearing: exponent {bearing.exponent:g}, clearance {clearance:g} mm; CalculiX has only linear springs for "
+            "a displacement in the plane; export a design with exponent 1 and clearance 0"
         )
     reducer, disk, start = specimen.reducer, specimen.disk, states.motion[0, 0]
     numbers = Numbers(len(disk.nodes), len(disk.triangles), len(reducer.contacts))
     centre = complex(start[0], start[1]) * np.exp(-1j * disk_rotation(specimen.profile, reducer.crank))  # in its frame
-    most = np.abs(torque).max() / np.abs(reducer.contacts.arm).max()
+    largest = np.abs(torque).max() / np.abs(reducer.contacts.arm).max()
     sections = (
         _heading(specimen, torque),
         _mesh(disk),
         _bodies(reducer, numbers),
         _approaches(specimen, numbers),
         _bearing(bearing, disk, (centre.real, centre.imag), numbers),
-        _springs(specimen.laws, specimen.gap - reducer.closing @ start, most, numbers),
+        _springs(specimen.laws, specimen.gap - reducer.closing @ start, largest, numbers),
         _steps(numbers, torque),
     )
     return Deck(
@@ -139,7 +139,7 @@ def _heading(specimen: Specimen, torque: Real) -> Iterator[str]:
     yield "*HEADING"
     yield f"study {specimen.study.name}, sample {specimen.sample}, crank {specimen.crank_deg:g} degrees"
     yield "** Units N, mm, MPa. Nodes: the disk's mesh, then A<i> and G<i> of the contacts, then bore, plate, output."
-    yield f"** Output torques of the steps [N mm]: {', '.join(f'{one:.6g}' for one in torque)}"
+    yield f"** Output torques of the steps [N mm]: {', '.join(f'{load:.6g}' for load in torque)}"
     for i, label in enumerate(specimen.reducer.contacts.label):
         yield f"** contact {i}: {label}"
 
@@ -192,14 +192,16 @@ def _bodies(reducer: Reducer, numbers: Numbers) -> Iterator[str]:
 def _approaches(specimen: Specimen, numbers: Numbers) -> Iterator[str]:
     """Penetration of every contact: the patch's mean displacement against the load, and the other bodies' motion."""
     reducer, loads = specimen.reducer, specimen.disk.loads(specimen.patches)
-    place = _freedom_places(specimen.disk)
+    position = _freedom_places(specimen.disk)
     column = {int(contact): k for k, contact in enumerate(specimen.disk_rows)}
     for i in range(numbers.contacts):
         terms = [(numbers.approach(i), 1, -1.0)]
         if i in column:
             k = column[i]
             span = slice(loads.indptr[k], loads.indptr[k + 1])
-            terms += [(*place[dof], -value) for dof, value in zip(loads.indices[span], loads.data[span], strict=True)]
+            terms += [
+                (*position[dof], -value) for dof, value in zip(loads.indices[span], loads.data[span], strict=True)
+            ]
         for j, motion in enumerate(reducer.motions):
             body, component = motion.rsplit("_", 1)
             if body != "disk" and reducer.closing[i, j] != 0:
@@ -209,42 +211,42 @@ def _approaches(specimen: Specimen, numbers: Numbers) -> Iterator[str]:
         yield from _equation(terms)
 
 
-def _bearing(bearing: Bearing, disk: ElasticBody, first: tuple[float, float], numbers: Numbers) -> Iterator[str]:
+def _bearing(bearing: Bearing, disk: ElasticBody, start: tuple[float, float], numbers: Numbers) -> Iterator[str]:
     """The bore's mean displacement from ``first`` [mm], on a spring along each axis."""
-    place = _freedom_places(disk)
+    position = _freedom_places(disk)
     for axis in (0, 1):
         fit = disk.reference[:, axis]
         used = np.flatnonzero(fit)
-        yield from _equation([(numbers.body(0), axis + 1, -1.0), *((*place[int(dof)], fit[dof]) for dof in used)])
+        yield from _equation([(numbers.body(0), axis + 1, -1.0), *((*position[int(dof)], fit[dof]) for dof in used)])
         name = f"BEARING{axis + 1}"
         yield f"*ELEMENT, TYPE=SPRINGA, ELSET={name}"
         yield f"{numbers.spring(numbers.contacts + axis)}, {numbers.body(0)}, {numbers.body(3 + axis)}"
         yield f"*SPRING, ELSET={name}, NONLINEAR"
         for far in (-BEARING_REACH, BEARING_REACH):
-            yield f"{bearing.stiffness * (far - first[axis]):.12g}, {far:.12g}"
+            yield f"{bearing.stiffness * (far - start[axis]):.12g}, {far:.12g}"
 
 
-def _springs(laws: ContactLaws, gap: Real, most: float, numbers: Numbers) -> Iterator[str]:
+def _springs(laws: ContactLaws, gap: Real, largest: float, numbers: Numbers) -> Iterator[str]:
     """A nonlinear spring per contact: a table of force against elongation, both negative in compression."""
-    dense, beyond = np.geomspace(LEAST_SHARE, 1.0, TABLE_POINTS), np.geomspace(2.0, OVERSHOOT, 10)
-    force = most * np.concatenate([[0.0], dense, beyond])
+    dense, overshoot = np.geomspace(LEAST_SHARE, 1.0, TABLE_POINTS), np.geomspace(2.0, OVERSHOOT, 10)
+    force = largest * np.concatenate([[0.0], dense, overshoot])
     deflection = laws.deflection(np.repeat(force[:, None], len(laws), axis=1))
     for i in range(numbers.contacts):
         yield f"*ELEMENT, TYPE=SPRINGA, ELSET=CONTACT{i}"
         yield f"{numbers.spring(i)}, {numbers.approach(i)}, {numbers.ground(i)}"
         yield f"*SPRING, ELSET=CONTACT{i}, NONLINEAR"
-        for one, depth in zip(force[::-1], deflection[::-1, i], strict=True):
-            yield f"{-one:.12g}, {-(gap[i] + depth):.12g}"
+        for load, depth in zip(force[::-1], deflection[::-1, i], strict=True):
+            yield f"{-load:.12g}, {-(gap[i] + depth):.12g}"
         yield f"0., {AHEAD:g}"
 
 
 def _steps(numbers: Numbers, torque: Real) -> Iterator[str]:
-    for one in torque:
+    for load in torque:
         yield "*STEP, NLGEOM, INC=10000"
         yield "*STATIC"
         yield f"{INCREMENT['first']:g}, 1., {INCREMENT['least']:g}, {INCREMENT['largest']:g}"
         yield "*CLOAD"
-        yield f"{numbers.body(2)}, 1, {one / SPAN:.12g}"
+        yield f"{numbers.body(2)}, 1, {load / SPAN:.12g}"
         yield "*NODE PRINT, NSET=GROUND, FREQUENCY=10000"
         yield "RF"
         yield "*NODE PRINT, NSET=OUTPUT, FREQUENCY=10000"

@@ -26,8 +26,8 @@ def export(study: Study, sample: int, crank_deg: float, folder: Path) -> str:
     name = f"sample-{sample}-crank-{crank_deg:g}"
     write_atomic(folder / f"{name}.inp", deck.text.encode())
     rows = [
-        f"  {one / NMM_PER_NM:8.4g} N m   {ARCMIN * angle:10.5f} arcmin   {force.max():9.3f} N"
-        for one, angle, force in zip(
+        f"  {load / NMM_PER_NM:8.4g} N m   {ARCMIN * angle:10.5f} arcmin   {force.max():9.3f} N"
+        for load, angle, force in zip(
             torque, states.motion[0, :, specimen.reducer.output_motion], states.force[0], strict=True
         )
     ]

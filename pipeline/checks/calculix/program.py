@@ -67,11 +67,11 @@ def run_calculix(deck: Deck, folder: Path) -> Answer:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     seconds = time.perf_counter() - start
-    said = (folder / "reducer.log").read_text(errors="replace")
+    output = (folder / "reducer.log").read_text(errors="replace")
     angle, force = _printed(deck, folder / "reducer.dat")
     if process.returncode != 0 or len(angle) != len(deck.torque):
-        raise RuntimeError(f"{PROGRAM} solved {len(angle)} of {len(deck.torque)} load steps: {said[-500:]}")
-    return Answer(angle, force, seconds, usage.ru_maxrss * KIB, said.count("\n iteration "))
+        raise RuntimeError(f"{PROGRAM} solved {len(angle)} of {len(deck.torque)} load steps: {output[-500:]}")
+    return Answer(angle, force, seconds, usage.ru_maxrss * KIB, output.count("\n iteration "))
 
 
 def _printed(deck: Deck, path: Path) -> tuple[Real, Real]:

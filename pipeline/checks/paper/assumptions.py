@@ -161,8 +161,8 @@ def _touching(study: Study) -> Study:
 
 def _on_first_slide(study: Study) -> Study:
     """Twice R on the rollers of the first slide, none on those of the second: the same backlash."""
-    at = assembly.reducer(study.design, study.cycle.crank_deg[0])
-    share = 2.0 * (at.contacts.interface[at.n_pins :] == 0)
+    reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
+    share = 2.0 * (reducer.contacts.interface[reducer.n_pins :] == 0)
     rollers = [np.asarray(case.deviation_um("roller_diameter")) * share for case in study.cases]
     cases = tuple(
         case.model_copy(update={"roller_diameter": tuple(errors.tolist())})

@@ -33,12 +33,12 @@ def compared(study: Study, outputs: Mapping[str, Output], published: Path, folde
     parameters = read_parameters(published / FITTED, study.design)
     tables = Tables.read(study, outputs)
     disk = _condensed(study, outputs)
-    own = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
+    computed = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
     predicted = table2.prediction(study, disk, targets, parameters)
     return Comparison(
         study,
-        pd.concat([own, predicted], ignore_index=True),
-        shortfalls(study, targets, parameters, own, predicted, tables),
+        pd.concat([computed, predicted], ignore_index=True),
+        shortfalls(study, targets, parameters, computed, predicted, tables),
         table2.contacts(study, outputs["hysteresis"].read("curves"), published / CONTACTS),
         refitted(assumptions.readings(study), disk, targets, parameters),
         refitted(assumptions.assumptions(study), disk, targets, parameters),
@@ -62,15 +62,15 @@ def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPape
     for drawing in drawings(tables):
         save(drawing.figure, folder / drawing.stem)
         picture = Picture(drawing.title, drawing.caption, (folder / f"{drawing.stem}.svg").read_bytes())
-        mine = [one for one in stated if one.figure in drawing.numbers]
-        figures.append(FigureOfPaper(" and ".join(drawing.numbers), picture, mine))
+        of_drawing = [statement for statement in stated if statement.figure in drawing.numbers]
+        figures.append(FigureOfPaper(" and ".join(drawing.numbers), picture, of_drawing))
     return figures
 
 
 def write(comparison: Comparison, folder: Path, variations: Path) -> None:
     """The tables as CSV and the page, into ``folder``; the elastic part under each assumption, to ``variations``."""
     write_atomic(variations, variations_csv(comparison.assumptions))
-    stated = pd.DataFrame([vars(one) for figure in comparison.figures for one in figure.statements])
+    stated = pd.DataFrame([vars(statement) for figure in comparison.figures for statement in figure.statements])
     frames = {
         "table2": comparison.table2,
         "elastic_part": comparison.shortfalls.elastic_part,

@@ -109,13 +109,13 @@ def _table_rows(table: pd.DataFrame) -> list[Mapping[str, object]]:
     return rows
 
 
-def _shortfall_rows(found: Shortfalls) -> Mapping[str, object]:
+def _shortfall_rows(shortfalls: Shortfalls) -> Mapping[str, object]:
     """What the section on the shortfalls shows."""
-    largest, fitted = found.largest, found.choices["part"] == FITTED
-    rises = found.bearing.iloc[:, -1] > found.bearing.iloc[:, 1]
-    errors = found.predictions.pivot(index="predictor", columns="metric", values="relative_error")
+    largest, fitted = shortfalls.largest, shortfalls.choices["part"] == FITTED
+    rises = shortfalls.bearing.iloc[:, -1] > shortfalls.bearing.iloc[:, 1]
+    errors = shortfalls.predictions.pivot(index="predictor", columns="metric", values="relative_error")
     return {
-        "elastic": found.elastic_part.to_dict("records"),
+        "elastic": shortfalls.elastic_part.to_dict("records"),
         "predictors": [
             {"name": name, "largest": error, "errors": errors.loc[name, list(METRICS_OF_TABLE)].tolist()}
             for name, error in largest.items()
@@ -125,9 +125,9 @@ def _shortfall_rows(found: Shortfalls) -> Mapping[str, object]:
         "line_error": largest[GEOMETRY],
         "fitted_count": int(fitted.sum()),
         "choices_count": int((~fitted).sum()),
-        "choices": found.choices["key"].tolist(),
-        "targets_count": found.targets,
-        "bearing": [list(row) for row in found.bearing.itertuples(index=False)],
+        "choices": shortfalls.choices["key"].tolist(),
+        "targets_count": shortfalls.targets,
+        "bearing": [list(row) for row in shortfalls.bearing.itertuples(index=False)],
         "bearing_trend": "more" if rises.all() else "less" if not rises.any() else "partly more",
     }
 

@@ -89,7 +89,7 @@ def direct(load: LoadCase) -> Analysis:
     start = (play.pose_plus if load.torque > 0 else play.pose_minus).copy()
     rotations = [number for number, name in enumerate(load.reducer.motions) if name.endswith("_phi")]
     start[:, rotations] += np.sign(load.torque) * FIRST_TURN * np.arange(1, len(rotations) + 1)
-    found = solve(
+    states = solve(
         load.reducer,
         load.bearing,
         load.laws,
@@ -99,7 +99,7 @@ def direct(load: LoadCase) -> Analysis:
         start,
         np.array([load.torque]),
     )
-    return Analysis(found.force[0, 0], found.motion[0, 0], 1, int(found.iterations[0, 0]))
+    return Analysis(states.force[0, 0], states.motion[0, 0], 1, int(states.iterations[0, 0]))
 
 
 def _held(load: LoadCase, contacts: np.ndarray) -> tuple[Real, Real, int]:
@@ -122,9 +122,9 @@ def _held(load: LoadCase, contacts: np.ndarray) -> tuple[Real, Real, int]:
         change = np.linalg.solve(tangent, -np.concatenate([closed, balance]))
         force, motion = force + change[:n], motion + change[n:]
         if np.max(np.abs(change[:n])) < BALANCED * np.max(np.abs(force)):
-            whole = np.zeros(len(load.gap))
-            whole[contacts] = force
-            return whole, motion, step
+            forces = np.zeros(len(load.gap))
+            forces[contacts] = force
+            return forces, motion, step
     raise ArithmeticError(f"FE analysis with {n} contacts held not settled after {NEWTON_STEPS} steps")
 
 
@@ -154,17 +154,17 @@ def procedures(study: Study, disk: Condensed, cases: Solved) -> pd.DataFrame:
                 cases.cycle.rated_torque * percent / 100,
             )
             for name, analyse in (("direct", direct), ("iterative", iterative)):
-                found, seconds = _timed(analyse, load)
+                analysis, seconds = _timed(analyse, load)
                 rows.append(
                     {
                         "case": case.label,
                         "torque_Nm": NM_PER_NMM * load.torque,
                         "procedure": name,
-                        "angle_arcmin": ARCMIN * found.motion[cases.reducer.output_motion],
-                        "pins_in_contact": int(np.count_nonzero(found.force[: cases.reducer.n_pins] > 0)),
-                        "largest_force_N": float(np.max(found.force)),
-                        "fe_analyses": found.passes,
-                        "linear_systems": found.systems,
+                        "angle_arcmin": ARCMIN * analysis.motion[cases.reducer.output_motion],
+                        "pins_in_contact": int(np.count_nonzero(analysis.force[: cases.reducer.n_pins] > 0)),
+                        "largest_force_N": float(np.max(analysis.force)),
+                        "fe_analyses": analysis.passes,
+                        "linear_systems": analysis.systems,
                         "seconds": seconds,
                     }
                 )
@@ -175,6 +175,6 @@ def _timed(analyse: Callable[[LoadCase], Analysis], load: LoadCase) -> tuple[Ana
     times = []
     for _ in range(REPEATS):
         start = time.perf_counter()
-        found = analyse(load)
+        analysis = analyse(load)
         times.append(time.perf_counter() - start)
-    return found, min(times)
+    return analysis, min(times)

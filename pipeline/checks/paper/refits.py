@@ -35,9 +35,9 @@ AT_BOUND = 1e-3
 
 def elastic_part(targets: Sequence[Target], values: Real) -> dict[str, float]:
     """Lost motion less clearance backlash [arcmin] of every case, from the ``values`` (n_targets,) of the targets."""
-    known = {(target.case, target.metric): value for target, value in zip(targets, values, strict=True)}
+    published = {(target.case, target.metric): value for target, value in zip(targets, values, strict=True)}
     cases = dict.fromkeys(target.case for target in targets)
-    return {case: float(known[case, LOST_MOTION] - known[case, BACKLASH]) for case in cases}
+    return {case: float(published[case, LOST_MOTION] - published[case, BACKLASH]) for case in cases}
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def refit(
     body = with_elastic_plate(change.study, body, change.plate) if change.plate else body
     free = (*parameters, *change.added)
     keys = [parameter.key for parameter in free]
-    lower, upper = np.array([one.lower for one in free]), np.array([one.upper for one in free])
+    lower, upper = np.array([bounded.lower for bounded in free]), np.array([bounded.upper for bounded in free])
 
     def tried(fitted_to: str, numbers: Real) -> Refit:
         study = with_numbers(change.study, dict(zip(keys, numbers.tolist(), strict=True)))
@@ -116,20 +116,21 @@ def refitted(
 ) -> pd.DataFrame:
     """Two rows per assumption: what is fitted to, errors, elastic part, pins in contact, and the fitted numbers."""
     rows = [
-        {"assumption": change.name, **_row(one)}
+        {"assumption": change.name, **_row(fit)}
         for change in changes
-        for one in refit(change, disk, targets, parameters)
+        for fit in refit(change, disk, targets, parameters)
     ]
     return pd.DataFrame(rows)
 
 
 def _row(fit: Refit) -> Mapping[str, Any]:
     misfit = Misfit.of(fit.error)
-    values = {one.key: number(fit.study.design, one.key) for one in fit.parameters}
+    values = {parameter.key: number(fit.study.design, parameter.key) for parameter in fit.parameters}
     at_bound = [
-        one.key
-        for one in fit.parameters
-        if min(np.log(values[one.key] / one.lower), np.log(one.upper / values[one.key])) < AT_BOUND
+        parameter.key
+        for parameter in fit.parameters
+        if min(np.log(values[parameter.key] / parameter.lower), np.log(parameter.upper / values[parameter.key]))
+        < AT_BOUND
     ]
     return {
         "fitted_to": fit.fitted_to,

@@ -50,7 +50,9 @@ class Shortfalls:
     @property
     def largest(self) -> pd.Series:
         """Largest relative error of each predictor, by its name."""
-        return self.predictions.groupby("predictor", sort=False)["relative_error"].agg(lambda one: one.abs().max())
+        return self.predictions.groupby("predictor", sort=False)["relative_error"].agg(
+            lambda errors: errors.abs().max()
+        )
 
 
 def shortfalls(
@@ -89,7 +91,7 @@ def predictions(study: Study, targets: Sequence[Target], predicted: pd.DataFrame
     columns: dict[str, dict[str, float]] = {}
     for target in targets:
         columns.setdefault(target.case, {})[target.metric] = target.value
-    before, middle, last = columns.values()
+    before, middle, published = columns.values()
     sizes = {target.case: (target.tolerance_disk_um, target.tolerance_roller_um) for target in targets}
     _, of_middle, of_last = sizes.values()
     disk, roller = (end / start for start, end in zip(of_middle, of_last, strict=True))
@@ -100,9 +102,9 @@ def predictions(study: Study, targets: Sequence[Target], predicted: pd.DataFrame
     }
     values = {MODEL: dict(zip(predicted["metric"], predicted["computed"], strict=True)), **lines}
     rows = [
-        {"predictor": name, "metric": metric, "published": last[metric], "value": value[metric]}
+        {"predictor": name, "metric": metric, "published": published[metric], "value": value[metric]}
         for name, value in values.items()
-        for metric in last
+        for metric in published
     ]
     frame = pd.DataFrame(rows)
     return frame.assign(relative_error=frame["value"] / frame["published"] - 1)
@@ -127,21 +129,21 @@ def disk_backlash(study: Study) -> Real:
     """Backlash (n_cases,) [arcmin] of the cases with the error of the disk alone: geometry, nothing fitted."""
     alone = tuple(case.model_copy(update={"roller_diameter": 0.0}) for case in study.cases)
     cases = study.model_copy(update={"cases": alone})
-    at = assembly.reducer(study.design, study.cycle.crank_deg[0])
+    reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
     errors = assembly.errors(draw(cases, 0, cases.samples.rows))
-    play = separated_play(at, gaps(assembly.profile(study.design), at, errors, **dict(study.clearance)))
-    return ARCMIN * (play.pose_plus - play.pose_minus)[:, at.output_motion]
+    play = separated_play(reducer, gaps(assembly.profile(study.design), reducer, errors, **dict(study.clearance)))
+    return ARCMIN * (play.pose_plus - play.pose_minus)[:, reducer.output_motion]
 
 
 def choices(study: Study, parameters: Sequence[Parameter]) -> pd.DataFrame:
     """Every number of the design and setting of the study that Table 2 had a part in."""
-    fitted = [one.key for one in parameters]
-    seen = [
+    fitted = [parameter.key for parameter in parameters]
+    in_sight = [
         key
         for key, origin in study.design.provenance.items()
         if key not in fitted and (origin.status == "calibrated" or origin.in_sight_of)
     ]
-    keys = [*fitted, *seen, *STUDY_CHOICES]
+    keys = [*fitted, *in_sight, *STUDY_CHOICES]
     return pd.DataFrame({"key": keys, "part": [FITTED if key in fitted else SEEN for key in keys]})
 
 

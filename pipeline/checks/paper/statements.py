@@ -78,12 +78,12 @@ def _springs(tables: Tables) -> Iterator[Statement]:
         rows = laws[(laws["contact"] == contact) & ~laws["beyond_limit"].to_numpy(bool)].sort_values("force_N")
         return float(rows["stiffness_N_per_um"].iloc[0]), float(rows["stiffness_N_per_um"].iloc[-1])
 
-    first = [stiffness(int(pin))[0] for pin in tables.pins]
+    softest = [stiffness(int(pin))[0] for pin in tables.pins]
     yield Statement(
         "5a",
         "the contact stiffness varies from pin to pin with the curvature of the disk",
-        f"at the smallest force {min(first):.0f} to {max(first):.0f} N/µm",
-        max(first) / min(first) > NONUNIFORM,
+        f"at the smallest force {min(softest):.0f} to {max(softest):.0f} N/µm",
+        max(softest) / min(softest) > NONUNIFORM,
     )
     roller = int(tables.contacts.loc[tables.contacts["kind"] == "output", "contact"].iloc[0])
     for name, contact in (("input bearing", -1), ("output roller", roller)):
@@ -145,8 +145,8 @@ def _rising(tables: Tables) -> Iterator[Statement]:
             ("number of contacts", [float(np.count_nonzero(force > 0)) for force in loads], 0),
         ):
             torques = ", ".join(f"{share * rated:g}" for share in SHARES)
-            found = f"{_listed(values, digits)} at {torques} N m"
-            yield Statement("11", f"the {name} increases with the torque, with {case}", found, _rises(values))
+            text = f"{_listed(values, digits)} at {torques} N m"
+            yield Statement("11", f"the {name} increases with the torque, with {case}", text, _rises(values))
 
 
 def _deflection(curve: pd.DataFrame) -> np.ndarray:
@@ -208,9 +208,9 @@ def _rollers(tables: Tables) -> Iterator[Statement]:
 def _curves(tables: Tables) -> Iterator[Statement]:
     metrics = {"backlash": _backlash, "lost motion": _lost_motion}
     values = {name: [measure(tables, case.label) for case in tables.study.cases] for name, measure in metrics.items()}
-    for name, found in values.items():
+    for name, angles in values.items():
         text = f"the {name} increases with the tolerance"
-        yield Statement("14", text, f"{_listed(found, 3)} arcmin", _rises(found))
+        yield Statement("14", text, f"{_listed(angles, 3)} arcmin", _rises(angles))
     yield Statement(
         "14",
         "the lost motion is larger than the backlash, because the connecting elements yield",
@@ -228,8 +228,8 @@ def _curves(tables: Tables) -> Iterator[Statement]:
 
 def _angle(tables: Tables, case: str, branch: str, torque: float) -> float:
     rows = tables.of_case(tables.curves, case)
-    mine = rows[rows["branch"] == branch]
-    return float(mine.loc[np.isclose(mine["torque_Nm"], torque), "angle_arcmin"].iloc[0])
+    of_branch = rows[rows["branch"] == branch]
+    return float(of_branch.loc[np.isclose(of_branch["torque_Nm"], torque), "angle_arcmin"].iloc[0])
 
 
 def _backlash(tables: Tables, case: str) -> float:
@@ -242,5 +242,5 @@ def _lost_motion(tables: Tables, case: str) -> float:
 
 
 def _slope(curve: pd.DataFrame) -> float:
-    last = curve.iloc[-2:]
-    return float(np.diff(last["torque_Nm"])[0] / np.diff(last["angle_arcmin"])[0])
+    end = curve.iloc[-2:]
+    return float(np.diff(end["torque_Nm"])[0] / np.diff(end["angle_arcmin"])[0])

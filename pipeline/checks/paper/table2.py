@@ -55,11 +55,11 @@ def prediction(
     study: Study, disk: Condensed, targets: Sequence[Target], parameters: Sequence[Parameter]
 ) -> pd.DataFrame:
     """The last case of the targets computed with the numbers fitted to the other cases alone."""
-    last = targets[-1].case
-    others = [target for target in targets if target.case != last]
-    wanted = [target for target in targets if target.case == last]
-    fit = calibrated(study, others, parameters, None, disk)
-    return _rows(wanted, list(computed(fit.study, disk, wanted)), predicted=True)
+    held_out = targets[-1].case
+    training = [target for target in targets if target.case != held_out]
+    predicted_targets = [target for target in targets if target.case == held_out]
+    fit = calibrated(study, training, parameters, None, disk)
+    return _rows(predicted_targets, list(computed(fit.study, disk, predicted_targets)), predicted=True)
 
 
 def _rows(targets: Sequence[Target], values: Sequence[float], predicted: bool) -> pd.DataFrame:
@@ -81,13 +81,13 @@ def _rows(targets: Sequence[Target], values: Sequence[float], predicted: bool) -
 
 def contacts(study: Study, curves: Columns, published: Path) -> pd.DataFrame:
     """Pins in contact, published and from ``hysteresis/curves`` on the branch loading+."""
-    found, samples = pd.DataFrame(curves), case_of_sample(study)
-    loading = found[(found["branch"] == "loading+") & (found["crank_deg"] == study.cycle.crank_deg[0])]
+    steps, samples = pd.DataFrame(curves), case_of_sample(study)
+    loading = steps[(steps["branch"] == "loading+") & (steps["crank_deg"] == study.cycle.crank_deg[0])]
     table = pd.read_csv(published, dtype={"case": str})
     counts = []
     for row in table.itertuples():
-        mine = loading[loading["sample"] == samples[row.case]]
-        counts.append(int(mine.loc[np.isclose(mine["torque_Nm"], row.torque_Nm), "pins_in_contact"].iloc[0]))
+        of_case = loading[loading["sample"] == samples[row.case]]
+        counts.append(int(of_case.loc[np.isclose(of_case["torque_Nm"], row.torque_Nm), "pins_in_contact"].iloc[0]))
     table.insert(3, "computed", counts)
     return table.rename(columns={"pins_in_contact": "published"})
 
@@ -96,6 +96,6 @@ def fit_rows(calibration: Calibration) -> list[Mapping[str, object]]:
     """Key, value and interval of every fitted number."""
     fit = calibration.fit
     return [
-        {"key": one.key, "value": value, "low": low, "high": high}
-        for one, value, low, high in zip(calibration.parameters, fit.value, fit.low, fit.high, strict=True)
+        {"key": parameter.key, "value": value, "low": low, "high": high}
+        for parameter, value, low, high in zip(calibration.parameters, fit.value, fit.low, fit.high, strict=True)
     ]

@@ -46,7 +46,7 @@ def _misfit(specimen: Specimen, states: Equilibria) -> Real:
     return np.where(force > 0, np.abs(approach - deflection), np.maximum(approach - deflection, 0.0)) / deflection.max()
 
 
-def mirrored(at: Reducer) -> np.ndarray:
+def mirrored(reducer: Reducer) -> np.ndarray:
     """Permutation (n_contacts,) of the contacts by the mirror about the crank's axis, at crank 0.
 
     Raises
@@ -54,11 +54,11 @@ def mirrored(at: Reducer) -> np.ndarray:
     ValueError
         If a contact has no mirror image, as at any other crank angle.
     """
-    points: Complex = np.conj(at.contacts.point)
-    interface = at.contacts.interface
-    distance = np.abs(points[:, None] - at.contacts.point) + np.where(interface[:, None] == interface, 0.0, 1e3)
+    points: Complex = np.conj(reducer.contacts.point)
+    interface = reducer.contacts.interface
+    distance = np.abs(points[:, None] - reducer.contacts.point) + np.where(interface[:, None] == interface, 0.0, 1e3)
     partner = np.argmin(distance, axis=1)
-    if np.abs(points - at.contacts.point[partner]).max() > 1e-9:
+    if np.abs(points - reducer.contacts.point[partner]).max() > 1e-9:
         raise ValueError("the contacts are not mirrored about the crank's axis; take crank angle 0")
     return partner
 

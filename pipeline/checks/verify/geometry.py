@@ -22,7 +22,7 @@ STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 """Central first difference of fourth order."""
 
 
-def flank_distance(profile: CycloidProfile, centre: Complex, near: Real) -> Real:
+def flank_distance(profile: CycloidProfile, centre: Complex, start: Real) -> Real:
     """Distance of points ``centre`` (n,) from the flank by golden-section search about the parameters ``near`` (n,)."""
 
     def away(psi: Real) -> Real:
@@ -30,8 +30,8 @@ def flank_distance(profile: CycloidProfile, centre: Complex, near: Real) -> Real
 
     spacing = 3 * profile.lobe_pitch / (SCAN - 1)
     offsets = spacing * (np.arange(SCAN) - SCAN // 2)
-    scan = np.abs(profile.flank(near[:, None] + offsets) - centre[:, None])
-    nearest = near + offsets[np.argmin(scan, axis=1)]
+    scan = np.abs(profile.flank(start[:, None] + offsets) - centre[:, None])
+    nearest = start + offsets[np.argmin(scan, axis=1)]
     low, high = nearest - spacing, nearest + spacing
     for _ in range(NARROWINGS):
         lower, upper = high - GOLDEN * (high - low), low + GOLDEN * (high - low)

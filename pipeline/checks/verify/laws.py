@@ -38,8 +38,8 @@ def _difference(function, force: Real) -> Real:
 def _energy_slope(laws: ContactLaws, force: Real) -> Real:
     """dE/d(deflection) [N], both followed along the force; E is the force's work, F delta less its complement."""
 
-    def stored(at: Real) -> Real:
-        return at * laws.deflection(at) - laws.energy(at)
+    def stored(force: Real) -> Real:
+        return force * laws.deflection(force) - laws.energy(force)
 
     return _difference(stored, force) / _difference(laws.deflection, force)
 

@@ -55,11 +55,16 @@ class Row:
     @property
     def cells(self) -> tuple[str, ...]:
         """Texts in the order of ``COLUMNS``; empty where there is no number."""
-        found = self.finding
-        numbers = (found.reference, found.computed, found.error, np.nan if found.limit is None else found.limit)
-        judged = "" if found.ok is None else str(found.ok)
+        finding = self.finding
+        numbers = (
+            finding.reference,
+            finding.computed,
+            finding.error,
+            np.nan if finding.limit is None else finding.limit,
+        )
+        judged = "" if finding.ok is None else str(finding.ok)
         texts = ["" if np.isnan(number) else f"{number:.9g}" for number in numbers]
-        return (self.check, found.quantity, *texts, judged, f"{self.seconds:.3f}")
+        return (self.check, finding.quantity, *texts, judged, f"{self.seconds:.3f}")
 
 
 def run_checks(specimen: Specimen, checks: Mapping[str, Check] = CHECKS) -> Iterator[Row]:
@@ -97,12 +102,12 @@ def verify(mesh: str, root: Path, results: Path) -> int:
 
 def line(row: Row) -> str:
     """A row for the terminal: verdict, check, quantity, computed number, error and limit."""
-    found = row.finding
-    verdict = {True: "ok", False: "FAILED", None: "skipped"}[found.ok]
-    if found.skipped:
-        return f"{verdict:8}{row.check:26}{found.quantity}"
-    judged = "" if found.limit is None else f"error {found.error:.1e}  limit {found.limit:.1e}"
-    return f"{verdict:8}{row.check:26}{found.quantity:92}{found.computed:12.5g}  {judged}"
+    finding = row.finding
+    verdict = {True: "ok", False: "FAILED", None: "skipped"}[finding.ok]
+    if finding.skipped:
+        return f"{verdict:8}{row.check:26}{finding.quantity}"
+    judged = "" if finding.limit is None else f"error {finding.error:.1e}  limit {finding.limit:.1e}"
+    return f"{verdict:8}{row.check:26}{finding.quantity:92}{finding.computed:12.5g}  {judged}"
 
 
 def write_results(rows: list[Row], path: Path) -> None:
@@ -130,12 +135,11 @@ def page(rows: list[Row], mesh: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _page_line(found: Finding) -> str:
+def _page_line(finding: Finding) -> str:
     def text(number: float | None, form: str) -> str:
         return "" if number is None or np.isnan(number) else format(number, form)
 
-    kept = "" if found.limit is None else "yes" if found.ok else "**no**"
-    numbers = (text(found.reference, ".6g"), text(found.computed, ".6g"), text(found.error, ".1e"))
-    return (
-        f"| {' | '.join((found.quantity, *numbers, text(found.limit, '.1e'), 'skipped' if found.skipped else kept))} |"
-    )
+    verdict = "" if finding.limit is None else "yes" if finding.ok else "**no**"
+    numbers = (text(finding.reference, ".6g"), text(finding.computed, ".6g"), text(finding.error, ".1e"))
+    judged = "skipped" if finding.skipped else verdict
+    return f"| {' | '.join((finding.quantity, *numbers, text(finding.limit, '.1e'), judged))} |"

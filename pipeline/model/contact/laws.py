@@ -100,8 +100,8 @@ class ContactLaws:
     def deflection(self, force: ArrayLike) -> Real:
         """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
         force = np.maximum(np.asarray(force, float), 0.0)
-        inside = np.minimum(force, self.force_limit)
-        return self._proper_deflection(inside) + (force - inside) * self._proper_compliance(inside)
+        proper_force = np.minimum(force, self.force_limit)
+        return self._proper_deflection(proper_force) + (force - proper_force) * self._proper_compliance(proper_force)
 
     def compliance(self, force: ArrayLike) -> Real:
         """Tangent d delta / dF [mm/N] at ``force`` (..., n) [N]; positive everywhere."""
@@ -121,10 +121,10 @@ class ContactLaws:
             If 100 iterations do not settle to 1e-12, with the deflections at fault.
         """
         deflection = np.asarray(deflection, float)
-        wanted = np.maximum(deflection, SMALLEST_DEFLECTION)
-        force = wanted / self.compliance(np.ones_like(wanted))
+        target = np.maximum(deflection, SMALLEST_DEFLECTION)
+        force = target / self.compliance(np.ones_like(target))
         for _ in range(100):
-            rise = (wanted - self.deflection(force)) / self.compliance(force)
+            rise = (target - self.deflection(force)) / self.compliance(force)
             settled = np.abs(rise) <= 1e-15 * force
             if np.all(settled):
                 break
@@ -138,13 +138,16 @@ class ContactLaws:
     def energy(self, force: ArrayLike) -> Real:
         """Complementary energy, the integral of delta over F from 0 [N mm]."""
         force = np.maximum(np.asarray(force, float), 0.0)
-        inside = np.minimum(force, self.force_limit)
-        log = np.log(np.maximum(inside, np.finfo(float).tiny))
+        proper_force = np.minimum(force, self.force_limit)
+        log = np.log(np.maximum(proper_force, np.finfo(float).tiny))
         higher = self.exponent + 1
-        proper = 0.5 * inside**2 * (self.linear - self.logarithmic * (log - 0.5)) + self.power * inside**higher / higher
-        beyond = force - inside
-        at_limit, slope = self._proper_deflection(inside), self._proper_compliance(inside)
-        return proper + beyond * at_limit + 0.5 * beyond**2 * slope
+        proper = (
+            0.5 * proper_force**2 * (self.linear - self.logarithmic * (log - 0.5))
+            + self.power * proper_force**higher / higher
+        )
+        excess = force - proper_force
+        at_limit, slope = self._proper_deflection(proper_force), self._proper_compliance(proper_force)
+        return proper + excess * at_limit + 0.5 * excess**2 * slope
 
     def peak_pressure(self, force: ArrayLike) -> Real:
         """Peak Hertz pressure [MPa] at ``force`` (..., n) [N]."""
@@ -153,7 +156,7 @@ class ContactLaws:
 
 def concatenated(laws: list[ContactLaws]) -> ContactLaws:
     """The laws of several groups of contacts in one record, in the order given."""
-    return ContactLaws(*(np.concatenate([getattr(one, f.name) for one in laws]) for f in fields(ContactLaws)))
+    return ContactLaws(*(np.concatenate([getattr(group, f.name) for group in laws]) for f in fields(ContactLaws)))
 
 
 @dataclass(frozen=True)

@@ -122,13 +122,13 @@ class ElasticBody:
     def displacement(self, loads: Real) -> Real:
         """Displacement for any loads [N], the reference boundary held in the mean (n_freedoms, k) [mm]."""
         balanced = loads - self.reference @ (self.rigid_motions.T @ loads)
-        moved = self.solve(balanced)
-        return moved - self.rigid_motions @ (self.reference.T @ moved)
+        displacement = self.solve(balanced)
+        return displacement - self.rigid_motions @ (self.reference.T @ displacement)
 
     def nodal_displacement(self, patches: Patches, forces: ArrayLike) -> Complex:
         """Displacement of every node (n_nodes,) complex [mm] under the ``forces`` (n_patches,) [N] on the patches."""
-        moved = self.displacement((self.loads(patches) @ np.asarray(forces, float))[:, None])[:, 0]
-        return moved[self.freedoms[:, 0]] + 1j * moved[self.freedoms[:, 1]]
+        displacement = self.displacement((self.loads(patches) @ np.asarray(forces, float))[:, None])[:, 0]
+        return displacement[self.freedoms[:, 0]] + 1j * displacement[self.freedoms[:, 1]]
 
     def compliance(self, patches: Patches) -> Compliance:
         """Compliance between the patches, the reference boundary held in the mean.
@@ -148,15 +148,15 @@ class ElasticBody:
     def _direct_compliance(self, loads: csc_array) -> Real:
         resultant = (loads.T @ self.rigid_motions).T
         rows = np.union1d(loads.indices, np.flatnonzero(np.any(self.reference != 0, axis=1)))
-        near, reference, motions = csr_array(loads)[rows], self.reference[rows], self.rigid_motions[rows]
+        patch_loads, reference, motions = csr_array(loads)[rows], self.reference[rows], self.rigid_motions[rows]
 
         def columns(start: int) -> Real:
             """Displacements of the patches under the loads from ``start`` on, formed on the loaded freedoms alone."""
             part = slice(start, start + COLUMNS_AT_ONCE)
             balanced = np.zeros((loads.shape[0], resultant[:, part].shape[1]), order="F")
-            balanced[rows] = near[:, part].toarray() - reference @ resultant[:, part]
-            moved = self.solve(balanced)[rows]
-            return near.T @ (moved - motions @ (reference.T @ moved))
+            balanced[rows] = patch_loads[:, part].toarray() - reference @ resultant[:, part]
+            displacement = self.solve(balanced)[rows]
+            return patch_loads.T @ (displacement - motions @ (reference.T @ displacement))
 
         return np.hstack([columns(start) for start in range(0, loads.shape[1], COLUMNS_AT_ONCE)])
 
@@ -225,10 +225,10 @@ def _rigid_fit(boundary: FacetBasis, rigid_motions: Real) -> Real:
 
 def _factorised(stiffness: csc_array, nodes: Complex, freedoms: Index) -> Callable[[Real], Real]:
     """Solver of balanced loads: three statically determinate freedoms are clamped, so they carry nothing."""
-    first = int(np.argmax(np.abs(nodes)))
-    second = int(np.argmax(np.abs(nodes - nodes[first])))
-    across = 1j * (nodes[second] - nodes[first])
-    clamped = [*freedoms[first], freedoms[second, int(abs(across.imag) > abs(across.real))]]
+    corner = int(np.argmax(np.abs(nodes)))
+    second = int(np.argmax(np.abs(nodes - nodes[corner])))
+    across = 1j * (nodes[second] - nodes[corner])
+    clamped = [*freedoms[corner], freedoms[second, int(abs(across.imag) > abs(across.real))]]
     free = np.ones(freedoms.size)
     free[clamped] = 0
     held = csc_array(diags_array(free) @ stiffness @ diags_array(free) + diags_array((1 - free) * stiffness.diagonal()))

@@ -67,10 +67,10 @@ class SectorNodes:
         touched = np.unique(of_sector[0])
         cut = touched[np.isin(following[touched], touched)]
         inner = np.setdiff1d(touched, np.concatenate([cut, following[cut]]))
-        own = [np.concatenate([cut, inner])]
+        sectors = [np.concatenate([cut, inner])]
         for _ in range(n_sectors - 1):
-            own.append(following[own[-1]])
-        table = np.array(own)
+            sectors.append(following[sectors[-1]])
+        table = np.array(sectors)
         sector, position = np.full(len(nodes), -1), np.full(len(nodes), -1)
         sector[table], position[table] = np.arange(n_sectors)[:, None], np.arange(table.shape[1])
         if np.isin(cut, following[cut]).any() or table.size != len(nodes) or (sector < 0).any():
@@ -153,11 +153,13 @@ class CyclicBody:
         within = inner.T @ self.inner_solve(inner.toarray(order="F")) * (sector[:, None] == sector)
         sums = csr_array((np.ones(len(load)), (load, np.arange(len(load)))))
         forces = np.add.reduceat(self._on_cuts(parts, sector), np.flatnonzero(np.diff(load, prepend=-1)), axis=2)
-        moved = self.flexibility @ forces
+        displacement = self.flexibility @ forces
         n_sectors = len(self.sectors.nodes)
         forces[1 : (n_sectors + 1) // 2] *= 2  # these harmonics stand for their conjugates too
-        forces, moved = forces.reshape(-1, loads.shape[1]), moved.reshape(-1, loads.shape[1])
-        return (forces.real.T @ moved.real + forces.imag.T @ moved.imag) / n_sectors + sums @ (sums @ within.T).T
+        forces, displacement = forces.reshape(-1, loads.shape[1]), displacement.reshape(-1, loads.shape[1])
+        return (forces.real.T @ displacement.real + forces.imag.T @ displacement.imag) / n_sectors + sums @ (
+            sums @ within.T
+        ).T
 
     def displacement(self, loads: Real) -> Real:
         """Displacement of ``loads`` in balance, the reference held: (n_freedoms, k) [N] to (n_freedoms, k) [mm]."""
@@ -169,11 +171,11 @@ class CyclicBody:
         following = np.roll(cut, -1, axis=1)
         inner = self.inner_solve(np.array(parts[len(cut) :], order="F"))
         inner -= self.yielding[0] @ cut.reshape(len(cut), -1) + self.yielding[1] @ following.reshape(len(cut), -1)
-        own = np.concatenate([cut, inner.reshape(-1, n_sectors, n_loads)])
-        field = (own[0::2] + 1j * own[1::2]) * _frames(n_sectors)[:, None]
-        moved = np.empty(loads.shape)
-        moved[self.freedoms[self.sectors.nodes.T]] = np.stack([field.real, field.imag], axis=2)
-        return moved
+        sector_values = np.concatenate([cut, inner.reshape(-1, n_sectors, n_loads)])
+        field = (sector_values[0::2] + 1j * sector_values[1::2]) * _frames(n_sectors)[:, None]
+        displacement = np.empty(loads.shape)
+        displacement[self.freedoms[self.sectors.nodes.T]] = np.stack([field.real, field.imag], axis=2)
+        return displacement
 
     def _on_cuts(self, parts: Real | csc_array, sector: Index) -> Complex:
         """Harmonics of the ``parts`` (n_own, n_parts) of loads as what they leave to the freedoms of a cut.
@@ -260,11 +262,11 @@ def _bordered(ends: Real, yielding: Real, reaction: Complex, held: Complex, phas
         Of the harmonics (n_harmonics,).
     """
     n_cut = len(ends) // 2
-    here, beyond = slice(n_cut), slice(n_cut, None)
+    near_cut, far_cut = slice(n_cut), slice(n_cut, None)
     factor = phases[:, None, None]
     bordered = np.zeros((len(phases), n_cut + 1, n_cut + 1), complex)
-    bordered[:, here, here] = ends[here, here] + ends[beyond, beyond]
-    bordered[:, here, here] += factor * ends[here, beyond] + np.conj(factor) * ends[beyond, here]
+    bordered[:, near_cut, near_cut] = ends[near_cut, near_cut] + ends[far_cut, far_cut]
+    bordered[:, near_cut, near_cut] += factor * ends[near_cut, far_cut] + np.conj(factor) * ends[far_cut, near_cut]
     bordered[2:, -1, -1] = 1
     for k, phase in enumerate(phases[:2]):
         by_cut, by_following = np.swapaxes(yielding, 1, 2) @ reaction[k, n_cut:]

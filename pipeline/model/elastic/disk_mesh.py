@@ -184,9 +184,9 @@ def _rings(outer_radius: float, size: _EdgeLength) -> list[Complex]:
 
     def edge_at(depth: Real) -> Real:
         radius = outer_radius - depth
-        wanted = size(np.asarray(radius, complex))
+        edge = size(np.asarray(radius, complex))
         around = size.pitch * radius / size.edges_around(radius)
-        return around if size.bore_radius > 0 else np.maximum(around, wanted)  # else rings without end at the centre
+        return around if size.bore_radius > 0 else np.maximum(around, edge)  # else rings without end at the centre
 
     depths = _levels(edge_at, outer_radius - size.bore_radius)[1:]
     return [_ring(outer_radius - depth, 0.5 * (row % 2), size) for row, depth in enumerate(depths)]

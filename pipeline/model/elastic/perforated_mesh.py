@@ -57,8 +57,8 @@ def perforated_mesh(disk: MeshTri, centres: Complex, radius: float, edge: float,
     holes = (centres[:, None] + circle).ravel()
     rings = _rings(size, n_around)
     flank, inner, bore = _disk_nodes(disk)
-    kept = _kept_nodes(size, inner, np.concatenate([holes, rings]))
-    free = _settled(np.concatenate([kept, rings]), np.concatenate([flank, bore, holes]), rings, size)
+    nodes = _kept_nodes(size, inner, np.concatenate([holes, rings]))
+    free = _settled(np.concatenate([nodes, rings]), np.concatenate([flank, bore, holes]), rings, size)
     points = np.concatenate([flank, free, holes, bore])
     ends = np.cumsum([len(flank), len(free), *[n_around] * len(centres), len(bore)])
     cuts = [np.arange(start, stop) for start, stop in zip(ends[1:-1], ends[2:], strict=True)]
@@ -120,8 +120,8 @@ def _disk_nodes(disk: MeshTri) -> tuple[Complex, Complex, Complex]:
     on_flank = np.unique(disk.facets[:, disk.boundaries["flank"]])
     bore = disk.boundaries.get("bore")
     on_bore = np.unique(disk.facets[:, bore]) if bore is not None else np.zeros(0, int)
-    inside = np.setdiff1d(np.arange(len(nodes)), np.concatenate([on_flank, on_bore]))
-    return nodes[on_flank], nodes[inside], nodes[on_bore]
+    interior = np.setdiff1d(np.arange(len(nodes)), np.concatenate([on_flank, on_bore]))
+    return nodes[on_flank], nodes[interior], nodes[on_bore]
 
 
 def _vertices(mesh: MeshTri) -> Complex:
@@ -139,9 +139,9 @@ def _rings(size: _EdgeLength, n_around: int) -> Complex:
         n_nodes = round(2 * np.pi * radius / edge) if row > 1 else n_around
         angle = (np.arange(n_nodes) + 0.5 * (row % 2)) / n_nodes
         points = (size.centres[:, None] + radius * np.exp(2j * np.pi * angle)).ravel()
-        own = np.abs(size.hole_distance(points) - depth) < 1e-9 * radius
+        of_hole = np.abs(size.hole_distance(points) - depth) < 1e-9 * radius
         local = np.full(len(points), edge)
-        points = points[own & (local < size.of_disk(points)) & size.inside(points, local)]
+        points = points[of_hole & (local < size.of_disk(points)) & size.inside(points, local)]
         if not len(points):
             break
         ring.append(points)
@@ -152,10 +152,10 @@ def _thinned(points: Complex, size: _EdgeLength) -> Complex:
     """``points`` without those that come too close to an earlier one."""
     limit = SPACING * size.of_holes(points)
     pairs = KDTree(coordinates(points)).query_pairs(float(limit.max()), output_type="ndarray")
-    first, second = pairs.min(axis=1), pairs.max(axis=1)
-    close = np.abs(points[first] - points[second]) < limit[second]
+    finer, second = pairs.min(axis=1), pairs.max(axis=1)
+    close = np.abs(points[finer] - points[second]) < limit[second]
     gone = np.zeros(len(points), bool)
-    for early, late in sorted(zip(first[close], second[close], strict=True)):
+    for early, late in sorted(zip(finer[close], second[close], strict=True)):
         gone[late] |= not gone[early]
     return points[~gone]
 
@@ -163,20 +163,20 @@ def _thinned(points: Complex, size: _EdgeLength) -> Complex:
 def _kept_nodes(size: _EdgeLength, inner: Complex, of_holes: Complex) -> Complex:
     """The disk's inner nodes that lie in no hole and not too close to the nodes about one."""
     edge = size(inner)
-    apart = KDTree(coordinates(of_holes)).query(coordinates(inner))[0]
-    own = size.of_disk(inner) <= size.of_holes(inner)
-    return inner[own & (size.hole_distance(inner) > CLEARANCE * edge) & (apart > SPACING * edge)]
+    distance = KDTree(coordinates(of_holes)).query(coordinates(inner))[0]
+    of_disk = size.of_disk(inner) <= size.of_holes(inner)
+    return inner[of_disk & (size.hole_distance(inner) > CLEARANCE * edge) & (distance > SPACING * edge)]
 
 
 def _settled(free: Complex, fixed: Complex, rings: Complex, size: _EdgeLength) -> Complex:
     """``free`` nodes about the holes moved to the centroids of their patches of triangles (as in ``meshing``)."""
     if not len(rings):
         return free
-    near = KDTree(coordinates(rings)).query(coordinates(free))[0] < SMOOTHED_LAYERS * size(free)
-    moving, still = free[near], np.concatenate([free[~near], fixed])
+    near_rings = KDTree(coordinates(rings)).query(coordinates(free))[0] < SMOOTHED_LAYERS * size(free)
+    moving, still = free[near_rings], np.concatenate([free[~near_rings], fixed])
     for _ in range(SMOOTHING_PASSES):
         moving = _smoothed(moving, still, size)
-    return np.concatenate([moving, free[~near]])
+    return np.concatenate([moving, free[~near_rings]])
 
 
 def _smoothed(moving: Complex, still: Complex, size: _EdgeLength) -> Complex:
@@ -212,14 +212,14 @@ def _named(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:
     ends = owner[mesh.facets[:, facets]]
     boundaries = {}
     for number, (name, corners) in enumerate(loops.items()):
-        mine = facets[(ends == number).all(axis=0)]
+        of_boundary = facets[(ends == number).all(axis=0)]
         expected = np.sort([corners, np.roll(corners, -1)], axis=0)
-        if not np.array_equal(_ordered(expected), _ordered(np.sort(mesh.facets[:, mine], axis=0))):
+        if not np.array_equal(_ordered(expected), _ordered(np.sort(mesh.facets[:, of_boundary], axis=0))):
             raise ModelError(
-                f"the mesh holds {len(mine)} edges of {name}, of {len(corners)}: the walls about the holes are too "
-                "thin for these edges; take a smaller patch half width or less growth"
+                f"the mesh holds {len(of_boundary)} edges of {name}, of {len(corners)}: the walls about the holes are "
+                "too thin for these edges; take a smaller patch half width or less growth"
             )
-        boundaries[name] = mine
+        boundaries[name] = of_boundary
     if sum(map(len, boundaries.values())) != len(facets):
         raise ModelError("the mesh has edges between two of its boundaries: the walls about the holes are too thin")
     return mesh.with_boundaries(boundaries)

@@ -152,8 +152,8 @@ def _boundary_loop(mesh: MeshTri, boundary: str) -> tuple[ClosedPolygon, Index]:
     triangle = mesh.f2t[0, facets]
     start, end = mesh.facets[:, facets]
     vertices = _vertices(mesh)
-    inside = vertices[mesh.t[:, triangle]].mean(axis=0)
-    on_right = cross(vertices[end] - vertices[start], inside - vertices[start]) < 0
+    centroid = vertices[mesh.t[:, triangle]].mean(axis=0)
+    on_right = cross(vertices[end] - vertices[start], centroid - vertices[start]) < 0
     start, end = np.where(on_right, end, start), np.where(on_right, start, end)
     edge_from = dict(zip(start.tolist(), range(len(start)), strict=True))
     order = [0]
@@ -167,16 +167,16 @@ def _boundary_loop(mesh: MeshTri, boundary: str) -> tuple[ClosedPolygon, Index]:
 def _located(mesh: MeshTri, points: Complex) -> tuple[Index, Real]:
     """Triangle that holds each point, and the barycentric coordinates there; ``points`` of any shape."""
     vertices = _vertices(mesh)
-    near = min(NEAR_TRIANGLES, mesh.t.shape[1])
-    candidates = KDTree(coordinates(vertices[mesh.t].mean(axis=0))).query(coordinates(points), k=near)[1]
+    neighbours = min(NEAR_TRIANGLES, mesh.t.shape[1])
+    candidates = KDTree(coordinates(vertices[mesh.t].mean(axis=0))).query(coordinates(points), k=neighbours)[1]
     barycentric = _barycentric(mesh, candidates, points[..., None])
     best = np.argmax(barycentric.min(axis=-1), axis=-1)[..., None]
     triangles = np.take_along_axis(candidates, best, axis=-1)[..., 0]
-    inside = np.take_along_axis(barycentric, best[..., None], axis=-2)[..., 0, :]
-    outside = inside.min(axis=-1) < -ON_TRIANGLE
+    weights = np.take_along_axis(barycentric, best[..., None], axis=-2)[..., 0, :]
+    outside = weights.min(axis=-1) < -ON_TRIANGLE
     if outside.any():
         raise ModelError(f"patch point {points[outside][0]:.6g} mm lies outside the body; move or narrow its patch")
-    return triangles, inside
+    return triangles, weights
 
 
 def _barycentric(mesh: MeshTri, triangles: Index, points: Complex) -> Real:
