@@ -6,22 +6,14 @@ import numpy as np
 
 from pipeline.config.design import Design
 from pipeline.config.design import Material as MaterialSection
-from pipeline.config.design import PinInHole as PinInHoleSection
-from pipeline.config.design import RollerPlate as RollerPlateSection
 from pipeline.config.flank import flank_profile
+from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
 from pipeline.model.contact.line_laws import library as law_library
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
-from pipeline.model.geometry.reducer import (
-    Bearing,
-    PinInHole,
-    Reducer,
-    RollerPlate,
-    pin_in_hole_reducer,
-    roller_plate_reducer,
-)
+from pipeline.model.geometry.reducer import Bearing, Reducer, nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import Definitions
 from pipeline.model.units import MM_PER_UM, NMM_PER_NM
@@ -37,27 +29,7 @@ def profile(design: Design) -> CycloidProfile:
 
 def reducer(design: Design, crank_deg: float) -> Reducer:
     """Bodies and contacts of the design at one crank angle [degrees]."""
-    crank, output = np.radians(crank_deg), design.output
-    if isinstance(output, PinInHoleSection):
-        return pin_in_hole_reducer(profile(design), pins_in_holes(design, output), crank)
-    mechanism = RollerPlate(
-        stations=tuple(np.linspace(output.outer_station_mm, output.inner_station_mm, output.stations)),
-        face_offset=output.face_offset_mm,
-        slide_angle=np.radians(output.slide_angle_deg),
-        floats=output.plate == "floats",
-    )
-    return roller_plate_reducer(profile(design), mechanism, crank)
-
-
-def pins_in_holes(design: Design, output: PinInHoleSection) -> PinInHole:
-    """The output pins of the design and the holes of its disk."""
-    return PinInHole(
-        pins=output.pins,
-        circle_radius=output.pin_circle_radius_mm,
-        pin_radius=output.pin_radius_mm,
-        hole_radius=output.hole_radius_mm(design.cycloid),
-        phase=np.radians(output.phase_deg),
-    )
+    return nominal_reducer(profile(design), design.output, np.radians(crank_deg))
 
 
 def bearing(design: Design) -> Bearing:
@@ -113,49 +85,19 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
     ValueError
         If the law leaves nothing to a contact (Palmgren on a patch that holds more than its whole approach).
     """
-    output = study.design.output
-    of_output = _hole_laws(study, output) if isinstance(output, PinInHoleSection) else _roller_laws(study, output)
-    return concatenated([_pin_laws(study, at), of_output])
-
-
-def _pin_laws(study: Study, at: Reducer) -> ContactLaws:
-    design, width = study.design, study.reduce.patch_half_width_mm
-    radius, thickness = design.cycloid.pin_radius_mm, design.disk.thickness_mm
-    pin = _material(design.materials[design.pins.material], design)
-    disk = _material(design.materials[design.disk.material], design)
-    contact = LineContact(1 / (1 / radius + at.pins.flank_curvature), thickness, pin, disk)
-    return law_library()[study.springs.law].on_mesh(contact, radius, width)
-
-
-def _hole_laws(study: Study, output: PinInHoleSection) -> ContactLaws:
-    """An output pin in a hole of the meshed disk: a line contact of a cylinder with a slightly larger concave one.
-
-    Hertz' half plane holds while the contact is narrow against the pin; the law ends at half of its radius.
-    """
-    design, width = study.design, study.reduce.roller_patch_half_width_mm
-    pin = _material(design.materials[output.pin_material], design)
-    disk = _material(design.materials[design.disk.material], design)
-    radius, thickness = output.pin_radius_mm, design.disk.thickness_mm
-    relative = 1 / (1 / radius - 1 / output.hole_radius_mm(design.cycloid))
-    contact = LineContact(np.full(output.pins, relative), thickness, pin, disk)
-    return law_library()[study.springs.law].on_mesh(contact, radius, width)
-
-
-def _roller_laws(study: Study, output: RollerPlateSection) -> ContactLaws:
-    """A roller between the flats of two bodies: the disk's tongue and the plate, or the plate and the output.
-
-    The output is taken to be of the plate's material.
-    """
-    design, law = study.design, law_library()[study.springs.law]
-    roller = _material(design.materials[output.roller_material], design)
-    plate = _material(design.materials[output.plate_material], design)
-    disk = _material(design.materials[design.disk.material], design)
-    laws = []
-    for flats in ((disk, plate), (plate, plate)):
-        radius = np.full(output.rollers // 2, output.roller_radius_mm)
-        first, second = (LineContact(radius, output.roller_length_mm, roller, flat) for flat in flats)
-        laws.append(law.between_flats((first, second), output.roller_radius_mm, output.flat_depth_mm))
-    return concatenated(laws)
+    design, reduce = study.design, study.reduce
+    inputs = LawInputs(
+        law=law_library()[study.springs.law],
+        materials={name: _material(section, design) for name, section in design.materials.items()},
+        disk=_material(design.materials[design.disk.material], design),
+        thickness=design.disk.thickness_mm,
+        eccentricity=design.cycloid.eccentricity_mm,
+        patch_half_width=reduce.roller_patch_half_width_mm,
+    )
+    radius, pin = design.cycloid.pin_radius_mm, inputs.materials[design.pins.material]
+    on_flank = LineContact(1 / (1 / radius + at.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
+    of_pins = inputs.law.on_mesh(on_flank, radius, reduce.patch_half_width_mm)
+    return concatenated([of_pins, design.output.laws(inputs)])
 
 
 def disk_contacts(at: Reducer) -> np.ndarray:

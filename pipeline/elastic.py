@@ -1,9 +1,10 @@
 """The disk of a design as an elastic body with the patches of its contacts; slow to import, so apart from assembly."""
 
+from itertools import groupby
+
 import numpy as np
 
-from pipeline.assembly import pins_in_holes, profile
-from pipeline.config.design import PinInHole
+from pipeline.assembly import profile
 from pipeline.config.study import Study
 from pipeline.model.elastic.condensed_body import ElasticBody, elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
@@ -28,12 +29,11 @@ def elastic_disk(study: Study) -> ElasticBody:
     mesh = lobed_disk_mesh(
         flank, design.cycloid.lobes, design.disk.bore_radius_mm, reduce.growth, reduce.largest_edge_mm
     )
-    output, sectors = design.output, design.cycloid.lobes
-    if isinstance(output, PinInHole):
+    holes, sectors = design.output.holes(design.cycloid), design.cycloid.lobes
+    if holes:
         sectors = 1
-        holes = pins_in_holes(design, output)
         edge = reduce.roller_patch_half_width_mm / EDGES_PER_HALF_WIDTH
-        mesh = perforated_mesh(mesh, holes.centres(), holes.hole_radius, edge, reduce.growth)
+        mesh = perforated_mesh(mesh, holes.centres, holes.radius, edge, reduce.growth)
     material = design.materials[design.disk.material]
     return elastic_body(
         mesh,
@@ -64,9 +64,12 @@ def disk_patches(study: Study, disk: ElasticBody, at: Reducer) -> Patches:
     on_flank = boundary_patches(disk.mesh, "flank", point[pins], normal[pins], reduce.patch_half_width_mm)
     output = np.flatnonzero((contacts.kind == OUTPUT) & (contacts.body_a == "disk"))
     width = reduce.roller_patch_half_width_mm
-    if isinstance(study.design.output, PinInHole):
-        on_walls = [
-            boundary_patches(disk.mesh, hole_boundary(contacts.station[k]), point[k], -normal[k], width) for k in output
-        ]
-        return joined(on_flank, *on_walls)
-    return joined(on_flank, line_patches(disk.mesh, point[output], 1j * normal[output], -normal[output], width))
+    parts = [on_flank]
+    for in_holes, run in groupby(output, key=lambda contact: contacts.hole[contact] >= 0):
+        rows = np.array(list(run))
+        if in_holes:
+            for k, wall in zip(rows, map(hole_boundary, contacts.hole[rows]), strict=True):
+                parts.append(boundary_patches(disk.mesh, wall, point[k], -normal[k], width))
+        else:
+            parts.append(line_patches(disk.mesh, point[rows], 1j * normal[rows], -normal[rows], width))
+    return joined(*parts)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline import assembly, elastic
-from pipeline.config.design import PinInHole
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
@@ -43,13 +42,12 @@ def _write_mesh(study: Study, disk: ElasticBody, at: Reducer, folder: Path) -> N
     pin = int(np.argmax(np.abs(at.pins.arm)))
     moved = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
     write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": moved})
-    holes = at.n_pins if isinstance(study.design.output, PinInHole) else len(patches)
     np.savez(
         folder / MESH_FILE,
         nodes=disk.nodes,
         triangles=disk.triangles,
         patch_points=patches.points,
-        hole_points=patches.points[holes:],
+        hole_points=patches.points[at.contacts.hole[assembly.disk_contacts(at)] >= 0],
         displacement=moved,
     )
 

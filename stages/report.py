@@ -5,7 +5,6 @@ import importlib.metadata
 import numpy as np
 import pandas as pd
 
-from pipeline.config.design import PinInHole
 from pipeline.config.study import Study
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.stage import Job, Stage, Tables
@@ -29,7 +28,6 @@ BAND_SAMPLES = 2000
 """Samples that a band of the figures is drawn from: more change it by less than its line's width."""
 BAND_ROWS = 2_000_000
 """Rows of a table that are read for the bands at most; many crank angles leave fewer samples."""
-IN_HOLES = "; and a hole, with the patch on which it presses on its output pin"
 PRINTED_WITH = ("matplotlib", "jinja2", "joblib", "pydantic")
 
 
@@ -85,11 +83,13 @@ def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
         pictures[drawing.name] = Picture(drawing.title, drawing.caption, stem.with_suffix(".svg").read_bytes())
     for suffix in ("png", "svg"):
         job.path(f"figures/mesh.{suffix}").write_bytes(job.input_path("reduce", f"mesh.{suffix}").read_bytes())
+    output = job.study.design.output
+    in_holes = f"; and a hole, with the patch on which it presses on its {output.words.contact}"
     pictures["mesh"] = Picture(
         "Mesh of the disk and its deflection",
         "Left: size of the deflection by 1 N on the pin of the longest arm, the bore held. Right: the mesh at that "
         "pin, with the patches that carry the pressure of the pins"
-        f"{IN_HOLES if isinstance(job.study.design.output, PinInHole) else ''}.",
+        f"{in_holes if output.holes(job.study.design.cycloid) else ''}.",
         job.path("figures/mesh.svg").read_bytes(),
     )
     return pictures

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pipeline.config.design import Design, PinInHole
+from pipeline.config.design import Design
 from pipeline.config.effects import study_effect_problems
 from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name
 from pipeline.config.study import FEWEST_BASE_SAMPLES, Clearance, Cycle, Drivers, Metrics, Reduce, Samples
@@ -199,9 +199,7 @@ def _patches(reduce: Reduce, design: Design) -> Iterator[Problem]:
 
 
 def _readings(clearance: Clearance | None, design: Design) -> Iterator[Problem]:
-    if clearance and isinstance(design.output, PinInHole) and clearance.roller_reading != "half_diameter":
-        yield Problem(
-            "clearance.roller_reading",
-            clearance.roller_reading,
-            'must be "half_diameter": half of the diameter error of an output pin opens its one contact with its hole',
-        )
+    allowed = design.output.diameter_readings
+    if clearance and clearance.roller_reading not in allowed:
+        meanings = " or ".join(f'"{reading}": {meaning}' for reading, meaning in allowed.items())
+        yield Problem("clearance.roller_reading", clearance.roller_reading, f"must be {meanings}")

@@ -23,3 +23,8 @@ class Cycloid(Section):
     def lobes(self) -> int:
         """Number of lobes of the disk, which is also the reduction ratio."""
         return self.pins - 1
+
+    @property
+    def root_radius_mm(self) -> float:
+        """Radius of the disk at the roots of its lobes: pin circle less eccentricity less pin."""
+        return self.pin_circle_radius_mm - self.eccentricity_mm - self.pin_radius_mm

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from pipeline.config.cycloid import Cycloid
 from pipeline.config.flank import Flank
+from pipeline.config.mechanisms import OutputMechanism
+from pipeline.config.mechanisms import library as mechanism_library
 from pipeline.config.section import Clearance, Millimetres, Section
 
 
@@ -50,101 +54,10 @@ class Bearing(Section):
     clearance_um: Clearance
 
 
-class RollerPlate(Section):
-    """Sliding plate between disk and output, on two crossed tongues with rows of rollers along their faces.
-
-    Each of the two interfaces has two faces at +-`face_offset_mm` from the axis; on each face a row of rollers stands
-    at each end of the slide, at stations equally spaced from `outer_station_mm` to `inner_station_mm`.
-    """
-
-    mechanism: Literal["roller_plate"]
-    roller_radius_mm: Millimetres
-    rollers: Annotated[int, Field(ge=8, le=800, multiple_of=8)]
-    roller_length_mm: Millimetres
-    roller_material: str
-    inner_station_mm: Millimetres
-    outer_station_mm: Millimetres
-    face_offset_mm: Millimetres
-    slide_angle_deg: Annotated[float, Field(ge=-360, le=360)]
-    plate: Literal["rotates", "floats"]
-    flat_depth_mm: Millimetres
-    plate_material: str
-
-    @property
-    def stations(self) -> int:
-        """Rollers in a row: 2 interfaces x 2 faces x 2 ends share all rollers."""
-        return self.rollers // 8
-
-    @property
-    def interfaces(self) -> int:
-        """Disk to plate, and plate to output."""
-        return 2
-
-    @property
-    def contacts(self) -> int:
-        """Output contacts, one for each roller."""
-        return self.rollers
-
-    @property
-    def contact_name(self) -> str:
-        """What one output contact is called."""
-        return "output roller"
-
-    @property
-    def contact_radius_mm(self) -> float:
-        """Radius of the smaller body of a contact, the roller."""
-        return self.roller_radius_mm
-
-    @property
-    def material_keys(self) -> tuple[str, ...]:
-        """Keys that name materials."""
-        return "roller_material", "plate_material"
-
-
-class PinInHole(Section):
-    """Output pins, held in the output flange, in round holes of the disk.
-
-    Pins (about the housing axis) and holes (about the disk's centre) stand on circles of one radius; a hole's radius is
-    that of the pin, plus the eccentricity, plus `hole_clearance_um`. Pins are counted clockwise from `phase_deg`, the
-    direction of pin 0 at crank angle 0. A pin is as long as the disk is thick; what it bends in the flange is left out.
-    """
-
-    mechanism: Literal["pin_in_hole"]
-    pins: Annotated[int, Field(ge=3, le=100)]
-    pin_radius_mm: Millimetres
-    pin_circle_radius_mm: Millimetres
-    pin_material: str
-    hole_clearance_um: Clearance
-    phase_deg: Annotated[float, Field(ge=-360, le=360)]
-
-    @property
-    def interfaces(self) -> int:
-        """Disk to output."""
-        return 1
-
-    @property
-    def contacts(self) -> int:
-        """Output contacts, one for each output pin."""
-        return self.pins
-
-    @property
-    def contact_name(self) -> str:
-        """What one output contact is called."""
-        return "output pin"
-
-    @property
-    def contact_radius_mm(self) -> float:
-        """Radius of the smaller body of a contact, the output pin."""
-        return self.pin_radius_mm
-
-    @property
-    def material_keys(self) -> tuple[str, ...]:
-        """Keys that name materials."""
-        return ("pin_material",)
-
-    def hole_radius_mm(self, cycloid: Cycloid) -> float:
-        """Radius of the disk's holes [mm]."""
-        return self.pin_radius_mm + cycloid.eccentricity_mm + 1e-3 * self.hole_clearance_um
+if TYPE_CHECKING:
+    Output = OutputMechanism
+else:
+    Output = Annotated[reduce(or_, mechanism_library().values()), Field(discriminator="mechanism")]
 
 
 class Provenance(Section):
@@ -176,6 +89,6 @@ class Design(Section):
     pins: Pins
     bearing: Bearing
     flank: Flank | None = None
-    output: Annotated[RollerPlate | PinInHole, Field(discriminator="mechanism")]
+    output: Output
     effects: dict[str, dict[str, float]] = {}
     provenance: dict[str, Provenance] = {}

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import hypot, pi, sin
+from math import pi, sin
 from typing import Any
 
-from pipeline.config.design import Cycloid, Disk, Housing, PinInHole, RollerPlate
+from pipeline.config.design import Cycloid, Disk, Housing
 from pipeline.config.flank import flank_problems
 from pipeline.config.section import Problem, nearest_name
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
@@ -31,16 +31,9 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
         problems += _housing(cycloid, housing)
     if cycloid and disk:
         problems += _bore(cycloid, disk)
-    if isinstance(output, RollerPlate):
-        problems += _plate(output, cycloid, disk)
-    if isinstance(output, PinInHole) and cycloid:
-        problems += _holes(output, cycloid, disk)
+    if output:
+        problems += output.problems(cycloid, disk)
     return problems + list(_materials(parts))
-
-
-def root_radius(cycloid: Cycloid) -> float:
-    """Radius of the disk at the roots of its lobes [mm]: pin circle less eccentricity less pin."""
-    return cycloid.pin_circle_radius_mm - cycloid.eccentricity_mm - cycloid.pin_radius_mm
 
 
 def _profile(cycloid: Cycloid) -> Iterator[Problem]:
@@ -72,7 +65,7 @@ def _profile(cycloid: Cycloid) -> Iterator[Problem]:
             f"must be < {pitch / 2:.4g} mm, half the pitch of {cycloid.pins} pins on the circle of "
             f"{cycloid.pin_circle_radius_mm:g} mm: neighbouring pins overlap; take smaller or fewer pins",
         )
-    if root_radius(cycloid) <= 0:
+    if cycloid.root_radius_mm <= 0:
         yield Problem(
             "cycloid.pin_circle_radius_mm",
             cycloid.pin_circle_radius_mm,
@@ -92,89 +85,11 @@ def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Problem]:
 
 
 def _bore(cycloid: Cycloid, disk: Disk) -> Iterator[Problem]:
-    if disk.bore_radius_mm >= root_radius(cycloid):
+    if disk.bore_radius_mm >= cycloid.root_radius_mm:
         yield Problem(
             "disk.bore_radius_mm",
             disk.bore_radius_mm,
-            f"must be < {root_radius(cycloid):.4g} mm, the radius at the lobes' roots: the bore leaves no disk",
-        )
-
-
-def _plate(output: RollerPlate, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
-    yield from _rollers(output)
-    if disk:
-        yield from _boss(output, disk)
-    if cycloid:
-        yield from _rollers_on_disk(output, cycloid)
-
-
-def _rollers(output: RollerPlate) -> Iterator[Problem]:
-    diameter = 2 * output.roller_radius_mm
-    length = output.outer_station_mm - output.inner_station_mm
-    if output.stations > 1 and length < diameter * (output.stations - 1):
-        yield Problem(
-            "output.outer_station_mm",
-            output.outer_station_mm,
-            f"must be >= {output.inner_station_mm + diameter * (output.stations - 1):.4g} mm, or the {output.stations} "
-            f"rollers of diameter {diameter:g} mm between the stations overlap; "
-            "move the stations apart or take smaller or fewer rollers",
-        )
-    if output.inner_station_mm < output.roller_radius_mm:
-        yield Problem(
-            "output.inner_station_mm",
-            output.inner_station_mm,
-            f"must be >= {output.roller_radius_mm:g} mm, or the innermost rollers of the two ends overlap",
-        )
-
-
-def _boss(output: RollerPlate, disk: Disk) -> Iterator[Problem]:
-    if output.face_offset_mm <= disk.bore_radius_mm:
-        yield Problem(
-            "output.face_offset_mm",
-            output.face_offset_mm,
-            f"must be > {disk.bore_radius_mm:g} mm, the bore's radius: the boss's face lies inside the bore",
-        )
-
-
-def _rollers_on_disk(output: RollerPlate, cycloid: Cycloid) -> Iterator[Problem]:
-    # The eccentric moves the disk under rollers that stand still along the other slide.
-    reach = hypot(output.outer_station_mm + output.roller_radius_mm, output.face_offset_mm + output.roller_radius_mm)
-    available = root_radius(cycloid) - cycloid.eccentricity_mm
-    if reach > available:
-        yield Problem(
-            "output.outer_station_mm",
-            output.outer_station_mm,
-            f"the outermost rollers reach {reach:.4g} mm from the axis, the disk ends at {available:.4g} mm "
-            "(lobes' roots less eccentricity); move the stations inwards",
-        )
-
-
-def _holes(output: PinInHole, cycloid: Cycloid, disk: Disk | None) -> Iterator[Problem]:
-    hole, circle = output.hole_radius_mm(cycloid), output.pin_circle_radius_mm
-    what = f"a hole's radius is {hole:.4g} mm: pin, eccentricity and clearance"
-    pitch = 2 * circle * sin(pi / output.pins)
-    if pitch <= 2 * hole:
-        yield Problem(
-            "output.pin_radius_mm",
-            output.pin_radius_mm,
-            f"{what}; must be < {pitch / 2:.4g} mm, half the distance between the {output.pins} holes, which overlap "
-            "each other; take thinner or fewer output pins, or a larger circle",
-        )
-    root = root_radius(cycloid)
-    if circle + hole >= root:
-        yield Problem(
-            "output.pin_circle_radius_mm",
-            circle,
-            f"{what}; the holes reach {circle + hole:.4g} mm from the disk's centre, must be < {root:.4g} mm, the "
-            "radius at the lobes' roots; move them inwards or take thinner output pins",
-        )
-    if disk and circle - hole <= disk.bore_radius_mm:
-        yield Problem(
-            "output.pin_circle_radius_mm",
-            circle,
-            f"{what}; the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "
-            f"{disk.bore_radius_mm:g} mm, the bore's radius; move them outwards, or take thinner output pins or a "
-            "smaller bore",
+            f"must be < {cycloid.root_radius_mm:.4g} mm, the radius at the lobes' roots: the bore leaves no disk",
         )
 
 

@@ -27,6 +27,7 @@ NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects", "pipeline.co
 FOUND_BY_FILE = {
     "pipeline.config.dimensions": "cycloid_dimensions",
     "pipeline.config.distributions": "cycloid_distributions",
+    "pipeline.config.mechanisms": "cycloid_output_mechanisms",
     "pipeline.model.contact.line_laws": "cycloid_contact_laws",
     "pipeline.model.effects": "cycloid_effects",
     "pipeline.model.metrics": "cycloid_metrics",

@@ -81,7 +81,7 @@ def _draw_hole(
     axes.triplot(Triangulation(nodes.real, nodes.imag, triangles[visible, :3]), color="0.7", linewidth=0.5)
     axes.plot(points.real, points.imag, color=ALARM, linewidth=4.0, solid_capstyle="butt")
     axes.set(xlim=(centre.real - reach, centre.real + reach), ylim=(centre.imag - reach, centre.imag + reach))
-    axes.set_title("Hole of output pin 0")
+    axes.set_title("Hole 0")
 
 
 def _loaded_patch(nodes: NDArray[np.complex128], centres: NDArray[np.complex128], size: NDArray[np.float64]) -> int:

@@ -1,4 +1,4 @@
-"""How the pins carry the load: dead zones, forces and deformations by pin number (the paper's Fig. 9 to 11)."""
+"""How pins and output carry the load: dead zones, forces and deformations (the paper's Fig. 9 to 13)."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -55,7 +55,7 @@ def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -
     """
     figure = new_figure(4.6)
     force, depth = figure.subplots(2, 1, sharex=True)
-    draw_loads(force, depth, traces, "contact", rising)
+    _draw_loads(force, depth, traces, "contact", rising)
     pin_axis(depth)
     numbers = np.concatenate([rows["contact"][rows["force_N"] > 0] for rows in traces.values()])
     if numbers.size:
@@ -64,7 +64,7 @@ def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -
     return figure
 
 
-def draw_loads(force: Axes, depth: Axes, traces: Mapping[str, pd.DataFrame], number: str, rising: bool) -> None:
+def _draw_loads(force: Axes, depth: Axes, traces: Mapping[str, pd.DataFrame], number: str, rising: bool) -> None:
     """Lines of contact force and deformation of the loaded contacts against the column ``number``."""
     for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
         loaded = rows["force_N"] > 0
@@ -75,37 +75,43 @@ def draw_loads(force: Axes, depth: Axes, traces: Mapping[str, pd.DataFrame], num
 
 
 @styled
-def roller_loads_figure(traces: Mapping[str, pd.DataFrame], contacts: pd.DataFrame, rising: bool = False) -> Figure:
-    """Contact force and deformation of the loaded output rollers, from outside to inside (the paper's Fig. 13).
+def output_loads_figure(
+    traces: Mapping[str, pd.DataFrame], contacts: pd.DataFrame, station: str, rising: bool = False
+) -> Figure:
+    """Contact force and deformation of the loaded output contacts along their rows (the paper's Fig. 13).
 
     Parameters
     ----------
     traces : label -> rows of ``hysteresis/contacts`` of one sample at one step, all contacts.
     contacts : rows of ``clearance/contacts`` at the same crank angle.
+    station : what the numbers of the contacts of a row are called.
     rising : as in `pin_loads_figure`.
 
     Notes
     -----
-    One sense of torque loads one face at each end of a tongue: end 0 is drawn solid, end 1 dotted.
+    One pair of panels for each interface. One sense of torque loads one face at each end of a tongue: end 0 is drawn
+    solid, end 1 dotted.
     """
     columns = ["contact", "interface", "face", "end", "station", "body_a", "body_b"]
-    rollers = contacts.loc[contacts["kind"] == "output", columns]
+    output = contacts.loc[contacts["kind"] == "output", columns]
+    interfaces = list(output.groupby("interface"))
     figure = new_figure(4.6)
-    grid = figure.subplots(2, 2, sharex=True, sharey="row")
+    grid = figure.subplots(2, len(interfaces), sharex=True, sharey="row", squeeze=False)
     for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
-        for (interface, end, _), row in rows.merge(rollers, on="contact").groupby(["interface", "end", "face"]):
-            loaded = row["force_N"] > 0
+        for (interface, end, _), row in rows.merge(output, on="contact").groupby(["interface", "end", "face"]):
+            loaded, row = row["force_N"] > 0, row.sort_values("station")
             if not loaded.any():
                 continue
             line = {**style, "label": style["label"] if end == 0 else None, "linestyle": "-" if end == 0 else ":"}
             grid[0, interface].plot(row["station"], row["force_N"].where(loaded), **line)
             grid[1, interface].plot(row["station"], row["penetration_um"].where(loaded), **line)
-    for interface, row in rollers.groupby("interface"):
-        grid[0, interface].set_title(f"{row['body_a'].iloc[0]} to {row['body_b'].iloc[0]}".capitalize())
-        grid[1, interface].set(xlabel="roller, 0 outside", xticks=sorted(row["station"].unique()))
+    for interface, row in interfaces:
+        if len(interfaces) > 1:
+            grid[0, interface].set_title(f"{row['body_a'].iloc[0]} to {row['body_b'].iloc[0]}".capitalize())
+        grid[1, interface].set(xlabel=station, xticks=sorted(row["station"].unique()))
     grid[0, 0].set(ylabel="contact force (N)", ylim=(0, None))
     grid[1, 0].set(ylabel="deformation (µm)", ylim=(0, None))
-    legend_below(figure, grid[0, 1])
+    legend_below(figure, grid[0, -1])
     return figure
 
 

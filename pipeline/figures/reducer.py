@@ -1,4 +1,6 @@
-"""The reducer drawn with the numbers of its pins, rollers and contacts."""
+"""The reducer drawn with the numbers of its pins and of its output's contacts."""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -7,10 +9,12 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pipeline.config.mechanisms.drawing import Circles, Panel, Part, Points, RowLabel
 from pipeline.figures.style import ACCENT, ALARM, COLOURS, INK, MUTED, new_figure, styled
 
-INTERFACES = (0, 1)
-"""Disk to plate, plate to output."""
+LINES: Mapping[Part, str] = {"disk": INK, "output": COLOURS[2], "between": ALARM}
+MARGIN = 1.05
+"""Edge of a drawing of the disk over the disk's reach."""
 MOST_NUMBERS = 100
 """Up to so many pins each one has its number beside it, else every fifth."""
 NUMBER_RADIUS = 1.07
@@ -19,24 +23,30 @@ NUMBER_RADIUS = 1.07
 
 @styled
 def reducer_figure(
-    contacts: pd.DataFrame, flank: NDArray[np.complex128], crank_deg: float, pin_radius: float, roller_radius: float
+    contacts: pd.DataFrame,
+    flank: NDArray[np.complex128],
+    crank_deg: float,
+    pin_radius: float,
+    panels: Sequence[Panel],
 ) -> Figure:
-    """Pins and disk, and the rollers of the output's two slides, numbered as in the tables.
+    """Pins and disk, and the output mechanism, numbered as in the tables.
 
     Parameters
     ----------
     contacts : rows of ``clearance/contacts`` at one crank angle.
     flank : (n_points,) closed outline of the disk in the housing frame [mm], x + iy.
     crank_deg : crank angle of ``contacts`` [degrees].
-    pin_radius, roller_radius : [mm]
+    pin_radius : [mm]
+    panels : drawings of the mechanism; a single one is as large as that of the pins.
     """
-    figure = new_figure(6.0)
-    mosaic = [["ring", str(interface)] for interface in INTERFACES]
-    panels: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[2.05, 1])
-    draw_ring(panels["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
-    for interface in INTERFACES:
-        _draw_slide(panels[str(interface)], contacts[contacts["interface"] == interface], roller_radius)
-    for axes in panels.values():
+    alone = len(panels) == 1
+    figure = new_figure(4.6 if alone else 6.0)
+    mosaic = [["ring", str(k)] for k in range(len(panels))]
+    grid: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[1 if alone else 2.05, 1])
+    draw_ring(grid["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
+    for k, panel in enumerate(panels):
+        _draw_panel(grid[str(k)], panel, flank)
+    for axes in grid.values():
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.grid(False)
     return figure
@@ -94,46 +104,47 @@ def draw_ring(axes: Axes, pins: pd.DataFrame, flank: NDArray[np.complex128], cra
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Pins 0 to {len(pins) - 1}, crank at {crank_deg:g}°")
 
 
-def _draw_slide(axes: Axes, rollers: pd.DataFrame, radius: float) -> None:
-    """Rollers of one interface, each with its place in its row."""
-    centres = rollers["x_mm"].to_numpy() + 1j * rollers["y_mm"].to_numpy()
-    interface = int(rollers["interface"].iloc[0])
-    colour = (COLOURS[2], ALARM)[interface % 2]
+def _draw_panel(axes: Axes, panel: Panel, flank: NDArray[np.complex128]) -> None:
+    if panel.disk:
+        axes.fill(flank.real, flank.imag, facecolor="#f1f4f7", edgecolor=MUTED, linewidth=0.7)
+    for shape in panel.shapes:
+        match shape:
+            case Circles():
+                circles(axes, shape.centre, shape.radius, facecolor="white", edgecolor=LINES[shape.part], linewidth=0.9)
+                for centre, text in zip(shape.centre, shape.texts, strict=bool(shape.texts)):
+                    _write_within(axes, centre, text, shape.text_size, LINES[shape.part])
+            case Points():
+                axes.plot(shape.point.real, shape.point.imag, ".", color=ALARM, markersize=5)
+            case RowLabel():
+                _write_beyond(axes, shape)
     axes.plot(0, 0, "+", color=INK, markersize=6)
-    circles(axes, centres, radius, facecolor="white", edgecolor=colour, linewidth=0.9)
-    for label_point, station in zip(centres, rollers["station"], strict=True):
-        axes.text(
-            label_point.real,
-            label_point.imag,
-            str(station),
-            ha="center",
-            va="center_baseline",
-            fontsize=6,
-            color=colour,
-            in_layout=False,
-        )
-    _name_rows(axes, rollers, centres, radius, colour)
-    edge = np.max(np.abs([centres.real, centres.imag])) + 12 * radius
-    bodies = f"{rollers['body_a'].iloc[0]} to {rollers['body_b'].iloc[0]}"
-    axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=f"Interface {interface}: {bodies}")
+    edge = panel.reach or MARGIN * np.max(np.abs(flank))
+    axes.set(xlim=(-edge, edge), ylim=(-edge, edge), title=panel.title)
 
 
-def _name_rows(axes: Axes, rows: pd.DataFrame, centres: NDArray[np.complex128], radius: float, colour: str) -> None:
-    """Numbers of the contacts of each row of rollers, written beyond its outermost one."""
-    for (face, end), row in rows.groupby(["face", "end"]):
-        in_row = ((rows["face"] == face) & (rows["end"] == end)).to_numpy()
-        outer, inner = centres[in_row][0], centres[in_row][-1]
-        along = (outer - inner) / abs(outer - inner) if len(row) > 1 else outer / abs(outer)
-        label_point = outer + along * 1.6 * radius
-        upright = abs(along.imag) > abs(along.real)
-        axes.text(
-            label_point.real,
-            label_point.imag,
-            f"{row['contact'].min()}–{row['contact'].max()}",
-            color=colour,
-            fontsize=7.5,
-            rotation=90 if upright else 0,
-            rotation_mode="anchor",
-            va="center",
-            ha="left" if (along.imag if upright else along.real) > 0 else "right",
-        )
+def _write_within(axes: Axes, point: complex, text: str, size: float, colour: str) -> None:
+    axes.text(
+        point.real,
+        point.imag,
+        text,
+        ha="center",
+        va="center" if "\n" in text else "center_baseline",
+        fontsize=size,
+        color=colour,
+        in_layout=False,
+    )
+
+
+def _write_beyond(axes: Axes, label: RowLabel) -> None:
+    upright = abs(label.direction.imag) > abs(label.direction.real)
+    axes.text(
+        label.point.real,
+        label.point.imag,
+        label.text,
+        color=LINES[label.part],
+        fontsize=7.5,
+        rotation=90 if upright else 0,
+        rotation_mode="anchor",
+        va="center",
+        ha="left" if (label.direction.imag if upright else label.direction.real) > 0 else "right",
+    )

@@ -83,5 +83,5 @@ def _other_curves(contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], na
     reference, *remaining = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
     if all(np.array_equal(reference, curve) for curve in remaining):
         return {"input bearing": BEARING, name: int(rollers["contact"].iloc[0])}
-    names = {f"roller, {row['body_a']} to {row['body_b']}": int(row["contact"]) for _, row in rollers.iterrows()}
+    names = {f"{name}, {row['body_a']} to {row['body_b']}": int(row["contact"]) for _, row in rollers.iterrows()}
     return {"input bearing": BEARING, **names}

@@ -7,20 +7,21 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.config.design import Design, PinInHole
+from pipeline import assembly
+from pipeline.config.design import Design
 from pipeline.figures.clearances import pin_clearances_figure
 from pipeline.figures.distributions import crank_figure, distributions_figure
 from pipeline.figures.flank import nominal_gap_figure
-from pipeline.figures.holes import Holes, holes_figure, output_pin_loads_figure
 from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
 from pipeline.figures.labels import METRICS
-from pipeline.figures.pins import dead_zones_figure, pin_loads_figure, roller_loads_figure
+from pipeline.figures.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
 from pipeline.figures.reducer import reducer_figure
 from pipeline.figures.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.figures.springs import spring_laws_figure
 from pipeline.figures.units import units_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
+from pipeline.model.geometry.reducer import OUTPUT
 from pipeline.report.explorer import explored_units
 from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.frames import HEADLINES, Frames
@@ -73,25 +74,24 @@ def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
 
 def _reducer(frames: Frames) -> Drawing:
     design, crank = frames.study.design, frames.crank_deg
-    output, cycloid = design.output, design.cycloid
-    contacts, flank = frames.at_crank(frames.contacts), flank_outline(design, crank)
-    if isinstance(output, PinInHole):
-        holes = Holes(output.pin_radius_mm, output.hole_radius_mm(cycloid), cycloid.eccentricity_mm)
-        return Drawing(
-            "reducer",
-            "Numbers of pins and output pins",
-            "Pins are counted clockwise from the direction of the eccentric at crank angle 0, output pins clockwise "
-            "from the first; in brackets stand the numbers of their contacts in the tables. Dots: where a hole's wall "
-            "faces its output pin.",
-            holes_figure(contacts, flank, crank, cycloid.pin_radius_mm, holes),
-        )
-    figure = reducer_figure(contacts, flank, crank, cycloid.pin_radius_mm, output.roller_radius_mm)
+    at, words = assembly.reducer(design, crank), design.output.words
+    of_disks = np.split(np.flatnonzero(at.contacts.kind == OUTPUT), len(at.disks))
+    panels = [
+        panel
+        for disk, numbers in zip(at.disks, of_disks, strict=True)
+        for panel in design.output.panels(disk, at.contacts.some(numbers), numbers)
+    ]
     return Drawing(
         "reducer",
-        "Numbers of pins and rollers",
-        "Pins are counted clockwise from the direction of the eccentric at crank angle 0. The rollers of each row are "
-        "counted from outside to inside; beside each row stand the numbers of its contacts in the tables.",
-        figure,
+        f"Numbers of pins and {words.contact}s",
+        f"Pins are counted clockwise from the direction of the eccentric at crank angle 0. {words.drawing}",
+        reducer_figure(
+            frames.at_crank(frames.contacts),
+            flank_outline(design, crank),
+            crank,
+            design.cycloid.pin_radius_mm,
+            panels,
+        ),
     )
 
 
@@ -116,7 +116,7 @@ def _springs(frames: Frames) -> Drawing:
         "Local deformation and tangent stiffness of single contacts, beyond their clearance. What the disk yields as a "
         "whole comes on top. Dashed: beyond the law's range its tangent goes on.",
         spring_laws_figure(
-            frames.at_crank(frames.laws), frames.at_crank(frames.contacts), frames.study.design.output.contact_name
+            frames.at_crank(frames.laws), frames.at_crank(frames.contacts), frames.study.design.output.words.contact
         ),
     )
 
@@ -172,21 +172,12 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         f"At crank angle {crank}°. The deformation is that of the contact and of the disk under it.",
         pin_loads_figure({name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
     )
-    if isinstance(study.design.output, PinInHole):
-        yield Drawing(
-            "output_pin_loads",
-            f"Forces on the output pins {what}",
-            f"At crank angle {crank}°. The output pins on one side of the eccentric carry one sense of torque; the "
-            "longer its arm, the sooner a pin closes.",
-            output_pin_loads_figure(traces, contacts, rising),
-        )
-        return
+    words = study.design.output.words
     yield Drawing(
-        "roller_loads",
-        f"Forces on the output rollers {what}",
-        f"At crank angle {crank}°; one sense of torque loads one face at each end of a slide. Solid: end 0, dotted: "
-        "end 1. The outermost roller (0) has the longest arm and closes first.",
-        roller_loads_figure(traces, contacts, rising),
+        "output_loads",
+        f"Forces on the {words.contact}s {what}",
+        f"At crank angle {crank}°; {words.loads}",
+        output_loads_figure(traces, contacts, words.station, rising),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.config.cases import Case
 from pipeline.config.consistency import number_keys
-from pipeline.config.design import Design, PinInHole
+from pipeline.config.design import Design
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
 from pipeline.config.study import Cycle, Study
@@ -39,13 +39,7 @@ DISK_READINGS = {
     "radial": "on the disk's radius: it shifts the flank, like the radius of the pin circle",
     "normal": "along the normal of the flank",
 }
-ROLLER_READINGS = {
-    "half_diameter": "half of a roller's diameter error at each of its two faces",
-    "diameter": "a roller's whole diameter error at each contact",
-}
-HOLE_READING = "half of an output pin's diameter error at its one contact"
 STRESS = {"plane_stress": "plane stress", "plane_strain": "plane strain"}
-PLATE = {"rotates": "only rotates", "floats": "rotates and floats"}
 
 
 @dataclass(frozen=True)
@@ -142,7 +136,7 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
         ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
         *([("Flank", flank_fact(design))] if design.flank else []),
         ("Input bearing", f"radial spring, {law}"),
-        ("Output", _output_fact(design)),
+        ("Output", design.output.fact(design.cycloid, plain)),
         *([("Effects", _effects_fact(design))] if design.effects else []),
     ]
 
@@ -153,20 +147,6 @@ def _effects_fact(design: Design) -> str:
         numbers = ", ".join(f"{key} = {plain(value)}" for key, value in values.items())
         texts.append(f"{name.replace('_', ' ')} ({numbers})")
     return "; ".join(texts)
-
-
-def _output_fact(design: Design) -> str:
-    output = design.output
-    if isinstance(output, PinInHole):
-        return (
-            f"{output.pins} output pins of radius {plain(output.pin_radius_mm)} mm on a circle of radius "
-            f"{plain(output.pin_circle_radius_mm)} mm, in holes of the disk of radius "
-            f"{plain(output.hole_radius_mm(design.cycloid))} mm"
-        )
-    return (
-        f"sliding plate between two crossed slides, {output.rollers} rollers of radius "
-        f"{plain(output.roller_radius_mm)} mm; the plate {PLATE[output.plate]}"
-    )
 
 
 def law_fact(study: Study) -> str:
@@ -195,8 +175,8 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
     seed = "" if frames.listed else f", seed {samples.seed}"
     top = cycle.torque_fraction * study.design.cycloid.rated_torque_Nm
     triangles, nodes = frames.mesh
-    holes = isinstance(study.design.output, PinInHole)
-    on_walls = f", {plain(reduce.roller_patch_half_width_mm)} mm in the holes" if holes else ""
+    output = study.design.output
+    on_walls = f", {plain(reduce.roller_patch_half_width_mm)} mm in the holes"
     return [
         ("Samples", f"{counted(samples.count, 'case' if frames.listed else 'sample')}{nominal}"),
         ("Design of experiment", f"{experiment}{seed}"),
@@ -210,13 +190,14 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
             "Clearances",
             f"{METHODS[study.clearance.method]}; the disk's tolerance is "
             f"{DISK_READINGS[study.clearance.disk_reading]}; "
-            f"{HOLE_READING if holes else ROLLER_READINGS[study.clearance.roller_reading]}",
+            f"{output.diameter_readings[study.clearance.roller_reading]}",
         ),
         ("Contacts", law_fact(study)),
         (
             "Disk",
             f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
-            f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm{on_walls}",
+            f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm"
+            f"{on_walls if output.holes(study.design.cycloid) else ''}",
         ),
     ]
 

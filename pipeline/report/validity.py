@@ -35,7 +35,7 @@ def _overloaded(frames: Frames, limit: float) -> Iterator[str]:
         pins = sorted(int(contact) for contact in over if contact < frames.study.design.cycloid.pins)
         rollers = len(over) - len(pins)
         parts = [f"{counted(len(pins), 'pin')} ({ranges(pins)})"] if pins else []
-        parts += [counted(rollers, frames.study.design.output.contact_name)] if rollers else []
+        parts += [counted(rollers, frames.study.design.output.words.contact)] if rollers else []
         yield f"{listed(parts) if parts else 'none'} of {frames.owner(label)}"
 
 

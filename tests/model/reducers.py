@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.config.mechanisms.roller_plate import RollerPlate
 from pipeline.model.contact.laws import (
     LineContact,
     Material,
@@ -15,7 +16,7 @@ from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
-from pipeline.model.geometry.reducer import OUTPUT, RollerPlate, roller_plate_reducer
+from pipeline.model.geometry.reducer import OUTPUT, nominal_reducer
 
 PAPER = CycloidProfile(pins=80, pin_circle_radius=32.5, pin_radius=0.8, eccentricity=0.35)
 SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)
@@ -25,8 +26,22 @@ MICROMETRE = 1e-3
 
 
 def reducer_at(profile, crank, *, floats=False, slide_angle=0.5 * np.pi):
-    stations, offset = ((18.65, 11.6, 4.6), 5.0) if profile is PAPER else ((4.5, 3.0), 2.0)
-    return roller_plate_reducer(profile, RollerPlate(stations, offset, slide_angle, floats), crank)
+    stations, outer, inner, offset = (3, 18.65, 4.6, 5.0) if profile is PAPER else (2, 4.5, 3.0, 2.0)
+    plate = RollerPlate(
+        mechanism="roller_plate",
+        roller_radius_mm=1.5,
+        rollers=8 * stations,
+        roller_length_mm=2.0,
+        roller_material="steel",
+        inner_station_mm=inner,
+        outer_station_mm=outer,
+        face_offset_mm=offset,
+        slide_angle_deg=float(np.degrees(slide_angle)),
+        plate="floats" if floats else "rotates",
+        flat_depth_mm=5.0,
+        plate_material="steel",
+    )
+    return nominal_reducer(profile, plate, crank)
 
 
 def errors_of(profile, reducer, n=1, **given):

@@ -5,11 +5,12 @@ import pytest
 from drives import drive_with
 from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
 
+from pipeline.config.mechanisms.pin_in_hole import PinInHole
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import exact_gaps, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
-from pipeline.model.geometry.reducer import OUTPUT, Bearing, PinInHole, pin_in_hole_reducer
+from pipeline.model.geometry.reducer import OUTPUT, Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 
@@ -23,8 +24,16 @@ CASES = pytest.mark.parametrize(
 
 def reducer_at(profile, pins, crank, clearance=CLEARANCE, phase=0.4):
     radius, circle = (0.6, 5.0) if profile is not PAPER else (3.0, 20.0)
-    mechanism = PinInHole(pins, circle, radius, radius + profile.eccentricity + clearance, phase)
-    return mechanism, pin_in_hole_reducer(profile, mechanism, crank)
+    mechanism = PinInHole(
+        mechanism="pin_in_hole",
+        pins=pins,
+        pin_radius_mm=radius,
+        pin_circle_radius_mm=circle,
+        pin_material="steel",
+        hole_clearance_um=1e3 * clearance,
+        phase_deg=float(np.degrees(phase)),
+    )
+    return mechanism, nominal_reducer(profile, mechanism, crank)
 
 
 def hole_and_pin(profile, mechanism, crank, pose=(0.0, 0.0, 0.0, 0.0)):
@@ -37,7 +46,7 @@ def hole_and_pin(profile, mechanism, crank, pose=(0.0, 0.0, 0.0, 0.0)):
 
 def circle_gap(profile, mechanism, crank, pose=(0.0, 0.0, 0.0, 0.0)):
     holes, pins = hole_and_pin(profile, mechanism, crank, pose)
-    return mechanism.hole_radius - mechanism.pin_radius - np.abs(holes - pins)
+    return mechanism.hole_radius(profile.eccentricity) - mechanism.pin_radius_mm - np.abs(holes - pins)
 
 
 @CASES
@@ -46,11 +55,11 @@ def test_the_contact_lies_on_the_wall_where_hole_and_pin_are_nearest(profile, pi
     out = at.contacts.kind == OUTPUT
     holes, centres = hole_and_pin(profile, mechanism, crank)
     point, normal = at.contacts.point[out], at.contacts.normal[out]
-    np.testing.assert_allclose(np.abs(point - holes), mechanism.hole_radius)
-    np.testing.assert_allclose(np.abs(point - centres), mechanism.pin_radius + CLEARANCE)
-    np.testing.assert_allclose(point + (mechanism.pin_radius + CLEARANCE) * normal, centres)  # into the pin
+    np.testing.assert_allclose(np.abs(point - holes), mechanism.hole_radius(profile.eccentricity))
+    np.testing.assert_allclose(np.abs(point - centres), mechanism.pin_radius_mm + CLEARANCE)
+    np.testing.assert_allclose(point + (mechanism.pin_radius_mm + CLEARANCE) * normal, centres)  # into the pin
     np.testing.assert_allclose(at.contacts.gap[out], circle_gap(profile, mechanism, crank))
-    np.testing.assert_allclose(at.contacts.curvature[out], -1 / mechanism.hole_radius)
+    np.testing.assert_allclose(at.contacts.curvature[out], -1 / mechanism.hole_radius(profile.eccentricity))
     disk_centre = profile.eccentricity * np.exp(1j * crank)
     for centre in (0, disk_centre):
         np.testing.assert_allclose(np.imag(np.conj(point - centre) * normal), at.contacts.arm[out], atol=1e-12)
@@ -133,7 +142,9 @@ def test_output_pins_balance_the_torque_and_their_resultant_loads_the_bearing_al
     mechanism, at = reducer_at(SMALL, pins, crank)
     n_pins, width = SMALL.pins, 0.15
     on_flank = LineContact(1 / (1 + at.pins.flank_curvature), 2.0, STEEL, STEEL)
-    in_holes = LineContact(np.full(pins, 1 / (1 / 0.6 - 1 / mechanism.hole_radius)), 2.0, STEEL, STEEL)
+    in_holes = LineContact(
+        np.full(pins, 1 / (1 / 0.6 - 1 / mechanism.hole_radius(SMALL.eccentricity))), 2.0, STEEL, STEEL
+    )
     laws = concatenated(
         [
             hertz_laws(c, [cylinder_share(c, STEEL, r), meshed_share(c, STEEL, width)], r)

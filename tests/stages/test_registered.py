@@ -19,6 +19,7 @@ from pipeline.config import load_study
 from pipeline.config.dimensions.dimension import ENTRY_POINTS as DIMENSIONS
 from pipeline.config.distributions.distribution import ENTRY_POINTS as DISTRIBUTIONS
 from pipeline.config.effects import effect_problems
+from pipeline.config.mechanisms.mechanism import ENTRY_POINTS as MECHANISMS
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.errors import InputError
 from pipeline.identification.fitting.problem import candidates
@@ -78,6 +79,52 @@ class Arcsine(Spread):
 FOUR_LOBED = """
 from pipeline.config.dimensions._ovality import ovality
 DIMENSION = ovality(4, "four-lobed", rank=110, drawn=(12, 13))
+"""
+DOGS = """
+from typing import Literal
+import numpy as np
+from pipeline.config.mechanisms.drawing import Circles, Panel
+from pipeline.config.mechanisms.mechanism import OutputMechanism, Words
+from pipeline.config.section import Clearance, Millimetres, Problem
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.geometry.reducer import OUTPUT, Contacts
+class Dogs(OutputMechanism):
+    words = Words(contact="dog", station="dog", drawing="Dogs are round.", loads="half of the dogs carry each sense.")
+    diameter_readings = {"half_diameter": "half of the diameter error of a dog"}
+    material_keys = ()
+    interfaces = 1
+    mechanism: Literal["dogs"]
+    radius_mm: Millimetres
+    clearance_um: Clearance
+    @property
+    def contacts(self):
+        return 4
+    @property
+    def contact_radius_mm(self):
+        return 1.5
+    def problems(self, cycloid, disk):
+        if disk and self.radius_mm <= disk.bore_radius_mm:
+            yield Problem("output.radius_mm", self.radius_mm, f"must be > {disk.bore_radius_mm:g} mm, the bore")
+    def motions_of(self, disk):
+        return ("output_phi",)
+    def contacts_of(self, disk):
+        zero, number, side = np.zeros(4, int), np.arange(4), np.array([1, 1, -1, -1])
+        arm = np.exp(1j * (disk.rotation + np.pi * number))
+        return Contacts(
+            kind=np.full(4, OUTPUT), body_a=np.full(4, disk.body), body_b=np.full(4, "output"),
+            interface=zero, face=zero, end=zero, station=number, hole=zero - 1,
+            label=np.array([f"dog {k}" for k in number]), gap=np.full(4, 1e-3 * self.clearance_um),
+            two_sided=np.zeros(4, bool), per_eccentricity=np.zeros(4), curvature=np.zeros(4),
+            point=disk.eccentric + self.radius_mm * arm, normal=1j * side * arm, arm=1.0 * side * self.radius_mm,
+        )
+    def laws(self, inputs):
+        zero = np.zeros(4)
+        return ContactLaws(zero + 1e-5, zero, zero, zero + 1, zero + np.inf, zero + 1)
+    def fact(self, cycloid, plain):
+        return f"four dogs {plain(self.radius_mm)} mm off the axis"
+    def panels(self, disk, contacts, numbers):
+        return [Panel("Dogs", (Circles(contacts.point, 1.5, "output", tuple(map(str, numbers))),), disk=True)]
+MECHANISM = Dogs
 """
 IDLE = """
 from pipeline.config.dimensions import Dimension
@@ -255,3 +302,43 @@ def test_a_dimension_that_acts_on_nothing_is_refused(folder: Path) -> None:
     install(folder, "colour_of_a_disk", IDLE, "colour = DIMENSION", DIMENSIONS)
     done = in_a_process("import pipeline.sampling", folder)
     assert "dimension colour acts on nothing; give it a shift, or a gap in the model" in done.stderr
+
+
+def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
+    """The quick study of the paper's design with another output."""
+    text = (ROOT / "data/designs/pham2017.toml").read_text()
+    before, _, after = text.partition("[output]")
+    numbers = re.sub(r'^"output\..*\n', "", after[after.index("[provenance]") :], flags=re.MULTILINE)
+    output = f'[output]\nmechanism = "dogs"\nradius_mm = {radius}\nclearance_um = {clearance}\n\n'
+    (folder / "dogged.toml").write_text(before + output + numbers)
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
+    text = re.sub(r"crank_deg = .*", "crank_deg = [0.0]", text)
+    study = folder / f"dogs_{radius:.0f}_{clearance:.0f}.toml"
+    study.write_text(text.replace('design = "pham2017"', 'design = "dogged.toml"'))
+    return study
+
+
+def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Path, runs: Path) -> None:
+    refused = in_a_process(RUN, folder, runs, with_dogs(folder, 15.0, 5.0))
+    assert "output.mechanism = \"dogs\"; must be one of 'pin_in_hole', 'roller_plate'" in refused.stderr
+    install(folder, "coupling_of_dogs", DOGS, "dogs = MECHANISM", MECHANISMS)
+    refused = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0))
+    assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refused.stderr
+    plays = []
+    for clearance, last in ((5.0, "clearance"), (15.0, "report")):
+        study = with_dogs(folder, 15.0, clearance)
+        done = in_a_process(RUN.replace("report", last), folder, runs, study)
+        assert done.returncode == 0, done.stderr
+        run = runs / study.stem
+        plays.append(pd.read_parquet(run / "clearance" / "kinematic.parquet")["backlash_arcmin"].to_numpy())
+    wider = np.degrees(2 * 10e-3 / 15.0) * 60  # both senses turn through 10 um at 15 mm
+    np.testing.assert_allclose(plays[1] - plays[0], wider, rtol=1e-9)
+    contacts = pd.read_parquet(run / "clearance" / "contacts.parquet")
+    forces = pd.read_parquet(run / "hysteresis" / "contacts.parquet").merge(contacts)
+    dogs = forces[forces["kind"] == "output"]
+    assert set(dogs["label"]) == {f"dog {k}" for k in range(4)}
+    steps = dogs.assign(moment=1e-3 * dogs["force_N"] * dogs["arm_mm"]).groupby(["crank_deg", "step"])
+    np.testing.assert_allclose(steps["moment"].sum(), -steps["torque_Nm"].first(), rtol=1e-6)
+    page = (run / "report" / "report.html").read_text()
+    for words in ("four dogs 15\u00a0mm off the axis", "Forces on the dogs", "Dogs are round."):
+        assert words.replace("\u00a0", " ") in page.replace("\u00a0", " ")

@@ -131,7 +131,7 @@ def test_every_figure_is_written_twice_and_stands_in_the_page(finished, page):
     names = {path.stem for path in folder.glob("*.svg")}
     assert names == {path.stem for path in folder.glob("*.png")}
     assert names >= {
-        "reducer", "mesh", "spring_laws", "clearances", "dead_zones", "pin_loads", "roller_loads", "bearing",
+        "reducer", "mesh", "spring_laws", "clearances", "dead_zones", "pin_loads", "output_loads", "bearing",
         "hysteresis", "distributions", "cranks", "drivers_lost_motion_arcmin",
     }  # fmt: skip
     shown = re.findall(r'<img src="data:image/svg\+xml;base64,([^"]+)"', page)
@@ -409,4 +409,4 @@ def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(runs, fini
     assert "distributions" not in names
     labels = [artist.get_label() for artist in names["hysteresis"].figure.axes[0].lines]
     assert labels[:2] == ["tight", "loose"]
-    assert "output rollers at 0.36 N m" in names["roller_loads"].title
+    assert "output rollers at 0.36 N m" in names["output_loads"].title

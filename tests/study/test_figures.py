@@ -15,7 +15,7 @@ from pipeline.figures.distributions import crank_figure, distributions_figure
 from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
 from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.figures.mesh import mesh_figure
-from pipeline.figures.pins import dead_zones_figure, pin_loads_figure, roller_loads_figure
+from pipeline.figures.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
 from pipeline.figures.reducer import reducer_figure
 from pipeline.figures.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
@@ -160,7 +160,7 @@ def test_rising_torques_are_told_apart_by_shade_and_marker(contacts):
 
 def test_rollers_stand_in_their_interface_from_outside_to_inside(contacts):
     rows = contacts[(contacts["interface"] == 1) & (contacts["face"] == 0) & (contacts["end"] == 0)]
-    figure = roller_loads_figure({"case": loads(contacts, rows["contact"].tolist())}, contacts)
+    figure = output_loads_figure({"case": loads(contacts, rows["contact"].tolist())}, contacts, "roller, 0 outside")
     other, mine = figure.axes[0], figure.axes[1]
     assert not other.lines
     drawn = line(mine, "case")
@@ -169,7 +169,10 @@ def test_rollers_stand_in_their_interface_from_outside_to_inside(contacts):
 
 
 def test_pins_are_numbered_clockwise_and_rows_by_their_contacts(contacts):
-    figure = reducer_figure(contacts, flank_outline(DESIGN, 0.0), 0.0, 0.8, 1.5)
+    at = assembly.reducer(DESIGN, 0.0)
+    numbers = np.arange(PINS, len(at.contacts))
+    panels = DESIGN.output.panels(at.disks[0], at.contacts.some(numbers), numbers)
+    figure = reducer_figure(contacts, flank_outline(DESIGN, 0.0), 0.0, 0.8, panels)
     ring, first, second = figure.axes
     place = {text.get_text(): text.get_position() for text in ring.texts}
     assert place["0"][0] > DESIGN.cycloid.pin_circle_radius_mm
@@ -212,7 +215,7 @@ def test_equal_roller_laws_share_a_curve_and_the_tangent_is_dashed(contacts):
     assert dashed.get_xdata()[np.isfinite(dashed.get_ydata())].tolist() == [60, 70, 80, 90, 100]
     laws.loc[laws["contact"] == contacts["contact"].iloc[-20], "local_um"] *= 3
     labels = [text.get_text() for text in spring_laws_figure(laws, contacts).axes[1].get_legend().get_texts()]
-    assert labels == ["input bearing", "roller, disk to plate", "roller, plate to output"]
+    assert labels == ["input bearing", "output roller, disk to plate", "output roller, plate to output"]
 
 
 def test_close_up_of_the_mesh_sits_on_the_loaded_patch():

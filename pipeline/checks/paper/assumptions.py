@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from pipeline import assembly
 from pipeline.checks.calibrate import Parameter
 from pipeline.checks.response import Condensed, with_numbers
 from pipeline.config import Study
-from pipeline.config.design import RollerPlate
+from pipeline.config.mechanisms.roller_plate import RollerPlate
 from pipeline.model.geometry.clearance import DISK_READINGS, ROLLER_READINGS
 
 HALF_PIN_PITCH = 0.5
@@ -149,8 +150,7 @@ def _stations(study: Study) -> Iterator[Assumption]:
 
 def _spaced(study: Study, pitch: float) -> Study:
     """The rollers of a row ``pitch`` [mm] apart, counted from the outermost."""
-    output = study.design.output
-    assert isinstance(output, RollerPlate)
+    output = cast(RollerPlate, study.design.output)
     return _designed(study, "output", inner_station_mm=output.outer_station_mm - pitch * (output.stations - 1))
 
 

@@ -11,7 +11,7 @@ from pipeline.checks.paper.statements import SHARES
 from pipeline.checks.paper.tables import Tables
 from pipeline.figures.clearances import pin_clearances_figure
 from pipeline.figures.hysteresis import Definitions, bearing_figure, hysteresis_figure
-from pipeline.figures.pins import dead_zones_figure, pin_loads_figure, roller_loads_figure
+from pipeline.figures.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
 from pipeline.figures.springs import spring_laws_figure
 
 
@@ -95,7 +95,11 @@ def _under_torque(tables: Tables) -> Iterator[Drawing]:
         "figure_13",
         f"Contact force and deformation of the output rollers at {torque:g} N m",
         "Rollers from outside to inside, on both interfaces.",
-        roller_loads_figure({label: tables.loaded(label, torque) for label in every}, tables.contacts),
+        output_loads_figure(
+            {label: tables.loaded(label, torque) for label in every},
+            tables.contacts,
+            tables.study.design.output.words.station,
+        ),
     )
     low, high = tables.study.metrics.rigidity_percent
     yield Drawing(

@@ -8,7 +8,7 @@ from pipeline import assembly
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative
 from pipeline.config.design import Design
-from pipeline.model.geometry.clearance import Errors, exact_gaps, roller_gaps
+from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import general_play, separated_play
@@ -38,7 +38,7 @@ def random_gaps(design: Design, reducer: Reducer, allowance: float) -> Real:
         eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
         roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.contacts)),
     )
-    return np.hstack([exact_gaps(profile, reducer, errors, "radial"), roller_gaps(errors, "half_diameter")])
+    return gaps(profile, reducer, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
 
 
 def _searched_end(reducer: Reducer, gap: Real, clearance: float, sense: float) -> Real:

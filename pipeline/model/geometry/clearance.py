@@ -143,19 +143,14 @@ def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_r
     return distance - (profile.pin_radius + errors.pin_radius)
 
 
-def roller_gaps(errors: Errors, roller_reading: str) -> Real:
-    """Gaps of the output rollers between their faces, (n, n_rollers) [mm]."""
-    return -ROLLER_READINGS[roller_reading] * errors.roller_diameter
-
-
-def hole_gaps(reducer: Reducer, errors: Errors) -> Real:
-    """Gaps of the output pins in the disk's holes, (n, n_output_pins) [mm].
-
-    Exact: a pin's axis stays where the flange holds it, so half of its diameter's error opens its one contact, and a
-    larger eccentricity moves the walls of all holes towards their pins.
-    """
-    nominal = reducer.contacts.gap[reducer.contacts.kind == OUTPUT]
-    return nominal - 0.5 * errors.roller_diameter - errors.eccentricity[:, None]
+def output_gaps(reducer: Reducer, errors: Errors, roller_reading: str) -> Real:
+    """Gaps of the output contacts, (n, n_output_contacts) [mm]."""
+    of_output = reducer.contacts.kind == OUTPUT
+    nominal, two_sided, per_eccentricity = (
+        getattr(reducer.contacts, name)[of_output] for name in ("gap", "two_sided", "per_eccentricity")
+    )
+    share = np.where(two_sided, ROLLER_READINGS[roller_reading], 0.5)
+    return nominal - share * errors.roller_diameter + per_eccentricity * errors.eccentricity[:, None]
 
 
 def gaps(
@@ -172,8 +167,8 @@ def gaps(
     Parameters
     ----------
     method : ``"exact"`` or ``"first_order"``.
-    disk_reading, roller_reading : keys of ``DISK_READINGS`` and ``ROLLER_READINGS``; the latter says nothing of pins
-        in holes, whose geometry leaves no choice.
+    disk_reading, roller_reading : keys of ``DISK_READINGS`` and ``ROLLER_READINGS``; the latter says nothing of
+        contacts that are not two-sided, whose geometry leaves no choice.
 
     Raises
     ------
@@ -181,10 +176,7 @@ def gaps(
         If there is not one roller error for each contact of the output.
     """
     of_pins = {"exact": exact_gaps, "first_order": first_order_gaps}[method]
-    of_output = reducer.contacts.kind == OUTPUT
-    n_rollers = int(np.count_nonzero(of_output))
+    n_rollers = int(np.count_nonzero(reducer.contacts.kind == OUTPUT))
     if errors.roller_diameter.shape[1] != n_rollers:
         raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {n_rollers} rollers")
-    in_holes = bool(np.all(reducer.contacts.body_a[of_output] == "disk"))
-    output = hole_gaps(reducer, errors) if in_holes else roller_gaps(errors, roller_reading)
-    return np.hstack([of_pins(profile, reducer, errors, disk_reading), output])
+    return np.hstack([of_pins(profile, reducer, errors, disk_reading), output_gaps(reducer, errors, roller_reading)])

@@ -1,0 +1,148 @@
+"""What an output mechanism declares, and the library of all."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar, get_args
+
+from pipeline.config.mechanisms.drawing import Panel
+from pipeline.config.section import Problem, Section
+from pipeline.model.contact.laws import ContactLaws, Material
+from pipeline.model.geometry.cycloid_profile import Complex, Index
+from pipeline.model.geometry.reducer import Contacts, DiskPose
+from pipeline.model.registry import declarations
+
+if TYPE_CHECKING:
+    from pipeline.config.cycloid import Cycloid
+    from pipeline.config.design import Disk
+    from pipeline.model.contact.line_laws import ContactLaw
+
+ENTRY_POINTS = "cycloid_output_mechanisms"
+"""Group in which an installed package registers mechanisms of its own."""
+
+
+@dataclass(frozen=True)
+class Words:
+    """What the report calls things.
+
+    Attributes
+    ----------
+    contact : one output contact.
+    station : axis of the contacts of one row in a figure.
+    drawing, loads : captions of the drawing and of the figure of the contact forces, after what all have in common.
+    """
+
+    contact: str
+    station: str
+    drawing: str
+    loads: str
+
+
+@dataclass(frozen=True)
+class Holes:
+    """Equal round holes of a disk.
+
+    Attributes
+    ----------
+    centres : (n_holes,) complex [mm], in the disk's frame.
+    radius : [mm]
+    """
+
+    centres: Complex
+    radius: float
+
+
+@dataclass(frozen=True)
+class LawInputs:
+    """What the laws of the output contacts depend on besides the mechanism.
+
+    Attributes
+    ----------
+    law : the study's choice.
+    materials : by their names in the design.
+    disk : material of the disk.
+    thickness : of the disk [mm].
+    eccentricity : [mm]
+    patch_half_width : of a contact's pressure on the meshed disk [mm].
+    """
+
+    law: ContactLaw
+    materials: Mapping[str, Material]
+    disk: Material
+    thickness: float
+    eccentricity: float
+    patch_half_width: float
+
+
+class OutputMechanism(Section):
+    """Settings of an output mechanism, and what it makes of them.
+
+    A subclass has a field ``mechanism: Literal["<name>"]``, by which the design chooses it. ``contacts_of`` and
+    ``motions_of`` are asked for each disk, by its pose.
+
+    Attributes
+    ----------
+    name : as the design has it.
+    words : of the report.
+    diameter_readings : what the study may take a diameter's error for (``clearance.ROLLER_READINGS``), in words.
+    material_keys : settings that name materials.
+    interfaces : pairs of bodies in contact between a disk and the output.
+    """
+
+    name: ClassVar[str]
+    words: ClassVar[Words]
+    diameter_readings: ClassVar[Mapping[str, str]]
+    material_keys: ClassVar[tuple[str, ...]]
+    interfaces: ClassVar[int]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        if "mechanism" in cls.model_fields:
+            (cls.name,) = get_args(cls.model_fields["mechanism"].annotation)
+
+    @property
+    @abstractmethod
+    def contacts(self) -> int:
+        """Number of output contacts of a disk."""
+
+    @property
+    @abstractmethod
+    def contact_radius_mm(self) -> float:
+        """Radius of the smaller body of a contact."""
+
+    @abstractmethod
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+        """What cannot be built, of itself and with the valid ones of the other sections."""
+
+    @abstractmethod
+    def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
+        """Names of the free rigid motions of the bodies after the disk, the output's rotation among them."""
+
+    @abstractmethod
+    def contacts_of(self, disk: DiskPose) -> Contacts:
+        """The contacts between a disk and the output, nominal."""
+
+    @abstractmethod
+    def laws(self, inputs: LawInputs) -> ContactLaws:
+        """Laws of the contacts in the order of ``contacts_of``."""
+
+    def holes(self, cycloid: Cycloid) -> Holes | None:
+        """Holes that it cuts into a disk; a contact in one names it (``Contacts.hole``)."""
+        return None
+
+    @abstractmethod
+    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
+        """The mechanism in one line of the report; ``plain`` writes a number."""
+
+    @abstractmethod
+    def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:
+        """Drawings of the ``contacts`` of one disk, which have these ``numbers`` (n,) in the tables."""
+
+
+@cache
+def library() -> Mapping[str, type[OutputMechanism]]:
+    """All mechanisms by name: the files beside this one and what packages register as ``ENTRY_POINTS``."""
+    return declarations("pipeline.config.mechanisms", "MECHANISM", ENTRY_POINTS)

@@ -1,0 +1,222 @@
+"""Output by a sliding plate between two crossed slides on rollers (paper, Fig. 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from math import hypot
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.config.mechanisms.drawing import Circles, Panel, Part, RowLabel
+from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
+from pipeline.config.section import Millimetres, Problem
+from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated
+from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
+from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose, joined
+
+if TYPE_CHECKING:
+    from pipeline.config.cycloid import Cycloid
+    from pipeline.config.design import Disk
+
+PLATE = {"rotates": "only rotates", "floats": "rotates and floats"}
+PARTS: tuple[Part, Part] = ("output", "between")
+"""How the two interfaces are drawn."""
+ROLLERS_BESIDE = 12
+"""Roller radii between the outermost roller of a drawing and its edge."""
+
+
+class RollerPlate(OutputMechanism):
+    """Sliding plate between disk and output, on two crossed tongues with rows of rollers along their faces.
+
+    The disk's tongue slides in the plate along s1, the plate's tongue in the output along s2, which is s1 turned by 90
+    degrees. Each of the two interfaces has two faces at +-`face_offset_mm` from the axis; on each face a row of rollers
+    stands at each end of the slide, at stations equally spaced from `outer_station_mm` to `inner_station_mm`.
+    `slide_angle_deg` is the direction of s1 at crank angle 0; a plate that floats may also translate.
+    """
+
+    words = Words(
+        contact="output roller",
+        station="roller, 0 outside",
+        drawing="The rollers of each row are counted from outside to inside; beside each row stand the numbers of its "
+        "contacts in the tables.",
+        loads="one sense of torque loads one face at each end of a slide. Solid: end 0, dotted: end 1. The outermost "
+        "roller (0) has the longest arm and closes first.",
+    )
+    diameter_readings = {
+        "half_diameter": "half of a roller's diameter error at each of its two faces",
+        "diameter": "a roller's whole diameter error at each contact",
+    }
+    material_keys = ("roller_material", "plate_material")
+    interfaces = 2
+
+    mechanism: Literal["roller_plate"]
+    roller_radius_mm: Millimetres
+    rollers: Annotated[int, Field(ge=8, le=800, multiple_of=8)]
+    roller_length_mm: Millimetres
+    roller_material: str
+    inner_station_mm: Millimetres
+    outer_station_mm: Millimetres
+    face_offset_mm: Millimetres
+    slide_angle_deg: Annotated[float, Field(ge=-360, le=360)]
+    plate: Literal["rotates", "floats"]
+    flat_depth_mm: Millimetres
+    plate_material: str
+
+    @property
+    def stations(self) -> int:
+        """Rollers in a row: 2 interfaces x 2 faces x 2 ends share all rollers."""
+        return self.rollers // 8
+
+    @property
+    def stations_mm(self) -> Real:
+        """Distances of the rollers of a row from the axis (n_stations,) [mm], outermost first."""
+        return np.array(np.linspace(self.outer_station_mm, self.inner_station_mm, self.stations))
+
+    @property
+    def contacts(self) -> int:
+        """Output contacts, one for each roller."""
+        return self.rollers
+
+    @property
+    def contact_radius_mm(self) -> float:
+        """Radius of the smaller body of a contact, the roller."""
+        return self.roller_radius_mm
+
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+        """Rollers that overlap, a tongue inside the bore, rollers beyond the disk."""
+        yield from self._row_problems()
+        if disk and self.face_offset_mm <= disk.bore_radius_mm:
+            yield Problem(
+                "output.face_offset_mm",
+                self.face_offset_mm,
+                f"must be > {disk.bore_radius_mm:g} mm, the bore's radius: the boss's face lies inside the bore",
+            )
+        if cycloid:
+            yield from self._reach_problems(cycloid)
+
+    def _row_problems(self) -> Iterator[Problem]:
+        diameter = 2 * self.roller_radius_mm
+        length = self.outer_station_mm - self.inner_station_mm
+        if self.stations > 1 and length < diameter * (self.stations - 1):
+            yield Problem(
+                "output.outer_station_mm",
+                self.outer_station_mm,
+                f"must be >= {self.inner_station_mm + diameter * (self.stations - 1):.4g} mm, or the {self.stations} "
+                f"rollers of diameter {diameter:g} mm between the stations overlap; "
+                "move the stations apart or take smaller or fewer rollers",
+            )
+        if self.inner_station_mm < self.roller_radius_mm:
+            yield Problem(
+                "output.inner_station_mm",
+                self.inner_station_mm,
+                f"must be >= {self.roller_radius_mm:g} mm, or the innermost rollers of the two ends overlap",
+            )
+
+    def _reach_problems(self, cycloid: Cycloid) -> Iterator[Problem]:
+        # The eccentric moves the disk under rollers that stand still along the other slide.
+        reach = hypot(self.outer_station_mm + self.roller_radius_mm, self.face_offset_mm + self.roller_radius_mm)
+        available = cycloid.root_radius_mm - cycloid.eccentricity_mm
+        if reach > available:
+            yield Problem(
+                "output.outer_station_mm",
+                self.outer_station_mm,
+                f"the outermost rollers reach {reach:.4g} mm from the axis, the disk ends at {available:.4g} mm "
+                "(lobes' roots less eccentricity); move the stations inwards",
+            )
+
+    def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
+        """The rotations of plate and output, and the translation of a plate that floats."""
+        plate = disk.part("plate")
+        shifts = (f"{plate}_x", f"{plate}_y") if self.plate == "floats" else ()
+        return f"{plate}_phi", "output_phi", *shifts
+
+    def contacts_of(self, disk: DiskPose) -> Contacts:
+        """The rollers of the disk's slide, then those of the output's.
+
+        Notes
+        -----
+        The arm of a roller is its distance along the slide for both bodies: the rollers lie half-way between
+        bodies whose centres differ by at most the eccentricity, an effect that the two ends cancel.
+        """
+        along: complex = np.exp(1j * (np.radians(self.slide_angle_deg) + disk.rotation))
+        plate = disk.part("plate")
+        return joined(
+            [
+                self._slide(0, (disk.body, plate), along, disk.eccentric),
+                self._slide(1, (plate, "output"), 1j * along, 0j),
+            ]
+        )
+
+    def _slide(self, interface: int, bodies: tuple[str, str], direction: complex, centre: complex) -> Contacts:
+        """Rollers of one tongue in its slot: faces 0 and 1 at +-h, ends 0 and 1 at +-x, stations from outside."""
+        grids = np.meshgrid([0, 1], [0, 1], np.arange(self.stations), indexing="ij")
+        face, end, station = (grid.ravel() for grid in grids)
+        side, reach = 1 - 2 * face, (1 - 2 * end) * self.stations_mm[station]
+        across: Complex = 1j * direction * side
+        places = zip(face, end, station, strict=True)
+        n = len(side)
+        return Contacts(
+            kind=np.full(n, OUTPUT),
+            body_a=np.full(n, bodies[0]),
+            body_b=np.full(n, bodies[1]),
+            interface=np.full(n, interface),
+            face=face,
+            end=end,
+            station=station,
+            hole=np.full(n, -1),
+            label=np.array([f"{'-'.join(bodies)} face {'+-'[f]} end {'+-'[e]} roller {s}" for f, e, s in places]),
+            gap=np.zeros(n),
+            two_sided=np.ones(n, bool),
+            per_eccentricity=np.zeros(n),
+            curvature=np.zeros(n),
+            point=centre + reach * direction + self.face_offset_mm * across,
+            normal=across,
+            arm=(side * reach).astype(float),
+        )
+
+    def laws(self, inputs: LawInputs) -> ContactLaws:
+        """A roller between the flats of two bodies: the disk's tongue and the plate, or the plate and the output.
+
+        The output is taken to be of the plate's material.
+        """
+        roller, plate = (inputs.materials[name] for name in (self.roller_material, self.plate_material))
+        radius = np.full(self.rollers // 2, self.roller_radius_mm)
+        laws = []
+        for flats in ((inputs.disk, plate), (plate, plate)):
+            first, second = (LineContact(radius, self.roller_length_mm, roller, flat) for flat in flats)
+            laws.append(inputs.law.between_flats((first, second), self.roller_radius_mm, self.flat_depth_mm))
+        return concatenated(laws)
+
+    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
+        """Slides and rollers in words."""
+        return (
+            f"sliding plate between two crossed slides, {self.rollers} rollers of radius "
+            f"{plain(self.roller_radius_mm)} mm; the plate {PLATE[self.plate]}"
+        )
+
+    def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:
+        """The rollers of each interface, with their places in their rows."""
+        return [self._panel(interface, contacts, numbers) for interface in range(self.interfaces)]
+
+    def _panel(self, interface: int, contacts: Contacts, numbers: Index) -> Panel:
+        of_slide = np.flatnonzero(contacts.interface == interface)
+        centre, part = contacts.point[of_slide], PARTS[interface]
+        texts = tuple(str(station) for station in contacts.station[of_slide])
+        bodies = f"{contacts.body_a[of_slide[0]]} to {contacts.body_b[of_slide[0]]}"
+        edge = np.max(np.abs([centre.real, centre.imag])) + ROLLERS_BESIDE * self.roller_radius_mm
+        rollers = Circles(centre, self.roller_radius_mm, part, texts, 6.0)
+        labels = self._row_labels(contacts, of_slide, numbers, part)
+        return Panel(f"Interface {interface}: {bodies}", (rollers, *labels), edge)
+
+    def _row_labels(self, contacts: Contacts, of_slide: Index, numbers: Index, part: Part) -> Iterator[RowLabel]:
+        """Numbers of the contacts of each row of rollers, beyond its outermost one."""
+        for row in np.split(of_slide, 4):
+            outer, inner = contacts.point[row[0]], contacts.point[row[-1]]
+            along = (outer - inner) / abs(outer - inner) if len(row) > 1 else outer / abs(outer)
+            point = outer + along * 1.6 * self.roller_radius_mm
+            yield RowLabel(point, along, f"{numbers[row].min()}–{numbers[row].max()}", part)
+
+
+MECHANISM = RollerPlate
