@@ -182,7 +182,7 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
     states = response.equilibria
     peak = np.max(drive.laws.peak_pressure(states.force), axis=(1, 2))
     readings = loop_readings(response, peak, assembly.definitions(study))
-    thrust = np.linalg.norm(states.force @ drive.reducer.closing[:, :2], axis=2)
+    thrust = np.linalg.norm(states.force @ drive.reducer.contact_jacobian[:, :2], axis=2)
     return {
         "solved": response.converged,
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
@@ -242,7 +242,7 @@ def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
         parts.append(
             {
                 "clearance_um": UM_PER_MM * np.broadcast_to(drive.gap[:, None], force.shape),
-                "approach_um": UM_PER_MM * states.motion[:, visited] @ drive.reducer.closing.T,
+                "approach_um": UM_PER_MM * states.motion[:, visited] @ drive.reducer.contact_jacobian.T,
                 "penetration_um": UM_PER_MM * (local + elastic),
                 "elastic_um": UM_PER_MM * elastic,
                 "local_um": UM_PER_MM * local,

@@ -37,7 +37,7 @@ def parts(at):
 
 
 def penetration(at, gap, pose):
-    return (pose @ at.closing.T - gap).max(axis=1)
+    return (pose @ at.contact_jacobian.T - gap).max(axis=1)
 
 
 @PLATES
@@ -122,7 +122,7 @@ def polygon_backlash(at, gap, clearance, sides, factor):
     angle = 2 * np.pi * np.arange(sides) / sides
     walls = np.zeros((sides, len(at.motions)))
     walls[:, 0], walls[:, 1] = np.cos(angle), np.sin(angle)
-    rows = np.vstack([at.closing, walls])
+    rows = np.vstack([at.contact_jacobian, walls])
     limits = 1e3 * np.append(gap, np.full(sides, factor * clearance))
     ends = []
     for sense in (1, -1):

@@ -210,8 +210,8 @@ def test_a_tight_disk_that_gets_play_falls_by_it_and_its_contacts_stay_as_deep_a
     moved = of_drive._loosened(drive.reducer, motion, force, loose) - motion
     np.testing.assert_allclose(np.hypot(*moved[:, :2].T), loose)
     np.testing.assert_allclose(np.sum(moved[:, :2] * motion[:, :2], axis=1), loose * np.hypot(*motion[:, :2].T))
-    deeper, rotations = moved @ drive.reducer.closing.T, drive.reducer.closing[:, 2:]
-    fallen = moved[:, :2] @ drive.reducer.closing[:, :2].T
+    deeper, rotations = moved @ drive.reducer.contact_jacobian.T, drive.reducer.contact_jacobian[:, 2:]
+    fallen = moved[:, :2] @ drive.reducer.contact_jacobian[:, :2].T
     left = np.abs((force * deeper) @ rotations)
     assert np.all(left < 1e-9 * np.max(np.abs(force * fallen) @ np.abs(rotations)))
 

@@ -59,21 +59,23 @@ class Model:
 
     def unbalanced(self, solution, torque):
         """Largest unbalanced force [N] or moment [N mm] over the largest contact force, over arms of 1 mm at least."""
-        total = solution.force @ self.at.closing
+        total = solution.force @ self.at.contact_jacobian
         total[..., :2] += self.bearing_force(solution.motion)
         total[..., self.at.output_motion] -= torque
-        return np.max(np.abs(total) / np.maximum(np.abs(self.at.closing).max(axis=0), 1.0)) / solution.force.max()
+        return (
+            np.max(np.abs(total) / np.maximum(np.abs(self.at.contact_jacobian).max(axis=0), 1.0)) / solution.force.max()
+        )
 
     def misfit(self, solution, gap):
         """Largest misfit of a closed contact and largest penetration of an open one [mm]."""
-        room = gap[:, None] + solution.force @ self.compliance - solution.motion @ self.at.closing.T
+        room = gap[:, None] + solution.force @ self.compliance - solution.motion @ self.at.contact_jacobian.T
         closed = solution.force > 0
         of_closed = np.abs(room + self.laws.deflection(solution.force))[closed]
         return of_closed.max(initial=0), np.max(-room[~closed], initial=0)
 
     def complementary_energy(self, force, gap):
         """Energy whose least value over balanced forces is the solution (linear bearing)."""
-        shift = -(force @ self.at.closing)[:2]
+        shift = -(force @ self.at.contact_jacobian)[:2]
         return (
             self.laws.energy(force).sum()
             + 0.5 * force @ self.compliance @ force
@@ -179,13 +181,13 @@ def test_solution_is_the_least_complementary_energy_that_scipy_finds(floats, sen
     model = Model(floats=floats, bearing=Bearing(2e4, 1.0))
     torque, gap = sense * 3000.0, random_gaps(model, 1, 3)
     solution = model.solve(gap, [torque])
-    unit, free = 100.0, model.at.closing[:, 2:].T
+    unit, free = 100.0, model.at.contact_jacobian[:, 2:].T
     load = np.zeros(len(free))
     load[model.at.output_motion - 2] = torque
 
     def slope(x):
         force = unit * x
-        planar = model.at.closing[:, :2]
+        planar = model.at.contact_jacobian[:, :2]
         total = model.laws.deflection(force) + model.compliance @ force + gap[0]
         return unit * (total + planar @ (planar.T @ force) / model.bearing.stiffness)
 

@@ -82,7 +82,7 @@ def test_path_with_friction_on_the_output_is_the_condensed_one(kind, floats):
     assert abs(start) < np.ptp(angle)
     loop = np.arange(len(torques)) >= 20  # the anchors have been dragged from wherever they rested
     np.testing.assert_allclose(of_output(drive, motion)[loop & away], angle[loop & away], atol=2e-5 * np.ptp(angle))
-    to_output = force @ drive.reducer.closing[:, drive.reducer.output_motion]
+    to_output = force @ drive.reducer.contact_jacobian[:, drive.reducer.output_motion]
     np.testing.assert_allclose(to_output[loop & away], carried[loop & away], atol=1e-4 * RATED)
 
 
@@ -157,12 +157,12 @@ def test_forces_and_friction_balance_at_every_step():
     sliders = rubbing(drive, 0.15).joined(output_sliders(drive.reducer, np.array([190.0]), np.array([1e-5])))
     motion, force = followed(drive, PATH, sliders)
     held, _ = resistances(drive, sliders, motion, force)
-    total = force @ drive.reducer.closing + held @ sliders.direction
+    total = force @ drive.reducer.contact_jacobian + held @ sliders.direction
     total[:, :2] += drive.bearing.stiffness * motion[:, :2]
     total[:, drive.reducer.output_motion] -= PATH
-    arms = np.maximum(np.abs(drive.reducer.closing).max(axis=0), 1.0)
+    arms = np.maximum(np.abs(drive.reducer.contact_jacobian).max(axis=0), 1.0)
     assert np.max(np.abs(total) / arms) < 1e-6 * force.max()
-    room = drive.gap + force @ drive.compliance - motion @ drive.reducer.closing.T
+    room = drive.gap + force @ drive.compliance - motion @ drive.reducer.contact_jacobian.T
     closed = force > 0
     assert np.max(np.abs(room + drive.laws.deflection(force))[closed]) < 1e-9
     assert np.min(room[~closed]) > -1e-9

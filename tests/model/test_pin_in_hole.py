@@ -77,7 +77,7 @@ def test_motions_close_the_gaps_of_the_circles(profile, pins, crank):
         pose = np.zeros(4)
         pose[column] = 1e-6
         closed = circle_gap(profile, mechanism, crank, -pose) - circle_gap(profile, mechanism, crank, pose)
-        np.testing.assert_allclose(closed / 2e-6, at.closing[out, column], atol=1e-6)
+        np.testing.assert_allclose(closed / 2e-6, at.contact_jacobian[out, column], atol=1e-6)
 
 
 def test_a_shift_across_the_normal_leaves_out_what_the_notes_say():
@@ -129,7 +129,7 @@ def test_a_bearing_clearance_widens_the_play_and_no_contact_is_penetrated_at_its
         play = rigid_play(at, gap, np.full(6, clearance))
         assert np.all(play.backlash >= np.maximum(tight, previous) * (1 - 1e-9))
         for pose in (play.pose_plus, play.pose_minus):
-            np.testing.assert_allclose((pose @ at.closing.T - gap).max(axis=1), 0, atol=1e-12)
+            np.testing.assert_allclose((pose @ at.contact_jacobian.T - gap).max(axis=1), 0, atol=1e-12)
             assert np.all(np.abs(pose[:, 0] + 1j * pose[:, 1]) <= clearance * (1 + 1e-9) + 1e-12)
         if clearance == 1e-9:
             np.testing.assert_allclose(play.backlash, tight, rtol=1e-5)

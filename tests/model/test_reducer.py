@@ -12,7 +12,7 @@ CASES = pytest.mark.parametrize(("profile", "crank", "floats"), [(PAPER, 0.0, Fa
 
 @CASES
 def test_a_motion_of_the_disk_closes_a_pin_as_the_opposite_motion_of_the_pins_does(profile, crank, floats):
-    """Moving the disk by q is moving every pin by -q: the exact gaps of such pin errors fall by closing q."""
+    """Moving the disk by q is moving every pin by -q: the exact gaps of such pin errors fall by B q."""
     at = reducer_at(profile, crank, floats=floats)
     centre, arm_centre = at.pins.centre, profile.eccentricity * np.exp(1j * crank)
     for column, (name, step) in enumerate((("disk_x", 1e-7), ("disk_y", 1e-7), ("disk_phi", 1e-8))):
@@ -21,8 +21,8 @@ def test_a_motion_of_the_disk_closes_a_pin_as_the_opposite_motion_of_the_pins_do
         along = np.broadcast_to(shift, centre.shape) * np.conj(centre) / np.abs(centre)
         errors = errors_of(profile, at, pin_radial=along.real, pin_tangential=along.imag)
         gap = exact_gaps(profile, at, errors, "radial")[0]
-        closing = at.closing[: profile.pins, column]
-        np.testing.assert_allclose(-gap / step, closing, atol=2e-4 * np.abs(closing).max())
+        jacobian = at.contact_jacobian[: profile.pins, column]
+        np.testing.assert_allclose(-gap / step, jacobian, atol=2e-4 * np.abs(jacobian).max())
 
 
 @CASES
@@ -60,7 +60,7 @@ def test_rollers_press_across_their_slide_with_the_moment_of_their_place(profile
 @CASES
 def test_turning_the_whole_chain_or_shifting_both_sides_of_a_contact_closes_nothing(profile, crank, floats):
     at = reducer_at(profile, crank, floats=floats)
-    rollers = at.closing[profile.pins :]
+    rollers = at.contact_jacobian[profile.pins :]
     columns = {name: rollers[:, i] for i, name in enumerate(at.motions)}
     turned = columns["disk_phi"] + columns["plate_phi"] + columns["output_phi"]
     np.testing.assert_allclose(turned, 0, atol=1e-12)
@@ -76,7 +76,7 @@ def test_turning_the_whole_chain_or_shifting_both_sides_of_a_contact_closes_noth
 def test_a_positive_output_torque_loads_half_of_each_slide_and_the_pins_of_negative_arm(profile, crank, floats):
     """The output pushed counterclockwise leans on the rollers that turn it back, and so does the disk on its pins."""
     at = reducer_at(profile, crank, floats=floats)
-    output = at.closing[:, at.output_motion]
+    output = at.contact_jacobian[:, at.output_motion]
     second = at.contacts.interface == 1
     np.testing.assert_array_equal(output[second], -at.contacts.arm[second])
-    np.testing.assert_array_equal(at.closing[: profile.pins, at.motions.index("disk_phi")], -at.pins.arm)
+    np.testing.assert_array_equal(at.contact_jacobian[: profile.pins, at.motions.index("disk_phi")], -at.pins.arm)

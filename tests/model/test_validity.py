@@ -68,7 +68,7 @@ def test_small_rotations_change_gaps_by_the_arms():
     at = reducer_at(PAPER, 0.37)
     errors = with_clearance(PAPER, at, np.full(2, 0.01 * MICROMETRE))
     before, after = (gaps_after_rotation(PAPER, at, errors, "radial", np.array([-1e-7, 1e-7]) * k) for k in (0, 1))
-    expected = np.array([[1e-7], [-1e-7]]) * at.closing[: at.n_pins, at.motions.index("disk_phi")]
+    expected = np.array([[1e-7], [-1e-7]]) * at.contact_jacobian[: at.n_pins, at.motions.index("disk_phi")]
     np.testing.assert_allclose(after - before, expected, atol=2e-3 * np.max(np.abs(expected)))
 
 

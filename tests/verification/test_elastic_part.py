@@ -43,7 +43,7 @@ def complementary_energy(study, disk, percent):
     bearing, energy = study.design.bearing, []
     for sense in (1, -1):
         force = cases.force(sense * percent)
-        thrust = np.linalg.norm(force @ cases.reducer.closing[:, :2], axis=1)
+        thrust = np.linalg.norm(force @ cases.reducer.contact_jacobian[:, :2], axis=1)
         of_bearing = thrust * (thrust / bearing.stiffness_N_per_mm_power) ** (1 / bearing.exponent)
         energy.append(
             0.5 * np.einsum("ni,ij,nj->n", force, disk.compliance(study.design), force)
@@ -129,7 +129,7 @@ def test_the_bearing_deflects_less_with_tolerance(study, disk, found):
     """By its law from the force that balances the contacts, against the displacement of the disk's centre."""
     cases, bearing = solved(study, disk), study.design.bearing
     for percent, row in zip((3, 100), found.bearing.itertuples(index=False), strict=True):
-        thrust = np.linalg.norm(cases.force(percent) @ cases.reducer.closing[:, :2], axis=1)
+        thrust = np.linalg.norm(cases.force(percent) @ cases.reducer.contact_jacobian[:, :2], axis=1)
         depth = 1e3 * (thrust / bearing.stiffness_N_per_mm_power) ** (1 / bearing.exponent)
         assert row[0] == pytest.approx(0.12 * percent)
         assert row[1:] == pytest.approx(depth, rel=1e-5)

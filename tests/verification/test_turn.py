@@ -71,7 +71,7 @@ def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> N
     for k, crank in enumerate(cranks):
         at = assembly.reducer(study.design, crank)
         gap = 1e3 * gaps(profile, at, errors, **dict(study.clearance))  # um
-        motions = at.closing[:, 2:]  # the disk's centre is held: the bearing has no clearance
+        motions = at.contact_jacobian[:, 2:]  # the disk's centre is held: the bearing has no clearance
         for unit in range(3):
             ends = [
                 linprog(sense * np.eye(motions.shape[1])[-1], motions, gap[unit], bounds=(None, None)).x[-1]

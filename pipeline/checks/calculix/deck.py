@@ -123,7 +123,7 @@ def calculix_deck(specimen: Specimen, torque: Real, states: Equilibria) -> Deck:
         _bodies(reducer, numbers),
         _approaches(specimen, numbers),
         _bearing(bearing, disk, (centre.real, centre.imag), numbers),
-        _springs(specimen.laws, specimen.gap - reducer.closing @ start, largest, numbers),
+        _springs(specimen.laws, specimen.gap - reducer.contact_jacobian @ start, largest, numbers),
         _steps(numbers, torque),
     )
     return Deck(
@@ -204,10 +204,10 @@ def _approaches(specimen: Specimen, numbers: Numbers) -> Iterator[str]:
             ]
         for j, motion in enumerate(reducer.motions):
             body, component = motion.rsplit("_", 1)
-            if body != "disk" and reducer.closing[i, j] != 0:
+            if body != "disk" and reducer.contact_jacobian[i, j] != 0:
                 axis = {"phi": 1, "x": 2, "y": 3}[component]
                 unit = SPAN if component == "phi" else 1.0
-                terms.append((numbers.body(BODIES.index(body)), axis, reducer.closing[i, j] / unit))
+                terms.append((numbers.body(BODIES.index(body)), axis, reducer.contact_jacobian[i, j] / unit))
         yield from _equation(terms)
 
 

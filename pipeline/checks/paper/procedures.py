@@ -67,15 +67,15 @@ def iterative(load: LoadCase) -> Analysis:
     ArithmeticError
         If they do not, or an FE analysis does not.
     """
-    closing, gap = load.reducer.closing, load.gap
+    jacobian, gap = load.reducer.contact_jacobian, load.gap
     play = rigid_play(load.reducer, gap[None], np.zeros(1))
     motion = (play.pose_plus if load.torque > 0 else play.pose_minus)[0]
-    held = gap - closing @ motion <= TOUCHING
+    held = gap - jacobian @ motion <= TOUCHING
     systems = 0
     for turn in range(1, PASSES + 1):
         force, motion, steps = _held(load, np.flatnonzero(held))
         systems += steps
-        room = gap + load.compliance @ force - closing @ motion
+        room = gap + load.compliance @ force - jacobian @ motion
         settled = np.where(held, force > 0, room < 0)
         if np.array_equal(settled, held):
             return Analysis(force, motion, turn, systems)
@@ -104,9 +104,9 @@ def direct(load: LoadCase) -> Analysis:
 
 def _held(load: LoadCase, contacts: np.ndarray) -> tuple[Real, Real, int]:
     """FE analysis with ``contacts`` held closed: forces (n_contacts,), motions, and the linear systems solved."""
-    closing, laws = load.reducer.closing[contacts], load.laws[contacts]
+    jacobian, laws = load.reducer.contact_jacobian[contacts], load.laws[contacts]
     elastic = load.compliance[np.ix_(contacts, contacts)]
-    n, n_motions = closing.shape
+    n, n_motions = jacobian.shape
     applied = np.zeros(n_motions)
     applied[load.reducer.output_motion] = load.torque
     force, motion = np.full(n, TENSION_START), np.zeros(n_motions)
@@ -116,9 +116,9 @@ def _held(load: LoadCase, contacts: np.ndarray) -> tuple[Real, Real, int]:
         slope = laws.compliance(proper)
         local = laws.deflection(proper) + (force - proper) * slope
         push, spring = _bearing(load.bearing, motion)
-        closed = local + elastic @ force + load.gap[contacts] - closing @ motion
-        balance = closing.T @ force + push - applied
-        tangent = np.block([[elastic + np.diag(slope), -closing], [closing.T, spring]])
+        closed = local + elastic @ force + load.gap[contacts] - jacobian @ motion
+        balance = jacobian.T @ force + push - applied
+        tangent = np.block([[elastic + np.diag(slope), -jacobian], [jacobian.T, spring]])
         change = np.linalg.solve(tangent, -np.concatenate([closed, balance]))
         force, motion = force + change[:n], motion + change[n:]
         if np.max(np.abs(change[:n])) < BALANCED * np.max(np.abs(force)):

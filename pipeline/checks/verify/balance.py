@@ -41,7 +41,7 @@ def _unbalanced(specimen: Specimen, states: Equilibria, torque: Real) -> tuple[R
 def _misfit(specimen: Specimen, states: Equilibria) -> Real:
     """Deflection of closed contacts less their penetration, and penetration of open ones, over the largest."""
     force = states.force[0]
-    approach = states.motion[0] @ specimen.reducer.closing.T - specimen.gap
+    approach = states.motion[0] @ specimen.reducer.contact_jacobian.T - specimen.gap
     deflection = specimen.laws.deflection(force) + force @ specimen.compliance
     return np.where(force > 0, np.abs(approach - deflection), np.maximum(approach - deflection, 0.0)) / deflection.max()
 
@@ -98,7 +98,7 @@ class PotentialEnergy:
         stiffness[[n, n + 1], [n, n + 1]] = specimen.bearing.stiffness / UM_PER_MM
         load = np.zeros(len(stiffness))
         load[n + reducer.output_motion] = torque / SPAN
-        return cls(specimen.laws, specimen.gap, np.hstack([patches, reducer.closing * scale]), stiffness, load)
+        return cls(specimen.laws, specimen.gap, np.hstack([patches, reducer.contact_jacobian * scale]), stiffness, load)
 
     def penetration(self, state: Real) -> Real:
         """(n_contacts,) [mm], negative where open."""

@@ -45,7 +45,8 @@ def _patch_loads(specimen: Specimen) -> tuple[Real, Real]:
     """Resultant (n, 3) of the unit loads of every patch: as assembled, and as the contact's point and normal say."""
     patches = specimen.patches
     assembled = specimen.disk.loads(patches).T @ specimen.disk.rigid_motions
-    along, across = specimen.reducer.closing[specimen.disk_rows, :2].T, specimen.reducer.closing[specimen.disk_rows, 2]
+    jacobian = specimen.reducer.contact_jacobian[specimen.disk_rows]
+    along, across = jacobian[:, :2].T, jacobian[:, 2]
     turn = np.exp(1j * specimen.reducer.crank / specimen.profile.lobes)
     force = -(along[0] + 1j * along[1]) * turn
     return assembled, np.stack([force.real, force.imag, -across], axis=-1)

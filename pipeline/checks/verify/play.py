@@ -49,7 +49,7 @@ def _searched_end(reducer: Reducer, gap: Real, clearance: float, sense: float) -
     """
 
     def end(x: Real, y: Real) -> Real:
-        shifted = gap - x[:, None] * reducer.closing[:, 0] - y[:, None] * reducer.closing[:, 1]
+        shifted = gap - x[:, None] * reducer.contact_jacobian[:, 0] - y[:, None] * reducer.contact_jacobian[:, 1]
         play = separated_play(reducer, shifted)
         pose = play.pose_plus if sense > 0 else play.pose_minus
         return sense * pose[:, play.output_motion]

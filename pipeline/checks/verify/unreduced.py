@@ -42,7 +42,7 @@ class Unreduced:
     laws : of the contacts.
     gap : (n_contacts,) [mm]
     stiffness : (n, n) of disk and bearing [N/mm].
-    closing : (n_contacts, n) penetration by a unit of each freedom.
+    contact_jacobian : (n_contacts, n) penetration by a unit of each freedom.
     output : index of the output's rotation.
     free_from : index of the first freedom that is no displacement of the mesh.
     """
@@ -50,24 +50,24 @@ class Unreduced:
     laws: ContactLaws
     gap: Real
     stiffness: csc_array
-    closing: csr_array
+    contact_jacobian: csr_array
     output: int
     free_from: int
 
     def forces(self, state: Real) -> Real:
         """Contact forces (n_contacts,) [N]."""
-        return self.laws.force(self.closing @ state - self.gap)
+        return self.laws.force(self.contact_jacobian @ state - self.gap)
 
     def energy(self, state: Real, torque: float) -> float:
         """Potential energy [N mm]."""
-        depth = self.closing @ state - self.gap
+        depth = self.contact_jacobian @ state - self.gap
         force = self.laws.force(depth)
         stored = np.sum(force * depth - self.laws.energy(force))
         return float(0.5 * state @ (self.stiffness @ state) + stored - torque * state[self.output])
 
     def unbalanced(self, state: Real, torque: float) -> Real:
         """Gradient of the energy (n,)."""
-        residual = self.stiffness @ state + self.closing.T @ self.forces(state)
+        residual = self.stiffness @ state + self.contact_jacobian.T @ self.forces(state)
         residual[self.output] -= torque
         return residual
 
@@ -78,7 +78,7 @@ class Unreduced:
         slope = np.zeros(len(force))
         slope[closed] = 1 / self.laws[closed].compliance(force[closed])
         slope = np.maximum(slope, HELD_BY_NOTHING * slope.max())
-        return csc_array(self.stiffness + self.closing.T @ (self.closing * slope[:, None]))
+        return csc_array(self.stiffness + self.contact_jacobian.T @ (self.contact_jacobian * slope[:, None]))
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,14 @@ def unreduced(specimen: Specimen) -> Unreduced:
     other_motions = [i for i, motion in enumerate(reducer.motions) if not motion.startswith("disk")]
     loads = disk.loads(specimen.patches)
     selection = csr_array((-np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(reducer.contacts), len(rows)))
-    closing = csr_array(hstack([selection @ loads.T, csr_array(reducer.closing[:, other_motions])]))
+    jacobian = csr_array(hstack([selection @ loads.T, csr_array(reducer.contact_jacobian[:, other_motions])]))
     bore = csc_array(disk.reference[:, :2])
     held = disk.stiffness + specimen.bearing.stiffness * (bore @ bore.T)
-    size = closing.shape[1]
+    size = jacobian.shape[1]
     stiffness = held.tocoo()
     assembled = csc_array((stiffness.data, (stiffness.row, stiffness.col)), shape=(size, size))
     output = disk.freedoms.size + other_motions.index(reducer.output_motion)
-    return Unreduced(specimen.laws, specimen.gap, assembled, closing, output, disk.freedoms.size)
+    return Unreduced(specimen.laws, specimen.gap, assembled, jacobian, output, disk.freedoms.size)
 
 
 def solve_unreduced(specimen: Specimen, system: Unreduced, torque: Real) -> WholeSolution:
@@ -136,7 +136,7 @@ def _first_state(specimen: Specimen, system: Unreduced, sense: float) -> Real:
     reducer, disk = specimen.reducer, specimen.disk
     play = rigid_play(reducer, specimen.gap[None], np.array([specimen.bearing_clearance]))
     pose = (play.pose_plus if sense > 0 else play.pose_minus)[0].copy()
-    turn = sense * FIRST_CLOSURE / np.abs(reducer.closing[:, reducer.motions.index("disk_phi")]).max()
+    turn = sense * FIRST_CLOSURE / np.abs(reducer.contact_jacobian[:, reducer.motions.index("disk_phi")]).max()
     rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
     pose[rotations] += turn * np.arange(1, len(rotations) + 1)
     other_motions = [i for i, motion in enumerate(reducer.motions) if not motion.startswith("disk")]
@@ -145,7 +145,7 @@ def _first_state(specimen: Specimen, system: Unreduced, sense: float) -> Real:
 
 
 def _newton(system: Unreduced, state: Real, torque: float) -> tuple[Real, int]:
-    arm = abs(system.closing[:, [system.output]]).max()
+    arm = abs(system.contact_jacobian[:, [system.output]]).max()
     for iteration in range(STEP_LIMIT):
         unbalanced = system.unbalanced(state, torque)
         moments = np.abs(unbalanced)

@@ -28,10 +28,10 @@ GIB = 2.0**30
 def on_mesh(specimen: Specimen) -> Reducer:
     """The reducer with the arms that the patches have on the mesh's polygon, within its distance from the flank."""
     reducer, rows = specimen.reducer, specimen.disk_rows
-    closing = reducer.closing.copy()
+    jacobian = reducer.contact_jacobian.copy()
     resultant = specimen.disk.loads(specimen.patches).T @ specimen.disk.rigid_motions
-    closing[rows, reducer.motions.index("disk_phi")] = -resultant[:, 2]
-    return replace(reducer, closing=closing)
+    jacobian[rows, reducer.motions.index("disk_phi")] = -resultant[:, 2]
+    return replace(reducer, contact_jacobian=jacobian)
 
 
 def _agreement(

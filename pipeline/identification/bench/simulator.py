@@ -137,7 +137,7 @@ class Forward:
     def backbone(self, drive: Drive) -> Backbone:
         """The frictionless curve of a drive, without its torsion."""
         key = (
-            drive.reducer.closing.tobytes(),
+            drive.reducer.contact_jacobian.tobytes(),
             drive.gap.tobytes(),
             drive.bearing_clearance.tobytes(),
             drive.laws.linear.tobytes(),
@@ -229,7 +229,7 @@ def _alike_but_for_springs(drive: Drive, near: Drive) -> bool:
     sliders = zip(vars(drive.sliders).values(), vars(near.sliders).values(), strict=True)
     return (
         drive.creep == near.creep
-        and np.array_equal(drive.reducer.closing, near.reducer.closing)
+        and np.array_equal(drive.reducer.contact_jacobian, near.reducer.contact_jacobian)
         and all(np.array_equal(own, other) for own, other in sliders)
     )
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.model.compiled import algebraic_part
 from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, reset, share_of_a_turn
-from pipeline.model.equilibrium.residual import bearing_spring, closing_force, deflect, imbalance, law, misfit
+from pipeline.model.equilibrium.residual import bearing_spring, deflect, force_at_penetration, imbalance, law, misfit
 
 INTERIOR_STEPS = 80
 """Steps of the interior-point iteration that finds another start; about 30 are usual."""
@@ -22,7 +22,7 @@ def _stride(system, torque, gap):
     widest, deepest = 0.0, 0.0
     for i in range(gap.shape[0]):
         widest = max(widest, abs(gap[i]))
-        arm = abs(system.closing[system.output, i])
+        arm = abs(system.contact_jacobian[system.output, i])
         if arm > 0.0:
             force = min(abs(torque) / arm, system.limit[i])
             local, _ = law(system, i, force)
@@ -35,12 +35,12 @@ def _loads(system, torque, gap):
     """Force of a contact that carries the torque at the longest arm, and that or the largest of an interference [N]."""
     longest = 0.0
     for i in range(gap.shape[0]):
-        longest = max(longest, abs(system.closing[system.output, i]))
+        longest = max(longest, abs(system.contact_jacobian[system.output, i]))
     load = abs(torque) / longest
     largest = load
     for i in range(gap.shape[0]):
         if gap[i] < 0.0:
-            largest = max(largest, closing_force(system, i, -gap[i]))
+            largest = max(largest, force_at_penetration(system, i, -gap[i]))
     return load, largest
 
 

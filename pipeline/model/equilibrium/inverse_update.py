@@ -25,7 +25,7 @@ def product(inverse, n, x, y):
 def include(system, p, work):
     """Grow the inverse by the active contact at position p, the number of those in it; false if not positive."""
     inverse, projected, held, right, column = work.inverse, work.projected, work.held, work.inside, work.column
-    active, step, closing = work.active, work.step, system.closing
+    active, step, jacobian = work.active, work.step, system.contact_jacobian
     i = active[p]
     row = system.compliance[i]
     for other in range(p):
@@ -46,7 +46,7 @@ def include(system, p, work):
         for k in range(p + 1):
             target[k] += scaled * column[k]
     for d in range(held.shape[0]):
-        pull, target = closing[d, i], projected[d]
+        pull, target = jacobian[d, i], projected[d]
         for other in range(p):
             pull -= right[other] * target[other]
         target[p] = 0.0

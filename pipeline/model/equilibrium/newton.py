@@ -7,8 +7,8 @@ from pipeline.model.equilibrium.inverse_update import exclude, include, product,
 from pipeline.model.equilibrium.residual import (
     add_deflection,
     bearing_spring,
-    closing_force,
     deflect,
+    force_at_penetration,
     imbalance,
     misfit,
 )
@@ -88,7 +88,7 @@ def _close_penetrated(system, work):
         closed[i] = depth[i]
     for i in range(depth.shape[0]):
         if closed[i] > OPEN and force[i] == 0.0:
-            force[i] = closing_force(system, i, closed[i])
+            force[i] = force_at_penetration(system, i, closed[i])
             activate(system, i, work)
             if system.compliance[i, i] > 0.0:
                 add_deflection(system, i, work)
@@ -110,14 +110,15 @@ def advance(length, work):
 def newton_step(system, work):
     """Newton step: of the motions in ``step``, of the active forces in ``miss``; false if singular.
 
-    (closing^T H^-1 closing + bearing) dq = closing^T H^-1 miss - balance;  H dF = closing dq - miss.
+    (jacobian^T H^-1 jacobian + bearing) dq = jacobian^T H^-1 miss - balance;  H dF = jacobian dq - miss.
     """
     active, miss, step, tangent, right = work.active, work.miss, work.step, work.tangent, work.inside
-    closing, projected, held, balance, slope = system.closing, work.projected, work.held, work.balance, work.slope
+    jacobian, projected, held = system.contact_jacobian, work.projected, work.held
+    balance, slope = work.balance, work.slope
     n, coupled = work.counts[0], work.counts[1]
     product(work.inverse, coupled, miss, right)
     for d in range(step.shape[0]):
-        row, pull = projected[d], closing[d]
+        row, pull = projected[d], jacobian[d]
         total = -balance[d]
         for p in range(coupled):
             total += row[p] * miss[p]
@@ -127,7 +128,7 @@ def newton_step(system, work):
         for e in range(d + 1):
             total = held[d, e]
             for j in range(coupled, n):
-                total += pull[active[j]] * closing[e, active[j]] / slope[j]
+                total += pull[active[j]] * jacobian[e, active[j]] / slope[j]
             tangent[d, e] = total
     if system.planar:
         tangent[0, 0] += work.spring[2]
@@ -145,7 +146,7 @@ def newton_step(system, work):
     for j in range(coupled, n):
         miss[j] = -miss[j] / slope[j]
     for d in range(step.shape[0]):
-        row, pull, q = projected[d], closing[d], step[d]
+        row, pull, q = projected[d], jacobian[d], step[d]
         for p in range(coupled):
             miss[p] += row[p] * q
         for j in range(coupled, n):

@@ -23,7 +23,7 @@ from pipeline.model.equilibrium.newton import (
     newton_step,
     share_of_a_turn,
 )
-from pipeline.model.equilibrium.residual import bearing_spring, closing_force, deflect, imbalance, misfit
+from pipeline.model.equilibrium.residual import bearing_spring, deflect, force_at_penetration, imbalance, misfit
 
 SETTLING_STEPS = 300
 """Newton steps before it is given up; a contact that is added takes about three."""
@@ -73,7 +73,7 @@ def settle(system, torque, gap, clearance, work):
             contact = _most_penetrated(work)
             if contact < 0:
                 return iteration, residual
-            work.force[contact] = ENTRY * closing_force(system, contact, work.depth[contact])
+            work.force[contact] = ENTRY * force_at_penetration(system, contact, work.depth[contact])
             activate(system, contact, work)
             since = 0
             continue

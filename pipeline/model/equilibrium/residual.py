@@ -18,7 +18,7 @@ FRACTION, ONE = (1 << 52) - 1, 1023 << 52
 class System(NamedTuple):
     """What every sample shares: arms, compliance, force laws and the bearing of one crank angle."""
 
-    closing: Real  # (n_motions, n_contacts)
+    contact_jacobian: Real  # (n_motions, n_contacts)
     compliance: Real  # (n_contacts, n_contacts) [mm/N]
     linear: Real  # the laws' numbers (n_contacts,), see contact.ContactLaws
     logarithmic: Real
@@ -45,9 +45,9 @@ class Work(NamedTuple):
     balance: Real  # (n_motions,) what is unbalanced
     step: Real  # (n_motions,)
     tangent: Real  # (n_motions, n_motions)
-    held: Real  # (n_motions, n_motions) closing^T H^-1 closing of the contacts in the inverse
+    held: Real  # (n_motions, n_motions) jacobian^T H^-1 jacobian of the contacts in the inverse
     inverse: Real  # of H = law' + C over the first active contacts
-    projected: Real  # (n_motions, n_contacts) H^-1 closing of them
+    projected: Real  # (n_motions, n_contacts) H^-1 jacobian of them
     column: Real  # (n_contacts,)
     inside: Real  # active forces, held to the laws' range, and their logarithms
     logarithm: Real
@@ -101,7 +101,7 @@ def law(system, i, force):
 
 
 @algebraic_part
-def closing_force(system, i, penetration):
+def force_at_penetration(system, i, penetration):
     """Force of contact i alone, with law(F) + C_ii F = penetration, to a few per cent: a start for Newton."""
     own = system.compliance[i, i]
     force = penetration / (own + abs(system.linear[i]) + system.logarithmic[i] + system.power[i])
@@ -154,7 +154,7 @@ def add_deflection(system, i, work):
 @algebraic_part
 def deflect(system, gap, work):
     """Elastic deflection of every contact, and the local one that is left: approach - gap - elastic."""
-    compliance, closing, motion = system.compliance, system.closing, work.motion
+    compliance, jacobian, motion = system.compliance, system.contact_jacobian, work.motion
     elastic, depth, active, force = work.elastic, work.depth, work.active, work.force
     for i in range(gap.shape[0]):
         elastic[i] = 0.0
@@ -171,7 +171,7 @@ def deflect(system, gap, work):
     for i in range(gap.shape[0]):
         depth[i] = -gap[i] - elastic[i]
     for d in range(motion.shape[0]):
-        row, q = closing[d], motion[d]
+        row, q = jacobian[d], motion[d]
         for i in range(gap.shape[0]):
             depth[i] += row[i] * q
 
@@ -230,13 +230,13 @@ def misfit(system, work):
 def imbalance(system, torque, work):
     """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms."""
     n, active, force, balance = work.counts[0], work.active, work.force, work.balance
-    closing, relative = system.closing, 0.0
+    jacobian, relative = system.contact_jacobian, 0.0
     for d in range(balance.shape[0]):
         total = -torque if d == system.output else 0.0
         if system.planar and d < 2:
             total += work.spring[d]
         scale = abs(total)
-        row = closing[d]
+        row = jacobian[d]
         for j in range(n):
             term = row[active[j]] * force[active[j]]
             total += term

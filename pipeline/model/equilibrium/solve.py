@@ -2,8 +2,8 @@
 
 Unknowns of a load step are the contact forces F >= 0 [N] and the rigid motions q [mm, rad]:
 
-    law(F) + C F + gap - closing q = 0   where F > 0,   closing q <= C F + gap elsewhere,
-    closing^T F + bearing(q) = load,
+    law(F) + C F + gap - jacobian q = 0   where F > 0,   jacobian q <= C F + gap elsewhere,
+    jacobian^T F + bearing(q) = load,
 
 the stationarity of a convex potential, so F is unique. The active contacts are found by a primal-dual active set:
 Newton on the closed contacts, then contacts are dropped where the local deflection has become negative and added
@@ -149,7 +149,7 @@ def solve(
     A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
     """
     linear = bearing.exponent == 1 and not np.any(bearing_clearance)
-    planar, free = reducer.closing[:, :2], reducer.closing[:, 2 if linear else 0 :]
+    planar, free = reducer.contact_jacobian[:, :2], reducer.contact_jacobian[:, 2 if linear else 0 :]
     if linear:
         compliance = compliance + planar @ planar.T / bearing.stiffness
     n, n_contacts = gap.shape

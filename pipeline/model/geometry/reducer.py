@@ -2,7 +2,7 @@
 
 Everything after this file (clearance, equilibrium, cycle) is generic in the list of contacts; an output mechanism
 (``pipeline.config.mechanisms``) is another way to fill it. A contact pushes its second body along the normal and its
-first body against it, so its penetration is ``closing @ q - gap`` for the small rigid motions q of the bodies.
+first body against it, so its penetration is ``contact_jacobian @ q - gap`` for the small rigid motions q of the bodies.
 """
 
 from dataclasses import dataclass
@@ -120,7 +120,7 @@ class Reducer:
     disks : the disk, where it stands.
     contacts : all contacts, pins first.
     motions : names of the free rigid motions (n_motions,), the disk's translation first.
-    closing : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
+    contact_jacobian : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
     """
 
     crank: float
@@ -128,7 +128,7 @@ class Reducer:
     disks: tuple[DiskPose, ...]
     contacts: Contacts
     motions: tuple[str, ...]
-    closing: Real
+    contact_jacobian: Real
 
     @property
     def n_pins(self) -> int:
@@ -180,15 +180,15 @@ def joined(lists: list[Contacts]) -> Contacts:
     )
 
 
-def _closing(contacts: Contacts, motions: tuple[str, ...]) -> Real:
+def _contact_jacobian(contacts: Contacts, motions: tuple[str, ...]) -> Real:
     """Penetration per unit motion: body b moving along the normal opens the contact, body a closes it."""
-    closing = np.zeros((len(contacts), len(motions)))
+    jacobian = np.zeros((len(contacts), len(motions)))
     for sign, bodies in ((1.0, contacts.body_a), (-1.0, contacts.body_b)):
         for column, motion in enumerate(motions):
             body, component = motion.rsplit("_", 1)
             along = {"x": contacts.normal.real, "y": contacts.normal.imag, "phi": contacts.arm}[component]
-            closing[:, column] += np.where(bodies == body, sign * along, 0.0)
-    return closing
+            jacobian[:, column] += np.where(bodies == body, sign * along, 0.0)
+    return jacobian
 
 
 def nominal_reducer(profile: CycloidProfile, output: OutputContacts, crank: float) -> Reducer:
@@ -198,4 +198,4 @@ def nominal_reducer(profile: CycloidProfile, output: OutputContacts, crank: floa
     disk = DiskPose(DISK, profile.eccentricity, eccentric, rotation)
     contacts = joined([_pin_list(pins), output.contacts_of(disk)])
     motions = (f"{DISK}_x", f"{DISK}_y", f"{DISK}_phi", *output.motions_of(disk))
-    return Reducer(crank, pins, (disk,), contacts, motions, _closing(contacts, motions))
+    return Reducer(crank, pins, (disk,), contacts, motions, _contact_jacobian(contacts, motions))

@@ -246,17 +246,17 @@ def _nearest_to_the_centre(rows: Real, limits: Real, tangents: Real, radius: flo
     return None, tangents
 
 
-def _general_ends(closing: Real, gap: Real, radius: float, output: int) -> tuple[Real, Real, float]:
+def _general_ends(jacobian: Real, gap: Real, radius: float, output: int) -> tuple[Real, Real, float]:
     """Poses at the two ends [um, urad] and overlap [um] of one sample, by the general program."""
-    n = closing.shape[1]
+    n = jacobian.shape[1]
     ends = []
     for sense in (1.0, -1.0):
         objective = np.zeros(n)
         objective[output] = sense
-        ends.append(_cut_program(objective, closing, gap, radius))
+        ends.append(_cut_program(objective, jacobian, gap, radius))
     if ends[0] is not None and ends[1] is not None:
         return ends[0], ends[1], 0.0
-    lifted = np.hstack([closing, -np.ones((len(gap), 1))])
+    lifted = np.hstack([jacobian, -np.ones((len(gap), 1))])
     pose = _cut_program(np.append(np.zeros(n), -1.0), lifted, gap, radius)
     if pose is None:
         raise ArithmeticError("no pose of least penetration found")
@@ -274,7 +274,7 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
     """
     plus, minus, overlap = zip(
         *(
-            _general_ends(reducer.closing, UM_PER_MM * one, UM_PER_MM * clearance, reducer.output_motion)
+            _general_ends(reducer.contact_jacobian, UM_PER_MM * one, UM_PER_MM * clearance, reducer.output_motion)
             for one, clearance in zip(gap, bearing_clearance, strict=True)
         ),
         strict=True,

@@ -200,7 +200,7 @@ class Backbone:
         force = self.states.force
         given = [one.gap[:, None] + force @ one.compliance + one.laws.deflection(force) for one in (near, drive)]
         change = np.sum(self._over_torque(force) * (given[0] - given[1]), axis=2)
-        thrust = np.linalg.norm(force @ drive.reducer.closing[:, :2], axis=2)
+        thrust = np.linalg.norm(force @ drive.reducer.contact_jacobian[:, :2], axis=2)
         held = [one.bearing.depth(thrust) + one.bearing_clearance[:, None] for one in (near, drive)]
         twisted = near.twist(self.torque) - drive.twist(self.torque)
         return change + self._over_torque(thrust) * (held[0] - held[1]) + twisted
@@ -215,7 +215,7 @@ def ladder(levels: int, reach: float) -> Real:
 def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     """Poses (n, n_motions) beyond an end of play: each rotation closes a contact that carries ``torque`` [N mm]."""
     reducer = drive.reducer
-    arms = np.abs(reducer.closing[:, reducer.output_motion])
+    arms = np.abs(reducer.contact_jacobian[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
     force = abs(torque) / arms[carrier]
     depth = drive.laws[carrier].deflection(force)[0] + drive.compliance[carrier, carrier] * force
@@ -250,7 +250,7 @@ def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> R
 
     The rotations follow so that the contacts, weighted by their forces (n, n_contacts), stay as deep as they can.
     """
-    planar, rotations = reducer.closing[:, :2], reducer.closing[:, 2:]
+    planar, rotations = reducer.contact_jacobian[:, :2], reducer.contact_jacobian[:, 2:]
     moved = motion.copy()
     fall = motion[:, :2] * (clearance / np.maximum(np.hypot(*motion[:, :2].T), 1e-300))[:, None]
     moved[:, :2] += fall

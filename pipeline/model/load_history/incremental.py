@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.model.compiled import entry, part
 from pipeline.model.equilibrium.newton import OPEN, REGULAR
-from pipeline.model.equilibrium.residual import System, closing_force, law
+from pipeline.model.equilibrium.residual import System, force_at_penetration, law
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.return_mapping import anchor_on, slide
@@ -56,7 +56,7 @@ def _misfits(system, gap, force, q, active, elastic, miss, slope):
 
     Returns the number of active contacts and the relative misfit.
     """
-    closing, compliance = system.closing, system.compliance
+    jacobian, compliance = system.contact_jacobian, system.compliance
     n, n_active = gap.shape[0], 0
     largest, off = 1e-300, 0.0
     elastic[:] = 0.0
@@ -67,7 +67,7 @@ def _misfits(system, gap, force, q, active, elastic, miss, slope):
     for i in range(n):
         depth = -gap[i] - elastic[i]
         for d in range(q.shape[0]):
-            depth += closing[d, i] * q[d]
+            depth += jacobian[d, i] * q[d]
         if force[i] == 0.0:
             if depth <= OPEN:
                 continue
@@ -84,7 +84,7 @@ def _misfits(system, gap, force, q, active, elastic, miss, slope):
         i = active[p]
         if slope[i] < 0.0:  # a new one
             depth = -miss[i]
-            force[i] = closing_force(system, i, depth)
+            force[i] = force_at_penetration(system, i, depth)
             local, slope[i] = law(system, i, force[i])
             miss[i] = local + compliance[i, i] * force[i] - depth
             off = np.inf
@@ -97,23 +97,23 @@ def _add_contacts(system, force, active, columns, miss, slope, balance, scale, m
 
     Returns the largest stiffness of a contact.
     """
-    closing, compliance = system.closing, system.compliance
+    jacobian, compliance = system.contact_jacobian, system.compliance
     n_motions, first = balance.shape[0], matrix.shape[0] - balance.shape[0]
     stiffest = 0.0
     for i in active:
         stiffest = max(stiffest, 1.0 / slope[i])
         p = columns[i]
         for d in range(n_motions):
-            term = closing[d, i] * force[i]
+            term = jacobian[d, i] * force[i]
             balance[d] += term
             scale[d] += abs(term)
             if p >= 0:
-                matrix[p, first + d] = -closing[d, i]
-                matrix[first + d, p] += closing[d, i]
+                matrix[p, first + d] = -jacobian[d, i]
+                matrix[first + d, p] += jacobian[d, i]
             else:
-                right[first + d] += closing[d, i] * miss[i] / slope[i]
+                right[first + d] += jacobian[d, i] * miss[i] / slope[i]
                 for e in range(n_motions):
-                    matrix[first + d, first + e] += closing[d, i] * closing[e, i] / slope[i]
+                    matrix[first + d, first + e] += jacobian[d, i] * jacobian[e, i] / slope[i]
         if p >= 0:
             for other in active:
                 if columns[other] >= 0:
@@ -129,9 +129,9 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
 
     ``drag`` holds the motions where they start by springs of that share of the contacts' stiffness.
     """
-    closing, output = system.closing, system.output
+    jacobian, output = system.contact_jacobian, system.output
     coupled, room, columns, elastic, miss, slope, balance, scale, spring = work
-    n_motions = closing.shape[0]
+    n_motions = jacobian.shape[0]
     residual = np.inf
     start = q.copy()
     for iteration in range(NEWTON_STEPS):
@@ -152,13 +152,13 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
         balance[0] += spring[0]
         balance[1] += spring[1]
         tangent[0, 0], tangent[0, 1], tangent[1, 0], tangent[1, 1] = spring[2], spring[3], spring[3], spring[4]
-        slide(sliders, closing[output], anchor, q, force, balance, scale, below, columns, tangent)
+        slide(sliders, jacobian[output], anchor, q, force, balance, scale, below, columns, tangent)
         stiffest = _add_contacts(system, force, active, columns, miss, slope, balance, scale, matrix, right)
         unbalanced = 0.0
         for d in range(n_motions):
             tangent[d, d] += REGULAR * max(stiffest, system.stiffness)
             if drag > 0.0:
-                widest = np.max(np.abs(closing[d]))
+                widest = np.max(np.abs(jacobian[d]))
                 held = drag * system.stiffness * widest * widest
                 balance[d] += held * (q[d] - start[d])
                 tangent[d, d] += held
@@ -179,7 +179,7 @@ def _equilibrium(torque, gap, system, clearance, sliders, anchor, q, force, drag
             else:
                 change = -miss[i]
                 for d in range(n_motions):
-                    change += closing[d, i] * step[first + d]
+                    change += jacobian[d, i] * step[first + d]
                 change /= slope[i]
             force[i] = max(force[i] + length * change, 0.0)
     return residual
@@ -202,7 +202,7 @@ def _crawl(goal, gap, system, clearance, sliders, anchor, q, force, work):
 @entry
 def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force, q_out, f_out):
     """States of one sample along its history; returns the largest residual. ``nodes`` are the seeds' torques."""
-    n_motions, n = system.closing.shape
+    n_motions, n = system.contact_jacobian.shape
     n_sliders = sliders[1].shape[0]
     coupled = np.zeros(n, np.bool_)
     for i in range(n):
@@ -251,7 +251,7 @@ def _follow(torques, gap, system, clearance, sliders, nodes, seed_q, seed_force,
                 q_out[t:], f_out[t:] = np.nan, np.nan
                 return np.inf
             q[:], force[:] = trial_q, trial_force
-            anchor_on(sliders, system.closing[system.output], anchor, q, force)
+            anchor_on(sliders, system.contact_jacobian[system.output], anchor, q, force)
             worst = max(worst, residual)
             reached = goal
             if share == 1.0:
@@ -286,9 +286,9 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     """
     reducer, laws, bearing = drive.reducer, drive.laws, drive.bearing
     sliders, gap = drive.sliders.acting, drive.gap[state]
-    motion, force = np.empty((len(torques), reducer.closing.shape[1])), np.empty((len(torques), len(gap)))
+    motion, force = np.empty((len(torques), reducer.contact_jacobian.shape[1])), np.empty((len(torques), len(gap)))
     system = System(
-        np.ascontiguousarray(reducer.closing.T),
+        np.ascontiguousarray(reducer.contact_jacobian.T),
         np.ascontiguousarray(drive.compliance),
         *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
         reducer.output_motion,

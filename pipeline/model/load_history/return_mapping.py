@@ -7,18 +7,18 @@ from pipeline.model.compiled import part
 
 
 @part
-def _pressing(contact, output_closing, force):
+def _pressing(contact, output_jacobian, force):
     """What presses on a slider: the force of its contact, or the torque that all of them carry to the output."""
     if contact >= 0:
         return force[contact]
     carried = 0.0
     for i in range(force.shape[0]):
-        carried += output_closing[i] * force[i]
+        carried += output_jacobian[i] * force[i]
     return carried
 
 
 @part
-def slide(sliders, output_closing, anchor, q, force, balance, scale, right_block, columns, tangent):
+def slide(sliders, output_jacobian, anchor, q, force, balance, scale, right_block, columns, tangent):
     """Add the sliders' resistances to the balance and their tangents to the blocks of Newton's matrix.
 
     ``columns`` gives the place of a contact's force among the unknowns, -1 for an open one.
@@ -30,7 +30,7 @@ def slide(sliders, output_closing, anchor, q, force, balance, scale, right_block
         for d in range(n_motions):
             slip += direction[s, d] * q[d]
         i = contact[s]
-        pressed = _pressing(i, output_closing, force) if coefficient[s] > 0.0 else 0.0
+        pressed = _pressing(i, output_jacobian, force) if coefficient[s] > 0.0 else 0.0
         largest = limit[s] + coefficient[s] * abs(pressed)
         resisted = stiffness[s] * slip
         if abs(resisted) > largest:
@@ -44,7 +44,7 @@ def slide(sliders, output_closing, anchor, q, force, balance, scale, right_block
                 for other in range(force.shape[0]):
                     if columns[other] >= 0:
                         for d in range(n_motions):
-                            right_block[d, columns[other]] += grown * output_closing[other] * direction[s, d]
+                            right_block[d, columns[other]] += grown * output_jacobian[other] * direction[s, d]
         else:
             for d in range(n_motions):
                 for e in range(n_motions):
@@ -56,13 +56,13 @@ def slide(sliders, output_closing, anchor, q, force, balance, scale, right_block
 
 
 @part
-def anchor_on(sliders, output_closing, anchor, q, force):
+def anchor_on(sliders, output_jacobian, anchor, q, force):
     """Let the anchors follow where the resistance is at its limit."""
     direction, stiffness, limit, coefficient, contact = sliders
     for s in range(stiffness.shape[0]):
         slip = 0.0
         for d in range(q.shape[0]):
             slip += direction[s, d] * q[d]
-        pressed = _pressing(contact[s], output_closing, force) if coefficient[s] > 0.0 else 0.0
+        pressed = _pressing(contact[s], output_jacobian, force) if coefficient[s] > 0.0 else 0.0
         reach = (limit[s] + coefficient[s] * abs(pressed)) / stiffness[s]
         anchor[s] = min(max(anchor[s], slip - reach), slip + reach)

@@ -73,13 +73,13 @@ def _turn(gap, arm, compliance, pressure, torques, angle, peak):
 def _way(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: Real) -> Real:
     """Angle of the output (n, n_torques) [rad] at ascending torques of one sense, from poses at its end of play."""
     contacts, reducer = drive.reducer.contacts, drive.reducer
-    room = drive.gap - pose @ reducer.closing.T
+    room = drive.gap - pose @ reducer.contact_jacobian.T
     angle = pose[:, [reducer.output_motion]] + drive.torsion * torques
     for part in np.unique(contacts.interface):
         rows = contacts.interface == part
         rows = np.flatnonzero(rows & (np.abs(contacts.arm) > ARM_FLOOR * np.max(np.abs(contacts.arm[rows]))))
-        closing = -contacts.arm[rows]  # d penetration / d rotation
-        chosen = np.ascontiguousarray(room[:, rows]), closing, compliance[rows], drive.laws.pressure[rows]
+        jacobian = -contacts.arm[rows]  # d penetration / d rotation
+        chosen = np.ascontiguousarray(room[:, rows]), jacobian, compliance[rows], drive.laws.pressure[rows]
         _turn(*chosen, torques, angle, peak)
     return np.asarray(angle)
 
