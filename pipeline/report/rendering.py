@@ -2,6 +2,7 @@
 
 import base64
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from pipeline.report.wording import counted, listed, plain
 
+HERE = Path(__file__).parent
 NUMBER_AND_UNIT = re.compile(r"(\d) (%|N m\b|mm\b|µm\b|MPa\b|arcmin\b)")
 """What a line must not break between."""
 
@@ -27,14 +29,22 @@ class Picture:
         return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
 
 
-def rendered(template: str, **values: object) -> str:
-    """A template of this package as one HTML document; numbers do not part from their units."""
+def rendered(template: str | Path, filters: Mapping[str, Callable[..., str]] | None = None, **values: object) -> str:
+    """A template as one HTML document; numbers do not part from their units.
+
+    Parameters
+    ----------
+    template : of this package by its name, or a file elsewhere, which may extend and import those of this package.
+    filters : further filters of the template, by name.
+    values : what the template is filled with.
+    """
+    file = HERE / template
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
+        loader=FileSystemLoader([file.parent, HERE]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"plain": plain, "listed": listed, "counted": counted}
-    return NUMBER_AND_UNIT.sub("\\1\u00a0\\2", environment.get_template(template).render(**values))
+    environment.filters |= {"plain": plain, "listed": listed, "counted": counted, **(filters or {})}
+    return NUMBER_AND_UNIT.sub("\\1\u00a0\\2", environment.get_template(file.name).render(**values))

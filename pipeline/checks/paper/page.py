@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from pipeline.checks.calibrate import Calibration
 from pipeline.checks.paper.refits import BACKLASH, BOTH, ELASTIC_ERROR, ELASTIC_PART, LOST_MOTION, TABLE
@@ -17,12 +16,11 @@ from pipeline.config import Study
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed
 from pipeline.report import inputs
-from pipeline.report.rendering import Picture
-from pipeline.report.wording import NOTHING, plain
+from pipeline.report.rendering import Picture, rendered
+from pipeline.report.wording import NOTHING
 
 METRICS_OF_TABLE = (BACKLASH, LOST_MOTION, RIGIDITY)
 HERE = Path(__file__).parent
-REPORT = HERE.parents[1] / "report"
 
 
 @dataclass(frozen=True)
@@ -60,18 +58,12 @@ class Comparison:
 
 def paper_page(comparison: Comparison) -> str:
     """The comparison as one self-contained HTML document."""
-    environment = Environment(
-        loader=FileSystemLoader([HERE, REPORT]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"plain": plain, "percent": _percent, "significant": _significant, "digits": _digits}
     fit = comparison.table2[~comparison.table2["predicted"].to_numpy(bool)]
     predicted = comparison.table2[comparison.table2["predicted"].to_numpy(bool)]
     study = comparison.study
-    return environment.get_template("paper.html").render(
+    return rendered(
+        HERE / "paper.html",
+        {"percent": _percent, "significant": _significant, "digits": _digits},
         study=study,
         fit_rows=_table_rows(fit),
         predicted_rows=_table_rows(predicted),
