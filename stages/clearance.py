@@ -60,6 +60,12 @@ KINEMATIC = Table(
         SAMPLE,
         CRANK,
         Column("backlash_arcmin", "float64", "arcmin", "rigid backlash; interfering parts contribute 0"),
+        Column(
+            "angle_minus_arcmin", "float64", "arcmin", "output at the negative end of play, from its nominal position"
+        ),
+        Column(
+            "angle_plus_arcmin", "float64", "arcmin", "output from its nominal position, at the positive end of play"
+        ),
         Column("overlap_um", "float64", "um", "least possible largest penetration, 0 if the gaps leave room"),
         Column("preloaded", "bool", "", "whether the gaps of some part interfere"),
     ),
@@ -105,10 +111,10 @@ def rigid_plays(study: Study, sampled: Errors) -> Iterator[tuple[float, Drive, R
         yield crank, drive, rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
 
 
-def rigid_backlash(study: Study, sampled: Errors) -> np.ndarray:
-    """Backlash of rigid bodies (n, n_rigid_angles) [arcmin] of ``n`` units; missing where contacts interfere."""
+def rigid_ends(study: Study, sampled: Errors) -> np.ndarray:
+    """Ends (+, -) of the play of rigid bodies (n, 2, n_rigid_angles) [arcmin]; missing where contacts interfere."""
     plays = (play for _, _, play in rigid_plays(study, sampled))
-    return ARCMIN * np.stack([np.where(play.preloaded, np.nan, play.backlash) for play in plays], axis=1)
+    return ARCMIN * np.stack([np.where(play.preloaded, np.nan, play.ends) for play in plays], axis=2).swapaxes(0, 1)
 
 
 def _solve(study: Study, chunk: Chunk) -> Tables:
@@ -135,6 +141,8 @@ def _solve(study: Study, chunk: Chunk) -> Tables:
             "sample": rows_sample,
             "crank_deg": rows_crank,
             "backlash_arcmin": ARCMIN * np.stack([play.backlash for play in plays], axis=1).ravel(),
+            "angle_minus_arcmin": ARCMIN * np.stack([play.ends[1] for play in plays], axis=1).ravel(),
+            "angle_plus_arcmin": ARCMIN * np.stack([play.ends[0] for play in plays], axis=1).ravel(),
             "overlap_um": UM_PER_MM * np.stack([play.overlap for play in plays], axis=1).ravel(),
             "preloaded": np.stack([play.preloaded for play in plays], axis=1).ravel(),
         },

@@ -6,10 +6,19 @@ from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.sampling import draw_mixed, drawn_units, error_groups
-from stages.clearance import rigid_backlash
+from stages.clearance import rigid_ends
 from stages.hysteresis import HYSTERESIS, Shared, prepare, solved_loops
 from stages.keys import STATUS
-from stages.turn import OVER_TURN, loop_metrics, metric_turns, over_turn_columns, unit_status
+from stages.turn import (
+    OF_TURN,
+    OVER_TURN,
+    loop_metrics,
+    metric_turns,
+    over_turn_columns,
+    turn_columns,
+    turn_readings,
+    unit_status,
+)
 
 SETS = ("base", "other")
 """Labels of the two sets; the units of a further one carry the name of the group that is exchanged."""
@@ -22,6 +31,7 @@ UNITS = Table(
         Column("set", "label", "", "base, other, or the errors that a unit of base has from that of other"),
         Column("base_sample", "int32", "1", "number within the set; units of equal number belong together"),
         *OVER_TURN,
+        *OF_TURN,
         STATUS,
     ),
 )
@@ -36,8 +46,9 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     study = shared.study
     unit = np.arange(chunk.start, chunk.stop) + drawn_units(study)
     sampled = draw_mixed(study, int(unit[0]), int(unit[-1]) + 1)
-    loops, status = solved_loops(shared, sampled)
-    turns = metric_turns(study, loop_metrics(study, loops), rigid_backlash(study, sampled))
+    loops, ends = solved_loops(shared, sampled), rigid_ends(study, sampled)
+    turns = metric_turns(study, loop_metrics(study, loops.columns), ends[:, 0] - ends[:, 1])
+    readings = turn_readings(study, loops.columns, loops.bearing_force, ends)
     kind, base_sample = np.divmod(unit, study.drivers.base_samples)
     return {
         "units": {
@@ -45,7 +56,8 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
             "set": np.array([*SETS, *error_groups(study)], object)[kind],
             "base_sample": base_sample,
             **over_turn_columns(turns),
-            "status": unit_status(status, len(study.cycle.crank_deg)),
+            **turn_columns(readings),
+            "status": unit_status(loops.status, len(study.cycle.crank_deg)),
         }
     }
 

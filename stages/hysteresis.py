@@ -18,9 +18,11 @@ from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.load_history.validity import beyond_limit_share, invalid_metrics
 from pipeline.model.metrics import library
+from pipeline.model.turn.held_torque import bearing_force
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
+from stages.bearings import BEARINGS, bearing_rows
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
 from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
 from stages.sample import errors_of_columns
@@ -286,13 +288,30 @@ def _doubts(invalid: Mapping[str, str]) -> str:
     return "; ".join(f"{reason} ({', '.join(titles)} not valid)" for reason, titles in by_reason.items())
 
 
-def solved_loops(shared: Shared, sampled: Errors) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Columns of the table of loops but for its keys, and the status, of every loop of ``n`` units (n_loops,)."""
-    loops, status = [], []
+@dataclass(frozen=True)
+class SolvedLoops:
+    """Every loop of ``n`` units, the loaded angles of a unit one after the other.
+
+    Attributes
+    ----------
+    columns : of the table of loops but for its keys (n_loops,).
+    status : (n_loops,)
+    bearing_force : (n, 2, n_angles, n_disks) complex [N], of each disk on its input bearing under the torque held.
+    """
+
+    columns: dict[str, np.ndarray]
+    status: np.ndarray
+    bearing_force: np.ndarray
+
+
+def solved_loops(shared: Shared, sampled: Errors) -> SolvedLoops:
+    """Every loop of ``n`` units."""
+    loops, status, thrust = [], [], []
     for solved in solve_samples(shared, sampled):
         loops.append(loop_columns(shared.study, solved))
         status.append(_status(solved))
-    return _by_sample(loops), np.stack(status, axis=1).ravel()
+        thrust.append(bearing_force(solved.drive, solved.response, assembly.definitions(shared.study)))
+    return SolvedLoops(_by_sample(loops), np.stack(status, axis=1).ravel(), np.stack(thrust, axis=2))
 
 
 def _by_sample(loops: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
@@ -306,10 +325,11 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
     keep = study.cycle.keep_contacts
     kept = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
-    loops, status, curves = [], [], []
+    loops, status, thrust, curves = [], [], [], []
     for solved in solve_samples(shared, sampled):
         loops.append(loop_columns(study, solved))
         status.append(_status(solved))
+        thrust.append(bearing_force(solved.drive, solved.response, assembly.definitions(study)))
         if solved.crank_deg in study.cycle.curve_crank_deg:
             curves.append(solved)
     sample, crank = repeated(samples, np.array(study.cycle.crank_deg))
@@ -319,6 +339,7 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
             "crank_deg": crank,
             **_by_sample(loops),
         },
+        "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2)),
         "curves": curve_rows(samples, curves),
         "contacts": contact_rows(samples[kept], [one.of(kept) for one in curves]) if len(kept) else CONTACTS.empty(),
         "status": {"sample": sample, "crank_deg": crank, "status": np.stack(status, axis=1).ravel()},
@@ -350,7 +371,7 @@ HYSTERESIS = Stage(
         "metrics.lost_motion_percent",
         "metrics.rigidity_percent",
     ),
-    tables=(LOOPS, CURVES, CONTACTS, STATUS_TABLE),
+    tables=(LOOPS, BEARINGS, CURVES, CONTACTS, STATUS_TABLE),
     module="stages.hysteresis",
     unit="samples",
     items=lambda job: job.study.samples.rows,

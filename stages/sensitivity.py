@@ -10,6 +10,7 @@ from pipeline.config.study import Study
 from pipeline.engine.stage import Job
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import drawn_units, error_groups, replicates
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, rank_correlation, variance_indices
 
@@ -23,7 +24,7 @@ SENSITIVITY = Table(
     "metric, parameter, kind",
     (
         Column("metric", "label", "", "column of metrics"),
-        Column("over", "label", "", "worst or mean: of each unit over the turn"),
+        Column("over", "label", "", "worst or mean: of each unit over the turn; turn: a metric of the whole turn"),
         Column("parameter", "label", "", "error of a sample, group of errors, or sum: all groups' shares together"),
         Column(
             "kind",
@@ -68,7 +69,7 @@ def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
     """Rank correlations of every metric, each over the samples for which it holds."""
     study: Study = job.study
     everything, rows = _scalars(job, worst.index.to_numpy()), []
-    for metric in library():
+    for metric in (*library(), *turn_library()):
         holding = worst[metric].notna().to_numpy()
         if not holding.any():
             continue
@@ -78,7 +79,7 @@ def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
         indices = rank_correlation(scalars, values, study.metrics.confidence, replicates(study.samples, samples))
         triples = zip(indices.value[:, 0], indices.ci_low[:, 0], indices.ci_high[:, 0], strict=True)
         rows += [
-            _row(metric, "worst", parameter, RANK_CORRELATION, triple, len(samples))
+            _row(metric, "worst" if metric in library() else "turn", parameter, RANK_CORRELATION, triple, len(samples))
             for parameter, triple in zip(indices.parameters, triples, strict=True)
         ]
     return rows
@@ -107,16 +108,15 @@ def _shares(job: Job, units: Columns) -> list[dict]:
     extra, shift = job.read("drivers", "units"), int(study.samples.nominal_first)
     drawn = slice(shift, shift + drawn_units(study))
     rows = []
-    for metric in library():
-        for over in EXPLAINED:
-            column = f"{metric}_{over}"
-            values = np.concatenate([np.asarray(units[column])[drawn], extra[column]])
-            base, other, *mixed = values.reshape(-1, n)
-            indices = variance_indices(base, other, np.array(mixed), study.metrics.confidence)
-            for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):
-                triples = zip(shares.value, shares.ci_low, shares.ci_high, strict=True)
-                rows += [
-                    _row(metric, over, parameter, kind, triple, indices.n)
-                    for parameter, triple in zip((*groups, SUM), triples, strict=True)
-                ]
+    columns = {(metric, over): f"{metric}_{over}" for metric in library() for over in EXPLAINED}
+    for (metric, over), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
+        values = np.concatenate([np.asarray(units[column])[drawn], extra[column]])
+        base, other, *mixed = values.reshape(-1, n)
+        indices = variance_indices(base, other, np.array(mixed), study.metrics.confidence)
+        for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):
+            triples = zip(shares.value, shares.ci_low, shares.ci_high, strict=True)
+            rows += [
+                _row(metric, over, parameter, kind, triple, indices.n)
+                for parameter, triple in zip((*groups, SUM), triples, strict=True)
+            ]
     return rows

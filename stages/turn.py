@@ -9,6 +9,9 @@ from pipeline.assembly import definitions
 from pipeline.config.study import Study
 from pipeline.engine.table import Column
 from pipeline.model.metrics import LoopReadings, library
+from pipeline.model.metrics.turn import TurnReadings, turn_library
+from pipeline.model.turn.held_torque import input_torque
+from pipeline.model.units import NMM_PER_NM
 from stages.clearance import rigid_angles
 from stages.hysteresis import READINGS
 
@@ -20,6 +23,15 @@ OVER_TURN = tuple(
     for over in OVER
 )
 """Columns of a unit's metrics over the turn."""
+OF_TURN = tuple(
+    Column(name, "float64", metric.unit, f"{metric.inline}: one number of the whole turn")
+    for name, metric in turn_library().items()
+)
+"""Columns of a unit's metrics of the turn."""
+READ_AT_HELD_TORQUE = "torsional_rigidity_Nm_per_arcmin"
+"""The metric that is read up to the torque held: where it holds, so do the angle and the forces at that torque."""
+READ_AT_NO_TORQUE = "clearance_backlash_arcmin"
+"""The metric that is read at the ends of the play."""
 
 
 @dataclass(frozen=True)
@@ -72,16 +84,70 @@ def metric_turns(study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash
         values = np.where(np.isnan(values).any(axis=1)[:, None], np.nan, values)
         even = np.full(values.shape[1], True)
         if metric.turn_of_rigid_bodies:
-            loaded, rigid_deg = values, rigid_angles(study)
-            values = rigid_backlash.copy()
-            values[np.isnan(loaded[:, 0])] = np.nan
-            values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded
-            for unit in np.flatnonzero(np.isnan(values).any(axis=1) & ~np.isnan(loaded[:, 0])):
-                gaps = np.isnan(values[unit])
-                values[unit, gaps] = np.interp(rigid_deg[gaps], study.cycle.crank_deg, loaded[unit], period=360.0)
-            even = np.isin(rigid_deg, study.cycle.rigid_crank_deg)
+            values, even = _with_rigid(study, values, rigid_backlash), _rigid_even(study)
         turns[name] = Turn(values, even)
     return turns
+
+
+def _rigid_even(study: Study) -> np.ndarray:
+    """Which of the `rigid_angles` stand evenly over the turn (n_rigid_angles,)."""
+    return np.isin(rigid_angles(study), study.cycle.rigid_crank_deg)
+
+
+def _with_rigid(study: Study, loaded: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+    """Values of elastic bodies (n, n_angles) at the loaded angles, of rigid ones (n, n_rigid_angles) between them.
+
+    Where the ``rigid`` ones are missing, straight from one loaded angle to the next.
+    """
+    rigid_deg, values = rigid_angles(study), rigid.copy()
+    values[np.isnan(loaded[:, 0])] = np.nan
+    values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded
+    for unit in np.flatnonzero(np.isnan(values).any(axis=1) & ~np.isnan(loaded[:, 0])):
+        gaps = np.isnan(values[unit])
+        values[unit, gaps] = np.interp(rigid_deg[gaps], study.cycle.crank_deg, loaded[unit], period=360.0)
+    return values
+
+
+def turn_readings(
+    study: Study, loops: Mapping[str, np.ndarray], bearing_force: np.ndarray, rigid_ends: np.ndarray
+) -> TurnReadings:
+    """What the metrics of a turn are read from, of ``n`` units.
+
+    Parameters
+    ----------
+    loops : columns of the table of loops, the loaded angles of a unit one after the other.
+    bearing_force : (n, 2, n_angles, n_disks) complex [N], as `hysteresis.bearing_forces` has it.
+    rigid_ends : (n, 2, n_rigid_angles) [arcmin], as `clearance.rigid_ends` has it.
+    """
+    angles = np.array(study.cycle.crank_deg)
+    held, free = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
+    missing = np.isnan(held[:, :1, :1, None])
+    cycloid, sense = study.design.cycloid, np.array([1.0, -1.0])[:, None]
+    ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / cycloid.lobes
+    return TurnReadings(
+        loaded_angle=held,
+        free_angle=np.stack([_with_rigid(study, free[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),
+        bearing_force=np.where(missing, np.nan, bearing_force),
+        input_share=input_torque(cycloid.eccentricity_mm, np.radians(angles), bearing_force) / ideal,
+        loaded_even=np.full(len(angles), np.allclose(angles, 360.0 * np.arange(len(angles)) / len(angles))),
+        free_even=_rigid_even(study),
+    )
+
+
+_READ = {("high_plus", "high_minus"): READ_AT_HELD_TORQUE, ("limit_plus", "limit_minus"): READ_AT_NO_TORQUE}
+
+
+def _angles_of(loops: Mapping[str, np.ndarray], readings: tuple[str, str], metric: str, n_angles: int) -> np.ndarray:
+    """Angles (n, 2, n_angles) [arcmin] of two readings of the loops; missing of a unit where some loop has none."""
+    valid = loops["solved"] & loops[library()[metric].valid_column]
+    values = [np.where(valid, loops[READINGS[name].name], np.nan).reshape(-1, n_angles) for name in readings]
+    angle = np.stack(values, axis=1)
+    return np.where(np.isnan(angle).any(axis=(1, 2))[:, None, None], np.nan, angle)
+
+
+def turn_columns(readings: TurnReadings) -> dict[str, np.ndarray]:
+    """Every metric of the turn (n,), by column."""
+    return {name: metric.of(readings) for name, metric in turn_library().items()}
 
 
 def over_turn_columns(turns: Mapping[str, Turn]) -> dict[str, np.ndarray]:

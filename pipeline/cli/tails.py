@@ -54,6 +54,6 @@ def springs(shared: hysteresis.Shared, sampled: Errors) -> list[np.ndarray]:
 
 def at_angles(shared: hysteresis.Shared, sampled: Errors) -> dict[str, np.ndarray]:
     """Every metric of ``n`` units at the loaded angles (n, n_angles); missing where an angle has no result."""
-    loops, _ = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
-    metrics = loop_metrics(shared.study, loops)
+    loops = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
+    metrics = loop_metrics(shared.study, loops.columns)
     return {name: metrics[name].reshape(len(sampled), -1) for name in library()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -14,7 +14,9 @@ from pipeline.config.contact_laws import LawName
 from pipeline.config.design import Design
 from pipeline.config.section import Millimetres, NotNegative, Section
 from pipeline.config.tolerances import Tolerances
+from pipeline.model.metrics import Limited
 from pipeline.model.metrics import library as metric_library
+from pipeline.model.metrics.turn import turn_library
 
 Percent = Annotated[float, Field(gt=0, le=100)]
 
@@ -131,34 +133,33 @@ ALL_LIMITS = "all_limits"
 class _Limits(Section):
     """Limits for the yield, one for each metric: upper ones, or lower ones where the smaller is the worse.
 
-    They hold for the worst, mean or best value `over` the turn.
+    They hold for the worst, mean or best value `over` the turn; those of a metric of the whole turn for its one value.
     """
 
     over: Literal["worst", "mean", "best"] = "worst"
 
     @property
     def of_metrics(self) -> dict[str, float]:
-        """The limits that are set, by metric."""
-        limits = {name: getattr(self, name) for name in metric_library()}
+        """The limits that are set, by metric, those of loops first."""
+        limits = {name: getattr(self, name) for name in (*metric_library(), *turn_library())}
         return {name: limit for name, limit in limits.items() if limit is not None}
 
     def kept(self, values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.bool_]]:
-        """Whether each value (n,) keeps each limit that is set, and `ALL_LIMITS` of them; ``values`` by metric."""
-        kept = {
-            name: metric_library()[name].keeps(np.asarray(values[name]), limit)
-            for name, limit in self.of_metrics.items()
-        }
+        """Whether each value (n,) keeps each limit that is set on one of the ``values``, and `ALL_LIMITS` of them."""
+        metrics: Mapping[str, Limited] = {**metric_library(), **turn_library()}
+        limits = {name: limit for name, limit in self.of_metrics.items() if name in values}
+        kept = {name: metrics[name].keeps(np.asarray(values[name]), limit) for name, limit in limits.items()}
         return {**kept, ALL_LIMITS: np.logical_and.reduce(list(kept.values()))} if kept else {}
 
-    def limited(self, name: str) -> list[str]:
-        """Metrics whose limits a yield of this name counts."""
-        return list(self.of_metrics) if name == ALL_LIMITS else [name]
+    def limited(self, name: str, values: Container[str]) -> list[str]:
+        """Metrics of the ``values`` whose limits a yield of this name counts."""
+        return [metric for metric in self.of_metrics if metric in values] if name == ALL_LIMITS else [name]
 
 
 if TYPE_CHECKING:
     Limits = _Limits
 else:
-    _of_metrics = dict.fromkeys(metric_library(), (NotNegative | None, None))
+    _of_metrics = dict.fromkeys((*metric_library(), *turn_library()), (NotNegative | None, None))
     Limits = create_model("Limits", __base__=_Limits, __doc__=_Limits.__doc__, **_of_metrics)
 
 

@@ -195,7 +195,7 @@ def _sample_rows(a: Run, b: Run) -> list[tuple]:
     rows = [row for metric in library() for row in _metric_rows(pair, metric)]
     kept = [run.study.limits.kept(frame) for run, frame in zip((a, b), frames, strict=True)]
     for name in (name for name in kept[0] if name in kept[1]):
-        limited = [run.study.limits.limited(name) for run in (a, b)]
+        limited = [run.study.limits.limited(name, frame) for run, frame in zip((a, b), frames, strict=True)]
         known = [frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited, strict=True)]
         rows += _yield_rows(pair, name, (kept[0][name], kept[1][name]), (known[0], known[1]))
     return rows

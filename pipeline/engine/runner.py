@@ -3,7 +3,7 @@
 import difflib
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -204,7 +204,14 @@ def _executed(
 
 def _run_whole(stage: Stage, job: Job, work: Work) -> dict[str, int]:
     assert stage.run is not None
-    work.write_whole(parts_of(stage, stage.run(job)))
+    declared, tables = {table.name: table for table in stage.tables}, stage.run(job)
+    blocks = {name: columns for name, columns in tables.items() if isinstance(columns, Iterator)}
+    held = {name: columns for name, columns in tables.items() if not isinstance(columns, Iterator)}
+    whole = parts_of(stage, held | {name: declared[name].empty() for name in blocks if name in declared})
+    work.write_whole({name: part for name, part in whole.items() if name in held})
+    for name, columns in blocks.items():
+        for block in columns:
+            work.write_block(name, declared[name].part(block))
     return {}
 
 

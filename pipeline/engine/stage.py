@@ -3,7 +3,7 @@
 A body takes columns and returns columns. It opens no file of another stage, names no path and starts no process.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ from pipeline.engine.table import Columns, Table
 
 Tables = Mapping[str, Columns]
 """Columns of each table that a body returns, by table name."""
+WholeTables = Mapping[str, Columns | Iterator[Columns]]
+"""Likewise of a body that does its stage in one piece: a table too large to be held comes in blocks of items."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class Stage:
     unit : str
         What the progress line counts.
     run : callable, optional
-        `run(job) -> Tables`, for a stage done in one piece: one file a table.
+        `run(job) -> WholeTables`, for a stage done in one piece: one file a table, or one for each of its blocks.
     items, prepare, solve : callable, optional
         `items(job)`: how many items; `prepare(job)`: once, in the parent, what every chunk shares (picklable);
         `solve(shared, chunk) -> Tables`: rows of the chunk's items, sorted by item. A folder of parts a table.
@@ -135,7 +137,7 @@ class Stage:
     tables: tuple[Table, ...]
     module: str
     unit: str = "rows"
-    run: Callable[[Job], Tables] | None = None
+    run: Callable[[Job], WholeTables] | None = None
     items: Callable[[Job], int] | None = None
     prepare: Callable[[Job], Any] | None = None
     solve: Callable[[Any, Chunk], Tables] | None = None

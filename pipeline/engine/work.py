@@ -60,6 +60,12 @@ class Work:
         """Write each table as one file."""
         self.finished[0] = {"parts": {table: self._write(f"{table}.parquet", part) for table, part in parts.items()}}
 
+    def write_block(self, table: str, part: Part) -> None:
+        """Write a block of a table that is not held as a whole, named by its first item."""
+        start = part.first or 0
+        written = self._write(f"{table}.parquet/part-{start:09d}.parquet", part)
+        self.finished.setdefault(start, {"parts": {}})["parts"][table] = written
+
     def write_chunk(self, start: int, parts: Mapping[str, Part], failed: int) -> None:
         """Write the parts of a chunk, then the note that says it is finished."""
         files = {table: self._write(f"{table}.parquet/part-{start:09d}.parquet", part) for table, part in parts.items()}

@@ -19,7 +19,7 @@ from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 from stages import hysteresis
-from stages.aggregate import convergence_rows
+from stages.convergence import convergence_rows
 from stages.turn import Turn
 
 CONTRACT = {
@@ -362,12 +362,12 @@ def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
         values.setdefault(name, np.ones((4, 12)))
     values["lost_motion_arcmin"][:2] = [[np.nan], [9.0]]
     turns = {name: Turn(values[name], np.full(12, True)) for name in library()}
-    rows = pd.DataFrame(convergence_rows(study, turns, np.full(4, True))).set_index("metric")
+    rows = pd.DataFrame(convergence_rows(study, turns, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
     assert list(rows.loc["lost_motion_arcmin", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["all_limits", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["clearance_backlash_arcmin", "yield"]) == [1.0] * 4
     nothing = {**turns, "lost_motion_arcmin": Turn(np.full((4, 12), np.nan), np.full(12, True))}
-    rows = pd.DataFrame(convergence_rows(study, nothing, np.full(4, True))).set_index("metric")
+    rows = pd.DataFrame(convergence_rows(study, nothing, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
     assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
 
 

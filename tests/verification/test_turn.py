@@ -14,8 +14,8 @@ from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.model.geometry.clearance import gaps
 from pipeline.sampling import draw
-from stages.aggregate import continued
 from stages.chain import STAGES
+from stages.convergence import continued
 
 ROOT = Path(__file__).parents[2]
 HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
@@ -31,15 +31,17 @@ def turned(angles: int) -> Study:
     return parse_study(data, f"turn-{angles}", "turn.toml", lambda design: load_design(design, ROOT))
 
 
-def aggregated(angles: int, runs: Path) -> Output:
-    return run(STAGES, turned(angles), ["aggregate"], runs, Resources(1, 100))["aggregate"]
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> dict[int, dict[str, Output]]:
+    """A run at 31 angles and one at 63."""
+    runs = tmp_path_factory.mktemp("turns")
+    return {angles: run(STAGES, turned(angles), ["aggregate"], runs, Resources(1, 100)) for angles in (31, 63)}
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[int, pd.DataFrame]:
-    """Table of convergence of a run at 31 angles and of one at 63."""
-    runs = tmp_path_factory.mktemp("turns")
-    return {angles: pd.DataFrame(aggregated(angles, runs).read("convergence")) for angles in (31, 63)}
+def tables(outputs: dict[int, dict[str, Output]]) -> dict[int, pd.DataFrame]:
+    """Their tables of convergence."""
+    return {angles: pd.DataFrame(stages["aggregate"].read("convergence")) for angles, stages in outputs.items()}
 
 
 def test_the_worst_of_twice_as_many_angles_is_what_the_run_expects(tables: dict[int, pd.DataFrame]) -> None:
@@ -67,7 +69,7 @@ def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> N
     sampled = draw(study, 0, 3)
     profile, errors = assembly.profile(study.design), assembly.errors(sampled)
     cranks = [360 * k / 181 for k in range(0, 181, 15)]
-    widths = np.zeros((3, len(cranks)))
+    angles = np.zeros((2, 3, len(cranks)))
     for k, crank in enumerate(cranks):
         at = assembly.reducer(study.design, crank)
         gap = 1e3 * gaps(profile, at, errors, **dict(study.clearance))  # um
@@ -77,10 +79,37 @@ def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> N
                 linprog(sense * np.eye(motions.shape[1])[-1], motions, gap[unit], bounds=(None, None)).x[-1]
                 for sense in (-1, 1)
             ]
-            widths[unit, k] = (ends[0] - ends[1]) * 1e-3 * 180 * 60 / np.pi
+            angles[:, unit, k] = np.array(ends) * 1e-3 * 180 * 60 / np.pi
     few = study.model_copy(update={"samples": study.samples.model_copy(update={"count": 2})})
     outputs = run(STAGES, few, ["clearance"], tmp_path, Resources(1, 100))
     kinematic = pd.DataFrame(outputs["clearance"].read("kinematic"))
     for unit in range(3):
-        rows = kinematic[kinematic["sample"] == unit].set_index("crank_deg")["backlash_arcmin"]
-        np.testing.assert_allclose(rows[cranks], widths[unit], rtol=1e-6)
+        rows = kinematic[kinematic["sample"] == unit].set_index("crank_deg").loc[cranks]
+        np.testing.assert_allclose(rows["backlash_arcmin"], angles[0, unit] - angles[1, unit], rtol=1e-6)
+        np.testing.assert_allclose(rows["angle_plus_arcmin"], angles[0, unit], rtol=1e-6)
+        np.testing.assert_allclose(rows["angle_minus_arcmin"], angles[1, unit], rtol=1e-6)
+
+
+def test_the_error_of_a_unit_is_the_range_of_its_output_angle_over_the_turn(
+    outputs: dict[int, dict[str, Output]],
+) -> None:
+    """Peak to peak from the tables of loops and play, its orders by a fit of waves to the table of the error."""
+    aggregate = outputs[31]["aggregate"]
+    units = pd.DataFrame(aggregate.read("units")).set_index("sample")
+    loops = pd.DataFrame(outputs[31]["hysteresis"].read("loops")).groupby("sample")
+    play = pd.DataFrame(outputs[31]["clearance"].read("kinematic")).groupby("sample")
+    loaded = pd.concat([loops[name].agg(np.ptp) for name in ("high_plus_arcmin", "high_minus_arcmin")], axis=1)
+    free = pd.concat([play[name].agg(np.ptp) for name in ("angle_plus_arcmin", "angle_minus_arcmin")], axis=1)
+    np.testing.assert_allclose(units["transmission_error_arcsec"], 60 * loaded.max(axis=1), rtol=1e-12)
+    roomy = ~play["preloaded"].any()
+    assert roomy.sum() > 90
+    np.testing.assert_allclose(
+        units["unloaded_transmission_error_arcsec"][roomy], 60 * free.max(axis=1)[roomy], rtol=1e-9
+    )
+    errors, waves = (pd.DataFrame(aggregate.read(name)) for name in ("transmission", "orders"))
+    of_unit = errors.query("sample == 7 and sense == '-' and torque_Nm == -12")
+    crank = np.radians(of_unit["crank_deg"].to_numpy())
+    columns = [wave(order * crank) for order in range(1, 16) for wave in (np.cos, np.sin)]
+    fit = np.linalg.lstsq(np.column_stack([np.ones(31), *columns]), of_unit["error_arcsec"].to_numpy(), rcond=None)[0]
+    amplitude = waves.query("sample == 7 and sense == '-' and torque_Nm == -12")["amplitude_arcsec"]
+    np.testing.assert_allclose(amplitude, np.hypot(fit[1::2], fit[2::2]), rtol=1e-9)

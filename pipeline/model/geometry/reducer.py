@@ -135,6 +135,12 @@ class Reducer:
         return len(self.pins.arm)
 
     @property
+    def disk_motions(self) -> np.ndarray:
+        """Columns (n_disks, 2) of the disks' translations: the input bearings carry what pushes along them."""
+        along = [k for k, motion in enumerate(self.motions) if motion.startswith("disk") and motion.endswith("_x")]
+        return np.array(along)[:, None] + np.arange(2)
+
+    @property
     def output_motion(self) -> int:
         """Index of the output's rotation among the motions: its torque is the load."""
         return self.motions.index("output_phi")

@@ -51,6 +51,11 @@ class RigidPlay:
     output_motion: int
 
     @property
+    def ends(self) -> Real:
+        """(2, n) [rad] angle of the output from its nominal position at the two ends, + and -."""
+        return np.stack([self.pose_plus[:, self.output_motion], self.pose_minus[:, self.output_motion]])
+
+    @property
     def backlash(self) -> Real:
         """(n,) [rad] angle of the output between the two ends; interfering parts contribute nothing."""
         return self.pose_plus[:, self.output_motion] - self.pose_minus[:, self.output_motion]

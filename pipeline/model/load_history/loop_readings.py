@@ -66,6 +66,16 @@ def curve_readings(
     )
 
 
+def held_states(response: CycleResponse, at: Definitions) -> np.ndarray:
+    """Equilibria (2,) of a drive at plus and minus the higher torque of the rigidity, each held on its way up.
+
+    Their angles are ``high_plus`` and ``high_minus`` of the readings; raises as ``curve_readings``.
+    """
+    branch, torque = np.asarray(BRANCHES)[response.branch], response.torque / NMM_PER_NM
+    levels = (("reloading+", at.rigidity_high), ("loading-", -at.rigidity_high))
+    return response.state[[_level(torque, level, np.flatnonzero(branch == name)) for name, level in levels]]
+
+
 def loop_readings(response: CycleResponse, peak_pressure: Real, at: Definitions) -> LoopReadings:
     """Readings of a drive's loops; ``peak_pressure`` (n,) [MPa]; raises as ``curve_readings``."""
     return curve_readings(

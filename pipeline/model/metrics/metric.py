@@ -74,16 +74,34 @@ class Quantity:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metric(Quantity):
-    """A number read off a loop.
+class Limited(Quantity):
+    """A number that a limit may be set for.
 
     Attributes
     ----------
     name : of its column, with its unit.
     definition : one sentence, with ``{lost_motion}``, ``{rigidity_low}``, ``{rigidity_high}`` for torques [N m].
-    rank : place among the metrics in tables and pages, ascending.
-    value : readings of ``n`` loops and definitions to the metric (n,).
+    rank : place among its like in tables and pages, ascending.
     smaller_is_worse : whether its limit is a lower one.
+    """
+
+    name: str
+    definition: str
+    rank: int
+    smaller_is_worse: bool = False
+
+    def keeps(self, value: Real, limit: float) -> NDArray[np.bool_]:
+        """Whether values (n,) keep a limit; a missing value keeps none."""
+        return value >= limit if self.smaller_is_worse else value <= limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric(Limited):
+    """A number read off a loop.
+
+    Attributes
+    ----------
+    value : readings of ``n`` loops and definitions to the metric (n,).
     headline : whether the page leads with it.
     needs_friction : whether it says nothing new of a loop without friction.
     turn_of_rigid_bodies : whether rigid bodies tell it at crank angles that are not loaded.
@@ -92,11 +110,7 @@ class Metric(Quantity):
     not_negative : whether a value below zero says that friction holds the output within its play.
     """
 
-    name: str
-    definition: str
-    rank: int
     value: Callable[[LoopReadings, Definitions], Real]
-    smaller_is_worse: bool = False
     headline: bool = False
     needs_friction: bool = False
     turn_of_rigid_bodies: bool = False
@@ -108,10 +122,6 @@ class Metric(Quantity):
     def valid_column(self) -> str:
         """Column that says whether the number means what its definition says."""
         return f"{self.name}_valid"
-
-    def keeps(self, value: Real, limit: float) -> NDArray[np.bool_]:
-        """Whether values (n,) keep a limit; a missing value keeps none."""
-        return value >= limit if self.smaller_is_worse else value <= limit
 
     def over_turn(self, values: Real) -> tuple[Real, Real]:
         """The worst and the best (n,) of values (n, n_angles) over the turn; missing where any is missing."""

@@ -1,0 +1,106 @@
+"""What a metric of a whole turn is, what it is read from, and the library of all."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.model.metrics.metric import Limited, Real
+from pipeline.model.registry import declarations
+
+ENTRY_POINTS = "cycloid_turn_metrics"
+"""Group in which an installed package registers metrics of a turn of its own."""
+FEWEST_ANGLES = 8
+"""Crank angles, evenly over the turn, from which a peak to peak says anything of it."""
+
+
+LARGEST_IMBALANCE = 0.05
+"""Share of the input's torque, in the mean over the turn, that may be missing from the forces on its bearings."""
+TURN, BALANCE = "turn", "balance"
+NEEDS = {
+    TURN: f"{FEWEST_ANGLES} crank angles evenly over the turn or more",
+    BALANCE: "forces on the input bearings that balance the torque on the output over the ratio within "
+    f"{100 * LARGEST_IMBALANCE:g} %; a plate that only rotates takes a share of them, one that floats does not",
+}
+"""What metrics of a turn may need, in words."""
+
+
+@dataclass(frozen=True)
+class TurnReadings:
+    """What the metrics of a turn are read from: ``n`` units, both senses of the torque (+, -) on the second axis.
+
+    Attributes
+    ----------
+    loaded_angle : (n, 2, n_angles) [arcmin] of the output under the torque held, from its nominal position; missing
+        where the unit has no result.
+    free_angle : (n, 2, n_rigid_angles) [arcmin] of the output at the end of its play in that sense, likewise.
+    bearing_force : (n, 2, n_angles, n_disks) complex [N], of each disk on the input bearing under the torque held.
+    input_share : (n, 2, n_angles) torque on the input that those forces need, over the output's over the ratio.
+    loaded_even : (n_angles,) which of the loaded angles stand evenly over the turn; none of them where they do not.
+    free_even : (n_rigid_angles,) which angles of the play do.
+    """
+
+    loaded_angle: Real
+    free_angle: Real
+    bearing_force: NDArray[np.complex128]
+    input_share: Real
+    loaded_even: NDArray[np.bool_]
+    free_even: NDArray[np.bool_]
+
+    @property
+    def balanced(self) -> NDArray[np.bool_]:
+        """(n,) whether the forces on the input bearings balance the torque on the output."""
+        return np.all(np.abs(np.mean(self.input_share, axis=2) - 1) <= LARGEST_IMBALANCE, axis=1)
+
+    def thinned(self, stride: int) -> "TurnReadings":
+        """The readings at every so many of the even angles."""
+        loaded = np.flatnonzero(self.loaded_even)[::stride]
+        free = np.flatnonzero(self.free_even)[::stride]
+        return replace(
+            self,
+            loaded_angle=self.loaded_angle[..., loaded],
+            free_angle=self.free_angle[..., free],
+            bearing_force=self.bearing_force[:, :, loaded],
+            input_share=self.input_share[..., loaded],
+            loaded_even=self.loaded_even[loaded],
+            free_even=self.free_even[free],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnMetric(Limited):
+    """One number of a unit over the whole turn, at the torque held: ``{rigidity_high}`` of its definition [N m].
+
+    Attributes
+    ----------
+    value : readings of ``n`` units to the metric (n,); missing where the unit has no result.
+    of_play : whether it is read from the play, at the crank angles of rigid bodies, instead of the loaded ones.
+    needs : what it says nothing without, of ``NEEDS``.
+    """
+
+    value: Callable[[TurnReadings], Real]
+    of_play: bool = False
+    needs: tuple[str, ...] = ()
+
+    def of(self, readings: TurnReadings) -> Real:
+        """The metric (n,) of readings, missing where a unit has not what it needs."""
+        even = readings.free_even if self.of_play else readings.loaded_even
+        if TURN in self.needs and np.count_nonzero(even) < FEWEST_ANGLES:
+            return np.full(len(readings.loaded_angle), np.nan)
+        if BALANCE in self.needs:
+            return np.where(readings.balanced, self.value(readings), np.nan)
+        return self.value(readings)
+
+
+def peak_to_peak(angle: Real) -> Real:
+    """The larger of both senses' peak to peak (n,) [arcsec] of angles (n, 2, n_angles) [arcmin]."""
+    return 60.0 * np.max(np.max(angle, axis=2) - np.min(angle, axis=2), axis=1)
+
+
+@cache
+def turn_library() -> Mapping[str, TurnMetric]:
+    """All metrics of a turn by name, in their order: the files beside this one and registered ``ENTRY_POINTS``."""
+    metrics = declarations("pipeline.model.metrics.turn", "TURN_METRIC", ENTRY_POINTS)
+    return dict(sorted(metrics.items(), key=lambda item: item[1].rank))

@@ -1,0 +1,54 @@
+"""Forces of a drive at one crank angle while a torque is held on its output, in either sense."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.loop_readings import held_states
+from pipeline.model.load_history.response import CycleResponse
+from pipeline.model.metrics import Definitions
+
+
+def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDArray[np.complex128]:
+    """Force of each disk on its input bearing (n, 2, n_disks) complex [N], housing frame, at plus and minus the torque.
+
+    Parameters
+    ----------
+    response : of the drive to a load cycle with the torques of the definitions.
+    at : their higher torque of the rigidity is the one that is held.
+
+    Notes
+    -----
+    The disk is in balance between its contacts and its bearing, so the bearing bears the contacts' resultant on the
+    disk: the penetrations ``contact_jacobian q`` grow against it.
+
+    Raises
+    ------
+    ValueError
+        If the cycle lacks the torque.
+    """
+    force = response.equilibria.force[:, held_states(response, at)]
+    along = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions]
+    resultant = -np.tensordot(force, along, axes=1)
+    return resultant[..., 0] + 1j * resultant[..., 1]
+
+
+def input_torque(eccentricity: float, crank: Real, thrust: NDArray[np.complex128]) -> Real:
+    """Torque on the input (n, 2, n_angles) [N mm] that balances the disks on their eccentrics, equally spaced.
+
+    Parameters
+    ----------
+    eccentricity : [mm]
+    crank : (n_angles,) [rad]
+    thrust : (n, 2, n_angles, n_disks) [N], of the disks on their input bearings.
+
+    Notes
+    -----
+    Without friction it is the torque on the output over the ratio, at every crank angle and whatever the errors: all
+    normals of the pins pass through the pitch point, about which the disk turns. A part of the chain that is guided by
+    nothing real (a plate that only rotates) takes a share of it.
+    """
+    n_disks = thrust.shape[3]
+    eccentric = np.exp(1j * np.add.outer(crank, 2 * np.pi * np.arange(n_disks) / n_disks))
+    return -eccentricity * np.sum(np.imag(np.conj(eccentric) * thrust), axis=3)

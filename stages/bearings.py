@@ -1,0 +1,40 @@
+"""The forces on the input bearings over the turn: their table, its rows, and what is read back from them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.config.study import Study
+from pipeline.engine.table import Column, Columns, Table
+from stages.keys import CRANK, SAMPLE, repeated
+
+BEARINGS = Table(
+    "bearings",
+    "sample, crank, disk, sense of the torque held",
+    (
+        SAMPLE,
+        CRANK,
+        Column("disk", "int32", "1", "disk whose input bearing it is"),
+        Column("torque_Nm", "float64", "N m", "torque held on the output: +- the higher one of the rigidity"),
+        Column("force_x_N", "float64", "N", "force of the disk on its input bearing, housing frame"),
+        Column("force_y_N", "float64", "N", "force of the disk on its input bearing, housing frame"),
+    ),
+)
+
+
+def bearing_rows(study: Study, samples: np.ndarray, thrust: np.ndarray) -> Columns:
+    """Rows of the table of bearings of ``samples`` (n,) with their forces (n, 2, n_angles, n_disks)."""
+    held = assembly.definitions(study).rigidity_high
+    axes = samples, np.array(study.cycle.crank_deg), np.arange(thrust.shape[3]), np.array([held, -held])
+    sample, crank, disk, torque = repeated(*axes)
+    force = np.moveaxis(thrust, 1, 3).ravel()
+    keys = {"sample": sample, "crank_deg": crank, "disk": disk, "torque_Nm": torque}
+    return {**keys, "force_x_N": force.real.copy(), "force_y_N": force.imag.copy()}
+
+
+def bearing_forces(columns: Mapping[str, np.ndarray], n_angles: int) -> np.ndarray:
+    """Forces (n, 2, n_angles, n_disks) complex [N] read back from rows of the table of bearings."""
+    force = columns["force_x_N"] + 1j * columns["force_y_N"]
+    n_disks = int(columns["disk"].max()) + 1
+    return np.moveaxis(force.reshape(-1, n_angles, n_disks, 2), 3, 1)

@@ -1,0 +1,91 @@
+"""How worst values and yields move with the number of crank angles that are looked at."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.study import ALL_LIMITS, Study
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import turn_library
+from stages.clearance import rigid_angles
+from stages.turn import Turn
+
+STRIDES = (8, 4, 2, 1)
+"""Every so many of the crank angles: how the worst value moves as they double."""
+FEWEST_ANGLES = 3
+"""Crank angles that a worst is looked at from at least, to see how it moves."""
+
+CONVERGENCE = Table(
+    "convergence",
+    "metric, number of crank angles",
+    (
+        Column("metric", "label", "", "column of metrics; all_limits: against all limits together"),
+        Column("n_angles", "int32", "1", "crank angles, evenly among those of the run; or twice its own"),
+        Column("worst_mean", "float64", "the metric's", "mean over the samples of the worst over these angles"),
+        Column("yield", "float64", "1", "share of the samples whose worst over these angles keeps the limit"),
+        Column("extrapolated", "bool", "", "whether the run has fewer angles: continued from the rows before"),
+    ),
+)
+
+
+def angles_of_turn(study: Study, stride: int, of_play: bool) -> int:
+    """Crank angles that a metric of the turn rests on, if every so many of the even ones are looked at."""
+    if stride == 1:
+        return len(rigid_angles(study) if of_play else study.cycle.crank_deg)
+    return -(-len(study.cycle.rigid_crank_deg if of_play else study.cycle.crank_deg) // stride)
+
+
+def strides_of(study: Study) -> list[int]:
+    """Strides over the crank angles of a study that leave enough of them, descending to 1."""
+    fewest = min(len(study.cycle.crank_deg), len(study.cycle.rigid_crank_deg))
+    return [stride for stride in STRIDES if stride == 1 or fewest // stride >= FEWEST_ANGLES]
+
+
+def convergence_rows(
+    study: Study, turns: Mapping[str, Turn], of_turn: Mapping[int, Mapping[str, np.ndarray]], counted: np.ndarray
+) -> Columns:
+    """How worst values and yields move with the number of crank angles, and how they would with twice as many.
+
+    Parameters
+    ----------
+    of_turn : metrics of the turn (n,) by name, at every so many of the angles, as `strides_of` has them.
+    counted : (n,) samples of the statistics.
+    """
+    rows: list[dict[str, object]] = []
+    for stride in of_turn:
+        worst = {name: values[counted] for name, values in of_turn[stride].items()}
+        angles = {name: angles_of_turn(study, stride, metric.of_play) for name, metric in turn_library().items()}
+        for name, turn in turns.items():
+            values = turn.values[counted]
+            part = values[:, turn.even][:, ::stride] if stride > 1 else values
+            worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
+        within = study.limits.kept(worst)
+        for name in (*turns, *of_turn[stride], *([ALL_LIMITS] if within else [])):
+            limited = study.limits.limited(name, worst)
+            holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
+            share = float(within[name][holding].mean()) if name in within and holding.any() else np.nan
+            mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan
+            n_angles = angles.get(name, min(angles.values()))
+            rows.append(
+                {"metric": name, "n_angles": n_angles, "worst_mean": mean, "yield": share, "extrapolated": False}
+            )
+    frame = pd.DataFrame(rows)
+    for name, part in frame.groupby("metric", sort=False) if len(of_turn) > 2 else ():
+        doubled = {key: continued(part[key].to_numpy()) for key in ("worst_mean", "yield")}
+        doubled["yield"] = float(np.clip(doubled["yield"], 0.0, 1.0))
+        rows.append({"metric": name, "n_angles": 2 * int(part["n_angles"].iloc[-1]), **doubled, "extrapolated": True})
+    frame = pd.DataFrame(rows)
+    return {name: frame[name].to_numpy() for name in frame}
+
+
+def continued(values: np.ndarray) -> float:
+    """The next of values whose number of crank angles doubles from each to the next.
+
+    The last change goes on at the rate at which the changes shrank, or as large as it was where they did not.
+    """
+    changes = np.diff(values)
+    before, last = changes[-2], changes[-1]
+    rate = min(abs(last / before), 1.0) if before != 0 else 1.0
+    return float(values[-1] + rate * last)

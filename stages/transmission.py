@@ -1,0 +1,89 @@
+"""Tables of the transmission error over the turn and of its orders."""
+
+import numpy as np
+import pandas as pd
+
+from pipeline import assembly
+from pipeline.config.study import Study
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.model.metrics.turn import FEWEST_ANGLES, TurnReadings
+from pipeline.model.turn.orders import orders
+from stages.clearance import rigid_angles
+from stages.keys import CRANK, SAMPLE, labels, repeated
+
+ARCSEC_PER_ARCMIN = 60.0
+SENSES = ("+", "-")
+SENSE = Column("sense", "label", "", "+ or -: of the torque held, or the end of the play")
+TORQUE = Column("torque_Nm", "float64", "N m", "torque held on the output; 0: the end of the play in that sense")
+
+TRANSMISSION = Table(
+    "transmission",
+    "sample, sense, torque, loaded crank",
+    (
+        SAMPLE,
+        SENSE,
+        TORQUE,
+        CRANK,
+        Column("error_arcsec", "float64", "arcsec", "angle of the output less that of the nominal ratio"),
+        Column("bearing_force_N", "float64", "N", "largest force of a disk on its input bearing; null without torque"),
+    ),
+)
+ORDERS = Table(
+    "orders",
+    "sample, sense, torque, order",
+    (
+        SAMPLE,
+        SENSE,
+        TORQUE,
+        Column("order", "float64", "1", "waves of the transmission error per turn of the crank"),
+        Column("amplitude_arcsec", "float64", "arcsec", "amplitude a of a cos(order crank + phase)"),
+        Column("phase_deg", "float64", "deg", "phase, likewise"),
+    ),
+)
+
+
+def transmission_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Columns:
+    """Rows of the table of the transmission error."""
+    held = assembly.definitions(study).rigidity_high
+    at_loaded = np.isin(rigid_angles(study), study.cycle.crank_deg)
+    angle = np.stack([readings.free_angle[..., at_loaded], readings.loaded_angle], axis=2)  # (n, sense, torque, angle)
+    force = np.full(angle.shape, np.nan)
+    force[:, :, 1] = np.max(np.abs(readings.bearing_force), axis=3)
+    sample, sense, share, crank = repeated(samples, np.arange(2), np.array([0.0, 1.0]), np.array(study.cycle.crank_deg))
+    return {
+        "sample": sample,
+        "sense": labels(sense, SENSES),
+        "torque_Nm": held * share * np.where(sense == 0, 1.0, -1.0),
+        "crank_deg": crank,
+        "error_arcsec": ARCSEC_PER_ARCMIN * angle.ravel(),
+        "bearing_force_N": force.ravel(),
+    }
+
+
+def order_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Columns:
+    """Rows of the table of orders: of the play from the angles of rigid bodies, under load from the loaded ones.
+
+    None where the angles are too few or not even.
+    """
+    held, parts = assembly.definitions(study).rigidity_high, [pd.DataFrame(ORDERS.empty())]
+    curves = (
+        (0.0, readings.free_angle[..., readings.free_even], study.cycle.rigid_crank_turns),
+        (held, readings.loaded_angle[..., readings.loaded_even], 1),
+    )
+    for torque, angle, turns in (curve for curve in curves if curve[1].shape[2] >= FEWEST_ANGLES):
+        harmonics = orders(ARCSEC_PER_ARCMIN * angle, turns)
+        sample, sense, order = repeated(samples, np.arange(2), harmonics.order)
+        parts.append(
+            pd.DataFrame(
+                {
+                    "sample": sample,
+                    "sense": labels(sense, SENSES),
+                    "torque_Nm": torque * np.where(sense == 0, 1.0, -1.0),
+                    "order": order,
+                    "amplitude_arcsec": harmonics.amplitude.ravel(),
+                    "phase_deg": np.degrees(harmonics.phase).ravel(),
+                }
+            )
+        )
+    rows = pd.concat(parts).sort_values("sample", kind="stable")
+    return {name: rows[name].array if name == "sense" else rows[name].to_numpy() for name in rows}

@@ -1,0 +1,152 @@
+"""The transmission error and the forces under a torque held, against closed forms and balances."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drives import RATED, small_drive
+from reducers import PAPER, SMALL, errors_of, reducer_at
+
+from pipeline.model.geometry.clearance import gaps
+from pipeline.model.geometry.finite_rotation import exact_disk_play
+from pipeline.model.geometry.rigid_backlash import separated_play
+from pipeline.model.load_history.load_cycle import LoadCycle
+from pipeline.model.load_history.response import respond
+from pipeline.model.metrics import Definitions
+from pipeline.model.metrics.turn import TurnReadings, turn_library
+from pipeline.model.turn.held_torque import bearing_force, input_torque
+from pipeline.model.turn.orders import orders
+
+HELD = Definitions(lost_motion=0.03e-3 * RATED, rigidity_low=0.5e-3 * RATED, rigidity_high=1e-3 * RATED)
+FIRST_ORDER = {"method": "first_order", "disk_reading": "normal", "roller_reading": "diameter"}
+CRANKS = np.linspace(0, 2 * np.pi, 23, endpoint=False)
+
+
+def ends(profile, crank, **errors):
+    at = reducer_at(profile, crank)
+    return separated_play(at, gaps(profile, at, errors_of(profile, at, **errors), **FIRST_ORDER)).ends[:, 0]
+
+
+def held(drive):
+    """Response of a drive to a cycle with the torques of the definitions alone."""
+    return respond(drive, LoadCycle.evenly(RATED, 0, 1.0, (0.03, 0.5, 1.0)))
+
+
+def loaded_angle(drive, share=1.0):
+    """Angle [rad] of the output at plus and minus a share of the rated torque."""
+    response = respond(drive, LoadCycle.evenly(RATED, 0, share, (share,)))
+    levels = [np.flatnonzero(response.torque == sense * share * RATED)[0] for sense in (1, -1)]
+    return response.angle[:, levels]
+
+
+def test_a_rigid_reducer_without_gaps_has_no_error():
+    for crank in CRANKS:
+        at = reducer_at(PAPER, crank)
+        exact = gaps(PAPER, at, errors_of(PAPER, at), method="exact", disk_reading="radial", roller_reading="diameter")
+        assert np.abs(separated_play(at, exact).ends).max() < 1e-9
+
+
+def test_one_displaced_pin_in_a_uniform_gap():
+    """First order: the disk turns until the first of gap/arm, with the displaced pin's gap less its approach."""
+    gap, out, pin = 8e-3, -5e-3, 3  # mm; the pin stands inwards by less than the gap
+    k, ratio = SMALL.shortening, SMALL.lobes
+    for crank in CRANKS:
+        beta = -2 * np.pi * np.arange(SMALL.pins) / SMALL.pins - crank
+        s = np.sqrt(1 + k * k - 2 * k * np.cos(beta))
+        arm = -SMALL.eccentricity * ratio * np.sin(beta) / s
+        room = np.full(SMALL.pins, gap)
+        room[pin] += out * (1 - k * np.cos(beta[pin])) / s[pin]
+        plus = np.min(room[arm < -1e-9] / -arm[arm < -1e-9])
+        minus = -np.min(room[arm > 1e-9] / arm[arm > 1e-9])
+        radial = np.where(np.arange(SMALL.pins) == pin, out, 0.0)
+        found = ends(SMALL, crank, lobe=gap, pin_radial=radial)
+        np.testing.assert_allclose(found, [plus, minus], rtol=1e-9)
+
+
+def test_the_end_of_the_play_by_exact_rotation_of_the_real_flank():
+    rng = np.random.default_rng(5)
+    for crank in CRANKS[::5]:
+        at = reducer_at(SMALL, crank)
+        errors = errors_of(SMALL, at, lobe=8e-3, pin_radial=1e-3 * rng.uniform(-2, 2, SMALL.pins))
+        room = gaps(SMALL, at, errors, method="exact", disk_reading="normal", roller_reading="diameter")
+        exact = np.array(exact_disk_play(SMALL, at, errors, "normal"))
+        np.testing.assert_allclose(separated_play(at, room).ends, exact, rtol=0.01)
+
+
+def test_the_error_of_a_perfect_unit_repeats_with_the_pitch_of_the_pins():
+    angles = []
+    for turn in range(3):
+        drive = small_drive(crank=0.4 + turn * 2 * np.pi / SMALL.pins, scale=0.0, floats=True)
+        angles.append(loaded_angle(replace(drive, compliance=np.zeros_like(drive.compliance))))
+    np.testing.assert_allclose(angles[1:], [angles[0]] * 2, rtol=1e-9)
+    assert np.ptp(loaded_angle(small_drive(crank=0.55, scale=0.0, floats=True)) - angles[0]) > 1e-9
+
+
+def test_the_error_under_a_small_torque_tends_to_the_end_of_the_play():
+    drive = small_drive(4, seed=3)
+    end = separated_play(drive.reducer, drive.gap).ends.T
+    distance = [np.abs(loaded_angle(drive, share) - end).max() for share in (1e-2, 1e-4, 1e-6)]
+    assert distance[0] > 10 * distance[1] > 100 * distance[2]
+    assert distance[2] < 1e-3 * np.abs(end).max()
+
+
+def test_the_bearing_turns_the_crank_with_the_torque_over_the_ratio():
+    """Virtual work: whatever the errors, the disk pushes the crank with the torque over the ratio at every angle."""
+    for crank in CRANKS[::4]:
+        drive = small_drive(3, crank=crank, floats=True, seed=2)
+        thrust = bearing_force(drive, held(drive), HELD)[:, :, None]
+        torque = input_torque(SMALL.eccentricity, np.array([crank]), thrust)[..., 0]
+        np.testing.assert_allclose(torque, np.tile(np.array([1, -1]) * RATED / SMALL.lobes, (3, 1)), rtol=1e-8)
+
+
+def test_a_plate_that_only_rotates_takes_a_share_of_the_work():
+    drive = small_drive(crank=0.7, seed=2)
+    thrust = bearing_force(drive, held(drive), HELD)[:, :, None]
+    share = input_torque(SMALL.eccentricity, np.array([0.7]), thrust)[0, 0, 0] / (RATED / SMALL.lobes)
+    assert share < 0.95
+
+
+def test_forces_of_the_disk_balance():
+    drive = small_drive(3, seed=8)
+    response = held(drive)
+    force = bearing_force(drive, response, HELD)
+    contacts = drive.reducer.contacts
+    step = [np.flatnonzero(response.torque == sense * RATED)[-1] for sense in (1, -1)]
+    states = response.equilibria.force[:, response.state[step]]
+    sign = (contacts.body_b == "disk").astype(float) - (contacts.body_a == "disk")
+    np.testing.assert_allclose(force[..., 0], states @ (sign * contacts.normal), atol=1e-9 * np.abs(force).max())
+
+
+def test_orders_of_known_waves():
+    crank = 2 * np.pi * np.arange(31) / 31
+    error = np.stack([3 + 2 * np.cos(4 * crank + 0.3), 0.5 * np.cos(15 * crank - 1.0)])
+    found = orders(error)
+    np.testing.assert_allclose(found.order, np.arange(1, 16))
+    np.testing.assert_allclose([found.amplitude[0, 3], found.phase[0, 3]], [2, 0.3])
+    np.testing.assert_allclose([found.amplitude[1, 14], found.phase[1, 14]], [0.5, -1.0])
+    assert np.sum(found.amplitude) == pytest.approx(2.5)
+    over_three_turns = orders(np.cos(2 * np.pi * np.arange(33) * 2 / 33)[None], turns=3)
+    assert over_three_turns.order[np.argmax(over_three_turns.amplitude)] == pytest.approx(2 / 3)
+
+
+def readings(loaded, free, force, share=1.0):
+    even = np.ones(np.shape(loaded)[2], bool), np.ones(np.shape(free)[2], bool)
+    return TurnReadings(loaded, free, force, np.full(loaded.shape, share), *even)
+
+
+def test_metrics_of_a_turn_take_the_larger_sense_and_say_nothing_from_few_angles():
+    rng = np.random.default_rng(0)
+    loaded, free = rng.normal(size=(3, 2, 9)), rng.normal(size=(3, 2, 20))
+    force = rng.normal(size=(3, 2, 9, 1)) + 1j
+    values = {name: metric.of(readings(loaded, free, force)) for name, metric in turn_library().items()}
+    np.testing.assert_allclose(values["transmission_error_arcsec"], 60 * np.ptp(loaded, axis=2).max(axis=1))
+    np.testing.assert_allclose(values["unloaded_transmission_error_arcsec"], 60 * np.ptp(free, axis=2).max(axis=1))
+    np.testing.assert_allclose(values["bearing_force_peak_N"], np.abs(force).max(axis=(1, 2, 3)))
+    np.testing.assert_allclose(values["bearing_force_mean_N"], np.abs(force).mean(axis=2).max(axis=(1, 2)))
+    few = {name: metric.of(readings(loaded, free, force).thinned(2)) for name, metric in turn_library().items()}
+    unbalanced = readings(loaded, free, force, share=0.94)
+    assert np.isnan(turn_library()["bearing_force_peak_N"].of(unbalanced)).all()
+    assert np.isnan(few["transmission_error_arcsec"]).all()
+    np.testing.assert_allclose(
+        few["unloaded_transmission_error_arcsec"], 60 * np.ptp(free[..., ::2], axis=2).max(axis=1)
+    )
