@@ -1,5 +1,6 @@
 """A validated design and study as objects of the model: where millimetres of a file become bodies and contacts."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ from pipeline.config.flank import flank_profile
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
-from pipeline.model.contact.line_laws import library as law_library
+from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, nominal_reducer
@@ -77,6 +78,14 @@ def _material(section: MaterialSection, design: Design) -> Material:
     return Material(section.youngs_modulus_MPa, section.poisson_ratio, design.disk.stress)
 
 
+def contact_law(study: Study) -> ContactLaw:
+    """The law that the study names; of a rigid disk, whose mesh holds nothing, that on solid bodies."""
+    law = law_of(study.springs.law, study.springs.stiffness_N_per_mm)
+    if study.reduce.disk == "elastic":
+        return law
+    return replace(law, on_mesh=lambda contact, radius, patch_half_width: law.on_solid(contact, radius))
+
+
 def contact_laws(study: Study, at: Reducer) -> ContactLaws:
     """Laws of every contact of the reducer, pins first.
 
@@ -87,7 +96,7 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
     """
     design, reduce = study.design, study.reduce
     inputs = LawInputs(
-        law=law_library()[study.springs.law],
+        law=contact_law(study),
         materials={name: _material(section, design) for name, section in design.materials.items()},
         disk=_material(design.materials[design.disk.material], design),
         thickness=design.disk.thickness_mm,

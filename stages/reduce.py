@@ -3,6 +3,7 @@
 import json
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +55,8 @@ def _write_mesh(study: Study, disk: ElasticBody, at: Reducer, folder: Path) -> N
 
 def _run(job: Job) -> Tables:
     study: Study = job.study
+    if study.reduce.disk == "rigid":
+        return _rigid(job, study)
     settings = json.dumps(
         {
             "cycloid": study.design.cycloid.model_dump(mode="json"),
@@ -92,6 +95,15 @@ def _run(job: Job) -> Tables:
             ),
             job.path("mesh"),
         )
+    return {"contacts": _contact_rows(study, reducers, matrices)}
+
+
+def _rigid(job: Job, study: Study) -> Tables:
+    """A disk without compliance, and without a mesh to draw."""
+    reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
+    sizes = {crank: len(assembly.disk_contacts(at)) for crank, at in reducers.items()}
+    matrices: dict[str, Any] = {matrix_name(crank): np.zeros((size, size)) for crank, size in sizes.items()}
+    np.savez(job.path(COMPLIANCE_FILE), **matrices)
     return {"contacts": _contact_rows(study, reducers, matrices)}
 
 

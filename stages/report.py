@@ -55,8 +55,10 @@ def _loads(job: Job, samples: list[int]) -> pd.DataFrame:
 def _frames(job: Job) -> Frames:
     study: Study = job.study
     metrics, status = _table(job, "aggregate", "metrics"), _table(job, "hysteresis", "status")
-    with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
-        size = len(mesh["triangles"]), len(mesh["nodes"])
+    size = None
+    if study.reduce.disk == "elastic":
+        with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
+            size = len(mesh["triangles"]), len(mesh["nodes"])
     return Frames(
         study=study,
         metrics=metrics,
@@ -81,6 +83,8 @@ def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
         stem = job.path(f"figures/{drawing.name}")
         save(drawing.figure, stem)
         pictures[drawing.name] = Picture(drawing.title, drawing.caption, stem.with_suffix(".svg").read_bytes())
+    if job.study.reduce.disk == "rigid":
+        return pictures
     for suffix in ("png", "svg"):
         job.path(f"figures/mesh.{suffix}").write_bytes(job.input_path("reduce", f"mesh.{suffix}").read_bytes())
     output = job.study.design.output

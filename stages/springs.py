@@ -136,6 +136,7 @@ SPRINGS = Stage(
         "design.output",
         "design.flank",
         "springs",
+        "reduce.disk",
         "reduce.patch_half_width_mm",
         "reduce.roller_patch_half_width_mm",
         "cycle.crank_deg",

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from pipeline.config.contact_laws import stiffness_problems
 from pipeline.config.design import Design
 from pipeline.config.effects import study_effect_problems
 from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name
@@ -50,6 +51,8 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     if cycle:
         problems += _cycle(cycle, samples, raw)
         problems += _phases(cycle, design)
+    if parts.get("springs"):
+        problems += stiffness_problems(parts["springs"].law, parts["springs"].stiffness_N_per_mm)
     if cycle and metrics:
         problems += _metrics(metrics, cycle)
     if reduce and design:

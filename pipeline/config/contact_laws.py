@@ -1,9 +1,12 @@
-"""The name of a contact law against the library of laws."""
+"""The name of a contact law against the library of laws, and the stiffness that some ask for."""
 
+from collections.abc import Iterator
 from typing import Annotated
 
 from pydantic import AfterValidator
 from pydantic_core import PydanticKnownError
+
+from pipeline.config.section import MISSING, Problem
 
 
 def _known(name: str) -> str:
@@ -15,3 +18,15 @@ def _known(name: str) -> str:
 
 
 LawName = Annotated[str, AfterValidator(_known)]
+
+
+def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Problem]:
+    """A stiffness that the law asks for and is missing, or one that it derives."""
+    from pipeline.model.contact.line_laws import library
+
+    asked = library()[law].of_stiffness is not None
+    if asked and stiffness is None:
+        yield Problem("springs.stiffness_N_per_mm", MISSING, f'law = "{law}" needs the stiffness of a contact')
+    elif stiffness is not None and not asked:
+        allowed = f'law = "{law}" derives it from geometry and material; delete it, or take law = "linear"'
+        yield Problem("springs.stiffness_N_per_mm", stiffness, allowed)

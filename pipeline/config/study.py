@@ -54,9 +54,10 @@ class Clearance(Section):
 
 
 class Springs(Section):
-    """Law of the line contacts, and the length of its tables."""
+    """Law of the line contacts, the stiffness of each where the law is linear, and the length of its tables."""
 
     law: LawName = "hertz"
+    stiffness_N_per_mm: Annotated[float, Field(ge=1, le=1e9)] | None = None
     table_points: Annotated[int, Field(ge=16, le=10**6)] = 200
 
 
@@ -64,9 +65,11 @@ class Reduce(Section):
     """Mesh of the elastic bodies and the patches that carry the contact loads.
 
     `roller_patch_half_width_mm` is that of the output's contacts: on the tongue's faces, or on the walls of the disk's
-    holes, which are then meshed with edges of half of it.
+    holes, which are then meshed with edges of half of it. A disk that is `"rigid"` has no mesh: its contacts are those
+    of solid bodies, as in many published models.
     """
 
+    disk: Literal["elastic", "rigid"] = "elastic"
     flank_edges_per_lobe: Annotated[int, Field(ge=8, le=2000)]
     patch_half_width_mm: Millimetres
     growth: Annotated[float, Field(ge=0.01, le=2)]

@@ -31,7 +31,7 @@ class Frames:
     gaps, curves : of ``clearance`` and ``hysteresis``: the rows of the first samples, all of them or enough for a band.
     loads : ``hysteresis/contacts`` of the drawn samples, as far as they were kept.
     laws : of ``springs``.
-    mesh : number of triangles and of nodes of the disk.
+    mesh : number of triangles and of nodes of the disk; None of a rigid one.
     """
 
     study: Study
@@ -46,7 +46,7 @@ class Frames:
     curves: pd.DataFrame
     loads: pd.DataFrame
     laws: pd.DataFrame
-    mesh: tuple[int, int]
+    mesh: tuple[int, int] | None
 
     @property
     def listed(self) -> bool:

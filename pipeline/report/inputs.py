@@ -12,7 +12,7 @@ from pipeline.config.distributions import Distribution
 from pipeline.config.study import Cycle, Study
 from pipeline.config.tolerances import Tolerances
 from pipeline.figures.labels import PARAMETERS
-from pipeline.model.contact.line_laws import library as law_library
+from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.report.flank import flank_fact
 from pipeline.report.frames import Frames
 from pipeline.report.wording import NOTHING, counted, listed, plain
@@ -151,7 +151,7 @@ def _effects_fact(design: Design) -> str:
 
 def law_fact(study: Study) -> str:
     """The law of the contacts and where it comes from."""
-    law = law_library()[study.springs.law]
+    law = law_of(study.springs.law, study.springs.stiffness_N_per_mm)
     return f"{law.title} ({law.source})"
 
 
@@ -167,16 +167,14 @@ def _crank_angles(cycle: Cycle) -> str:
 def study_facts(frames: Frames) -> list[tuple[str, str]]:
     """The study in numbers."""
     study = frames.study
-    samples, cycle, reduce = study.samples, study.cycle, study.reduce
+    samples, cycle = study.samples, study.cycle
     nominal = ", and the nominal reducer as sample 0" if samples.nominal_first else ""
     experiment = EXPERIMENTS[samples.experiment]
     if samples.replicated:
         experiment += f" in {samples.randomisations} independent randomisations"
     seed = "" if frames.listed else f", seed {samples.seed}"
     top = cycle.torque_fraction * study.design.cycloid.rated_torque_Nm
-    triangles, nodes = frames.mesh
     output = study.design.output
-    on_walls = f", {plain(reduce.roller_patch_half_width_mm)} mm in the holes"
     return [
         ("Samples", f"{counted(samples.count, 'case' if frames.listed else 'sample')}{nominal}"),
         ("Design of experiment", f"{experiment}{seed}"),
@@ -193,13 +191,21 @@ def study_facts(frames: Frames) -> list[tuple[str, str]]:
             f"{output.diameter_readings[study.clearance.roller_reading]}",
         ),
         ("Contacts", law_fact(study)),
-        (
-            "Disk",
-            f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
-            f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm"
-            f"{on_walls if output.holes(study.design.cycloid) else ''}",
-        ),
+        ("Disk", _disk_fact(frames)),
     ]
+
+
+def _disk_fact(frames: Frames) -> str:
+    design, reduce = frames.study.design, frames.study.reduce
+    if frames.mesh is None:
+        return "rigid but for its contacts, which are those of solid bodies"
+    triangles, nodes = frames.mesh
+    on_walls = f", {plain(reduce.roller_patch_half_width_mm)} mm in the holes"
+    return (
+        f"{triangles:,} quadratic triangles, {nodes:,} nodes, {reduce.flank_edges_per_lobe} edges a lobe, "
+        f"pressure patches of half width {plain(reduce.patch_half_width_mm)} mm"
+        f"{on_walls if design.output.holes(design.cycloid) else ''}"
+    )
 
 
 def _name_and_unit(key: str) -> tuple[str, str]:

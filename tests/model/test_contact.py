@@ -16,6 +16,8 @@ from pipeline.model.contact.laws import (
     mesh_compliance,
     meshed_share,
 )
+from pipeline.model.contact.line_laws import library as law_library
+from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 
@@ -247,3 +249,15 @@ def test_records_are_joined_and_taken_apart_in_order():
     np.testing.assert_array_equal(joined.deflection(force)[0], parts)
     assert isinstance(joined[1], ContactLaws)
     np.testing.assert_array_equal(joined[[2, 0]].deflection(force[:, [2, 0]])[0], [parts[2], parts[0]])
+
+
+def test_laws_on_a_solid_body_are_the_compression_between_both_depths():
+    """Johnson 5.57 for the cylinder, 5.6 for the body down to a radius; Palmgren's whole approach; a stated spring."""
+    radius, length, force = 2.0, 3.0, 150.0
+    contact = LineContact(np.array([1.6]), length, STRESS, STRESS)
+    half_width = np.sqrt(4 * force / length * 1.6 / (np.pi * STRESS.modulus / 2))
+    cylinder, body = np.log(4 * radius / half_width) - 0.5, np.log(2 * radius / half_width) - 0.5 * STRESS.lateral
+    solid = {name: law_of(name, 4e4).on_solid(contact, radius).deflection(force)[0] for name in law_library()}
+    assert solid["hertz"] == pytest.approx(2 * force / (np.pi * STRESS.modulus * length) * (cylinder + body), rel=1e-12)
+    assert solid["palmgren"] == pytest.approx(3.84e-5 * force**0.9 / length**0.8, rel=1e-12)
+    assert solid["linear"] == pytest.approx(force / 4e4, rel=1e-12)

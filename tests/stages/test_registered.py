@@ -58,8 +58,9 @@ def linear(contact, compliance):
     zero = np.zeros_like(contact.radius)
     return ContactLaws(zero + compliance, zero, zero, zero + 1, zero + np.inf, contact.pressure_factor)
 LAW = ContactLaw(
-    name="linear", title="linear springs", source="Hooke, 1678",
+    name="hooke", title="linear springs", source="Hooke, 1678",
     on_mesh=lambda contact, radius, patch: linear(contact, 2e-5),
+    on_solid=lambda contact, radius: linear(contact, 2e-5),
     between_flats=lambda sides, radius, depth: linear(sides[0], 3e-5),
 )
 """
@@ -239,11 +240,11 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
 def test_a_contact_law_of_another_package_runs_in_a_study_and_is_told(folder: Path) -> None:
     text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
     study = folder / "springy.toml"
-    study.write_text(text.replace("keep_contacts = [0]", 'keep_contacts = "all"').replace('"hertz"', '"linear"'))
-    with pytest.raises(InputError, match="springs.law = \"linear\"; must be 'hertz' or 'palmgren'"):
+    study.write_text(text.replace("keep_contacts = [0]", 'keep_contacts = "all"').replace('"hertz"', '"hooke"'))
+    with pytest.raises(InputError, match="springs.law = \"hooke\"; must be 'hertz' or 'linear' or 'palmgren'"):
         load_study(study, ROOT)
     laws.cache_clear()
-    install(folder, "springs_of_hooke", LINEAR, "linear = LAW", LAWS)
+    install(folder, "springs_of_hooke", LINEAR, "hooke = LAW", LAWS)
     assert "springs_of_hooke.py" in source_hashes("stages.springs")
     assert "springs_of_hooke.py" not in source_hashes("stages.sample")
     springy = load_study(study, ROOT)

@@ -18,6 +18,7 @@ from pipeline.checks.verify.findings import Check, Finding
 from pipeline.checks.verify.flank import check_flank
 from pipeline.checks.verify.geometry import check_profile
 from pipeline.checks.verify.laws import check_contact_laws
+from pipeline.checks.verify.linear_share import check_linear_share
 from pipeline.checks.verify.play import check_rigid_backlash
 from pipeline.checks.verify.whole import check_calculix, check_unreduced
 from pipeline.config import load_study
@@ -34,6 +35,7 @@ CHECKS: Mapping[str, Check] = {
     "elastic bodies": check_elastic_bodies,
     "contact laws": check_contact_laws,
     "equilibrium": check_equilibrium,
+    "linear springs": check_linear_share,
     "whole reducer, scikit-fem": check_unreduced,
     "whole reducer, CalculiX": check_calculix,
 }

@@ -46,6 +46,11 @@ def _on_mesh(contact: LineContact, radius: float, patch_half_width: float) -> Co
     return hertz_laws(contact, shares, radius)
 
 
+def _on_solid(contact: LineContact, radius: float) -> ContactLaws:
+    shares = [cylinder_share(contact, contact.first, radius), flat_share(contact, contact.second, radius)]
+    return hertz_laws(contact, shares, radius)
+
+
 def _between_flats(sides: tuple[LineContact, LineContact], radius: float, depth: float) -> ContactLaws:
     shares = []
     for side in sides:
@@ -59,5 +64,6 @@ LAW = ContactLaw(
     title="line contact after Hertz",
     source="Johnson, Contact Mechanics, 1985",
     on_mesh=_on_mesh,
+    on_solid=_on_solid,
     between_flats=_between_flats,
 )

@@ -55,5 +55,6 @@ LAW = ContactLaw(
     title="line contact after Palmgren",
     source="Ball and Roller Bearing Engineering, 1959",
     on_mesh=_on_mesh,
+    on_solid=lambda contact, radius: palmgren_laws(contact, 1, 0.0),
     between_flats=lambda sides, radius, depth: palmgren_laws(sides[0], 2, 0.0),
 )

@@ -1,0 +1,61 @@
+"""Check of the share of the pins on equal linear springs, against the closed form of the textbooks."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.checks.specimen import Specimen
+from pipeline.checks.verify.findings import Finding, relative, vanishing
+from pipeline.model.equilibrium.solve import solve
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.units import NMM_PER_NM
+
+STIFFNESS, BEARING = 10.0, 1e12
+"""Of a contact and of the bearing [N/mm]: together they hold the disk's centre to 1e-10 of a deflection."""
+CRANKS_DEG = (0.0, 1.3, 200.0)
+SHARE = 1e-4
+"""Of the rated torque."""
+
+
+def textbook_forces(specimen: Specimen, at: Reducer, torque: float) -> Real:
+    """F_max sin(phi)/S of the pins of the loaded half, F_max = T/(e Z sum of sin^2/S^2).
+
+    Source: the classic share of cycloid drives; its sum tends to N/4, so that F_max tends to 4 T/(e Z N).
+    """
+    profile = specimen.profile
+    k, phi = profile.shortening, profile.pin_angle() - at.crank
+    arm = np.sin(phi) / np.sqrt(1 + k * k - 2 * k * np.cos(phi))
+    loaded = np.maximum(arm, 0.0)
+    return torque / (profile.eccentricity * profile.lobes * np.sum(loaded**2)) * loaded
+
+
+def check_linear_share(specimen: Specimen) -> Iterator[Finding]:
+    """Linear springs: rigid disk, no gaps, equal springs, stiff bearing: forces as the arms of the loaded pins."""
+    torque = SHARE * NMM_PER_NM * specimen.study.design.cycloid.rated_torque_Nm
+    linear = specimen.study.springs.model_copy(update={"law": "linear", "stiffness_N_per_mm": STIFFNESS})
+    rigid = specimen.study.reduce.model_copy(update={"disk": "rigid"})
+    study = specimen.study.model_copy(update={"springs": linear, "reduce": rigid})
+    computed, expected, moment, shifted = [], [], [], []
+    for crank in CRANKS_DEG:
+        at = assembly.reducer(study.design, crank)
+        n = len(at.contacts)
+        no_gaps, start = np.zeros((1, n)), np.zeros((1, len(at.motions)))
+        solid, laws = np.zeros((n, n)), assembly.contact_laws(study, at)
+        states = solve(at, Bearing(BEARING, 1.0), laws, solid, no_gaps, np.zeros(1), start, np.array([torque]))
+        computed.append(states.force[0, 0, : at.n_pins])
+        expected.append(textbook_forces(specimen, at, torque))
+        moment.append(abs(computed[-1] @ at.pins.arm))
+        shifted.append(states.motion[0, 0, :2] * STIFFNESS / np.max(computed[-1]))
+    limit = 4 * torque / (specimen.profile.eccentricity * specimen.profile.lobes * specimen.profile.pins)
+    largest = np.max(expected)
+    yield relative(
+        "pin forces of equal linear springs, with the largest added",
+        largest + np.array(expected),
+        largest + np.array(computed),
+        1e-9,
+    )
+    yield relative("largest of these springs against 4 T/(e Z N)", limit, np.max(computed), 0.05)
+    yield relative("moment of these forces about the disk's centre against the torque [N mm]", torque, moment, 1e-9)
+    yield vanishing("shift of the disk over the deflection of a spring", shifted, 1e-9)
