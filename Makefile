@@ -57,7 +57,7 @@ test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest
 
 attack: $(VENV)/installed  ## run what make test runs in part at full size: 500 random designs, 3 million rows
-	$(VENV)/bin/python -m pytest -n 0 -s -m attack
+	$(VENV)/bin/python -m pytest -n 0 -s -m attack -o faulthandler_timeout=7200
 
 lint: $(VENV)/installed  ## check style and the direction of imports
 	$(VENV)/bin/ruff check .
