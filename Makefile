@@ -12,7 +12,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test attack lint types docs identify population blind \
+.PHONY: help setup study $(STAGES) why test attack lint types docs identify changed population blind \
 	bench paper calibrate verify coverage tails flank compare check licences clean-runs
 
 help:  ## list the targets
@@ -45,6 +45,10 @@ compare: $(VENV)/installed  ## hold two studies against each other: make compare
 
 identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
 	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)
+
+changed: $(VENV)/installed  ## say what changed between two measurements of one drive: make changed A=before B=after
+	$(PIPELINE) changed --before $(or $(A),$(error say which units: make changed A=<folder> B=<folder>)) \
+		--after $(or $(B),$(error say which units: make changed A=<folder> B=<folder>))
 
 population: $(VENV)/installed  ## hold many measured units against a study: make population UNITS=units.csv STUDY=paper
 	$(PIPELINE) population --units $(or $(UNITS),$(error say which units: make population UNITS=<file>)) --study $(STUDY) \

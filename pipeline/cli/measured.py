@@ -12,6 +12,8 @@ from pipeline.cli import settings
 from pipeline.config import Study, load_study
 from pipeline.engine.runner import run
 from pipeline.errors import InputError
+from pipeline.identification.change import results as change_results
+from pipeline.identification.change.results import answer
 from pipeline.identification.identify import FaultyUnit, identify_measured
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -19,6 +21,7 @@ from pipeline.identification.results import write as results
 from pipeline.population import results as population_results
 from pipeline.population.comparison import compared, load_population
 from pipeline.population.tolerance_shift import closing, read_population_run
+from pipeline.report.unit.change import write_change_page
 from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
 from stages.chain import STAGES
@@ -48,6 +51,20 @@ def identify_unit(options: argparse.Namespace) -> None:
     print(f"{identification.verdict.verdict}: {identification.statement.sentence}")
     if identification.statement.advice:
         print(identification.statement.advice)
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def compare_states(options: argparse.Namespace) -> None:
+    """Say what changed between two measurements of one drive."""
+    before, after = (
+        Measurement.read(load_measured_unit(name, settings.ROOT)) for name in (options.before, options.after)
+    )
+    print("\n".join([*before.summary, *after.summary]), flush=True)
+    found = answer(before, after)
+    folder = settings.RUNS / "changed" / f"{before.unit.name}-{after.unit.name}"
+    change_results.write(found, folder)
+    write_change_page(found, folder, settings.shown(folder))
+    print("\n".join(filter(None, [f"{found.found.verdict}: {found.sentence}", found.pattern_sentence, found.advice])))
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 

@@ -94,6 +94,12 @@ def _measured(command: Commands) -> None:
     naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
     _where(naming)
 
+    changing = command("changed", "measured.compare_states", "say what changed between two measurements of one drive")
+    for state in ("before", "after"):
+        changing.add_argument(
+            f"--{state}", required=True, help="folder with a unit.toml, or the name of one, as for identify"
+        )
+
     comparing = command(
         "population", "measured.compare_population", "hold many measured units against the distributions of a study"
     )

@@ -55,7 +55,7 @@ def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dic
         name: tuple(value.tolist()) if np.ndim(value := getattr(made.dimensions, name)[0]) else float(value)
         for name in DIMENSIONS
     }
-    known = replace(unit, study=made.unit.study, dimensions=Case(label="true", **listed))
+    known = replace(unit, designed=made.unit.study, dimensions=Case(label="true", **listed))
     nominal = made.reducer.truth.design.disk.thickness_mm / made.unit.study.design.disk.thickness_mm
 
     def softened(study: Study, cranks: Sequence[float]) -> list[Real]:

@@ -143,7 +143,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], seen: T
     nominal = first_states(drives((1.0,) * ranges.shape[1]))
 
     def trained_on(training: Truth) -> Problem:
-        data = _data(measurement, training)
+        data = data_of(measurement, training)
         modes, limit = _modes(unit, nominal, plain, data.noise)
         return Problem(
             data=data,
@@ -219,7 +219,8 @@ def _within(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
     return np.array(found)
 
 
-def _data(measurement: Measurement, training: Truth) -> Data:
+def data_of(measurement: Measurement, training: Truth) -> Data:
+    """The cells of a measurement with their noise, which is that of the training cells (n_cells,)."""
     unit, blocks = measurement.unit, measurement.branches
     cells, noise = measurement.cells, measurement.noise_of(training)
     resolution = (unit.settings.instrument.angle_resolution_arcmin or 0.0) / np.sqrt(12)

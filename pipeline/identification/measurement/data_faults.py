@@ -154,12 +154,12 @@ def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
 
 
 def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
-    rated = unit.study.design.cycloid.rated_torque_Nm
     resolution = unit.settings.instrument.angle_resolution_arcmin
-    found = [implausible_torque(rows.torque[good], rated)]
+    found = [implausible_torque(rows.torque[good], unit.rated_torque_Nm)]
     loops = [good & (rows.position == position) for position in np.unique(rows.position[good])]
     span = float(max(np.ptp(rows.angle[loop]) for loop in loops))
-    limit = largest_span(unit.study.design, float(np.max(np.abs(rows.torque[good]))))
+    top = float(np.max(np.abs(rows.torque[good])))
+    limit = largest_span(unit.study.design, top) if unit.designed else np.inf
     column = unit.settings.columns.angle_arcmin
     found.append(implausible_angle(span, resolution, limit, column.unit))
     if all(columns_exchanged(rows.torque[loop], rows.angle[loop]) for loop in loops):

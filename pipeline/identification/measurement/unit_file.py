@@ -14,7 +14,7 @@ from pipeline.config.cases import Case, case_problems
 from pipeline.config.design import Design
 from pipeline.config.messages import problems_of
 from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
-from pipeline.config.section import Positive, Problem, Section, nearest_name
+from pipeline.config.section import MISSING, Positive, Problem, Section, nearest_name
 from pipeline.errors import InputError
 
 T = TypeVar("T")
@@ -153,16 +153,24 @@ class HeldOut(Section):
     train: tuple[float, ...] = ()
 
 
+class Generic(Section):
+    """A drive of which no design is known: input turns per turn of the output, and the torque that it is rated for."""
+
+    ratio: Annotated[float, Field(ge=1)]
+    rated_torque_Nm: Positive
+
+
 class UnitSettings(Section):
-    """A file unit.toml."""
+    """A file unit.toml: of a drive with a design, its study and dimensions, or of a ``generic`` one."""
 
     title: Text
     source: str = ""
-    design: Text
-    study: Text
+    design: Text | None = None
+    study: Text | None = None
+    generic: Generic | None = None
     locked: Literal["input", "output"]
     offset: Literal["per_position", "common"]
-    as_measured: Text
+    as_measured: Text | None = None
     instrument: Instrument = Instrument()
     environment: Environment = Environment()
     held_out: HeldOut = HeldOut()
@@ -179,7 +187,8 @@ class UnitFile:
     name : of the folder.
     folder : where unit.toml stands.
     settings : what unit.toml says.
-    study : the study that it names, with the unit's design: tolerances (the prior), mesh, laws, metrics.
+    designed : the study that it names, with the unit's design: tolerances (the prior), mesh, laws, metrics; None of a
+        generic drive.
     dimensions : as-measured deviations [um]; None where unknown.
     files : the data files in the order of reading; `path` of each is relative to `folder`.
     """
@@ -187,9 +196,27 @@ class UnitFile:
     name: str
     folder: Path
     settings: UnitSettings
-    study: Study
+    designed: Study | None
     dimensions: Case | None
     files: tuple[DataFile, ...]
+
+    @property
+    def study(self) -> Study:
+        """The study of a unit that has a design.
+
+        Raises
+        ------
+        InputError : the drive is generic.
+        """
+        if self.designed is None:
+            raise InputError(f"{self.name}/unit.toml: a generic drive has no design; name one, and its study")
+        return self.designed
+
+    @property
+    def rated_torque_Nm(self) -> float:
+        """Torque that the drive is rated for."""
+        generic = self.settings.generic
+        return generic.rated_torque_Nm if generic else self.study.design.cycloid.rated_torque_Nm
 
 
 def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
@@ -210,19 +237,21 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     raw = with_tuples(read_toml(path))
     problems, parts = validated(UnitSettings, raw)
     lines: list[str] = []
-    design = _collected(lines, lambda: load_design(_nearby(parts["design"], path.parent), root), "design" in parts)
+    problems += _drive_problems(raw)
+    design = _collected(
+        lines, lambda: load_design(_nearby(parts["design"], path.parent), root), bool(parts.get("design"))
+    )
     study = _collected(
         lines,
         lambda: _study_of(parts["study"], parts["design"], design, path, root),
-        design is not None and "study" in parts,
+        design is not None and bool(parts.get("study")),
     )
-    measured = parts.get("as_measured", UNKNOWN)
+    measured = parts.get("as_measured") or UNKNOWN
     dimensions = _collected(lines, lambda: _dimensions(path.parent, measured, file, design), measured != UNKNOWN)
     files = parts.get("files") or tuple(DataFile(path=name) for name in _csv_names(path.parent))
     problems += _file_problems(files, path.parent) if "files" in parts or "files" not in raw else []
     problems += _held_out_problems(parts)
     raise_if(problems, file, lines)
-    assert study is not None  # else there are problems
     return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
 
 
@@ -287,6 +316,19 @@ def _file_problems(files: tuple[DataFile, ...], folder: Path) -> list[Problem]:
         if file.separator == file.decimal:
             found.append(Problem(f"files[{number}].decimal", file.decimal, "must differ from the separator"))
     return found
+
+
+def _drive_problems(raw: Mapping[str, Any]) -> list[Problem]:
+    """A drive has a design with all that belongs to it, or is generic."""
+    keys = ("design", "study", "as_measured")
+    if "generic" in raw:
+        return [
+            Problem(key, raw[key], "a drive with [generic] has none; leave out one of both")
+            for key in keys
+            if key in raw
+        ]
+    advice = "add it, or [generic] with ratio and rated_torque_Nm for a drive without a design"
+    return [Problem(key, MISSING, advice) for key in keys if key not in raw]
 
 
 def _held_out_problems(parts: Mapping[str, Any]) -> list[Problem]:

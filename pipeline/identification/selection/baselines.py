@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from pipeline.identification.fitting.problem import Data
+from pipeline.identification.generic import play_and_friction as play_model
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -22,11 +22,6 @@ Offsets = Callable[[Real, Truth, Real], Real]
 
 DEGREE = 5
 """Of the polynomial of a branch."""
-CROSSING = 0.02
-"""Share of the largest torque over which the play is crossed."""
-LARGEST_FRICTION, LARGEST_SHARE = 0.5, 0.5
-"""Bounds of the constant friction, in largest torques, and of the friction in proportion to the load."""
-STARTS = ((0.02, 0.02), (0.1, 0.1))
 
 
 @dataclass(frozen=True)
@@ -92,31 +87,10 @@ def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
 
 
 def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
-    """Play, spring that softens, constant friction and friction in proportion to the load (n_cells,) [arcmin].
-
-    Notes
-    -----
-    Friction keeps part of the torque: what the spring carries follows the torque T as a play operator of half-width
-    Tc + mu |T|, cell by cell in time. The angle is b/2 sign(Tn) + c Tn + d Tn |Tn| of the carried Tn; b, c and d follow
-    by linear least squares from each Tc and mu.
-    """
+    """Play, spring that softens, constant friction and friction in proportion to the load (n_cells,) [arcmin]."""
     top = float(np.max(np.abs(data.torque)))
-    dummies, root, angle = _dummies(data), _root(data, training), _weighted(data, training)
-
-    def columns(unknowns: Real) -> Real:
-        net = _carried(data, unknowns[0] * top, unknowns[1])
-        crossing = 0.5 * np.clip(net / (CROSSING * top), -1, 1)
-        return np.column_stack([crossing, net, net * np.abs(net)])
-
-    def fitted(unknowns: Real) -> tuple[Real, Real]:
-        design = np.column_stack([columns(unknowns), dummies])[training] * root
-        amounts, *_ = np.linalg.lstsq(design, angle, rcond=None)
-        return np.asarray(amounts, float), np.asarray(design @ amounts - angle, float)
-
-    bounds = ([0.0, 0.0], [LARGEST_FRICTION, LARGEST_SHARE])
-    fits = [least_squares(lambda at: fitted(at)[1], start, bounds=bounds, diff_step=1e-3) for start in STARTS]
-    best = min(fits, key=lambda fit: fit.cost).x
-    return columns(best) @ fitted(best)[0][:3]
+    cells = play_model.Cells(data.position, data.group, data.torque, data.angle, data.sigma, top)
+    return play_model.fitted(cells, training).angle(data.torque, data.position, top)
 
 
 METHODS: Mapping[str, Callable[[Data, Cycles, Truth], Real]] = {
@@ -124,18 +98,6 @@ METHODS: Mapping[str, Callable[[Data, Cycles, Truth], Real]] = {
     "play, Coulomb and load friction, softening spring": play_and_friction,
     "polynomial for each branch": polynomials,
 }
-
-
-def _carried(data: Data, friction: float, share: float) -> Real:
-    """Torque (n_cells,) [N m] that the spring carries behind friction, from no torque at each position's start."""
-    out, torque, position = np.empty(len(data)), data.torque.tolist(), data.position.tolist()
-    carried, last = 0.0, -1
-    for k, (load, number) in enumerate(zip(torque, position, strict=True)):
-        carried = 0.0 if number != last else carried
-        half = friction + share * abs(load)
-        carried, last = min(max(carried, load - half), load + half), number
-        out[k] = carried
-    return out
 
 
 def _branch_columns(data: Data, cycles: Cycles, training: Truth) -> tuple[Real, Whole]:

@@ -221,7 +221,8 @@ def digits(value: float | None, figures: int = 3) -> str:
     return text.replace("-", "\u2212")
 
 
-def _interval(low: float | None, high: float | None) -> str:
+def interval(low: float | None, high: float | None) -> str:
+    """Two ends; empty without one of them."""
     ends = digits(low), digits(high)
     return "" if NOTHING in ends else f"{ends[0]} to {ends[1]}"
 
@@ -245,7 +246,7 @@ def _parameter(one: Mapping[str, Any]) -> dict[str, str]:
         "effect": _sentence(effect.title),
         "meaning": parameter.meaning,
         "value": digits(one["value"]),
-        "interval": _interval(one["ci_low"], one["ci_high"]) or "none",
+        "interval": interval(one["ci_low"], one["ci_high"]) or "none",
         "unit": _unit(one["unit"]),
         "note": one["note"],
     }
@@ -282,7 +283,7 @@ def _numbers(name: str, parameters: str) -> str:
 def _signature(one: Any) -> dict[str, Any]:
     return {
         "value": digits(one.value),
-        "interval": one.why_not or _interval(one.ci_low, one.ci_high),
+        "interval": one.why_not or interval(one.ci_low, one.ci_high),
         "strong": one.significant,
     }
 
@@ -337,7 +338,7 @@ def _data_facts(found: Identification) -> list[tuple[str, str]]:
         ("Branches and cells", ", ".join(counts)),
         ("Held out", "what unit.toml names" if chosen else f"whole {by}, each predicted by a fit to the others"),
         *(
-            (title, f"{digits(one.value)} arcmin, interval {_interval(one.ci_low, one.ci_high) or 'not determined'}")
+            (title, f"{digits(one.value)} arcmin, interval {interval(one.ci_low, one.ci_high) or 'not determined'}")
             for title, one in errors
         ),
         ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),

@@ -1,0 +1,1 @@
+"""Two measurements of one drive against each other: what has changed between them."""

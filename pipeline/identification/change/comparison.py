@@ -1,0 +1,268 @@
+"""What changed between two states of a drive.
+
+Both are described by one model, fitted to them together: play, friction, a spring that softens. Only the difference of
+the two measured curves is explained: what the model misses in both, at the same position, sense and torque, is shared
+and drops out. A change is estimated at each position, and judged by positions that it was not estimated at; the scatter
+from position to position holds what mounting the drive again changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from pipeline.identification.change.kinds import KINDS, Kind
+from pipeline.identification.change.pairing import Pair
+from pipeline.identification.generic.play_and_friction import Cells, PlayAndFriction, fitted
+
+Real = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+USEFUL = 0.9
+"""Held-out error, in that of no change, above which a change is of no use."""
+TRIED = 2 * len(KINDS)
+"""Tests of a pair: each kind with all others equal, and with all others free."""
+FEWEST_POSITIONS = 3
+"""Positions below which the scatter of remounting is not known."""
+REACH = 2.0
+"""Largest change that is looked for, in scales of its kind."""
+EQUAL, FREE = "equal", "free"
+CHANGED, INDICATED, NOTHING = "changed", "indicated", "no change shown"
+
+
+@dataclass(frozen=True)
+class Model:
+    """The drive of one position, fitted to both states together, and the largest torque of both."""
+
+    drive: PlayAndFriction
+    pair: Pair
+    top: float
+
+    @classmethod
+    def of(cls, pair: Pair) -> Model:
+        """The fit of a position."""
+        torque = np.concatenate([pair.before_torque, pair.torque])
+        state = np.repeat([0, 1], [len(pair.before_torque), len(pair.torque)])
+        angle, sigma = (
+            np.concatenate([pair.before_angle, pair.angle]),
+            np.concatenate([pair.before_sigma, pair.sigma]),
+        )
+        top = float(np.max(np.abs(torque)))
+        cells = Cells(state, state, torque, angle, sigma, top)
+        return cls(fitted(cells, np.ones(len(torque), bool), with_zero=True), pair, top)
+
+    def scale(self, kind: Kind) -> float:
+        """Size of a change of a kind that is large."""
+        span = float(np.ptp(self.pair.angle))
+        return {"play": span, "friction": 0.5 * self.top, "compliance": 1.0, "torque_zero": 0.5 * self.top}[kind.name]
+
+    def change(self, by: Mapping[Kind, float]) -> Real:
+        """Difference (n_cells,) [arcmin] of the second state's curve that changes make."""
+        drive = self.drive
+        for kind, amount in by.items():
+            drive = kind.put(drive, amount)
+        rest = np.zeros(len(self.pair.torque), np.int64)
+        return drive.angle(self.pair.torque, rest, self.top) - self.drive.angle(self.pair.torque, rest, self.top)
+
+    def error(self, by: Mapping[Kind, float]) -> float:
+        """Rms (in noise) of what changes leave of the measured difference."""
+        return float(np.sqrt(np.mean(self.pair.rest(self.change(by)) ** 2)))
+
+    def estimated(self, kinds: Sequence[Kind], given: Mapping[Kind, float] | None = None) -> dict[Kind, float]:
+        """Changes of these kinds that explain the measured difference best, beside ``given`` ones."""
+        scales, fixed = [self.scale(kind) for kind in kinds], given or {}
+
+        def by(shares: Sequence[float]) -> dict[Kind, float]:
+            return {**fixed, **{kind: x * size for kind, x, size in zip(kinds, shares, scales, strict=True)}}
+
+        found = least_squares(
+            lambda shares: self.pair.rest(self.change(by(shares))),
+            np.zeros(len(kinds)),
+            bounds=(-REACH, REACH),
+            diff_step=2e-3,
+            x_scale=0.1,
+            loss="soft_l1",
+            f_scale=max(self.error(fixed), 1.0),
+        )
+        return by(found.x.tolist())
+
+    def mounted(self, kinds: Sequence[Kind], given: Mapping[Kind, float]) -> Mapping[Kind, float]:
+        """A given change with what mounting changed beside it: these kinds, fitted to the position."""
+        return self.estimated(kinds, given) if kinds else given
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change, or several, as all positions see it.
+
+    Attributes
+    ----------
+    kinds : what changes.
+    by_position : (n_positions, n_kinds)
+    mean, low, high : (n_kinds,) with the 95 % interval of the scatter over positions; NaN with too few of them.
+    p : (n_kinds,) of no change, each kind by itself.
+    without, held_out : at each position what is put into the drive: nothing, and the mean change of the others; with
+        what mounting may have changed beside it, fitted there.
+    models : of the positions.
+    others : whether all other kinds are "equal" in both states, or "free" at each position.
+    """
+
+    kinds: tuple[Kind, ...]
+    by_position: Real
+    mean: Real
+    low: Real
+    high: Real
+    p: Real
+    without: tuple[Mapping[Kind, float], ...]
+    held_out: tuple[Mapping[Kind, float], ...]
+    models: Sequence[Model]
+    others: str
+
+    @cached_property
+    def nothing(self) -> Real:
+        """Rms (n_positions,) in noise of what is left without the change."""
+        return np.array([model.error(by) for model, by in zip(self.models, self.without, strict=True)])
+
+    @cached_property
+    def error(self) -> Real:
+        """The same with the change that the other positions say."""
+        return np.array([model.error(by) for model, by in zip(self.models, self.held_out, strict=True)])
+
+    @property
+    def gain(self) -> float:
+        """Held-out rms of all positions, in that without the change."""
+        return _rms(self.error) / _rms(self.nothing)
+
+    @property
+    def useful(self) -> bool:
+        """Whether what it says of positions that it has not seen is better than no change."""
+        return self.gain <= USEFUL
+
+    def sure(self, tried: int = 1) -> bool:
+        """Whether no interval reaches zero, for the choice among ``tried`` kinds."""
+        return bool(np.all(tried * self.p < 1 - CONFIDENCE))
+
+    @property
+    def words(self) -> str:
+        """What is said of it."""
+        return " and ".join(kind.grows if m > 0 else kind.falls for kind, m in zip(self.kinds, self.mean, strict=True))
+
+
+def judged(
+    models: Sequence[Model], kinds: tuple[Kind, ...], mounted: tuple[Kind, ...] = (), known: Real | None = None
+) -> Change:
+    """A change of some kinds over all positions.
+
+    Parameters
+    ----------
+    mounted : kinds that are fitted to each position beside it.
+    known : (n_positions, n_kinds) estimates, if there are any already.
+    """
+    estimates = known
+    if estimates is None:
+        estimates = np.array([[model.estimated(kinds)[kind] for kind in kinds] for model in models])
+    n, mean = len(models), estimates.mean(axis=0)
+    low = high = p = np.full(len(kinds), np.nan)
+    if n >= FEWEST_POSITIONS:
+        spread = np.maximum(estimates.std(axis=0, ddof=1) / np.sqrt(n), 1e-12)
+        reach = student.ppf(0.5 + CONFIDENCE / 2, n - 1) * spread
+        low, high, p = mean - reach, mean + reach, 2 * student.sf(np.abs(mean) / spread, n - 1)
+    without, held_out = [], []
+    for model, alone in zip(models, estimates, strict=True):
+        others = (estimates.sum(axis=0) - alone) / (n - 1) if n > 1 else alone
+        without.append(model.mounted(mounted, {}))
+        held_out.append(model.mounted(mounted, dict(zip(kinds, others.tolist(), strict=True))))
+    return Change(
+        kinds, estimates, mean, low, high, p, tuple(without), tuple(held_out), models, FREE if mounted else EQUAL
+    )
+
+
+def _beside_mounting(models: Sequence[Model]) -> tuple[Change, ...]:
+    """Each kind of change, all others as mounting makes them differ."""
+    by_kind = [model.estimated(KINDS) for model in models]
+    estimates = np.array([[found[kind] for kind in KINDS] for found in by_kind])
+    return tuple(
+        judged(models, (kind,), tuple(other for other in KINDS if other is not kind), estimates[:, k : k + 1])
+        for k, kind in enumerate(KINDS)
+    )
+
+
+def _joined(models: Sequence[Model], changes: Sequence[Change]) -> tuple[Change, ...]:
+    """Changes as one, all kinds beside them as mounting makes them differ; nothing of none."""
+    if len(changes) < 2:
+        return tuple(changes)
+    kinds = tuple(kind for change in changes for kind in change.kinds)
+    rest = tuple(kind for kind in KINDS if kind not in kinds)
+    return (judged(models, kinds, rest, np.hstack([change.by_position for change in changes])),)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What is said of two states.
+
+    Attributes
+    ----------
+    models : of each position.
+    singles : every kind of change alone, all others equal in both states.
+    beside : every kind, all others as mounting makes them differ; nothing with too few positions.
+    named : what changed, the best description first; several where it is one of them.
+    verdict : changed, indicated, no change shown.
+    nothing : rms in noise of the difference at each position (n_positions,).
+    """
+
+    models: tuple[Model, ...]
+    singles: tuple[Change, ...]
+    beside: tuple[Change, ...]
+    named: tuple[Change, ...]
+    verdict: str
+    nothing: Real
+
+    @property
+    def best(self) -> Change:
+        """What is named, else the single change that says most of positions that it has not seen."""
+        return self.named[0] if self.named else min(self.singles, key=lambda change: change.gain)
+
+
+def compared(found: Sequence[Pair]) -> Comparison:
+    """What changed between the states of some positions.
+
+    Notes
+    -----
+    All kinds are fitted to each position together, since mounting scatters each: those are named whose intervals do not
+    reach zero, all tests counted (Bonferroni), and that help where the others are free to differ. Where these loops do
+    not part the kinds none does; then each is tried alone, and every one that is sure by itself is named, unless the
+    best is better at 95 % over the positions. ``changed``: sure with all tests counted. ``indicated``: by itself.
+    """
+    models = tuple(Model.of(pair) for pair in found)
+    singles = tuple(judged(models, (kind,)) for kind in KINDS)
+    nothing = np.array([model.error({}) for model in models])
+    if len(models) < FEWEST_POSITIONS:
+        return Comparison(models, singles, (), (), NOTHING, nothing)
+    beside = _beside_mounting(models)
+    parted = [change for change in beside if change.useful and change.sure(TRIED)]
+    named = _joined(models, parted) or _likeliest(singles)
+    sure = all(change.sure(TRIED) for change in named)
+    return Comparison(models, singles, beside, named, NOTHING if not named else CHANGED if sure else INDICATED, nothing)
+
+
+def _likeliest(singles: Sequence[Change]) -> tuple[Change, ...]:
+    """Single changes that are sure, the best first, without those that it is better than."""
+    changes = sorted((change for change in singles if change.useful and change.sure()), key=lambda change: change.gain)
+    return tuple(change for change in changes if not _behind(change, changes[0]))
+
+
+def _behind(change: Change, best: Change) -> bool:
+    """Whether the held-out errors of a change are larger than those of the best, at 95 % over the positions."""
+    gap = change.error**2 - best.error**2
+    spread = max(float(gap.std(ddof=1)) / np.sqrt(len(gap)), 1e-12)
+    return bool(gap.mean() / spread > student.ppf(CONFIDENCE, len(gap) - 1))
+
+
+def _rms(values: Real) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,141 @@
+"""Cells of two measurements of one drive that answer each other: same position, sense of loading, start and torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.identification.fitting.build import data_of
+from pipeline.identification.fitting.problem import Data
+from pipeline.identification.measurement.branches import ALIKE
+from pipeline.identification.measurement.measurement import Measurement
+
+Real = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class State:
+    """A measurement with its cells; ``start`` (n_blocks,) is the torque at which each branch starts [N m]."""
+
+    measurement: Measurement
+    data: Data
+    start: Real
+
+    @classmethod
+    def of(cls, measurement: Measurement) -> State:
+        """The state of a measurement without fatal faults."""
+        start = measurement.rows.coordinate[measurement.branches.start]
+        return cls(measurement, data_of(measurement, np.ones(len(measurement.cells), bool)), start)
+
+    def cells_at(self, crank: float) -> Numbers:
+        """Cells at a crank angle, in time order."""
+        return np.flatnonzero(self.measurement.rows.cranks[self.data.position] == crank)
+
+    def repeated(self, cells: Numbers) -> Numbers:
+        """Blocks among cells of a position, but for the first, whose start nobody knows."""
+        return np.unique(self.data.block[cells])[1:]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A position in both states.
+
+    Attributes
+    ----------
+    crank_deg : of the position.
+    torque, sigma : (n_cells,) [N m], [arcmin] of the second state's cells, in time order.
+    cycle, direction : (n_cells,) of them.
+    difference : (n_cells,) [arcmin] second state less mean of the first at the same sense, start and torque; NaN where
+        the first has no counterpart.
+    before_torque, before_angle, before_sigma : (n_before,) of the first state's cells.
+    angle : (n_cells,) [arcmin] of the second state.
+    """
+
+    crank_deg: float
+    torque: Real
+    angle: Real
+    sigma: Real
+    cycle: NDArray[np.int64]
+    direction: NDArray[np.int64]
+    difference: Real
+    before_torque: Real
+    before_angle: Real
+    before_sigma: Real
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Cells (n_cells,) with a counterpart."""
+        return np.isfinite(self.difference)
+
+    def rest(self, explained: Real) -> Real:
+        """What a change explains of the difference subtracted (n_known,), in noise, offset removed."""
+        left, weight = (self.difference - explained)[self.known], 1 / self.sigma[self.known]
+        return (left - np.average(left, weights=weight**2)) * weight
+
+
+def pairs(before: State, after: State) -> tuple[Pair, ...]:
+    """Positions that both states have.
+
+    Raises
+    ------
+    InputError : no crank angle, or no branch, is in both.
+    """
+    of_each = [state.measurement.rows.cranks for state in (before, after)]
+    shared = sorted(set(of_each[0].tolist()) & set(of_each[1].tolist()))
+    names = [state.measurement.unit.name for state in (before, after)]
+    if not shared:
+        shown = " and ".join(
+            f"{name} {', '.join(f'{c:g}' for c in own)}" for name, own in zip(names, of_each, strict=True)
+        )
+        raise InputError(f"no crank angle was measured in both: {shown} deg; measure the same positions")
+    found = tuple(_pair(before, after, crank) for crank in shared)
+    usable = tuple(pair for pair in found if pair.known.sum() > 2)
+    if not usable:
+        raise InputError(f"no branch of {names[1]} starts and runs as one of {names[0]}; measure the same loops")
+    return usable
+
+
+def difference(before: State, old: Numbers, after: State, new: Numbers) -> Real:
+    """Angle [arcmin] of cells of the second state less that of their counterparts among cells of the first (n_new,)."""
+    torque, angle = after.data.torque[new], after.data.angle[new]
+    out = np.full(len(new), np.nan)
+    for block in after.repeated(new):
+        inside = after.data.block[new] == block
+        out[inside] = angle[inside] - _counterpart(before, old, after, int(block), torque[inside])
+    return out
+
+
+def _pair(before: State, after: State, crank: float) -> Pair:
+    old, new = before.cells_at(crank), after.cells_at(crank)
+    cells = after.measurement.cells
+    return Pair(
+        crank,
+        after.data.torque[new],
+        after.data.angle[new],
+        after.data.sigma[new],
+        cells.cycle[new],
+        cells.direction[new],
+        difference(before, old, after, new),
+        before.data.torque[old],
+        before.data.angle[old],
+        before.data.sigma[old],
+    )
+
+
+def _counterpart(before: State, old: Numbers, after: State, block: int, torque: Real) -> Real:
+    """Mean angle (n,) [arcmin] at torques of those branches of the first state that are as a block of the second."""
+    sense, span = after.measurement.branches.direction[block], np.ptp(before.data.torque[old])
+    total, count = np.zeros(len(torque)), np.zeros(len(torque))
+    for number in before.repeated(old):
+        far = abs(before.start[number] - after.start[block]) > ALIKE * span
+        if far or before.measurement.branches.direction[number] != sense:
+            continue
+        branch = old[before.data.block[old] == number]
+        branch = branch[np.argsort(before.data.torque[branch])]
+        angle = np.interp(torque, before.data.torque[branch], before.data.angle[branch], np.nan, np.nan)
+        total, count = total + np.nan_to_num(angle), count + np.isfinite(angle)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,0 +1,68 @@
+"""Whether the positions of a drive kept what is their own between two states: a new assembly shuffles it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.change.pairing import State, difference
+
+Real = NDArray[np.float64]
+
+MOST_EXACT = 6
+"""Positions up to which every pairing is tried."""
+PAIRINGS = 999
+SEED = 12
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The pairing of equal positions among all pairings of the positions of two states.
+
+    Attributes
+    ----------
+    p : share of pairings that agree at least as well; NaN with fewer than three positions.
+    pairings : number of pairings that were tried.
+    distance : (n, n) mean square difference [arcmin^2] of the second state at a position (row) from the first at
+        another (column), offsets removed.
+    """
+
+    p: float
+    pairings: int
+    distance: Real
+
+    @property
+    def kept(self) -> bool:
+        """Whether equal positions agree better than any other pairing, or than 95 % of them."""
+        return self.p <= max(1 / self.pairings, 0.05) + 1e-12
+
+
+def pattern(before: State, after: State, cranks: Sequence[float]) -> Pattern:
+    """The pattern over crank angles that both states have.
+
+    Notes
+    -----
+    A permutation test: what all positions have in common is in every pairing alike (Good, Permutation, Parametric and
+    Bootstrap Tests of Hypotheses (2005)). Of more than six positions a sample of the pairings is taken.
+    """
+    n = len(cranks)
+    distance = np.array([[_distance(before, old, after, new) for old in cranks] for new in cranks])
+    if n < 3 or not np.all(np.isfinite(distance)):
+        return Pattern(float("nan"), 1, distance)
+    if n <= MOST_EXACT:
+        tried = np.array(list(permutations(range(n))))
+    else:
+        rng = np.random.default_rng(SEED)
+        tried = np.array([np.arange(n), *(rng.permutation(n) for _ in range(PAIRINGS))])
+    sums = distance[np.arange(n), tried].sum(axis=1)
+    return Pattern(float(np.mean(sums <= np.trace(distance) * (1 + 1e-12))), len(tried), distance)
+
+
+def _distance(before: State, old: float, after: State, new: float) -> float:
+    apart = difference(before, before.cells_at(old), after, after.cells_at(new))
+    apart = apart[np.isfinite(apart)]
+    return float(np.var(apart)) if apart.size else float("nan")

@@ -1,0 +1,264 @@
+"""What a comparison of two measurements leaves behind: its sentence, verdict.json and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.errors import InputError
+from pipeline.identification.change.comparison import FEWEST_POSITIONS, INDICATED, Change, Comparison, compared
+from pipeline.identification.change.pairing import State, pairs
+from pipeline.identification.change.pattern import Pattern, pattern
+from pipeline.identification.measurement.measurement import Measurement
+
+VERDICT_FILE = "verdict.json"
+CHANGES = Table(
+    "changes",
+    "kind of change, with all others equal and with all others free",
+    (
+        Column("kind", "label", "", "name"),
+        Column("others", "label", "", "equal in both states, or free at each position, as mounting makes them differ"),
+        Column("title", "label", "", "of the number that differs"),
+        Column("unit", "label", "", "of change and interval"),
+        Column("change", "float64", "see unit", "mean over the positions, second state less first"),
+        Column("ci_low", "float64", "see unit", "lower end of the 95 % interval over positions; null: too few of them"),
+        Column("ci_high", "float64", "see unit", "upper end"),
+        Column("p", "float64", "1", "of no change, this kind by itself"),
+        Column("held_out_share", "float64", "1", "held-out rms of the difference, in that of no change"),
+        Column("named", "bool", "", "whether the verdict names it"),
+    ),
+)
+POSITIONS = Table(
+    "positions",
+    "kind of change at a crank position, with all others equal and with all others free",
+    (
+        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("kind", "label", "", "name"),
+        Column("others", "label", "", "equal or free"),
+        Column("change", "float64", "see changes", "estimated at this position alone"),
+        Column("without_floors", "float64", "1", "rms of the difference without the change, in noise"),
+        Column("held_out_floors", "float64", "1", "the same with the mean change of the other positions"),
+    ),
+)
+DIFFERENCE = Table(
+    "difference",
+    "cell of the second state that has a counterpart in the first",
+    (
+        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("cycle", "int32", "1", "load cycle of the second state"),
+        Column("direction", "int32", "1", "+1 where the torque rises, -1 where it falls"),
+        Column("torque_Nm", "float64", "N m", "mean torque of the rows"),
+        Column("sigma_arcmin", "float64", "arcmin", "noise of the cell"),
+        Column("difference_arcmin", "float64", "arcmin", "angle of the second state less the first, offset removed"),
+        Column("without_arcmin", "float64", "arcmin", "what mounting may have changed, fitted without the change"),
+        Column("held_out_arcmin", "float64", "arcmin", "the change of the other positions, mounting fitted beside it"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Two measurements of a drive and what is said of them.
+
+    Attributes
+    ----------
+    before, after : states.
+    found : comparison over the positions of both.
+    positions : whether they kept their pattern.
+    """
+
+    before: State
+    after: State
+    found: Comparison
+    positions: Pattern
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        named, many = self.found.named, len(self.found.models)
+        if not named:
+            return f"No change is shown: {self._nothing(many)}"
+        texts = [f"{change.words} ({_numbers(change)})" for change in named]
+        removed = 100 * (1 - named[0].gain)
+        by_chance = " Each interval is of 95 % by itself: of pairs without a change one in seven has one."
+        return (
+            f"{'Indicated' if self.found.verdict == INDICATED else 'Shown'}: {', or '.join(texts)}; this removes "
+            f"{removed:.0f} % of the difference at positions that it was not estimated at."
+            f"{by_chance if self.found.verdict == INDICATED else ''}"
+        )
+
+    def _nothing(self, many: int) -> str:
+        floors = float(np.sqrt(np.mean(self.found.nothing**2)))
+        differ = f"the curves differ by {floors:.1f} noise floors"
+        if many < FEWEST_POSITIONS:
+            return (
+                f"{differ} at {many} position{'s' * (many > 1)}, and what mounting the drive again changes by itself "
+                f"is known only from {FEWEST_POSITIONS} positions on."
+            )
+        return f"{differ}, and nothing that is alike at all {many} positions explains a tenth of it."
+
+    @property
+    def pattern_sentence(self) -> str:
+        """Whether the positions kept what is their own."""
+        share = self.positions
+        if not math.isfinite(share.p):
+            return f"Whether positions kept their pattern takes {FEWEST_POSITIONS} of them in both measurements."
+        rank = f"of {share.pairings} pairings of the positions {100 * share.p:.0f} % agree as well as the true one"
+        if share.kept:
+            return f"The positions kept their pattern: {rank}."
+        return (
+            f"It is not shown that the positions kept their pattern ({rank}): a new assembly shuffles it, and so does "
+            "a mounting that does not return."
+        )
+
+    @property
+    def advice(self) -> str:
+        """What to measure next."""
+        if len(self.found.models) < FEWEST_POSITIONS:
+            return f"Measure {FEWEST_POSITIONS} or more crank positions in both states."
+        kinds = [kind for change in self.found.named for kind in change.kinds]
+        if len(self.found.named) > 1:
+            return "; ".join(f"{kind.title}: {kind.told_apart_by}" for kind in dict.fromkeys(kinds)) + "."
+        if self.found.verdict == INDICATED or not kinds:
+            return (
+                "More crank positions: the interval narrows with their number. Mounted again without any change "
+                "they show what mounting alone does."
+            )
+        return ""
+
+
+def answer(before: Measurement, after: Measurement) -> Answer:
+    """What changed between two measurements of one drive.
+
+    Raises
+    ------
+    InputError : a measurement has a fatal fault, or the two have nothing in common.
+    """
+    faults = [
+        f"{measurement.unit.name}: {fault.line}" for measurement in (before, after) for fault in measurement.fatal
+    ]
+    ends = [measurement.unit.settings.locked for measurement in (before, after)]
+    if ends[0] != ends[1]:
+        faults.append(f'locked = "{ends[0]}" and "{ends[1]}"; two measurements are compared with one end locked')
+    if faults:
+        raise InputError(faults)
+    states = State.of(before), State.of(after)
+    found = pairs(*states)
+    return Answer(*states, compared(found), pattern(*states, [pair.crank_deg for pair in found]))
+
+
+def write(of: Answer, folder: Path) -> None:
+    """Write tables and, last, the verdict into ``folder``."""
+    for table, columns in (
+        (CHANGES, change_rows(of.found)),
+        (POSITIONS, position_rows(of.found)),
+        (DIFFERENCE, difference_rows(of.found)),
+    ):
+        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+    write_json(folder / VERDICT_FILE, _verdict(of))
+
+
+def _verdict(of: Answer) -> dict[str, Any]:
+    found = of.found
+    return {
+        "before": of.before.measurement.unit.name,
+        "after": of.after.measurement.unit.name,
+        "verdict": found.verdict,
+        "sentence": of.sentence,
+        "pattern": of.pattern_sentence,
+        "pattern_p": of.positions.p if math.isfinite(of.positions.p) else None,
+        "advice": of.advice,
+        "named": [
+            {
+                "words": change.words,
+                "held_out_share": change.gain,
+                "kinds": {
+                    kind.name: {"change": mean, "unit": kind.unit, "ci_low": low, "ci_high": high, "p": p}
+                    for kind, mean, low, high, p in zip(
+                        change.kinds,
+                        *(x.tolist() for x in (change.mean, change.low, change.high, change.p)),
+                        strict=True,
+                    )
+                },
+            }
+            for change in found.named
+        ],
+        "positions_deg": [model.pair.crank_deg for model in found.models],
+        "drives": [asdict(model.drive) for model in found.models],
+        "data_faults": {
+            state.measurement.unit.name: [asdict(fault) for fault in state.measurement.faults]
+            for state in (of.before, of.after)
+        },
+    }
+
+
+def change_rows(found: Comparison) -> Columns:
+    """Columns of `CHANGES`."""
+    named = {(kind.name, change.others) for change in found.named for kind in change.kinds}
+    changes = [*found.singles, *found.beside]
+    kinds = [change.kinds[0] for change in changes]
+    return {
+        "kind": [kind.name for kind in kinds],
+        "others": [change.others for change in changes],
+        "title": [kind.title for kind in kinds],
+        "unit": [kind.unit for kind in kinds],
+        "change": np.array([change.mean[0] for change in changes]),
+        "ci_low": np.array([change.low[0] for change in changes]),
+        "ci_high": np.array([change.high[0] for change in changes]),
+        "p": np.array([change.p[0] for change in changes]),
+        "held_out_share": np.array([change.gain for change in changes]),
+        "named": np.array([(change.kinds[0].name, change.others) in named for change in changes]),
+    }
+
+
+def position_rows(found: Comparison) -> Columns:
+    """Columns of `POSITIONS`."""
+    changes = [*found.singles, *found.beside]
+    n = len(found.models)
+    return {
+        "crank_deg": np.tile([model.pair.crank_deg for model in found.models], len(changes)),
+        "kind": [change.kinds[0].name for change in changes for _ in range(n)],
+        "others": [change.others for change in changes for _ in range(n)],
+        "change": np.concatenate([change.by_position[:, 0] for change in changes]),
+        "without_floors": np.concatenate([change.nothing for change in changes]),
+        "held_out_floors": np.concatenate([change.error for change in changes]),
+    }
+
+
+def difference_rows(found: Comparison) -> Columns:
+    """Columns of `DIFFERENCE`, with what the best change says of each position from the others."""
+    parts: list[Mapping[str, Any]] = []
+    best = found.best
+    for model, without, held_out in zip(found.models, best.without, best.held_out, strict=True):
+        pair, cells = model.pair, model.pair.known
+        weight = 1 / pair.sigma[cells] ** 2
+        curves = {"difference": pair.difference, "without": model.change(without), "held_out": model.change(held_out)}
+        parts.append(
+            {
+                "crank_deg": np.full(int(cells.sum()), pair.crank_deg),
+                "cycle": pair.cycle[cells],
+                "direction": pair.direction[cells],
+                "torque_Nm": pair.torque[cells],
+                "sigma_arcmin": pair.sigma[cells],
+                **{
+                    f"{name}_arcmin": curve[cells] - np.average(curve[cells], weights=weight)
+                    for name, curve in curves.items()
+                },
+            }
+        )
+    return {column.name: np.concatenate([part[column.name] for part in parts]) for column in DIFFERENCE.columns}
+
+
+def _numbers(change: Change) -> str:
+    parts = []
+    for kind, mean, low, high in zip(change.kinds, change.mean, change.low, change.high, strict=True):
+        scale, unit = (100, "%") if kind.unit == "1" else (1, kind.unit)
+        parts.append(f"{scale * mean:+.3g} {unit}, {scale * low:.3g} to {scale * high:.3g}")
+    return "; ".join(parts)

@@ -1,0 +1,1 @@
+"""Drives of which no design is known: play, friction and a spring."""

@@ -1,0 +1,85 @@
+"""The page on what changed between two measurements of one drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.engine.store import read_json, write_atomic
+from pipeline.figures.change import changes_figure, difference_figure
+from pipeline.figures.style import save
+from pipeline.identification.change.results import VERDICT_FILE, Answer
+from pipeline.report.rendering import Picture, rendered
+from pipeline.report.unit.page import digits, interval
+
+TEMPLATE = "unit/change.html"
+CAPTIONS = {
+    "difference": (
+        "Difference of the two measurements",
+        "Dots: angle after less angle before, at the same sense, start and torque. Lines: what the change says, "
+        "estimated at the other positions, with what mounting may have changed fitted beside it where the verdict says "
+        "so. The offset of the angle is removed.",
+    ),
+    "changes": (
+        "Each kind of change",
+        "Strokes: estimated at one position. Dot and line: mean and 95 % interval over the positions; blue where the "
+        "verdict names it.",
+    ),
+}
+
+
+def write_change_page(of: Answer, folder: Path, shown_folder: Path) -> None:
+    """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
+
+    Parameters
+    ----------
+    shown_folder : the folder as a user would type it.
+    """
+    verdict = read_json(folder / VERDICT_FILE)
+    changes, positions, cells = (
+        pd.read_parquet(folder / f"{name}.parquet") for name in ("changes", "positions", "difference")
+    )
+    others = of.found.best.others
+    shown = [frame[frame["others"] == others] for frame in (changes, positions)]
+    figures = {"difference": difference_figure(cells), "changes": changes_figure(*shown)}
+    (folder / "figures").mkdir(exist_ok=True)
+    pictures = {}
+    for name, figure in figures.items():
+        stem = folder / "figures" / name
+        save(figure, stem)
+        pictures[name] = Picture(*CAPTIONS[name], stem.with_suffix(".svg").read_bytes())
+    page = rendered(
+        TEMPLATE,
+        verdict=verdict,
+        titles=[state.measurement.unit.settings.title for state in (of.before, of.after)],
+        changes=[_change(row) for row in changes.to_dict("records")],
+        positions=_errors(of),
+        others=others,
+        best=of.found.best.words,
+        faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
+        folder=shown_folder,
+        pictures=pictures,
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _errors(of: Answer) -> list[tuple[str, str, str]]:
+    """Crank angle and errors in noise floors at each position, without and with the change that says most."""
+    best = of.found.best
+    rows = zip(of.found.models, best.nothing, best.error, strict=True)
+    return [(digits(model.pair.crank_deg), digits(without), digits(left)) for model, without, left in rows]
+
+
+def _change(row: dict) -> dict[str, str | bool]:
+    scale, unit = (100.0, "%") if row["unit"] == "1" else (1.0, row["unit"])
+    return {
+        "title": row["title"].removesuffix(", as a share").capitalize(),
+        "unit": unit,
+        "value": digits(scale * row["change"]),
+        "interval": interval(scale * row["ci_low"], scale * row["ci_high"]),
+        "p": digits(row["p"], 2),
+        "share": digits(100 * row["held_out_share"], 2),
+        "named": row["named"],
+        "others": row["others"],
+    }
