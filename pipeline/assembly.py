@@ -30,7 +30,7 @@ def profile(design: Design) -> CycloidProfile:
 
 def reducer(design: Design, crank_deg: float) -> Reducer:
     """Bodies and contacts of the design at one crank angle [degrees]."""
-    return nominal_reducer(profile(design), design.output, np.radians(crank_deg))
+    return nominal_reducer(profile(design), design.output, np.radians(crank_deg), design.cycloid.fixed)
 
 
 def bearing(design: Design) -> Bearing:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -10,7 +10,11 @@ from pipeline.config.section import Millimetres, Section
 
 
 class Cycloid(Section):
-    """Cycloid stage: ring of pins and one disk with `pins - 1` lobes."""
+    """Cycloid stage: ring of pins and disks with `pins - 1` lobes.
+
+    The `fixed` body is the housing or the flange of the output mechanism; the other one is the output. The rated torque
+    is the output's.
+    """
 
     pins: Annotated[int, Field(ge=4, le=1000)]
     pin_radius_mm: Millimetres
@@ -18,11 +22,17 @@ class Cycloid(Section):
     eccentricity_mm: Millimetres
     # From a watch to a wind turbine.
     rated_torque_Nm: Annotated[float, Field(ge=1e-6, le=1e7)]
+    fixed: Literal["housing", "flange"] = "housing"
 
     @property
     def lobes(self) -> int:
-        """Number of lobes of the disk, which is also the reduction ratio."""
+        """Number of lobes of a disk."""
         return self.pins - 1
+
+    @property
+    def ratio(self) -> int:
+        """Turns of the crank for one of the output: of the flange against the crank, or of the housing with it."""
+        return self.lobes if self.fixed == "housing" else self.pins
 
     @property
     def root_radius_mm(self) -> float:

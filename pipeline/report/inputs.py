@@ -26,6 +26,10 @@ UNITS = {
     "_um": "µm",
     "_arcmin": "′",
 }
+RATIO = {
+    "housing": "{}, which is the number of lobes; the housing is fixed, the flange turns against the crank",
+    "flange": "{}, which is the number of pins; the flange is fixed, the housing turns with the crank",
+}
 PROPER_NAMES = {"youngs": "Young's", "poisson": "Poisson's"}
 EXPERIMENTS = {
     "monte_carlo": "Monte Carlo: independent random samples",
@@ -125,7 +129,7 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
     cycloid, bearing = design.cycloid, design.bearing
     law = "linear" if bearing.exponent == 1 else f"with the power {plain(bearing.exponent)} of the deflection"
     return [
-        ("Reduction ratio", f"{cycloid.lobes}, which is the number of lobes"),
+        ("Reduction ratio", RATIO[cycloid.fixed].format(cycloid.ratio)),
         (
             "Pins",
             f"{cycloid.pins} of radius {plain(cycloid.pin_radius_mm)} mm on a circle of radius "

@@ -53,6 +53,14 @@ def test_all_problems_of_all_files_are_reported_at_once(tmp_path):
         assert part in lines
 
 
+def test_a_design_whose_housing_is_the_output_is_refused(tmp_path):
+    text = (ROOT / "data/designs/pham2017.toml").read_text().replace("[cycloid]", '[cycloid]\nfixed = "flange"')
+    folder = write_unit(tmp_path / "u", text=UNIT.replace('"pham2017"', '"d.toml"'))
+    (folder / "d.toml").write_text(text)
+    (line,) = problems(folder)
+    assert line.startswith('u/unit.toml: design; its cycloid.fixed must be "housing"')
+
+
 def test_as_measured_dimensions_are_a_case_of_the_unit(tmp_path):
     text = UNIT.replace('as_measured = "unknown"', 'as_measured = "dims.toml"')
     folder = write_unit(tmp_path / "u", text=text)

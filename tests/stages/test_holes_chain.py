@@ -94,6 +94,24 @@ def test_report_speaks_of_output_pins(finished):
     assert "sliding plate" not in page
 
 
+def test_the_numbers_of_a_fixed_flange_are_read_at_the_housing(finished, runs):
+    ratio = 40 / 39
+    study = small_study("housing", samples={"count": 2}, cycle={"crank_deg": [37.0]})
+    cycloid = study.design.cycloid.model_copy(update={"fixed": "flange", "rated_torque_Nm": 400.0 * ratio})
+    design = study.design.model_copy(update={"cycloid": cycloid})
+    outputs = run(STAGES, study.model_copy(update={"design": design}), ["aggregate"], runs, Resources(1, 4))
+    keys = ["sample", "crank_deg"]
+    of_housing = frame(outputs, "aggregate", "metrics").set_index(keys)
+    of_flange = frame(finished, "aggregate", "metrics").set_index(keys).loc[of_housing.index]
+    for metric, factor in (
+        ("clearance_backlash_arcmin", 1 / ratio),
+        ("lost_motion_arcmin", 1 / ratio),
+        ("torsional_rigidity_Nm_per_arcmin", ratio**2),
+        ("peak_pressure_MPa", 1),
+    ):
+        np.testing.assert_allclose(of_housing[metric], factor * of_flange[metric], rtol=1e-7, err_msg=metric)
+
+
 @pytest.mark.parametrize("law", ["palmgren", "hertz"])
 def test_the_laws_of_output_pins_are_those_of_a_cylinder_in_its_hole(law):
     study = small_study("law", springs={"law": law})

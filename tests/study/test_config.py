@@ -78,6 +78,7 @@ def test_table_1_of_the_paper():
         "pin_radius_mm": 0.8,
         "pin_circle_radius_mm": 32.5,
         "eccentricity_mm": 0.35,
+        "fixed": "housing",
         "rated_torque_Nm": 12.0,
     }
     assert design.cycloid.lobes == 79  # the published reduction ratio

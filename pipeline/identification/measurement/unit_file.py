@@ -251,6 +251,7 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     files = parts.get("files") or tuple(DataFile(path=name) for name in _csv_names(path.parent))
     problems += _file_problems(files, path.parent) if "files" in parts or "files" not in raw else []
     problems += _held_out_problems(parts)
+    problems += _output_problems(design)
     raise_if(problems, file, lines)
     return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
 
@@ -329,6 +330,13 @@ def _drive_problems(raw: Mapping[str, Any]) -> list[Problem]:
         ]
     advice = "add it, or [generic] with ratio and rated_torque_Nm for a drive without a design"
     return [Problem(key, MISSING, advice) for key in keys if key not in raw]
+
+
+def _output_problems(design: Design | None) -> list[Problem]:
+    if design is None or design.cycloid.fixed == "housing":
+        return []
+    allowed = 'its cycloid.fixed must be "housing": measured angles are read at the flange against the housing'
+    return [Problem("design", None, allowed)]
 
 
 def _held_out_problems(parts: Mapping[str, Any]) -> list[Problem]:

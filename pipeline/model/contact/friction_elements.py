@@ -100,6 +100,9 @@ def pin_sliders(reducer: Reducer, laws: ContactLaws, coefficient: float, rated_t
     direction[:, reducer.motions.index("disk_x")] = tangent.real
     direction[:, reducer.motions.index("disk_y")] = tangent.imag
     direction[:, reducer.motions.index("disk_phi")] = np.real(np.conj(pins.normal) * from_centre)
+    if reducer.rolling:  # by 1/Z about the pitch point, Z eccentricities beyond the centre
+        rolled = reducer.rolling * from_centre - _disk_centre(reducer)
+        direction[:, reducer.output_motion] = np.real(np.conj(pins.normal) * rolled)
     force = np.full(len(laws), rated_torque / (0.25 * np.sum(np.abs(pins.arm))))
     stiffness = TANGENTIAL / laws.compliance(force)[:n]
     return Sliders(direction, stiffness, np.zeros(n), np.full(n, coefficient), np.arange(n))

@@ -5,7 +5,7 @@ Everything after this file (clearance, equilibrium, cycle) is generic in the lis
 first body against it, so its penetration is ``contact_jacobian @ q - gap`` for the small rigid motions q of the bodies.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +20,7 @@ from pipeline.model.geometry.cycloid_profile import (
 )
 
 PIN, OUTPUT = "pin", "output"
+HOUSING = "housing"
 DISK = "disk"
 """Name of the disk among the bodies."""
 
@@ -115,12 +116,15 @@ class Reducer:
 
     Attributes
     ----------
-    crank : [rad]
+    crank : against the housing [rad].
     pins : the nominal pin contacts.
     disks : the disk, where it stands.
     contacts : all contacts, pins first.
     motions : names of the free rigid motions (n_motions,), the disk's translation first.
     contact_jacobian : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
+    flange_ratio : rotation of the flange, the crank held to the housing, per rotation of the output: 1 where the flange
+        is the output.
+    rolling : rotation of the disk about the pitch point, on the pins, per rotation of the output.
     """
 
     crank: float
@@ -129,6 +133,8 @@ class Reducer:
     contacts: Contacts
     motions: tuple[str, ...]
     contact_jacobian: Real
+    flange_ratio: float = 1.0
+    rolling: float = 0.0
 
     @property
     def n_pins(self) -> int:
@@ -142,7 +148,7 @@ class Reducer:
 
     @property
     def output_motion(self) -> int:
-        """Index of the output's rotation among the motions: its torque is the load."""
+        """Index of the rotation of the output, flange or housing, among the motions: its torque is the load."""
         return self.motions.index("output_phi")
 
 
@@ -161,7 +167,7 @@ def _pin_list(pins: PinContacts) -> Contacts:
     nowhere = np.full(n, -1)
     return Contacts(
         kind=np.full(n, PIN),
-        body_a=np.full(n, "housing"),
+        body_a=np.full(n, HOUSING),
         body_b=np.full(n, "disk"),
         interface=nowhere,
         face=nowhere,
@@ -197,11 +203,32 @@ def _contact_jacobian(contacts: Contacts, motions: tuple[str, ...]) -> Real:
     return jacobian
 
 
-def nominal_reducer(profile: CycloidProfile, output: OutputContacts, crank: float) -> Reducer:
-    """Housing, disk and output at the crank angle ``crank`` [rad]."""
+def with_fixed_flange(reducer: Reducer, lobes: int) -> Reducer:
+    """The reducer whose housing is the output, while its flange and the crank are held.
+
+    Notes
+    -----
+    Seen from the housing, which turns by psi, the flange and the crank turn by -psi together. The crank's part alone
+    rolls the disk about the pitch point by psi/Z: pins and flank keep their distance, the disk has turned by psi/Z and
+    takes the flange along, which thus has -psi - psi/Z = -psi N/Z left to turn as if the crank were held. So the forces
+    are those of the reducer with a fixed housing, whose flange turns -N/Z times as far as the housing here under -Z/N
+    times the torque on it. The motions of the disk are counted from where it has rolled to.
+    """
+    ratio = -(lobes + 1) / lobes
+    jacobian = reducer.contact_jacobian.copy()
+    jacobian[:, reducer.output_motion] *= ratio
+    return replace(reducer, contact_jacobian=jacobian, flange_ratio=ratio, rolling=1 / lobes)
+
+
+def nominal_reducer(profile: CycloidProfile, output: OutputContacts, crank: float, fixed: str = HOUSING) -> Reducer:
+    """Housing, disk and output at the crank angle ``crank`` [rad] against the housing.
+
+    ``fixed`` is the body that is held, ``"housing"`` or the output's ``"flange"``.
+    """
     pins = pin_contacts(profile, crank)
     rotation, eccentric = disk_rotation(profile, crank), profile.eccentricity * np.exp(1j * crank)
     disk = DiskPose(DISK, profile.eccentricity, eccentric, rotation)
     contacts = joined([_pin_list(pins), output.contacts_of(disk)])
     motions = (f"{DISK}_x", f"{DISK}_y", f"{DISK}_phi", *output.motions_of(disk))
-    return Reducer(crank, pins, (disk,), contacts, motions, _contact_jacobian(contacts, motions))
+    reducer = Reducer(crank, pins, (disk,), contacts, motions, _contact_jacobian(contacts, motions))
+    return reducer if fixed == HOUSING else with_fixed_flange(reducer, profile.lobes)

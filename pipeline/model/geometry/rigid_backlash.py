@@ -7,7 +7,7 @@ a linear program with one second-order cone (``general_play``), which is also th
 Arrays have the sample axis first; gaps [mm], angles [rad].
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linprog
@@ -133,6 +133,15 @@ def _centring_shift(gap: Real, side: np.ndarray, arm: Real, phi: Real) -> Real:
     return 0.5 * (below - above)
 
 
+def _of_output(reducer: Reducer, play: RigidPlay) -> RigidPlay:
+    """The play of the flange as that of the output, flange or housing."""
+    for pose in (play.pose_plus, play.pose_minus):
+        pose[:, play.output_motion] /= reducer.flange_ratio
+    if reducer.flange_ratio > 0:
+        return play
+    return replace(play, pose_plus=play.pose_minus, pose_minus=play.pose_plus)
+
+
 def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
     """Play (n,) with the disk centre held, part by part; ``gap`` (n, n_contacts) [mm].
 
@@ -166,7 +175,7 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
                 mover = body if f"{body}_x" in motions else contacts.body_a[rows[0]]
                 poses[end][:, motions.index(f"{mover}_x")] += shift * normal[0].real
                 poses[end][:, motions.index(f"{mover}_y")] += shift * normal[0].imag
-    return RigidPlay(poses["plus"], poses["minus"], overlap, reducer.output_motion)
+    return _of_output(reducer, RigidPlay(poses["plus"], poses["minus"], overlap, reducer.output_motion))
 
 
 def _program(objective: Real, rows: Real, limits: Real, radius: float) -> np.ndarray | None:

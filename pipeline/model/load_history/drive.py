@@ -221,8 +221,9 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     depth = drive.laws[carrier].deflection(force)[0] + drive.compliance[carrier, carrier] * force
     turn = np.sign(torque) * depth / arms[carrier]
     rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
+    senses = [1 if motion == reducer.output_motion else np.sign(reducer.flange_ratio) for motion in rotations]
     closed = pose.copy()
-    closed[:, rotations] += turn * np.arange(1, len(rotations) + 1)
+    closed[:, rotations] += turn * np.array(senses) * np.arange(1, len(rotations) + 1)
     return closed
 
 

@@ -78,7 +78,7 @@ def _way(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: Real) 
     for part in np.unique(contacts.interface):
         rows = contacts.interface == part
         rows = np.flatnonzero(rows & (np.abs(contacts.arm) > ARM_FLOOR * np.max(np.abs(contacts.arm[rows]))))
-        jacobian = -contacts.arm[rows]  # d penetration / d rotation
+        jacobian = -reducer.flange_ratio * contacts.arm[rows]  # d penetration / d rotation of the output
         chosen = np.ascontiguousarray(room[:, rows]), jacobian, compliance[rows], drive.laws.pressure[rows]
         _turn(*chosen, torques, angle, peak)
     return np.asarray(angle)
