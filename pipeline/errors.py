@@ -6,6 +6,7 @@ from collections.abc import Iterable
 LONGEST_WORD = 160
 """Characters of an echoed value or path, more than a path has: a longer one is cut in its middle."""
 LONGEST_LINE = 1200
+"""Characters of a message; what is echoed is cut first."""
 
 
 class InputError(Exception):

@@ -12,6 +12,7 @@ from stages.clearance import rigid_angles
 from stages.keys import CRANK, SAMPLE, labels, repeated
 
 ARCSEC_PER_ARCMIN = 60.0
+"""Seconds of arc in a minute of arc."""
 SENSES = ("+", "-")
 SENSE = Column("sense", "label", "", "+ or -: of the torque held, or the end of the play")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque held on the output; 0: the end of the play in that sense")

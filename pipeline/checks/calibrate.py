@@ -21,6 +21,7 @@ from pipeline.errors import InputError
 from pipeline.model.geometry.cycloid_profile import Real
 
 ROUNDS = 6
+"""Fits at most, each on a disk condensed with the numbers of the one before."""
 SETTLED = 1e-4
 """Largest change of a number, in logarithms, at which the rounds end."""
 

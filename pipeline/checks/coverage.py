@@ -29,6 +29,7 @@ EXPERIMENTS: tuple[Experiment, ...] = ("monte_carlo", "sobol", "latin_hypercube"
 COUNTS = (256, 1024)
 """Samples of an experiment: few in each replicate, and enough for quantiles of 1 %."""
 CONFIDENCE = 0.95
+"""Nominal coverage of the intervals that are counted."""
 BATCH = 10_000
 """Samples of the reference that are drawn together."""
 REFERENCE_BATCHES = 100

@@ -19,6 +19,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 STEP = 1e-4
 """Of the forward differences, in logarithms: far above the solver's 1e-9, far below the numbers' intervals."""
 TOLERANCE = 1e-9
+"""Relative change of numbers, misfit and slope at which a fit ends."""
 END_TOLERANCE = 1e-6
 """To which the ends of an interval are found, in logarithms."""
 SMALLEST_SINGULAR = 1e-10

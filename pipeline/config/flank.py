@@ -17,6 +17,7 @@ from pipeline.model.geometry.flank_modification import NOMINAL, FlankModificatio
 from pipeline.model.units import ARCMIN, MM_PER_UM
 
 FEWEST_POINTS = 8
+"""Points of a measured lobe below which its shape is not known."""
 WIDEST_GAP_DEG = 30.0
 """Of phase between two measured points: a flank is no guess between them."""
 CHECKED_POINTS = 2049

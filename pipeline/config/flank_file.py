@@ -17,6 +17,7 @@ DEVIATION, LOBE, PLACES = "deviation_um", "lobe", ("phase_deg", "arc_mm")
 LARGEST_TABLE = 2_000_000
 """Rows: a thousand lobes with two thousand points each."""
 SHOWN_ROWS = 5
+"""Rows that a message names."""
 
 
 def with_flank_file(raw: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from pipeline.errors import InputError
 LARGEST_FILE = 1 << 24
 """Bytes of a settings file: measured deviations of a thousand units with a hundred pins fit three times."""
 DEEPEST_TABLE = 20
+"""Tables within tables that are read; settings need three."""
 
 
 def load_design(path_or_stem: str | Path, root: Path) -> Design:

@@ -16,6 +16,7 @@ LARGEST_TEXT = 1 << 30
 LARGEST_VALUE = 1e12
 """Of any quantity in its standard unit; what is beyond was never measured, and its square may be no number."""
 _AT_ONCE = 1 << 20
+"""Bytes that are read at once."""
 _GZIP = b"\x1f\x8b"
 _PACKED = {
     b"PK\x03\x04": "a ZIP archive",

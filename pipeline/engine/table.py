@@ -33,6 +33,7 @@ _ARROW_TYPES = {
     "label": pa.dictionary(pa.int32(), pa.string()),
 }
 _MODULUS = 1 << 256
+"""Of the sum of hashes, so that it has the size of one."""
 _NUMPY_KINDS = {"int32": "iu", "float64": "fiu", "bool": "b"}
 
 

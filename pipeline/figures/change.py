@@ -10,6 +10,7 @@ from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, legend_below, new_
 
 SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
 ACROSS, MOST_POSITIONS = 3, 9
+"""Panels side by side, and positions that are drawn at most."""
 
 
 @styled

@@ -10,6 +10,7 @@ from pipeline.figures.labels import METRICS
 from pipeline.figures.style import COLOURS, new_figure, styled
 
 BARS = 40
+"""Bars of the common histogram."""
 LINES = ("-", "--")
 
 

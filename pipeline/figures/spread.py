@@ -5,6 +5,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 LOW, HIGH = 0.05, 0.95
+"""Shares of the samples below the ends of a band."""
 
 
 def spread_frame(values: NDArray[np.float64], **keys: NDArray) -> pd.DataFrame:

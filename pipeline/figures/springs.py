@@ -11,7 +11,9 @@ from matplotlib.ticker import NullLocator
 from pipeline.figures.style import line_styles, new_figure, styled
 
 CURVES_SHOWN = 5
+"""Laws of pins that a figure tells apart, spread over their curvatures."""
 BEARING = -1
+"""Stands for the input bearing, which is no contact."""
 
 
 @styled

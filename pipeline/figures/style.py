@@ -21,6 +21,7 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 WIDTH = 9.0
 """Width of a figure [inches]: that of the report's column, so that its 9 points are 12 pixels there."""
 PNG_DPI = 160
+"""Pixels to an inch: 1440 across the page."""
 PNG_COMPRESSION = 3
 """A third larger than the best compression, three times as fast."""
 

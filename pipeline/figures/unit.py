@@ -19,6 +19,7 @@ SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
 MOST_LOOPS = 6
 """Positions that share a figure."""
 ACROSS = 3
+"""Panels side by side."""
 EXTREME = 4.0
 """Percent of the residuals at each end that the scale does not follow: there the angle jumps through the play."""
 ROOM = 2.0

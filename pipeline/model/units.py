@@ -12,3 +12,5 @@ NM_PER_NMM = 1e-3
 """Newton metres in a newton millimetre."""
 ARCMIN = 180 * 60 / np.pi
 """Minutes of arc in a radian."""
+SECONDS_AN_HOUR = 3600.0
+"""Seconds in an hour."""

@@ -10,6 +10,7 @@ from pipeline.report.frames import OK, Frames, case_label, unsolved
 from pipeline.report.wording import number, plain
 
 ROWS_SHOWN = 40
+"""Cases that the page lists."""
 
 
 @dataclass(frozen=True)

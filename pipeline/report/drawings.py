@@ -28,6 +28,7 @@ from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.wording import counted, plain
 
 FLANK_POINTS_PER_LOBE = 48
+"""Points of the drawn flank: its polygon is off by less than a line."""
 RISING = (0.25, 0.5, 1.0)
 """Shares of the largest torque that join the lost-motion torque in the figures of growing torque."""
 

@@ -14,6 +14,7 @@ from pipeline.report.wording import NOTHING, UNDETERMINED, percent, percent_inte
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, determined
 
 NAMED = 3
+"""Errors that a row names."""
 NONE_LEADS = "none stands out"
 
 

@@ -23,6 +23,7 @@ from pipeline.report.wording import (
 
 STATISTICS = ("mean", "std", "p05", "p95")
 FAILURES_SHOWN = 20
+"""Failures that the page lists."""
 
 
 @dataclass(frozen=True)

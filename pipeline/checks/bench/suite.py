@@ -19,7 +19,9 @@ from stages.chain import STAGES
 from stages.drivers import DRIVERS
 
 SAMPLES = (100, 1_000, 10_000)
+"""Sizes of the study that are timed: a decade apart, so that growth shows."""
 JOBS = 2
+"""Processes of a timed run: the cores of the machine that the project is made for."""
 LAST = STAGES[-1].name
 
 

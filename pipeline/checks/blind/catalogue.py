@@ -28,6 +28,7 @@ OFF = 1.05, 1.2
 PLAUSIBLE = 1.25
 """Factor of the plausible range that is stated with them."""
 CRANKS_A_DESIGN = 6
+"""Crank angles [deg] at which units of one design may be measured; each is condensed once."""
 OTHER_LAW = "palmgren"
 """Of the generator; the model's studies take Hertz."""
 

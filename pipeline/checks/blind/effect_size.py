@@ -22,10 +22,13 @@ Real = NDArray[np.float64]
 Compliances = Callable[[Study, Sequence[float]], Sequence[Real]]
 
 SMALLEST_AMPLITUDE = 1e-6
+"""Share of an effect's range below which no size is sought."""
 SEARCHES = 10
+"""Steps of the search for the amplitude of a wanted misfit: 10 bisect six decades to 1 %."""
 AGREEMENT = 0.1
 """Relative error of a size that is good enough."""
 START = 0.01
+"""Share of an effect's range at which the search starts."""
 SLACK = 1e-9
 """Added to the reach of unknowns that stand at their bound."""
 

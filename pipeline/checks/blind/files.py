@@ -20,6 +20,7 @@ from pipeline.sampling import Errors
 Real = NDArray[np.float64]
 
 DIMENSION_STEP_UM = 0.1
+"""Step of a dimension as a measuring report states it [um]."""
 _INSPECTED = [dimension for dimension in dimension_library().values() if not dimension.acts_on]
 DIMENSIONS = tuple(dimension.name for dimension in sorted(_INSPECTED, key=lambda dimension: dimension.elements is None))
 """What an inspection measures, elements before the rest; what acts through another dimension is part of that."""

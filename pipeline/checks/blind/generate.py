@@ -36,7 +36,9 @@ UNMEASURED = 0.4
 MEASURING_UM = 0.3
 """Standard deviation of a measured dimension, its part common to all pins and its own part alike."""
 REDRAWS = 30
+"""Draws of a unit until one has equilibria; more would hide a broken design."""
 SAMPLES = 10**6
+"""Numbers of samples that a unit is taken from: two units share none."""
 OUTSIDE_PREFIX = "outside:"
 
 

@@ -30,6 +30,7 @@ Real = NDArray[np.float64]
 NEAREST = 3
 """Effects that are fitted in full, the best of a linearised look."""
 ITERATIONS = 6
+"""Least-squares steps of a fit that starts at the truth."""
 STEPS = (1e-4, 1e-2)
 """Amplitudes of the secants, as shares of the bounds."""
 SHAPES = (0.15, 0.4, 0.65)

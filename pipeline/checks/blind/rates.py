@@ -17,11 +17,13 @@ from pipeline.identification.selection.model_selection import STRUCTURE
 from pipeline.identification.selection.verdict import UNEXPLAINED
 
 LEVEL = 0.95
+"""Confidence of the one-sided bounds of a rate."""
 BINS = (1.0, 2.0, 3.0, 6.0, 12.0, 40.0)
 """Edges of the sizes in noise floors by which rates are shown apart."""
 HELD_OUT = 1.15
 """Noise floors that the error left may have."""
 SECONDS = 10.0
+"""Time that an identification should take [s]."""
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ FULL_RUN = sum(FULL.values())
 VISIBLE = 3.0
 """Size in noise floors from which an effect must be seen."""
 SEED = 20240229
+"""Of the published run; every case draws from it and its own number."""
 FAILED = "failed"
 """Verdict of a unit whose identification ended in an error."""
 

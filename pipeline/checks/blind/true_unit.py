@@ -19,13 +19,13 @@ from pipeline.model.load_history.drive import Backbone, Drive, backbone, ladder
 from pipeline.model.load_history.incremental import solve_path
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.output_path import condensed_path
-from pipeline.model.units import NMM_PER_NM
+from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
 Real = NDArray[np.float64]
-SECONDS_AN_HOUR = 3600.0
 STEPS = 64
 """Nodes of the frictionless curve in each sense of the torque; with friction every row is a step."""
 BEYOND = 1.05
+"""Reach of a curve over the largest torque of its load program, for noise of the torque."""
 UNSOUND = 1e-6
 """Relative residual of a path beyond which the unit is drawn anew."""
 

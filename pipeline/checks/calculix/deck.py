@@ -43,7 +43,9 @@ LEAST_SHARE = 1e-4
 BEARING_REACH = 10.0
 """Of the bearing's table [mm]."""
 TERMS_A_LINE = 4
+"""Terms of an equation on a line of the deck; the program reads no longer ones."""
 NODES_A_LINE = 12
+"""Nodes of a set on a line of the deck; the program reads at most 16."""
 ELEMENTS = {"plane_stress": "CPS6", "plane_strain": "CPE6"}
 REVERSED = [0, 2, 1, 5, 4, 3]
 """Nodes of a quadratic triangle run round the other way."""

@@ -15,7 +15,9 @@ from pipeline.model.geometry.cycloid_profile import Real
 PROGRAM = "ccx"
 INSTALL = "apt install calculix-ccx"
 THREADS = 2
+"""Of the solver of equations: the cores of the machine that the project is made for."""
 KIB = 1024
+"""Unit of the memory that the operating system counts [byte]."""
 
 
 @dataclass(frozen=True)

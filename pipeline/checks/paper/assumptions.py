@@ -14,6 +14,7 @@ from pipeline.config.mechanisms.roller_plate import RollerPlate
 from pipeline.model.geometry.clearance import DISK_READINGS, ROLLER_READINGS
 
 HALF_PIN_PITCH = 0.5
+"""Turn of the pin circle, in pin pitches, that puts the eccentric between two pins."""
 FREED = (
     ("thickness of the disk", "disk.thickness_mm", 0.5, 8.0),
     ("exponent of the bearing", "bearing.exponent", 1.0, 4.0),

@@ -25,6 +25,7 @@ STUDY = "paper_tables"
 TARGETS, FITTED, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"
 VARIATIONS = "elastic_part_variations.csv"
 CONFIDENCE = 0.95
+"""Of the intervals of the fitted numbers."""
 
 
 def compared(study: Study, outputs: Mapping[str, Output], published: Path, folder: Path) -> Comparison:

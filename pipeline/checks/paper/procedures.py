@@ -33,6 +33,7 @@ FIRST_TURN = 1e-4
 BALANCED = 1e-10
 """Change of the forces, relative to the largest, at which Newton's method ends."""
 NEWTON_STEPS, PASSES = 100, 200
+"""Steps of one analysis, and analyses until the contacts settle; beyond them the procedure has failed."""
 REPEATS = 5
 """A time is the best of so many."""
 

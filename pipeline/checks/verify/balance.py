@@ -15,7 +15,9 @@ from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.units import UM_PER_MM
 
 LIMIT = 1e-8
+"""Largest difference from another solver: what its own tolerances allow."""
 STARTS = 20
+"""Random starts that must end at one solution."""
 START_SCATTER = 3e-2
 """Of the random starts: a disk shifted by this [mm], bodies turned by a tenth of it [rad]."""
 SPAN = 30.0

@@ -13,6 +13,7 @@ from pipeline.model.elastic.pressure_patches import boundary_patches
 from pipeline.model.geometry.cycloid_profile import Real
 
 RADIUS = 5.0
+"""Of the cylinder [mm]."""
 LOADS = np.array([10.0, 100.0, 1000.0])
 """[N/mm]"""
 WIDTHS = (0.02, 0.05, 0.1)
@@ -20,6 +21,7 @@ WIDTHS = (0.02, 0.05, 0.1)
 EDGES = (2, 4, 8)
 """Edges of the meshes under half a patch."""
 SYMMETRY = 8
+"""Equal sectors of its mesh."""
 STEEL = Material(206e3, 0.3, "plane_strain")
 
 

@@ -12,13 +12,16 @@ from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 
 YOUNG, POISSON = 206e3, 0.3
+"""Young's modulus [MPa] and Poisson's ratio of steel."""
 SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)
 BORE = 2.5
+"""Radius of the bore [mm]."""
 WAVE = 0.25
 """Wave number of the manufactured displacement [rad/mm]."""
 INNER, OUTER, PRESSURE = 1.0, 2.0, 100.0
 """Lame's ring [mm], [MPa]."""
 SLOPE_TOLERANCE = 0.1
+"""Of an observed order of convergence: meshes are not yet in the limit."""
 STRESSES: tuple[Stress, Stress] = ("plane_stress", "plane_strain")
 
 

@@ -15,6 +15,7 @@ from pipeline.model.geometry.flank_modification import FlankModification
 from pipeline.model.geometry.rigid_backlash import separated_play
 
 CRANKS = 16
+"""Crank angles of a turn at which distances are compared."""
 ALONG, MOVED, TURNED = 8e-3, -3e-3, 2e-4
 """Equidistant and moved distance [mm] and rotation [rad]: each about 5 um on the paper's flank."""
 AWAY_FROM_ROOTS = np.radians(40.0)

@@ -11,9 +11,11 @@ from pipeline.model.geometry.clearance import Errors, exact_gaps
 from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real, disk_rotation, pin_contacts
 
 CRANKS = 64
+"""Crank angles of a turn at which poses are compared."""
 SCAN = 801
 """Points over three lobe pitches, between which the nearest one is refined."""
 GOLDEN = (np.sqrt(5) - 1) / 2
+"""Ratio of the golden-section search."""
 NARROWINGS = 60
 """Golden-section steps: the bracket shrinks below the spacing of floating-point numbers."""
 STEP = 2e-6

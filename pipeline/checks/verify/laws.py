@@ -20,12 +20,14 @@ from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 from pipeline.model.geometry.cycloid_profile import Real
 
 LIMIT = 1e-10
+"""Largest error of an identity of a law: rounding, and the solution of its implicit equation."""
 STEP = 1e-2
 """Share of the force in differences of eighth order: truncation near 1e-14, rounding 1e-13."""
 STENCIL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
 """Central first difference of eighth order, one side."""
 STEEL = Material(206e3, 0.3, "plane_stress")
 SCALE = 3.7
+"""Factor of the similarity that laws must obey; any number will do."""
 LINE = LineContact(np.array([0.4, 0.8, 48.0]), 1.0, STEEL, STEEL)
 
 

@@ -15,6 +15,7 @@ from pipeline.model.units import NMM_PER_NM
 STIFFNESS, BEARING = 10.0, 1e12
 """Of a contact and of the bearing [N/mm]: together they hold the disk's centre to 1e-10 of a deflection."""
 CRANKS_DEG = (0.0, 1.3, 200.0)
+"""Crank angles [deg]: a pin on the line of the eccentric, off it, and far away."""
 SHARE = 1e-4
 """Of the rated torque."""
 

@@ -14,15 +14,19 @@ from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import general_play, separated_play
 
 SAMPLES = 6
+"""Random units; each costs a search of some seconds."""
 PIN_SCATTER = 1.5e-3
 """Standard deviation of the pin errors [mm]."""
 ALLOWANCE = 12e-3
 """Material off every lobe [mm], which leaves room for the errors and for the bearing's clearance."""
 BEARING_CLEARANCE = 2e-3
+"""Of a loose bearing [mm]."""
 NARROWINGS = 52
 """Golden-section steps a direction: 1e-11 of the clearance."""
 GOLDEN = (np.sqrt(5) - 1) / 2
+"""Ratio of the golden-section search."""
 CRANK_DEG = 37.0
+"""An angle without symmetry [deg]."""
 
 
 def random_gaps(design: Design, reducer: Reducer, allowance: float) -> Real:

@@ -21,6 +21,7 @@ from pipeline.model.geometry.rigid_backlash import rigid_play
 BALANCED = 1e-11
 """Largest force left over on a freedom, over the largest load on one, at which a load step is solved."""
 STEP_LIMIT = 200
+"""Newton steps after which the unreduced solution has failed."""
 FIRST_CLOSURE = 1e-3
 """By which the first contacts are closed at the start [mm]; without any, nothing holds the rigid motions."""
 SUFFICIENT = 1e-4

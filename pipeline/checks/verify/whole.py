@@ -17,12 +17,15 @@ from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.reducer import Reducer
 
 ANGLE_LIMIT = 5e-3
+"""Share by which the angle of an independent solver may differ: its mesh is not ours."""
 FORCE_LIMIT = 1e-2
+"""Share of the largest force by which a contact force may differ."""
 ALGEBRA_LIMIT = 1e-6
 """Of the condensation alone, every arm that of the mesh's polygon."""
 PLANE_STRAIN_LIMIT = 1e-4
 """Of CalculiX in plane strain, whose finite rotations and tables of springs differ from ours."""
 GIB = 2.0**30
+"""Bytes of a gibibyte."""
 
 
 def on_mesh(specimen: Specimen) -> Reducer:

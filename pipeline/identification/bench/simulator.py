@@ -18,7 +18,7 @@ from pipeline.model.load_history.kelvin_voigt import crept
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.output_path import Ripple
 from pipeline.model.load_history.output_walk import walked
-from pipeline.model.units import NMM_PER_NM
+from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -33,7 +33,6 @@ REPEATED = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
 """Relative residual of an equilibrium that is none, and the share of them that a fit may pass through."""
-SECONDS_AN_HOUR = 3600.0
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from pipeline.identification.generic.play_and_friction import Cells, PlayAndFric
 Real = NDArray[np.float64]
 
 CONFIDENCE = 0.95
+"""Of the intervals of what changed."""
 USEFUL = 0.9
 """Held-out error, in that of no change, above which a change is of no use."""
 TRIED = 2 * len(KINDS)

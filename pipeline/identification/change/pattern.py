@@ -16,7 +16,9 @@ Real = NDArray[np.float64]
 MOST_EXACT = 6
 """Positions up to which every pairing is tried."""
 PAIRINGS = 999
+"""Random pairings of the positions in the test: p is no smaller than 1/1000."""
 SEED = 12
+"""Of the pairings: equal data give an equal page."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ STEP = 2e-4
 SCALES_MOVED = 0.05
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
 ITERATIONS = 15
+"""Least-squares steps of a fit unless the caller asks for others."""
 
 
 class Fitter:

@@ -17,12 +17,15 @@ Truth = NDArray[np.bool_]
 SETTLED = 0.02
 """Fall of the sum of squares, in mean squares of a cell, at which a fit has settled: 0.14 standard deviations."""
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
+"""Levenberg's damping at the start and at least, relative to the diagonal."""
 EASED, STIFFENED = 5.0, 8.0
 """Factors of the damping after a step that falls, and after one that does not."""
 SMALL = 1e-6
 """Mean square of a cell, in noise, that only rounding leaves."""
 TRIES = 6
+"""Dampings that are tried, each ten times the one before, until a step lowers the misfit."""
 BISECTIONS = 30
+"""Halvings of the step to a bound: to 1e-9 of it."""
 
 
 class Predicting(Protocol):

@@ -24,6 +24,7 @@ CROSSING = 0.02
 LARGEST_FRICTION, LARGEST_SHARE, LARGEST_ZERO = 0.5, 0.5, 0.2
 """Bounds of the constant friction and of the torque's zero, in largest torques, and of the friction by the load."""
 STARTS = ((0.02, 0.02), (0.1, 0.1))
+"""Starts of the fit, in shares of the largest torque and angle: its misfit has several minima."""
 
 
 @dataclass(frozen=True)

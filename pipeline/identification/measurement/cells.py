@@ -15,6 +15,7 @@ Whole = NDArray[np.int64]
 Truth = NDArray[np.bool_]
 
 CELLS_PER_SENSE = 24
+"""Torque intervals of a branch of one sense whose rows are averaged."""
 CELL_POWER = 1.5
 """Edges of the cells at T_max (k/n)^1.5: the play and the knees of the curve are near zero torque."""
 FEWEST_ROWS = 3

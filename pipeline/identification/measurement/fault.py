@@ -13,6 +13,7 @@ from pipeline.identification.measurement.rows import Rows
 Severity = Literal["fatal", "note"]
 
 SHOWN_ROWS = 5
+"""Rows that a fault names."""
 
 
 @dataclass(frozen=True)

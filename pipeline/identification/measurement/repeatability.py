@@ -23,10 +23,12 @@ STEEP = 3.0
 """Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
 motor the difference of two repeats is the noise of the torque times the slope, not that of the angle."""
 RESAMPLES = 1000
+"""Of the block bootstrap of the noise."""
 SURE = 3.0
 """Standard deviations of a difference of two cells that a step must exceed the steep slope by: where cells are narrow,
 noise alone looks steep, and to leave out what is noisy would make the floor too low."""
 SEED = 79
+"""Of the bootstrap: equal data give an equal page."""
 FEWEST_CELLS = 3
 """Cells of a branch that a line between neighbours needs."""
 

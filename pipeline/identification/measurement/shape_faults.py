@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.design import Design
 from pipeline.identification.measurement.repeatability import Loop, loop_distance
+from pipeline.model.units import ARCMIN
 
 Real = NDArray[np.float64]
 
@@ -17,15 +18,16 @@ LOW, HIGH = 0.2, 0.5
 BENT = 2.0
 """Ratio of the slopes near zero and under load by which a curve is bent: play makes it larger than 1, never half."""
 FEWEST_ROWS = 20
+"""Rows of a sense below which its shape is not judged."""
 APART = 3.0
 """Distance of a position from its nearest neighbour in shape, in the largest distance between the others and in noise
 floors, from which it stands out."""
 FEWEST_POSITIONS = 3
+"""Positions among which one can stand out."""
 LARGEST_PLAY = 0.5
 """Gap of the pins in parts of their radius that no drive has."""
 LARGEST_TWIST = 500.0
 """Twist over T / (E t r^2) of the disk that no drive has: the paper's reducer has about 10, the printed drives 100."""
-TO_ARCMIN = 60 * 180 / np.pi
 
 
 def largest_span(design: Design, torque: float) -> float:
@@ -41,7 +43,7 @@ def largest_span(design: Design, torque: float) -> float:
     play = 2 * LARGEST_PLAY * gear.pin_radius_mm / arm
     modulus, thickness = design.materials[design.disk.material].youngs_modulus_MPa, design.disk.thickness_mm
     twist = 2 * LARGEST_TWIST * 1e3 * torque / (modulus * thickness * arm**2)
-    return float(TO_ARCMIN * (play + twist))
+    return float(ARCMIN * (play + twist))
 
 
 def columns_exchanged(torque: Real, angle: Real) -> bool:

@@ -24,6 +24,7 @@ from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
 
 DIGITS = 6
+"""Digits of a number that a written design has; its interval is wider."""
 DESCRIBES = {
     "status": "calibrated",
     "reason": "describes a measured unit best; NOT CLAIMED, its verdict is unexplained",

@@ -21,13 +21,19 @@ Truth = NDArray[np.bool_]
 LOW, HIGH = 0.25, 0.5
 """Shares of the largest torque below which a cell is near zero torque, and above which it is at high torque."""
 RESAMPLES = 500
+"""Of the block bootstrap: an end of an interval is known to a tenth of its width."""
 CONFIDENCE = 0.95
+"""Of the intervals of a signature."""
 SEED = 79
+"""Of the bootstrap: equal data give an equal page."""
 WAVES = 160
 """Periods of the output angle that are looked at, even in their logarithm."""
 FLIPS = 400
+"""Random signs of the blocks in a test without distribution: p is known to 1 %."""
 FEWEST_BLOCKS = 3
+"""Blocks below which a dependence has no interval."""
 HARMONICS = 3
+"""Orders of the crank angle that are looked for."""
 
 
 @dataclass(frozen=True)

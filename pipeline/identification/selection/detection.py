@@ -19,11 +19,13 @@ Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
 CONFIDENCE = 0.95
+"""Probability with which an effect of the stated size would have shown."""
 START = 0.01
 """First size that is looked at, in parts of an effect's bounds."""
 STEPS, AGREEMENT = 8, 0.05
 """Secant steps, and relative error of the change that is good enough."""
 LEAST = 1e-6
+"""Share of an effect's range below which no size is sought."""
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,11 @@ parameters of blind units came out 1 to 6 % off."""
 STRUCTURE = 1.25
 """Rms in floors up to which nothing structured is left above the noise."""
 RESAMPLES = 400
+"""Of the block bootstrap: an end of an interval is known to a tenth of its width."""
 CONFIDENCE = 0.95
+"""Of the intervals of fitted parameters."""
 SEED = 79
+"""Of the bootstrap: equal data give equal intervals."""
 AT_BOUND = 0.01
 """Share of its bounds from an end at which a parameter stands there."""
 

@@ -15,6 +15,7 @@ from pipeline.model.geometry.cycloid_profile import Complex, Real
 STRIP = 5  # sectors triangulated at once: what lies beyond two neighbours does not touch a triangle of the middle one
 TIE_BREAK = 1e-5  # of a flank edge, off the nodes' places: nodes on one circle have several Delaunay triangulations
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+"""Turn from point to point [rad] that never lines them up."""
 
 
 def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> Index:

@@ -11,6 +11,7 @@ from pipeline.model.compiled import algebraic_part
 from pipeline.model.geometry.cycloid_profile import Real
 
 EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
+"""Place and bias of the exponent in a double (IEEE 754)."""
 FRACTION, ONE = (1 << 52) - 1, 1023 << 52
 """Parts of a binary number of 64 bits, and the bits of 1.0."""
 

@@ -23,6 +23,7 @@ ARC_OVER_CHORD = 1.2
 SECANTS = 12
 """Steps of the regula falsi; what has not settled then has a kink within its bracket, and is bisected."""
 BISECTIONS = 45
+"""Halvings of an interval of the flank: below the rounding of a parameter."""
 SETTLED = 1e-12
 """Bracket [rad] at which a minimum is found: the distance is second order in it, or first at a kink."""
 

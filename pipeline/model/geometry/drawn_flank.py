@@ -14,6 +14,7 @@ from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Rea
 STEPS = 1024
 """Cubics of a lobe: of the paper's flank turned by 10 um they are within 1e-11 mm."""
 TURN = 2 * np.pi
+"""Radians of a turn."""
 NEIGHBOURS = 4
 """Points of the lobes beside that the interpolation of a measured one sees: a slope depends on two."""
 

@@ -18,6 +18,7 @@ from pipeline.model.load_history.return_mapping import anchor_on, slide
 SETTLED = 1e-9
 """A step is solved when neither a deflection nor a balance is off by more than this share of its largest term."""
 NEWTON_STEPS = 14
+"""Newton steps of one increment before it is halved."""
 UNDAMPED, DAMPED, PERIOD = 6, 3, 5
 """Newton steps after which sticking and slipping may alternate: of each so many further ones the first are halved, and
 the others, whole, settle what these have found."""
@@ -26,6 +27,7 @@ HALVINGS = 4
 DRAG = 5.0
 """Springs, in shares of the bearing's stiffness, that let the disk only crawl to where Newton does not find at once."""
 CRAWLS = 12
+"""Increments of the slow way at most."""
 LOST = 1e-3
 """Relative residual of a step after which the path is not followed: its friction would start from nowhere."""
 NO_TORQUE = 1e-7

@@ -13,6 +13,7 @@ from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.geometry.cycloid_profile import Real
 
 ROOT_STEPS = 80
+"""Bisections of an angle at most: more than its digits."""
 ROOT_SHARE = 1e-13
 """Share of the range of torque to which the output is balanced."""
 FAR = 3

@@ -35,6 +35,7 @@ LOOP_TITLES = {
     "hysteresis_loss_arcmin": ("Hysteresis loss", "arcmin"),
 }
 SMALLEST_P = 1e-3
+"""Below it the page says so: the resamples tell no smaller one."""
 CAPTIONS = {
     "loops": (
         "Loops",

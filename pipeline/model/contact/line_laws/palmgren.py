@@ -9,7 +9,9 @@ from pipeline.model.contact.line_laws.contact_law import ContactLaw
 PALMGREN_MM = 3.84e-5
 """Palmgren's line contact of steel bodies: approach [mm] = 3.84e-5 Q^0.9 / L^0.8, Q in N, L in mm."""
 PALMGREN_FORCE_EXPONENT = 0.9
+"""Of the force in Palmgren's approach of a line contact (Ball and Roller Bearing Engineering, 1959)."""
 PALMGREN_LENGTH_EXPONENT = 0.8
+"""Of the length in the same formula."""
 
 
 def palmgren_laws(contact: LineContact, interfaces: int, held_by_mesh: float) -> ContactLaws:

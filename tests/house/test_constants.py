@@ -1,0 +1,14 @@
+"""Every number at the top of a module says what it stands for."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
+
+from constants import constants  # noqa: E402  of the pages
+
+
+def test_every_numeric_constant_is_explained() -> None:
+    numbers = list(constants())
+    assert len(numbers) > 300
+    assert [f"{number.module}.{number.name}" for number in numbers if not number.meaning] == []
