@@ -30,7 +30,8 @@ def profile(design: Design) -> CycloidProfile:
 
 def reducer(design: Design, crank_deg: float) -> Reducer:
     """Bodies and contacts of the design at one crank angle [degrees]."""
-    return nominal_reducer(profile(design), design.output, np.radians(crank_deg), design.cycloid.fixed)
+    held, disks = design.cycloid.fixed, design.disk.count
+    return nominal_reducer(profile(design), design.output, np.radians(crank_deg), held, disks)
 
 
 def bearing(design: Design) -> Bearing:
@@ -58,19 +59,23 @@ def definitions(study: Study) -> Definitions:
 
 
 def errors(sampled: "SampledErrors") -> Errors:
-    """Sampled errors [um] as the model takes them [mm]; a lobe's error is the disk's and its own."""
+    """Sampled errors [um] as the model takes them [mm]; a lobe's error is its disk's and its own."""
+    lobe = sampled.lobe_profile
+    if sampled.disk_profile.ndim == 2:
+        lobe = lobe.reshape(*sampled.disk_profile.shape, -1)
     return Errors(
         pin_radial=MM_PER_UM * sampled.pin_radial,
         pin_tangential=MM_PER_UM * sampled.pin_tangential,
         pin_radius=MM_PER_UM * sampled.pin_radius,
-        lobe=MM_PER_UM * (sampled.disk_profile[:, None] + sampled.lobe_profile),
+        lobe=MM_PER_UM * (sampled.disk_profile[..., None] + lobe),
         eccentricity=MM_PER_UM * sampled.eccentricity,
         roller_diameter=MM_PER_UM * sampled.roller_diameter,
+        eccentric_phase=MM_PER_UM * sampled.eccentric_phase,
     )
 
 
 def bearing_clearance(design: Design, deviation_um: Real) -> Real:
-    """Radial clearance (n,) [mm] of the input bearing: the design's and each sample's."""
+    """Radial clearance (n,) or (n, n_disks) [mm] of the input bearings: the design's and each sample's."""
     return MM_PER_UM * (design.bearing.clearance_um + deviation_um)
 
 

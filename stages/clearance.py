@@ -16,7 +16,7 @@ from pipeline.model.units import UM_PER_MM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
 from stages.keys import CONTACT, CRANK, SAMPLE, repeated
-from stages.sample import errors_of_columns
+from stages.sample import SAMPLED, errors_of_columns
 
 CONTACTS = Table(
     "contacts",
@@ -75,14 +75,13 @@ KINEMATIC = Table(
 def contact_columns(at: Reducer, crank_deg: float) -> dict[str, np.ndarray]:
     """Columns of the dimension table at one crank angle."""
     contacts = at.contacts
-    on_disk = (contacts.body_a == "disk") | (contacts.body_b == "disk")
     return {
         "contact": np.arange(len(contacts)),
         "crank_deg": np.full(len(contacts), crank_deg),
         "kind": contacts.kind.astype(object),
         "body_a": contacts.body_a.astype(object),
         "body_b": contacts.body_b.astype(object),
-        "disk": np.where(on_disk, 0, -1),
+        "disk": at.disk_of_contact,
         "interface": contacts.interface,
         "face": contacts.face,
         "end": contacts.end,
@@ -118,9 +117,7 @@ def rigid_ends(study: Study, sampled: Errors) -> np.ndarray:
 
 
 def _solve(study: Study, chunk: Chunk) -> Tables:
-    sampled = errors_of_columns(
-        {name: chunk.tables[f"sample/{name}"] for name in ("reducer", "pins", "lobes", "rollers")}
-    )
+    sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
     number, cranks = np.arange(chunk.start, chunk.stop), rigid_angles(study)
     plays, gaps = [], {}
     for angle, drive, play in rigid_plays(study, sampled):
@@ -173,5 +170,5 @@ CLEARANCE = Stage(
     items=lambda job: job.study.samples.rows,
     prepare=lambda job: job.study,
     solve=_solve,
-    chunk_reads=("sample/reducer", "sample/pins", "sample/lobes", "sample/rollers"),
+    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED),
 )

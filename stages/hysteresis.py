@@ -25,14 +25,11 @@ from pipeline.sampling import Errors
 from stages.bearings import BEARINGS, bearing_rows
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
 from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
-from stages.sample import errors_of_columns
+from stages.sample import SAMPLED, errors_of_columns
 from stages.springs import laws_of_columns
 
 STEP = Column("step", "int32", "1", "step of the load cycle")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")
-
-SAMPLED = ("reducer", "pins", "lobes", "rollers")
-"""Tables of the stage `sample`: the errors of every unit."""
 
 
 def _angle(name: str, meaning: str) -> Column:
@@ -358,6 +355,7 @@ HYSTERESIS = Stage(
     sections=(
         "samples",
         "design.cycloid",
+        "design.disk.count",
         "design.bearing",
         "design.output",
         "design.flank",

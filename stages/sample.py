@@ -1,10 +1,12 @@
-"""Stage 1: manufacturing errors of every sample, per pin, lobe and roller."""
+"""Stage 1: manufacturing errors of every sample, per disk, pin, lobe and roller."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from pipeline.config.dimensions import Dimension, dimension_library
+from pipeline.config.dimensions.dimension import DISKS as OF_DISKS
+from pipeline.config.dimensions.dimension import REDUCER as OF_REDUCER
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.sampling import Errors, draw
@@ -13,8 +15,12 @@ from stages.keys import repeated
 
 
 def _dimensions(table: str) -> list[Dimension]:
-    """The dimensions of a table in the order of its columns."""
-    dimensions = [dimension for dimension in dimension_library().values() if dimension.table == table]
+    """The dimensions of a table in the order of its columns; what each disk has once stands in two tables."""
+    known = dimension_library().values()
+    if table == OF_DISKS:
+        dimensions = [dimension for dimension in known if dimension.table == OF_REDUCER and dimension.of_disk]
+    else:
+        dimensions = [dimension for dimension in known if dimension.table == table and dimension.fewest_disks == 1]
     return sorted(dimensions, key=lambda dimension: dimension.drawn)
 
 
@@ -35,14 +41,17 @@ def _fields(table: str) -> dict[str, str]:
     return fields
 
 
-REDUCER = Table("reducer", "sample", (SAMPLE_COLUMN, *_columns("reducer")))
+DISK_COLUMN = Column("disk", "int32", "1", "disk, in the sense of the crank")
+REDUCER = Table(OF_REDUCER, "sample", (SAMPLE_COLUMN, *_columns(OF_REDUCER)))
+"""What belongs to the disks is that of disk 0."""
+DISKS = Table(OF_DISKS, "sample, disk", (SAMPLE_COLUMN, DISK_COLUMN, *_columns(OF_DISKS)))
 PINS = Table("pins", "sample, pin", (SAMPLE_COLUMN, Column("pin", "int32", "1", "pin, clockwise"), *_columns("pins")))
 LOBES = Table(
     "lobes",
     "sample, disk, lobe",
     (
         SAMPLE_COLUMN,
-        Column("disk", "int32", "1", "disk"),
+        DISK_COLUMN,
         Column("lobe", "int32", "1", "lobe, clockwise"),
         *_columns("lobes"),
     ),
@@ -61,31 +70,44 @@ ROLLERS = Table(
 )
 
 
+SAMPLED = tuple(table.name for table in (REDUCER, DISKS, PINS, LOBES, ROLLERS))
+"""Names of the tables of errors."""
+
+
 def columns_of_errors(errors: Errors, start: int, interfaces: int) -> Tables:
-    """The four tables of errors whose first sample is ``start``."""
+    """The tables of errors whose first sample is ``start``."""
     number = np.arange(start, start + len(errors))
-    values = {
-        table: {column: getattr(errors, field).ravel() for column, field in _fields(table).items()}
-        for table in ("reducer", "pins", "lobes", "rollers")
+    disks = np.arange(errors.eccentricity.size // max(len(errors), 1))
+    columns = {table: _fields(table).items() for table in SAMPLED}
+    values = {table: {name: getattr(errors, field).ravel() for name, field in columns[table]} for table in SAMPLED}
+    values[OF_REDUCER] = {
+        name: getattr(errors, field).reshape(len(errors), -1)[:, 0] for name, field in columns[OF_REDUCER]
     }
-    sample, pin = repeated(number, np.arange(errors.pin_radial.shape[1]))
-    lobe_sample, disk, lobe = repeated(number, np.zeros(1, int), np.arange(errors.lobe_profile.shape[1]))
-    per_interface = errors.roller_diameter.shape[1] // interfaces
-    roller_sample, interface, roller = repeated(number, np.arange(interfaces), np.arange(per_interface))
-    return {
-        "reducer": {"sample": number, **values["reducer"]},
-        "pins": {"sample": sample, "pin": pin, **values["pins"]},
-        "lobes": {"sample": lobe_sample, "disk": disk, "lobe": lobe, **values["lobes"]},
-        "rollers": {"sample": roller_sample, "interface": interface, "roller": roller, **values["rollers"]},
+    lobes, per_interface = errors.lobe_profile.shape[1] // len(disks), errors.roller_diameter.shape[1] // interfaces
+    keys = {
+        OF_REDUCER: {"sample": number},
+        OF_DISKS: dict(zip(("sample", "disk"), repeated(number, disks), strict=True)),
+        "pins": dict(zip(("sample", "pin"), repeated(number, np.arange(errors.pin_radial.shape[1])), strict=True)),
+        "lobes": dict(zip(("sample", "disk", "lobe"), repeated(number, disks, np.arange(lobes)), strict=True)),
+        "rollers": dict(
+            zip(
+                ("sample", "interface", "roller"),
+                repeated(number, np.arange(interfaces), np.arange(per_interface)),
+                strict=True,
+            )
+        ),
     }
+    return {table: {**keys[table], **values[table]} for table in SAMPLED}
 
 
 def errors_of_columns(tables: Tables) -> Errors:
-    """The errors of whole samples read back from the four tables."""
-    n = len(tables["reducer"]["sample"])
-    fields = {field: tables["reducer"][column] for column, field in _fields("reducer").items()}
-    for table in ("pins", "lobes", "rollers"):
+    """The errors of whole samples read back from their tables."""
+    n = len(tables[OF_REDUCER]["sample"])
+    fields = {field: tables[OF_REDUCER][column] for column, field in _fields(OF_REDUCER).items()}
+    for table in SAMPLED[1:]:
         fields |= {field: tables[table][column].reshape(n, -1) for column, field in _fields(table).items()}
+    if len(tables[OF_DISKS]["disk"]) == n:
+        fields |= {field: fields[field][:, 0] for field in _fields(OF_DISKS).values()}
     return Errors(**fields)
 
 
@@ -104,8 +126,16 @@ def _prepare(job: Job):
 SAMPLE = Stage(
     name="sample",
     reads=(),
-    sections=("samples", "tolerances", "cases", "design.cycloid", "design.output.contacts", "design.output.interfaces"),
-    tables=(REDUCER, PINS, LOBES, ROLLERS),
+    sections=(
+        "samples",
+        "tolerances",
+        "cases",
+        "design.cycloid",
+        "design.disk.count",
+        "design.output.contacts",
+        "design.output.interfaces",
+    ),
+    tables=(REDUCER, DISKS, PINS, LOBES, ROLLERS),
     module="stages.sample",
     unit="samples",
     items=_items,

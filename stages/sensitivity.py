@@ -13,6 +13,7 @@ from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from pipeline.sampling import drawn_units, error_groups, replicates
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, rank_correlation, variance_indices
+from stages.sample import SAMPLED
 
 RANKED_SAMPLES = 20_000
 """Samples that rank correlations are taken from at most: their intervals are below 0.02 by then."""
@@ -88,13 +89,14 @@ def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
 def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
     """One number (n,) per error of the given samples: of errors of elements their mean."""
     stop = int(samples[-1]) + 1
-    elements = [dimension for dimension in dimension_library().values() if dimension.elements]
-    tables = {name: job.read_items("sample", name, 0, stop) for name in ("reducer", *(d.table for d in elements))}
-    means = {
-        f"{dimension.name}_mean_um": tables[dimension.table][dimension.column].reshape(stop, -1).mean(axis=1)
-        for dimension in elements
-    }
-    reducer = tables["reducer"]
+    tables = {name: job.read_items("sample", name, 0, stop) for name in SAMPLED}
+    several = len(tables["disks"]["disk"]) > stop
+    means, reducer = {}, dict(tables["reducer"])
+    for dimension in dimension_library().values():
+        table = "disks" if dimension.of_disk and not dimension.elements else dimension.table
+        if dimension.elements or (several and dimension.of_disk):
+            means[f"{dimension.name}_mean_um"] = tables[table][dimension.column].reshape(stop, -1).mean(axis=1)
+            reducer.pop(dimension.column, None)
     alone = {name: values for name, values in reducer.items() if name != "sample" and not name.endswith("_rad")}
     return {name: np.asarray(values)[samples] for name, values in {**alone, **means}.items()}
 

@@ -18,7 +18,7 @@ from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from stages import hysteresis
 from stages.chain import STAGES
-from stages.sample import errors_of_columns
+from stages.sample import SAMPLED, errors_of_columns
 
 
 def run_stages(options: argparse.Namespace) -> None:
@@ -65,7 +65,7 @@ def resolve_contacts(options: argparse.Namespace) -> None:
 def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str, np.ndarray]:
     """Rows of the contacts of one sample of a finished run."""
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
-    tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in hysteresis.SAMPLED}
+    tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in SAMPLED}
     solved = hysteresis.solve_samples(shared, errors_of_columns(tables))
     curves = [loop for loop in solved if loop.crank_deg in study.cycle.curve_crank_deg]
     return hysteresis.contact_rows(np.array([sample]), curves)

@@ -18,6 +18,8 @@ PerElement = Micrometres | tuple[Micrometres, ...]
 class _Case(Section):
     """One sample of known deviations [um]; a number stands for all elements alike, a list gives one per element.
 
+    A list of what belongs to the disks runs over one disk after the other.
+
     Signs are those of the dimensions. Ovalities are amplitudes with their phase at 0: the pin circle is widest
     along the crank at 0 degrees.
     """
@@ -33,16 +35,16 @@ if TYPE_CHECKING:
     Case = _Case
 else:
     _of_dimensions = {
-        name: (PerElement if dimension.elements else Micrometres, 0.0)
+        name: (PerElement if dimension.elements or dimension.of_disk else Micrometres, 0.0)
         for name, dimension in dimension_library().items()
     }
     Case = create_model("Case", __base__=_Case, __doc__=_Case.__doc__, **_of_dimensions)
 
 
 def elements(design: Design) -> dict[str, int]:
-    """Number of elements of each dimension that has one deviation per element."""
-    library = dimension_library()
-    return {name: dimension.elements.count(design) for name, dimension in library.items() if dimension.elements}
+    """Number of deviations of each dimension that has several: one per element, disk by disk."""
+    library = dimension_library().items()
+    return {name: dimension.count(design) for name, dimension in library if dimension.elements or dimension.of_disk}
 
 
 def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[Problem]:
@@ -65,7 +67,9 @@ def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[
                 yield Problem(f"cases[{position}].{name}", getattr(case, name), "must be >= 0")
         for name, count in elements(design).items() if design else ():
             value = getattr(case, name)
-            if isinstance(value, Sequence) and len(value) != count:
+            if design and count == 0 and np.any(value):
+                yield Problem(f"cases[{position}].{name}", value, dimension_library()[name].too_few_disks(design))
+            elif count and isinstance(value, Sequence) and len(value) != count:
                 yield Problem(
                     f"cases[{position}].{name}", f"list of {len(value)}", f"must have {count}, or be a number"
                 )

@@ -36,6 +36,7 @@ class Disk(Section):
     thickness_mm: Millimetres
     bore_radius_mm: Millimetres
     stress: Literal["plane_stress", "plane_strain"]
+    count: Annotated[int, Field(ge=1, le=1)] = 1
 
 
 class Pins(Section):

@@ -18,7 +18,13 @@ def nominal_gaps(design: Design, crank_deg: float) -> pd.DataFrame:
     at, profile = assembly.reducer(design, crank_deg), assembly.profile(design)
     pins = np.zeros((1, profile.pins))
     nominal = Errors(
-        pins, pins, pins, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, len(at.contacts) - at.n_pins))
+        pins,
+        pins,
+        pins,
+        np.zeros((1, profile.lobes)),
+        np.zeros(1),
+        np.zeros((1, len(at.contacts) - at.n_pins)),
+        np.zeros(1),
     )
     gaps = {
         name: UM_PER_MM * method(profile, at, nominal, "radial")[0]

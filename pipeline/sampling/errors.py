@@ -23,9 +23,10 @@ class _Errors:
 
     Attributes
     ----------
-    eccentricity, disk_profile, bearing_clearance : (n_samples,) [um]; the clearance adds to the design's.
+    eccentricity, disk_profile, bearing_clearance, eccentric_phase : (n_samples,), of several disks (n_samples, n_disks)
+        [um]; the clearance adds to the design's.
     pin_radial, pin_tangential, pin_radius : (n_samples, n_pins) [um], pins clockwise; radial with the ovalities added.
-    lobe_profile : (n_samples, n_lobes) [um], beside disk_profile; lobes clockwise.
+    lobe_profile : (n_samples, n_disks n_lobes) [um], beside disk_profile; lobes clockwise, disk after disk.
     roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts.
 
     Every other dimension has an attribute of its name, (n_samples,) or (n_samples, n_elements) [um]. One with a
@@ -41,6 +42,7 @@ class _Errors:
     pin_radius: Real
     lobe_profile: Real
     roller_diameter: Real
+    eccentric_phase: Real
 
     def __len__(self) -> int:
         return len(self.eccentricity)
@@ -92,7 +94,7 @@ def dimensions(design: Design) -> dict[str, int]:
     """Dimensions of the design of experiment that belong to each tolerance and phase, in their order."""
     places: list[tuple[int, str, int]] = []
     for name, dimension in dimension_library().items():
-        places.append((dimension.drawn[0], name, dimension.elements.count(design) if dimension.elements else 1))
+        places.append((dimension.drawn[0], name, dimension.count(design)))
         if dimension.direction:
             places.append((dimension.drawn[1], dimension.phase, 1))
     return {name: count for _, name, count in sorted(places)}
@@ -112,23 +114,24 @@ def errors_at(study: Study, numbers: Real) -> Errors:
         tolerance = getattr(study.tolerances, name)
         length = getattr(tolerance, "correlation_length_mm", None)
         if length is not None:
-            probability = correlated(probability, _circumference(name, study.design), length)
+            probability = _correlated(name, probability, study.design, length)
         values[name] = tolerance.allowance_um + tolerance.deviation(probability)
     return _errors(values, study.design)
 
 
-def _circumference(name: str, design: Design) -> float:
-    """Length of the circle on which the elements lie [mm]."""
+def _correlated(name: str, probability: Real, design: Design, length: float) -> Real:
+    """The uniform numbers (n_samples, n_elements), correlated along the circle of the elements of each disk."""
     elements = dimension_library()[name].elements
     if elements is None or elements.radius_mm is None:
         raise ValueError(f"{name} does not lie along a circle")
-    return 2 * np.pi * elements.radius_mm(design)
+    circles = probability.reshape(-1, elements.count(design))
+    return correlated(circles, 2 * np.pi * elements.radius_mm(design), length).reshape(probability.shape)
 
 
 def _listed(study: Study, start: int, stop: int) -> Errors:
     listed, counts = study.cases[start:stop], dimensions(study.design)
     values = {
-        name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in listed]).reshape(-1, n)
+        name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in listed]).reshape(len(listed), n)
         for name, n in counts.items()
         if name in dimension_library()
     }
@@ -145,7 +148,7 @@ def _nominal(study: Study) -> Errors:
 def _errors(values: dict[str, Real], design: Design) -> Errors:
     """Errors from one array (n_samples, n_elements) per tolerance and phase."""
     library = dimension_library().values()
-    errors = {d.field: values[d.name] if d.elements else values[d.name][:, 0] for d in library}
+    errors = {d.field: values[d.name] if d.elements else _alone(values[d.name]) for d in library}
     errors |= {name: values[name][:, 0] for name in _directions()}
     for dimension in library:
         if dimension.shift:
@@ -153,6 +156,13 @@ def _errors(values: dict[str, Real], design: Design) -> Errors:
             direction = errors.get(dimension.phase, np.zeros(len(deviation)))
             errors[dimension.acts_on] = errors[dimension.acts_on] + dimension.shift(deviation, direction, design)
     return Errors(**errors)
+
+
+def _alone(values: Real) -> Real:
+    """Values (n_samples,) of what a reducer has once, zero of what none has; (n_samples, n_disks) of each disk."""
+    if values.shape[1] > 1:
+        return values
+    return values[:, 0] if values.shape[1] else np.zeros(len(values))
 
 
 def _joined(*parts: Errors) -> Errors:

@@ -51,12 +51,14 @@ def errors_of(profile, reducer, n=1, **given):
         "roller_diameter": np.count_nonzero(reducer.contacts.kind == OUTPUT),
     }
     values = {name: np.zeros((n, length)) + given.pop(name, 0.0) for name, length in shapes.items()}
-    return Errors(**values, eccentricity=np.zeros(n) + given.pop("eccentricity", 0.0), **given)
+    values |= {name: np.zeros(n) + given.pop(name, 0.0) for name in ("eccentricity", "eccentric_phase")}
+    return Errors(**values, **given)
 
 
 def random_errors(profile, reducer, n, scale, rng, lobe_scale=None):
     zero = errors_of(profile, reducer, n)
     drawn = {name: scale * rng.uniform(-1, 1, value.shape) for name, value in vars(zero).items()}
+    drawn["eccentric_phase"][:] = 0.0  # of one disk it only turns the crank
     if lobe_scale is not None:
         drawn["lobe"] *= lobe_scale / scale
     return Errors(**drawn)

@@ -36,7 +36,13 @@ def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> 
     profile, at = replace(specimen.profile, modification=modification), assembly.reducer(specimen.study.design, crank)
     pins = np.zeros((1, profile.pins))
     no_errors = Errors(
-        pins, pins, pins, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, len(at.contacts) - at.n_pins))
+        pins,
+        pins,
+        pins,
+        np.zeros((1, profile.lobes)),
+        np.zeros(1),
+        np.zeros((1, len(at.contacts) - at.n_pins)),
+        np.zeros(1),
     )
     exact, first = (method(profile, at, no_errors, "radial")[0] for method in (exact_gaps, first_order_gaps))
     return at.pins.phase, at.pins.arm, exact, first

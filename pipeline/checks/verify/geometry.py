@@ -72,7 +72,7 @@ def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
 
 def _no_errors(profile: CycloidProfile, rollers: int) -> Errors:
     zeros = np.zeros((1, profile.pins))
-    return Errors(zeros, zeros, zeros, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, rollers)))
+    return Errors(zeros, zeros, zeros, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, rollers)), np.zeros(1))
 
 
 def _envelope(specimen: Specimen) -> tuple[Real, Real]:

@@ -41,6 +41,7 @@ def random_gaps(design: Design, reducer: Reducer, allowance: float) -> Real:
         lobe=np.full((SAMPLES, profile.lobes), allowance),
         eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
         roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.contacts)),
+        eccentric_phase=np.zeros(SAMPLES),
     )
     return gaps(profile, reducer, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
 

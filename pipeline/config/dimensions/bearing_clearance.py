@@ -9,5 +9,6 @@ DIMENSION = Dimension(
     meaning="radial clearance of the input bearing beyond the design's",
     rank=80,
     drawn=(2,),
+    of_disk=True,
     one_sided=True,
 )

@@ -15,8 +15,8 @@ from pipeline.model.registry import declarations
 Real = NDArray[np.float64]
 ENTRY_POINTS = "cycloid_dimensions"
 """Group in which an installed package registers dimensions of its own."""
-REDUCER = "reducer"
-"""Table of what a reducer has once."""
+REDUCER, DISKS = "reducer", "disks"
+"""Tables of what a reducer and each of its disks have once; the first has the numbers of disk 0, too."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Elements:
     Attributes
     ----------
     name : of one; their table is its plural.
-    count : number of them in a design.
+    count : number of them in a design, of a disk's elements on each disk.
     radius_mm : of the circle along which they are machined one after the other, None where they are made apart.
     """
 
@@ -57,7 +57,9 @@ class Dimension:
     meaning : of its column in the tables.
     rank : place in study files and reports, ascending.
     drawn : its place in the design of experiment, and that of its direction; places after all others leave their order.
-    elements : what has one each; None for a dimension of the whole reducer.
+    elements : what has one each; None for a dimension of the whole reducer, or of a disk.
+    of_disk : whether every disk has deviations of its own.
+    fewest_disks : disks of a reducer below which it acts on nothing.
     one_sided : whether the total cannot be negative: a clearance, an amplitude.
     direction : meaning of its random direction, which makes the deviation an amplitude; empty without one.
     size_um : nominal size that no deviation may use up, where it has one.
@@ -72,6 +74,8 @@ class Dimension:
     rank: int
     drawn: tuple[int, ...]
     elements: Elements | None = None
+    of_disk: bool = False
+    fewest_disks: int = 1
     one_sided: bool = False
     direction: str = ""
     size_um: Callable[[Design], float] | None = None
@@ -87,6 +91,19 @@ class Dimension:
     def phase(self) -> str:
         """Name of the direction among the errors of a sample."""
         return f"{self.name}_phase"
+
+    def count(self, design: Design) -> int:
+        """Number of deviations of a reducer, disk after disk; 0 where the dimension acts on nothing."""
+        disks = design.disk.count if self.of_disk else 1
+        per_disk = self.elements.count(design) if self.elements else 1
+        return disks * per_disk if design.disk.count >= self.fewest_disks else 0
+
+    def too_few_disks(self, design: Design) -> str:
+        """Why a deviation of a reducer that has not the ``fewest_disks`` is refused."""
+        return (
+            f"acts on nothing where [disk] count = {design.disk.count}: it counts against the other disks, of which "
+            f"{self.fewest_disks - 1} must be there; delete it"
+        )
 
     @property
     def table(self) -> str:

@@ -9,4 +9,5 @@ DIMENSION = Dimension(
     meaning="material off the whole flank, as the study reads it",
     rank=40,
     drawn=(1,),
+    of_disk=True,
 )

@@ -9,5 +9,6 @@ DIMENSION = Dimension(
     meaning="eccentricity error, larger positive",
     rank=60,
     drawn=(0,),
+    of_disk=True,
     size_um=lambda design: 1e3 * design.cycloid.eccentricity_mm,
 )

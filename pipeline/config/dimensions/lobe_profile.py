@@ -9,5 +9,6 @@ DIMENSION = Dimension(
     meaning="material off this lobe's flank besides disk_profile_um",
     rank=50,
     drawn=(10,),
+    of_disk=True,
     elements=LOBES,
 )

@@ -138,7 +138,7 @@ def solve(
     compliance : (n_contacts, n_contacts) [mm/N]
         Condensed compliance of the elastic bodies between the contacts; symmetric, positive semidefinite.
     gap : (n, n_contacts) [mm]
-    bearing_clearance : (n,) [mm]
+    bearing_clearance : (n,) of all bearings alike, or (n, n_disks) [mm]
     start : (n, n_motions) [mm, rad]
         Motions to start from; any will do, near ones save iterations.
     torque : (n_torques,) [N mm]

@@ -3,7 +3,7 @@
 Gaps are (n_samples, n_contacts) [mm]; a negative gap is an interference (preload) and legal.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from pipeline.model.geometry.deviating_distances import deviating_distances
 from pipeline.model.geometry.drawn_flank import deviation_table, material_off
 from pipeline.model.geometry.flank_modification import NOMINAL
 from pipeline.model.geometry.foot_points import pin_distances, valleys
-from pipeline.model.geometry.reducer import OUTPUT, Reducer
+from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose, Reducer
 
 DISK_READINGS = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}
 """What a disk profile error of 1 is at the flank: a shift of the pin circle that generates it (radial; half of
@@ -29,9 +29,12 @@ class Errors:
     Attributes
     ----------
     pin_radial, pin_tangential, pin_radius : (n, n_pins); outward, counterclockwise, larger positive.
-    lobe : (n, n_lobes) material off each lobe's flank, the uniform part included.
-    eccentricity : (n,) larger positive.
-    roller_diameter : (n, n_rollers) larger positive, in the order of the output contacts: rollers, or output pins.
+    lobe : (n, n_lobes) of all disks alike, or (n, n_disks, n_lobes): material off each lobe's flank, the uniform part
+        included.
+    eccentricity : (n,) or (n, n_disks) larger positive.
+    roller_diameter : (n, n_rollers) larger positive, in the order of the output contacts: rollers, or output pins,
+        which reach through all disks.
+    eccentric_phase : (n,) or (n, n_disks) way of the eccentric's centre around the crank, counterclockwise positive.
     """
 
     pin_radial: Real
@@ -40,9 +43,24 @@ class Errors:
     lobe: Real
     eccentricity: Real
     roller_diameter: Real
+    eccentric_phase: Real
+
+    def of_disk(self, disk: int) -> "Errors":
+        """The errors as one disk meets them: its own, and those of the parts that all disks share."""
+        return replace(
+            self,
+            lobe=self.lobe if self.lobe.ndim == 2 else np.ascontiguousarray(self.lobe[:, disk]),
+            eccentricity=_of_disk(self.eccentricity, disk),
+            eccentric_phase=_of_disk(self.eccentric_phase, disk),
+        )
 
 
-def pin_lobes(profile: CycloidProfile, reducer: Reducer) -> tuple[np.ndarray, np.ndarray]:
+def _of_disk(values: Real, disk: int) -> Real:
+    """Of one disk (n,), from values of all disks alike (n,) or of each (n, n_disks)."""
+    return values if values.ndim == 1 else np.ascontiguousarray(values[:, disk])
+
+
+def pin_lobes(profile: CycloidProfile, reducer: DiskPose | Reducer) -> tuple[np.ndarray, np.ndarray]:
     """The lobes on the two sides of the valley in which each pin lies, (n_pins,) each.
 
     The first has phases beta < 0 (counterclockwise of the root), the second beta > 0. Lobes are numbered
@@ -53,7 +71,7 @@ def pin_lobes(profile: CycloidProfile, reducer: Reducer) -> tuple[np.ndarray, np
     return (valley - 1) % profile.lobes, valley % profile.lobes
 
 
-def first_order_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str) -> Real:
+def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Errors, disk_reading: str) -> Real:
     """Gaps of the pins to first order in the errors, (n, n_pins) [mm].
 
     Notes
@@ -106,7 +124,7 @@ def _first_order_gaps(
     return gap
 
 
-def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str) -> Real:
+def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Errors, disk_reading: str) -> Real:
     """Signed distance of each actual pin from the actual flank, as drawn and with its errors, (n, n_pins) [mm].
 
     The foot point is searched over both flanks of the valley in which the pin lies, and over its tips; each lobe
@@ -143,14 +161,34 @@ def exact_gaps(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_r
     return distance - (profile.pin_radius + errors.pin_radius)
 
 
-def output_gaps(reducer: Reducer, errors: Errors, roller_reading: str) -> Real:
-    """Gaps of the output contacts, (n, n_output_contacts) [mm]."""
-    of_output = reducer.contacts.kind == OUTPUT
-    nominal, two_sided, per_eccentricity = (
-        getattr(reducer.contacts, name)[of_output] for name in ("gap", "two_sided", "per_eccentricity")
-    )
-    share = np.where(two_sided, ROLLER_READINGS[roller_reading], 0.5)
-    return nominal - share * errors.roller_diameter + per_eccentricity * errors.eccentricity[:, None]
+def output_gaps(contacts: Contacts, eccentricity: float, errors: Errors, roller_reading: str) -> Real:
+    """Gaps of the output contacts of one disk, (n, n_output_contacts) [mm].
+
+    Parameters
+    ----------
+    contacts : of the disk with the output.
+    eccentricity : nominal [mm].
+    errors : of the disk.
+    """
+    radius = eccentricity + errors.eccentricity
+    aside = np.hypot(radius, errors.eccentric_phase) - radius  # 0 of an eccentric in its direction
+    share = np.where(contacts.two_sided, ROLLER_READINGS[roller_reading], 0.5)
+    farther = contacts.per_eccentricity * (errors.eccentricity + aside)[:, None]
+    return contacts.gap - share * errors.roller_diameter + farther
+
+
+def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
+    """The errors of a disk with its eccentric where it belongs, and the pins moved against the way that it went.
+
+    Notes
+    -----
+    Exact: only the way between a pin and the disk's centre counts, and the disk's rotation is a motion.
+    """
+    if not np.any(errors.eccentric_phase):
+        return errors
+    way = np.conj(disk.pins.centre / np.abs(disk.pins.centre)) * -1j * np.exp(1j * disk.crank)
+    along, across = (np.multiply.outer(errors.eccentric_phase, part) for part in (way.real, way.imag))
+    return replace(errors, pin_radial=errors.pin_radial + along, pin_tangential=errors.pin_tangential + across)
 
 
 def gaps(
@@ -176,7 +214,14 @@ def gaps(
         If there is not one roller error for each contact of the output.
     """
     of_pins = {"exact": exact_gaps, "first_order": first_order_gaps}[method]
-    n_rollers = int(np.count_nonzero(reducer.contacts.kind == OUTPUT))
-    if errors.roller_diameter.shape[1] != n_rollers:
-        raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {n_rollers} rollers")
-    return np.hstack([of_pins(profile, reducer, errors, disk_reading), output_gaps(reducer, errors, roller_reading)])
+    of_outputs = np.split(np.flatnonzero(reducer.contacts.kind == OUTPUT), reducer.n_disks)
+    if errors.roller_diameter.shape[1] != len(of_outputs[0]):
+        raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {len(of_outputs[0])} rollers")
+    parts = []
+    for number, disk in enumerate(reducer.disks):
+        of_disk = _with_pins_turned(disk, errors.of_disk(number))
+        parts.append(of_pins(profile, disk, of_disk, disk_reading))
+    for number, rows in enumerate(of_outputs):
+        contacts = reducer.contacts.some(rows)
+        parts.append(output_gaps(contacts, profile.eccentricity, errors.of_disk(number), roller_reading))
+    return np.hstack(parts)

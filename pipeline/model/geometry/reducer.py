@@ -6,6 +6,7 @@ first body against it, so its penetration is ``contact_jacobian @ q - gap`` for 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from pipeline.model.geometry.cycloid_profile import (
     Complex,
     CycloidProfile,
+    Index,
     PinContacts,
     Real,
     disk_rotation,
@@ -22,7 +24,7 @@ from pipeline.model.geometry.cycloid_profile import (
 PIN, OUTPUT = "pin", "output"
 HOUSING = "housing"
 DISK = "disk"
-"""Name of the disk among the bodies."""
+"""Name of a disk among the bodies; of several ones their numbers follow it."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +52,22 @@ class DiskPose:
     Attributes
     ----------
     body : its name among the bodies.
+    crank : direction of its eccentric [rad].
     eccentricity : [mm]
-    eccentric : its centre from the housing axis, complex [mm].
-    rotation : of the disk, and of the output [rad].
+    pins : nominal contacts of every pin with it.
+    rotation : of its holes, or of what else carries the output, and of the output [rad].
     """
 
     body: str
+    crank: float
     eccentricity: float
-    eccentric: complex
+    pins: PinContacts
     rotation: float
+
+    @property
+    def eccentric(self) -> complex:
+        """Its centre from the housing axis, complex [mm]."""
+        return complex(self.eccentricity * np.exp(1j * self.crank))
 
     def part(self, name: str) -> str:
         """Name of a body that belongs to this disk alone: the first disk's is ``name`` itself."""
@@ -117,10 +126,9 @@ class Reducer:
     Attributes
     ----------
     crank : against the housing [rad].
-    pins : the nominal pin contacts.
-    disks : the disk, where it stands.
-    contacts : all contacts, pins first.
-    motions : names of the free rigid motions (n_motions,), the disk's translation first.
+    disks : where each disk stands, (n_disks,).
+    contacts : the pins of one disk after the other, then the output contacts of one after the other.
+    motions : names of the free rigid motions (n_motions,), the translation of each disk first.
     contact_jacobian : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
     flange_ratio : rotation of the flange, the crank held to the housing, per rotation of the output: 1 where the flange
         is the output.
@@ -128,7 +136,6 @@ class Reducer:
     """
 
     crank: float
-    pins: PinContacts
     disks: tuple[DiskPose, ...]
     contacts: Contacts
     motions: tuple[str, ...]
@@ -136,8 +143,28 @@ class Reducer:
     flange_ratio: float = 1.0
     rolling: float = 0.0
 
+    @cached_property
+    def pins(self) -> PinContacts:
+        """The nominal pin contacts, disk after disk."""
+        names = PinContacts.__dataclass_fields__
+        return PinContacts(*(np.concatenate([getattr(disk.pins, name) for disk in self.disks]) for name in names))
+
+    @cached_property
+    def disk_of_contact(self) -> Index:
+        """Number of the disk that each contact touches (n_contacts,), -1 if none."""
+        number = np.full(len(self.contacts), -1)
+        for disk, pose in enumerate(self.disks):
+            number[(self.contacts.body_a == pose.body) | (self.contacts.body_b == pose.body)] = disk
+        return number
+
+    @property
+    def n_disks(self) -> int:
+        """Number of disks, and of input bearings."""
+        return len(self.disks)
+
     @property
     def n_pins(self) -> int:
+        """Number of pin contacts: every pin touches every disk."""
         return len(self.pins.arm)
 
     @property
@@ -147,9 +174,19 @@ class Reducer:
         return np.array(along)[:, None] + np.arange(2)
 
     @property
+    def planar(self) -> Real:
+        """Columns of ``contact_jacobian`` of the disks' translations, (n_contacts, 2 n_disks)."""
+        return self.contact_jacobian[:, : 2 * self.n_disks]
+
+    @property
     def output_motion(self) -> int:
         """Index of the rotation of the output, flange or housing, among the motions: its torque is the load."""
         return self.motions.index("output_phi")
+
+    def thrust(self, force: Real) -> Real:
+        """Force (..., n_disks) [N] on the input bearing of each disk under contact forces (..., n_contacts) [N]."""
+        resultant = force @ self.planar
+        return np.linalg.norm(resultant.reshape(*resultant.shape[:-1], self.n_disks, 2), axis=-1)
 
 
 class OutputContacts(Protocol):
@@ -162,13 +199,18 @@ class OutputContacts(Protocol):
         """Names of the free rigid motions of the bodies after the disk, ``output_phi`` among them."""
 
 
-def _pin_list(pins: PinContacts) -> Contacts:
-    n = len(pins.arm)
+def of_each_disk(values: Real, count: int) -> Real:
+    """Values (n, count) of each disk, from those or from values (n,) of all disks alike."""
+    return values if values.ndim == 2 else np.repeat(values[:, None], count, axis=1)
+
+
+def _pin_list(disk: DiskPose) -> Contacts:
+    pins, n = disk.pins, len(disk.pins.arm)
     nowhere = np.full(n, -1)
     return Contacts(
         kind=np.full(n, PIN),
         body_a=np.full(n, HOUSING),
-        body_b=np.full(n, "disk"),
+        body_b=np.full(n, disk.body),
         interface=nowhere,
         face=nowhere,
         end=nowhere,
@@ -220,15 +262,40 @@ def with_fixed_flange(reducer: Reducer, lobes: int) -> Reducer:
     return replace(reducer, contact_jacobian=jacobian, flange_ratio=ratio, rolling=1 / lobes)
 
 
-def nominal_reducer(profile: CycloidProfile, output: OutputContacts, crank: float, fixed: str = HOUSING) -> Reducer:
-    """Housing, disk and output at the crank angle ``crank`` [rad] against the housing.
+def disk_poses(profile: CycloidProfile, crank: float, count: int) -> tuple[DiskPose, ...]:
+    """Disks whose eccentrics stand evenly over the turn, the first one's at the crank angle ``crank`` [rad].
+
+    Notes
+    -----
+    Holes stand alike in all disks as they are mounted, while the lobes of disk k are turned by k/count of a lobe's
+    pitch, clockwise, to mesh at its own eccentric.
+    """
+    rotation, angles = disk_rotation(profile, crank), [crank + 2 * np.pi * disk / count for disk in range(count)]
+    names = [DISK] if count == 1 else [f"{DISK} {disk}" for disk in range(count)]
+    return tuple(
+        DiskPose(name, angle, profile.eccentricity, pin_contacts(profile, angle), rotation)
+        for name, angle in zip(names, angles, strict=True)
+    )
+
+
+def _labelled(contacts: Contacts, disk: DiskPose) -> Contacts:
+    """The contacts of a disk, its name in their labels where it is one of several."""
+    if disk.body == DISK:
+        return contacts
+    return replace(contacts, label=np.char.add(contacts.label.astype(str), f", {disk.body}"))
+
+
+def nominal_reducer(
+    profile: CycloidProfile, output: OutputContacts, crank: float, fixed: str = HOUSING, disks: int = 1
+) -> Reducer:
+    """Housing, ``disks`` disks and output at the crank angle ``crank`` [rad] against the housing.
 
     ``fixed`` is the body that is held, ``"housing"`` or the output's ``"flange"``.
     """
-    pins = pin_contacts(profile, crank)
-    rotation, eccentric = disk_rotation(profile, crank), profile.eccentricity * np.exp(1j * crank)
-    disk = DiskPose(DISK, profile.eccentricity, eccentric, rotation)
-    contacts = joined([_pin_list(pins), output.contacts_of(disk)])
-    motions = (f"{DISK}_x", f"{DISK}_y", f"{DISK}_phi", *output.motions_of(disk))
-    reducer = Reducer(crank, pins, (disk,), contacts, motions, _contact_jacobian(contacts, motions))
+    poses = disk_poses(profile, crank, disks)
+    contacts = joined([_labelled(part(pose), pose) for part in (_pin_list, output.contacts_of) for pose in poses])
+    behind = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
+    planar = [f"{pose.body}_{axis}" for pose in poses for axis in "xy"]
+    motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *behind)
+    reducer = Reducer(crank, poses, contacts, motions, _contact_jacobian(contacts, motions))
     return reducer if fixed == HOUSING else with_fixed_flange(reducer, profile.lobes)

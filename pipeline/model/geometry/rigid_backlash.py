@@ -1,8 +1,9 @@
 """Rigid backlash: how far the output turns between its two ends of play, every body rigid.
 
 With a rigid input bearing the chain separates: the play of the disk among its pins and the play of each output
-interface add up (``separated_play``). With a clearance of the bearing everything couples, and the play is
-a linear program with one second-order cone (``general_play``), which is also the check of the other.
+interface add up (``separated_play``); of several disks, each with a chain of its own to one output, the shortest play
+to either side counts. With a clearance of a bearing everything couples, and the play is
+a linear program with one second-order cone a disk (``general_play``), which is also the check of the other.
 
 Arrays have the sample axis first; gaps [mm], angles [rad].
 """
@@ -10,21 +11,13 @@ Arrays have the sample axis first; gaps [mm], angles [rad].
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linprog
 
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.cycloid_profile import Index, Real
-from pipeline.model.geometry.reducer import PIN, Reducer
+from pipeline.model.geometry.disc_program import cut_program
+from pipeline.model.geometry.reducer import PIN, Reducer, of_each_disk
 from pipeline.model.units import UM_PER_MM
 
-CONE_TOLERANCE = 1e-9
-"""The bearing's disc is cut until it is met to this share of the clearance."""
-PROGRAM_TOLERANCE = 1e-10
-"""Feasibility of the linear programs, which are solved in micrometres."""
-AMONG_MANY = 20
-"""Tangents of the bearing's disc after which its optimum is taken for one of many; a single one needs some 16."""
-MOST_CUTS = 200
-"""Tangents of the bearing's disc after which a program is given up."""
 ARM_FLOOR = 1e-9
 """Arms below this share of the largest one carry no moment; such contacts limit no rotation."""
 TOUCHING = 1e-10
@@ -87,11 +80,16 @@ def _rotation_ends(gap, contact, arm):
     return ends_plus, ends_minus, tight
 
 
-def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
-    """Ends (plus, minus) of the rotation that keeps gap[:, contact] + arm phi >= 0, and the overlap where none does."""
+def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real]:
+    """Contacts and arms in the order of the arms; those that carry no moment are 0."""
     arm = np.where(np.abs(arm) > ARM_FLOOR * np.max(np.abs(arm)), arm, 0.0)
     order = np.argsort(arm)
-    contact, arm = contact[order], arm[order]
+    return contact[order], arm[order]
+
+
+def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
+    """Ends (plus, minus) of the rotation that keeps gap[:, contact] + arm phi >= 0, and the overlap where none does."""
+    contact, arm = _by_arm(contact, arm)
     plus, minus, tight = _rotation_ends(gap, contact, arm)
     overlap = np.zeros(len(gap))
     if np.any(tight):
@@ -142,14 +140,87 @@ def _of_output(reducer: Reducer, play: RigidPlay) -> RigidPlay:
     return replace(play, pose_plus=play.pose_minus, pose_minus=play.pose_plus)
 
 
-def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
-    """Play (n,) with the disk centre held, part by part; ``gap`` (n, n_contacts) [mm].
+def _disk_contacts(reducer: Reducer) -> list[tuple[Index, Index]]:
+    """Contacts of each disk with the pins, and with the output."""
+    contacts = reducer.contacts
+    disks = (reducer.disk_of_contact == disk for disk in range(reducer.n_disks))
+    return [
+        (np.flatnonzero(own & (contacts.kind == PIN)), np.flatnonzero(own & (contacts.kind != PIN))) for own in disks
+    ]
+
+
+def _parallel_play(reducer: Reducer, gap: Real) -> RigidPlay:
+    """Play (n,) of several disks, each between its pins and one output; every body only rotates.
 
     Notes
     -----
-    Exact for a rigid bearing without clearance: no part of the chain then moves another's contacts but by
+    Each disk leaves the output an interval, the sum of those of its pins and of its output contacts; the output has
+    what they share. Where they share nothing the disks work against each other and stand where the largest penetration
+    is least.
+    """
+    pins, output = _parts(reducer, gap)
+    plus, minus = np.min(pins[0] + output[0], axis=1), np.max(pins[1] + output[1], axis=1)
+    overlap = np.maximum(pins[2], output[2]).max(axis=1)
+    against = plus < minus
+    if np.any(against):
+        plus[against], least = _meeting(reducer, gap[against])
+        minus[against] = plus[against]
+        overlap[against] = np.where(least > TOUCHING, least, 0.0)
+        pins[:, against], output[:, against] = _parts(reducer, gap[against] + least[:, None])
+    motions = reducer.motions
+    turning = [motions.index(f"{disk.body}_phi") for disk in reducer.disks]
+    poses = []
+    for end, behind in ((plus, output[0]), (minus, output[1])):
+        pose = np.zeros((len(gap), len(motions)))
+        pose[:, reducer.output_motion] = end
+        pose[:, turning] = np.clip(end[:, None] - behind, pins[1], pins[0])
+        poses.append(pose)
+    return _of_output(reducer, RigidPlay(poses[0], poses[1], overlap, reducer.output_motion))
+
+
+def _parts(reducer: Reducer, gap: Real) -> Real:
+    """Ends plus, minus and overlap of each disk among its pins, and of the output in it, (2, 3, n, n_disks)."""
+    arm = reducer.contacts.arm
+    parts = [[_rotation_play(gap, rows, arm[rows]) for rows in pair] for pair in _disk_contacts(reducer)]
+    return np.moveaxis(np.array(parts), 0, -1)
+
+
+def _meeting(reducer: Reducer, gap: Real) -> tuple[Real, Real]:
+    """Rotation (n,) of the output by several disks that share none, and the least largest penetration.
+
+    All gaps are widened alike until the disks share one rotation, by bisection: their intervals grow with it.
+    """
+    low, high = np.zeros(len(gap)), np.max(np.abs(gap), axis=1)
+    pairs = _disk_contacts(reducer)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        plus, minus = _shared_ends(reducer, gap + middle[:, None], pairs)
+        low, high = np.where(plus < minus, middle, low), np.where(plus < minus, high, middle)
+    plus, minus = _shared_ends(reducer, gap + high[:, None], pairs)
+    return 0.5 * (plus + minus), high
+
+
+def _shared_ends(reducer: Reducer, gap: Real, pairs: list[tuple[Index, Index]]) -> tuple[Real, Real]:
+    """Ends plus, minus (n,) of the output's rotation that all disks leave; plus is -inf where some part leaves none."""
+    plus, minus = np.full(len(gap), np.inf), np.full(len(gap), -np.inf)
+    for pair in pairs:
+        ends = [_rotation_ends(gap, *_by_arm(rows, reducer.contacts.arm[rows])) for rows in pair]
+        tight = ends[0][2] | ends[1][2]
+        plus = np.minimum(plus, np.where(tight, -np.inf, ends[0][0] + ends[1][0]))
+        minus = np.maximum(minus, ends[0][1] + ends[1][1])
+    return plus, minus
+
+
+def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
+    """Play (n,) with the disks' centres held, part by part; ``gap`` (n, n_contacts) [mm].
+
+    Notes
+    -----
+    Exact for rigid bearings without clearance: no part of a chain then moves another's contacts but by
     its rotation, and the two slides of a floating plate are perpendicular.
     """
+    if reducer.n_disks > 1:
+        return _parallel_play(reducer, gap)
     contacts, motions = reducer.contacts, reducer.motions
     poses = {end: np.zeros((len(gap), len(motions))) for end in ("plus", "minus")}
     of_pins = np.flatnonzero(contacts.kind == PIN)
@@ -178,100 +249,18 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
     return _of_output(reducer, RigidPlay(poses["plus"], poses["minus"], overlap, reducer.output_motion))
 
 
-def _program(objective: Real, rows: Real, limits: Real, radius: float) -> np.ndarray | None:
-    """Maximise objective @ x subject to rows @ x <= limits and |x[0]|, |x[1]| <= radius; None where infeasible.
-
-    Raises
-    ------
-    ArithmeticError
-        If the program is unbounded or the solver fails.
-    """
-    bounds: list[tuple[float | None, float | None]] = [(-radius, radius)] * 2
-    bounds += [(None, None)] * (len(objective) - 2)
-    options = {
-        "primal_feasibility_tolerance": PROGRAM_TOLERANCE,
-        "dual_feasibility_tolerance": PROGRAM_TOLERANCE,
-    }
-    solution = linprog(-objective, A_ub=rows, b_ub=limits, bounds=bounds, method="highs", options=options)
-    if solution.status == 2:
-        return None
-    if solution.status != 0:
-        raise ArithmeticError(f"rigid play not solved: {solution.message}")
-    return np.asarray(solution.x)
-
-
-def _overshoot(x: Real, radius: float) -> float:
-    """How far [um] x[:2] lies beyond the disc of a radius and its tolerance; negative within."""
-    return float(np.hypot(*x[:2])) - radius * (1 + CONE_TOLERANCE) - PROGRAM_TOLERANCE
-
-
-def _with_tangent(tangents: Real, x: Real) -> Real:
-    """The tangents of the disc (n_cuts, n_motions) and the one in the direction of x[:2]."""
-    normal = np.zeros((1, tangents.shape[1]))
-    normal[0, :2] = x[:2] / np.hypot(*x[:2])
-    return np.vstack([tangents, normal])
-
-
-def _cut_program(objective: Real, rows: Real, limits: Real, radius: float) -> np.ndarray | None:
-    """Maximise objective @ x subject to rows @ x <= limits and |x[:2]| <= radius; None where infeasible.
-
-    Notes
-    -----
-    The disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960) 703). Each quarters the
-    overshoot, unless the optimum is one of many: where the disk's centre decides nothing, every tangent only moves it
-    on to the next corner of the polygon. After ``AMONG_MANY`` tangents the optimum nearest to the centre is asked for.
-
-    Raises
-    ------
-    ArithmeticError
-        If the program is unbounded, the solver fails or ``MOST_CUTS`` tangents are not enough.
-    """
-    tangents = np.zeros((0, len(objective)))
-    while len(tangents) < MOST_CUTS:
-        bounded = np.append(limits, np.full(len(tangents), radius))
-        optimum = _program(objective, np.vstack([rows, tangents]), bounded, radius)
-        if optimum is None or _overshoot(optimum, radius) <= 0:
-            return optimum
-        tangents = _with_tangent(tangents, optimum)
-        if len(tangents) > AMONG_MANY:
-            optimal = np.vstack([rows, -objective]), np.append(limits, PROGRAM_TOLERANCE - objective @ optimum)
-            nearest, tangents = _nearest_to_the_centre(*optimal, tangents, radius)
-            if nearest is not None:
-                return nearest
-    raise ArithmeticError(f"rigid play not solved: {MOST_CUTS} tangents do not replace the bearing's clearance")
-
-
-def _nearest_to_the_centre(rows: Real, limits: Real, tangents: Real, radius: float) -> tuple[Real | None, Real]:
-    """Point of rows @ x <= limits whose x[:2] lies within the disc, None where there is none; and all tangents used.
-
-    The largest of x[:2] along the tangents' normals is minimised: from below it tends to the least distance.
-    """
-    n = rows.shape[1]
-    distance = np.append(np.zeros(n), -1.0)
-    fixed = np.hstack([rows, np.zeros((len(rows), 1))])
-    while len(tangents) < MOST_CUTS:
-        measured = np.hstack([tangents, np.full((len(tangents), 1), -1.0)])
-        point = _program(distance, np.vstack([fixed, measured]), np.append(limits, np.zeros(len(tangents))), radius)
-        if point is None or point[n] > radius * (1 + CONE_TOLERANCE) + PROGRAM_TOLERANCE:
-            break
-        if _overshoot(point, radius) <= 0:
-            return point[:n], tangents
-        tangents = _with_tangent(tangents, point)
-    return None, tangents
-
-
-def _general_ends(jacobian: Real, gap: Real, radius: float, output: int) -> tuple[Real, Real, float]:
+def _general_ends(jacobian: Real, gap: Real, radii: Real, output: int) -> tuple[Real, Real, float]:
     """Poses at the two ends [um, urad] and overlap [um] of one sample, by the general program."""
     n = jacobian.shape[1]
     ends = []
     for sense in (1.0, -1.0):
         objective = np.zeros(n)
         objective[output] = sense
-        ends.append(_cut_program(objective, jacobian, gap, radius))
+        ends.append(cut_program(objective, jacobian, gap, radii))
     if ends[0] is not None and ends[1] is not None:
         return ends[0], ends[1], 0.0
     lifted = np.hstack([jacobian, -np.ones((len(gap), 1))])
-    pose = _cut_program(np.append(np.zeros(n), -1.0), lifted, gap, radius)
+    pose = cut_program(np.append(np.zeros(n), -1.0), lifted, gap, radii)
     if pose is None:
         raise ArithmeticError("no pose of least penetration found")
     least = float(pose[n])
@@ -279,17 +268,21 @@ def _general_ends(jacobian: Real, gap: Real, radius: float, output: int) -> tupl
 
 
 def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:
-    """Play (n,) of the whole chain at once, the disk centre free within the bearing's clearance (n,) [mm].
+    """Play (n,) of the whole chain at once, disk centres free within their bearings' clearance [mm].
+
+    Parameters
+    ----------
+    bearing_clearance : (n,) of all bearings alike, or (n, n_disks).
 
     Notes
     -----
-    The bearing's clearance is a disc: tangent cuts are added until it is met to 1e-9 of its radius. A sample that
+    A bearing's clearance is a disc: tangent cuts are added until it is met to 1e-9 of its radius. A sample that
     interferes anywhere has no play here; ``separated_play`` keeps the play of its other parts.
     """
     plus, minus, overlap = zip(
         *(
-            _general_ends(reducer.contact_jacobian, UM_PER_MM * one, UM_PER_MM * clearance, reducer.output_motion)
-            for one, clearance in zip(gap, bearing_clearance, strict=True)
+            _general_ends(reducer.contact_jacobian, UM_PER_MM * of_sample, UM_PER_MM * radii, reducer.output_motion)
+            for of_sample, radii in zip(gap, of_each_disk(bearing_clearance, reducer.n_disks), strict=True)
         ),
         strict=True,
     )
@@ -302,8 +295,12 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
 
 
 def rigid_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:
-    """Play (n,) by the separated form where the bearing is tight, by the general program where it is not."""
-    loose = bearing_clearance > 0
+    """Play (n,) by the separated form where every bearing is tight, by the general program where one is not.
+
+    ``bearing_clearance`` [mm] as ``general_play``.
+    """
+    bearing_clearance = of_each_disk(bearing_clearance, reducer.n_disks)
+    loose = np.any(bearing_clearance > 0, axis=1)
     play = separated_play(reducer, gap)
     if not np.any(loose):
         return play

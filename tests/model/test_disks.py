@@ -1,0 +1,192 @@
+"""Two and three disks: how they mesh, what each meets of the errors, and the play that they leave one output."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reducers import PAPER, SMALL, errors_of
+
+from pipeline.config.mechanisms.pin_in_hole import PinInHole
+from pipeline.model.geometry.clearance import gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
+from pipeline.model.geometry.reducer import OUTPUT, PIN, nominal_reducer
+from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
+
+EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
+CASES = pytest.mark.parametrize(
+    ("profile", "disks", "crank"), [(SMALL, 2, 0.3), (SMALL, 3, 1.1), (EVEN_LOBES, 2, 4.0), (PAPER, 3, 2.3)]
+)
+READING = {"disk_reading": "radial", "roller_reading": "half_diameter"}
+
+
+def reducer_at(profile, crank, disks, pins=6):
+    radius, circle = (0.6, 5.0) if profile is not PAPER else (3.0, 20.0)
+    mechanism = PinInHole(
+        mechanism="pin_in_hole",
+        pins=pins,
+        pin_radius_mm=radius,
+        pin_circle_radius_mm=circle,
+        pin_material="steel",
+        hole_clearance_um=0.0,
+        phase_deg=23.0,
+    )
+    return mechanism, nominal_reducer(profile, mechanism, crank, disks=disks)
+
+
+def angles(at):
+    """Directions of the eccentrics [rad]."""
+    return [pose.crank for pose in at.disks]
+
+
+def errors_of_disks(profile, at, n=1, **given):
+    """Zero errors but for those given [mm]; one diameter of each output pin, however many disks it reaches through."""
+    per_pin = np.count_nonzero(at.contacts.kind == OUTPUT) // at.n_disks
+    zero = errors_of(profile, at, n)
+    zero = replace(zero, roller_diameter=np.zeros((n, per_pin)))
+    return replace(zero, **{name: np.zeros_like(getattr(zero, name)) + value for name, value in given.items()})
+
+
+@CASES
+def test_every_disk_meshes_at_its_own_eccentric_and_all_holes_leave_the_output_pins_free(profile, disks, crank):
+    mechanism, at = reducer_at(profile, crank, disks)
+    assert at.motions[: 2 * disks + 1] == (*(f"disk {k}_{axis}" for k in range(disks) for axis in "xy"), "disk 0_phi")
+    np.testing.assert_allclose(np.diff(angles(at)), 2 * np.pi / disks)
+    for method in ("exact", "first_order"):
+        gap = gaps(profile, at, errors_of_disks(profile, at), method=method, **READING)
+        np.testing.assert_allclose(gap, 0, atol=1e-12)
+    output_pins = mechanism.centres() * np.exp(1j * disk_rotation(profile, crank))
+    wall = mechanism.hole_radius(profile.eccentricity)
+    for disk, angle in enumerate(angles(at)):
+        holes = profile.eccentricity * np.exp(1j * angle) + output_pins
+        contacts = np.flatnonzero((at.disk_of_contact == disk) & (at.contacts.kind == OUTPUT))
+        np.testing.assert_allclose(np.abs(at.contacts.point[contacts] - holes), wall)
+        np.testing.assert_allclose(np.abs(at.contacts.point[contacts] - output_pins), mechanism.pin_radius_mm)
+
+
+@CASES
+def test_a_disk_feels_its_own_motions_as_if_it_were_alone(profile, disks, crank):
+    _, at = reducer_at(profile, crank, disks)
+    for disk, angle in enumerate(angles(at)):
+        rows, others = at.disk_of_contact == disk, at.disk_of_contact != disk
+        columns = [at.motions.index(f"disk {disk}_{name}") for name in ("x", "y", "phi")]
+        assert not np.any(at.contact_jacobian[np.ix_(others, columns)])
+        _, alone = reducer_at(profile, angle, 1)
+        pins = rows & (at.contacts.kind == PIN)
+        np.testing.assert_allclose(
+            at.contact_jacobian[np.ix_(pins, columns)], alone.contact_jacobian[: profile.pins, :3], atol=1e-12
+        )
+    assert list(at.contacts.kind) == [PIN] * at.n_pins + [OUTPUT] * (len(at.contacts) - at.n_pins)
+
+
+@CASES
+@pytest.mark.parametrize("method", ["exact", "first_order"])
+def test_a_disk_meets_the_shared_pins_and_its_own_errors(profile, disks, crank, method):
+    """Gaps of a disk are those of a reducer of that disk alone, with its eccentric's phase as a turn of the crank."""
+    rng, n = np.random.default_rng(disks), 2
+    _, at = reducer_at(profile, crank, disks)
+    pins = {
+        name: 2e-3 * rng.uniform(-1, 1, (n, profile.pins)) for name in ("pin_radial", "pin_tangential", "pin_radius")
+    }
+    lobe, eccentricity = 2e-3 * rng.uniform(0, 1, (n, disks, profile.lobes)), 1e-3 * rng.uniform(-1, 1, (n, disks))
+    diameter, phase = 2e-3 * rng.uniform(-1, 1, (n, 6)), np.zeros((n, disks))
+    errors = {"eccentricity": eccentricity, "eccentric_phase": phase, "roller_diameter": diameter}
+    whole = replace(errors_of_disks(profile, at, n), **pins, **errors, lobe=lobe)
+    found = gaps(profile, at, whole, method=method, **READING)
+    for disk, angle in enumerate(angles(at)):
+        _, alone = reducer_at(profile, angle, 1)
+        own = {"lobe": lobe[:, disk], "eccentricity": eccentricity[:, disk], "eccentric_phase": np.zeros(n)}
+        expected = gaps(profile, alone, replace(whole, **own), method=method, **READING)
+        np.testing.assert_allclose(found[:, at.disk_of_contact == disk], expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("disk", [0, 1])
+def test_the_phase_of_an_eccentric_is_a_turn_of_its_crank_and_a_rotation_of_the_disk(disk):
+    """Brute force: at the crank where its eccentric stands, the nominal disk has no gap once it has turned there."""
+    way, crank = 20e-3, 0.7
+    mechanism, at = reducer_at(SMALL, crank, 2)
+    phase = np.zeros((1, 2))
+    phase[0, disk] = way
+    found = gaps(SMALL, at, replace(errors_of_disks(SMALL, at), eccentric_phase=phase), method="exact", **READING)[0]
+    others = at.disk_of_contact != disk
+    np.testing.assert_allclose(found[others], 0, atol=1e-12)
+    angle = angles(at)[disk]
+    centre = SMALL.eccentricity * np.exp(1j * angle) + way * 1j * np.exp(1j * angle)
+    psi = np.linspace(0, 2 * np.pi, 400_001)
+    flank = SMALL.flank(psi) * np.exp(1j * disk_rotation(SMALL, angle)) + centre
+    pins = at.pins.centre[: SMALL.pins]
+    nearest = np.array([np.min(np.abs(flank - pin)) for pin in pins]) - SMALL.pin_radius
+    own_pins = (at.disk_of_contact == disk) & (at.contacts.kind == PIN)
+    np.testing.assert_allclose(found[own_pins], nearest, atol=2e-8)
+    holes = mechanism.centres() * np.exp(1j * disk_rotation(SMALL, crank)) + centre
+    stand_off = np.abs(holes - mechanism.centres() * np.exp(1j * disk_rotation(SMALL, crank)))
+    own_holes = (at.disk_of_contact == disk) & (at.contacts.kind == OUTPUT)
+    np.testing.assert_allclose(found[own_holes], SMALL.eccentricity - stand_off, atol=1e-14)
+    # the disk closes every gap by turning with its eccentric, to the second order of the turn
+    turn = -way / (SMALL.eccentricity * SMALL.lobes)
+    left = found - turn * at.contact_jacobian[:, at.motions.index(f"disk {disk}_phi")]
+    np.testing.assert_allclose(left[own_pins], 0, atol=5 * way**2)
+
+
+@CASES
+def test_separated_play_is_the_general_programs(profile, disks, crank):
+    _, at = reducer_at(profile, crank, disks)
+    gap = np.random.default_rng(1).uniform(1e-3, 12e-3, (12, len(at.contacts)))
+    tight = np.zeros(len(gap))
+    separated, general = separated_play(at, gap), general_play(at, gap, tight)
+    np.testing.assert_allclose(separated.backlash, general.backlash, rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-8, atol=1e-13)
+    for pose in (separated.pose_plus, separated.pose_minus):
+        penetration = (pose @ at.contact_jacobian.T - gap).max(axis=1)
+        np.testing.assert_allclose(penetration, separated.overlap, atol=1e-12)
+    # disks that work against each other though each has play of its own
+    gap[:, at.disk_of_contact == 1] += (
+        12e-3 * at.contact_jacobian[at.disk_of_contact == 1, at.motions.index("output_phi")]
+    )
+    separated, general = separated_play(at, gap), general_play(at, gap, tight)
+    assert np.count_nonzero(separated.preloaded) > 3
+    np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-8, atol=1e-13)
+    for pose in (separated.pose_plus, separated.pose_minus):
+        np.testing.assert_allclose((pose @ at.contact_jacobian.T - gap).max(axis=1), separated.overlap, atol=1e-11)
+
+
+@pytest.mark.parametrize("disks", [2, 3])
+def test_a_phase_error_of_one_eccentric_takes_its_turn_of_the_output_off_the_play(disks):
+    """Closed form: the interval of that disk moves by s/(e lobes) against the others', which are all alike."""
+    crank, clearance = 0.9, 10e-3
+    _, at = reducer_at(EVEN_LOBES, crank, disks)
+    symmetric = errors_of_disks(EVEN_LOBES, at, 1, pin_radius=-clearance, roller_diameter=-2 * clearance)
+    free = separated_play(at, gaps(EVEN_LOBES, at, symmetric, method="first_order", **READING)).backlash[0]
+    # the plays of disks at other phases of the pins differ: the least of each sense counts
+    for way in (0.0, 4e-3, -4e-3, 12e-3):
+        phase = np.zeros((1, disks))
+        phase[0, 1] = way
+        errors = replace(symmetric, eccentric_phase=phase)
+        gap = gaps(EVEN_LOBES, at, errors, method="first_order", **READING)
+        ends = []
+        for disk in range(disks):
+            rows = at.disk_of_contact == disk
+            pins, holes = rows & (at.contacts.kind == PIN), rows & (at.contacts.kind == OUTPUT)
+            shift = -(way if disk == 1 else 0.0) / (EVEN_LOBES.eccentricity * EVEN_LOBES.lobes)
+            aside = shift**2 * EVEN_LOBES.eccentricity * EVEN_LOBES.lobes**2 / 2  # of the holes, second order
+            parts = ((clearance, at.contacts.arm[pins]), (clearance - aside, at.contacts.arm[holes]))
+            ends.append([sense * sum(room / np.max(-sense * arm) for room, arm in parts) + shift for sense in (1, -1)])
+        expected = np.min(ends, axis=0)[0] - np.max(ends, axis=0)[1]
+        play = separated_play(at, gap)
+        assert play.backlash[0] == pytest.approx(expected, rel=1e-6)
+        assert play.backlash[0] <= free * (1 + 1e-12)
+
+
+def test_each_disk_is_free_within_its_own_bearing():
+    _, at = reducer_at(SMALL, 0.3, 2)
+    gap = np.random.default_rng(3).uniform(1e-3, 12e-3, (4, len(at.contacts)))
+    clearance = np.array([[0.0, 0.0], [2e-3, 0.0], [0.0, 3e-3], [2e-3, 3e-3]])
+    play = rigid_play(at, gap, clearance)
+    for pose in (play.pose_plus, play.pose_minus):
+        assert np.all((pose @ at.contact_jacobian.T - gap).max(axis=1) <= 1e-12)
+        reach = np.hypot(pose[:, [0, 2]], pose[:, [1, 3]])
+        assert np.all(reach <= clearance * (1 + 1e-9) + 1e-13)
+    wider = [rigid_play(at, gap[[0]], clearance[[k]]).backlash[0] for k in range(4)]
+    assert wider[0] <= min(wider[1], wider[2]) <= max(wider[1], wider[2]) <= wider[3]
+    assert wider[3] > wider[0] * 1.01
+    alike = rigid_play(at, gap, np.full(4, 2e-3)).backlash
+    np.testing.assert_array_equal(alike, rigid_play(at, gap, np.full((4, 2), 2e-3)).backlash)
