@@ -13,7 +13,7 @@ JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup study $(STAGES) why test attack lint types docs identify changed population blind \
-	bench paper calibrate verify coverage tails flank compare check licences clean-runs
+	bench paper calibrate verify coverage tails flank compare allocate check licences clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -42,6 +42,9 @@ why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis 
 compare: $(VENV)/installed  ## hold two studies against each other: make compare A=paper B=quick
 	$(PIPELINE) compare $(or $(A),$(error say which: make compare A=<study> B=<study>)) \
 		$(or $(B),$(error say which: make compare A=<study> B=<study>)) $(JOBS_OPTION)
+
+allocate: $(VENV)/installed  ## find the cheapest tolerances of STUDY that keep its limits: make allocate YIELD=0.99
+	$(PIPELINE) allocate --study $(STUDY) $(if $(YIELD),--yield $(YIELD)) $(JOBS_OPTION)
 
 identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
 	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
+from pipeline.decisions.allocation.results import ALLOCATION, CHECK, TRADEOFF
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS
 from stages.chain import STAGES
 
-DECISIONS = {"compare": (DIFFERENCES, DRIVER_CHANGES, INPUTS)}
+DECISIONS = {"compare": (DIFFERENCES, DRIVER_CHANGES, INPUTS), "allocate": (ALLOCATION, CHECK, TRADEOFF)}
 """Tables of other targets."""
 
 

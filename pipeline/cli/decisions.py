@@ -1,16 +1,40 @@
-"""Commands that help to decide: two runs side by side."""
+"""Commands that help to decide: two runs side by side, and what to loosen or tighten."""
 
 import argparse
+from dataclasses import replace
+from functools import partial
 
 import pandas as pd
 
 from pipeline.cli import settings
+from pipeline.cli.tails import TRIAL, springs
 from pipeline.config import Study, load_study
+from pipeline.config.writing import toml_of
+from pipeline.decisions.allocation import results as allocation_results
+from pipeline.decisions.allocation.allocate import allocate
+from pipeline.decisions.allocation.priced import priced_tolerances
+from pipeline.decisions.allocation.search import Angles
 from pipeline.decisions.run_comparison import Run, differences, differing_inputs, driver_changes
+from pipeline.engine.cache import Cache
 from pipeline.engine.runner import run
+from pipeline.engine.stage import Job
+from pipeline.engine.store import write_atomic
+from pipeline.errors import InputError
+from pipeline.model.metrics import library
+from pipeline.population import prediction, tails
+from pipeline.report.decisions.allocation import sentence as allocation_sentence
+from pipeline.report.decisions.allocation import write_allocation_page
 from pipeline.report.decisions.compare import sentence, write_comparison
+from pipeline.sampling import Errors, draw
+from stages import hysteresis
 from stages.aggregate import over_turn
 from stages.chain import STAGES
+from stages.clearance import rigid_ends
+from stages.turn import loop_metrics, metric_turns, over_turn_columns
+
+FEWEST_BAD = 20
+"""Units beyond a limit that a slope of the yield is told from."""
+DESIGN_FILE = "design.toml"
 
 
 def compare_runs(options: argparse.Namespace) -> None:
@@ -28,3 +52,40 @@ def _run(study: Study, options: argparse.Namespace) -> Run:
         outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
     units, sensitivity = (pd.DataFrame(outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
     return Run(study, over_turn(units, study.limits.over), sensitivity)
+
+
+def allocate_tolerances(options: argparse.Namespace) -> None:
+    """Find the cheapest tolerances of a study at a wanted yield."""
+    if not 0.5 <= options.target < 1:
+        raise InputError(f"--yield = {options.target:g}; must be from 0.5 to below 1, as 0.99")
+    beyond = round(options.units * (1 - options.target), 6)
+    if beyond < FEWEST_BAD:
+        least = round(FEWEST_BAD / (1 - options.target))
+        raise InputError(f"--units = {options.units}; at this yield at least {least}, so that some break a limit")
+    study = load_study(options.study, settings.ROOT)
+    priced_tolerances(study)  # says what is missing before anything is condensed
+    with settings.resources(study, options) as resources:
+        outputs = run(STAGES, study, ["springs", "reduce"], settings.RUNS, resources)
+    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
+    trial = draw(tails.population(study, TRIAL), 0, TRIAL)
+    rough = partial(prediction.rough_metrics, study, springs(shared, trial))
+    found = allocate(study, options.target, options.units, partial(_loaded, shared), rough, resources.jobs)
+    folder = settings.RUNS / "allocate" / study.name
+    allocation_results.write_tables(found, folder)
+    file = f"{allocation_results.study_name(study)}.toml"
+    write_atomic(folder / file, allocation_results.study_text(found, DESIGN_FILE).encode())
+    write_atomic(folder / DESIGN_FILE, toml_of(study.design.model_dump()).encode())
+    write_allocation_page(found, file, folder)
+    print(allocation_sentence(found))
+    print(f"study: {settings.shown(folder / file)}")
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def _loaded(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]:
+    """Every metric of ``n`` units at the loaded angles (n, n_angles), and over the turn as the limits mean it (n,)."""
+    study = shared.study
+    loops = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
+    metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled)
+    over = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
+    angles = {name: metrics[name].reshape(len(sampled), -1) for name in library()}
+    return angles, {name: over[f"{name}_{study.limits.over}"] for name in library()}

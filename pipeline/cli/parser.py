@@ -86,6 +86,16 @@ def _decisions(command: Commands) -> None:
     comparing.add_argument("b", help="the other one; differences are b less a")
     _where(comparing)
 
+    choosing = command(
+        "allocate", "decisions.allocate_tolerances", "the cheapest tolerances of a study at a wanted yield"
+    )
+    _study(choosing)
+    choosing.add_argument(
+        "--yield", dest="target", type=_finite, default=0.99, help="against all limits; default: 0.99"
+    )
+    choosing.add_argument("--units", type=int, default=4_000, help="load-solved in each round; default: 4,000")
+    _where(choosing)
+
 
 def _measured(command: Commands) -> None:
     naming = command(

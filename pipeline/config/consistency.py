@@ -20,7 +20,19 @@ LARGEST_RUN = 10**10
 """Samples x contacts: 80 GB of gaps at each crank angle."""
 LARGEST_MESH = 2_000_000
 """Triangles whose factors fill some 10 GB; the paper's disk has 30,000."""
-RESERVED_NAMES = ("verify", "calibrate", "bench", "blind", "identify", "population", "coverage", "tails")
+RESERVED_NAMES = (
+    "verify",
+    "calibrate",
+    "bench",
+    "blind",
+    "identify",
+    "population",
+    "coverage",
+    "tails",
+    "compare",
+    "allocate",
+    "bounds",
+)
 """Run folders of the targets that are no study."""
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from pipeline.config.cases import Case, case_problems
 from pipeline.config.consistency import provenance_problems, study_problems
+from pipeline.config.costs import Costs, cost_problems
 from pipeline.config.design import Design
 from pipeline.config.effects import effect_problems
 from pipeline.config.flank_file import with_flank_file
@@ -133,6 +134,7 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     if "name" in raw:
         problems.append(Problem("name", raw["name"], "unknown key; a study has the name of its file"))
     problems += tolerance_problems(_valid_fields(Tolerances, raw.get("tolerances", {})), design)
+    problems += cost_problems(_valid_fields(Costs, raw.get("costs", {})))
     problems += case_problems(_valid_cases(cases), design)
     raise_if(problems, file, others)
     return Study.model_validate({**raw, "name": name, "design": design})

@@ -11,6 +11,7 @@ from pydantic import Field, create_model, model_validator
 
 from pipeline.config.cases import Case
 from pipeline.config.contact_laws import LawName
+from pipeline.config.costs import Costs
 from pipeline.config.design import Design
 from pipeline.config.section import Millimetres, NotNegative, Section
 from pipeline.config.tolerances import Tolerances
@@ -202,5 +203,6 @@ class Study(Section):
     cycle: Cycle
     metrics: Metrics = Metrics()
     limits: Limits = Limits()
+    costs: Costs = Costs()
     drivers: Drivers = Drivers()
     run: Run = Run()

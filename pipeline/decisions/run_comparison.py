@@ -67,7 +67,7 @@ DRIVER_CHANGES = Table(
         ),
     ),
 )
-UNCOMPARED = ("name", "title", "description", "run", "design.title", "design.source", "design.provenance")
+UNCOMPARED = ("name", "title", "description", "run", "costs", "design.title", "design.source", "design.provenance")
 """Settings that change no result."""
 
 

@@ -1,0 +1,155 @@
+"""The cheapest tolerances of a linear model of units: each unit's badness against limits is linear in the scales.
+
+Badness is how far a metric lies beyond its limit, in units of its spread; a unit is good where no badness is above 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit
+
+Real = NDArray[np.float64]
+CostOfScale = Callable[[Real], Real]
+"""Scales of one tolerance (any shape) to its cost."""
+
+SOFTNESS = 0.15
+"""Of the limits, in spreads of a metric: units this near to one tell the slope of the yield, else too few would."""
+ROUNDS = 4
+"""In which the soft yield that is asked for is set by the hard one that is meant."""
+STEP = 1e-4
+"""In the logarithm of a scale, for the slope of its cost."""
+HALVINGS = 40
+"""Of the common factor: to 1e-12."""
+REACH = 1.5
+"""Factor by which all scales are moved at most to meet the hard yield."""
+
+
+@dataclass(frozen=True)
+class LinearUnits:
+    """Badness of ``n`` units near the scales of ``n_dims`` tolerances.
+
+    Attributes
+    ----------
+    scale : (n_dims,) about which it is linear.
+    value : (n, n_limits) badness there.
+    slope : (n, n_limits, n_dims) by the scales.
+    """
+
+    scale: Real
+    value: Real
+    slope: Real
+
+    def badness(self, scale: Real) -> Real:
+        """(n, n_limits) at other scales."""
+        return np.asarray(self.value + self.slope @ (scale - self.scale))
+
+    def passed(self, scale: Real) -> float:
+        """Share of the units that keep all limits."""
+        return float(np.mean(self.badness(scale).max(axis=1) <= 0))
+
+    def excess(self, scale: Real, target: float) -> float:
+        """Quantile of the units' worst badness that must not exceed 0 for a yield of ``target``."""
+        return float(np.quantile(self.badness(scale).max(axis=1), target, method="median_unbiased"))
+
+    def soft(self, scale: Real) -> tuple[float, Real]:
+        """Yield with limits softened by `SOFTNESS`, and its slope (n_dims,) by the scales."""
+        badness = self.badness(scale)
+        worst = np.argmax(badness, axis=1)
+        units = np.arange(len(worst))
+        passed = expit(-badness[units, worst] / SOFTNESS)
+        slope = -(passed * (1 - passed) / SOFTNESS) @ self.slope[units, worst] / len(units)
+        return float(passed.mean()), np.asarray(slope)
+
+
+@dataclass(frozen=True)
+class Best:
+    """Scales (n_dims,), and whether they reach the yield; if not, they come nearest to it."""
+
+    scale: Real
+    reached: bool
+
+
+def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, low: Real, high: Real) -> Best:
+    """Scales of least cost at which the share ``target`` of the units keeps all limits.
+
+    Parameters
+    ----------
+    costs : of each tolerance.
+    low, high : (n_dims,) bounds of the scales.
+
+    Notes
+    -----
+    Sequential quadratic programming in the logarithms of the scales, the yield softened at the limits. Of its scales
+    those are taken that one common factor brings to the hard yield; the soft yield there is what the next round asks.
+    """
+    total = sum(float(cost(np.clip(one, a, b))) for cost, one, a, b in zip(costs, units.scale, low, high, strict=True))
+
+    def cost(logs: Real) -> tuple[float, Real]:
+        ends = np.clip(np.stack([logs - STEP, logs + STEP]), np.log(low), np.log(high))
+        values = np.array([one(np.exp(pair)) for one, pair in zip(costs, ends.T, strict=True)])
+        slope = (values[:, 1] - values[:, 0]) / (ends[1] - ends[0])
+        return float(values.mean(axis=1).sum()) / total, slope / total
+
+    nearest = _nearest(units, np.clip(units.scale, low, high), target, low, high)
+    if not nearest.reached:
+        return nearest
+    asked, scale, found = target, nearest.scale, [nearest.scale]
+    for _ in range(ROUNDS):
+        logs = _minimum(cost, partial(_soft_yield, units, asked), np.log(scale), np.log(low), np.log(high))
+        met = _meeting(units, np.exp(logs), target, low, high)
+        if met is None:
+            break
+        found.append(met)
+        scale, asked = met, units.soft(met)[0]
+    return Best(min(found, key=lambda one: cost(np.log(one))[0]), True)
+
+
+def _minimum(cost: Callable, spare: Callable, logs: Real, low: Real, high: Real) -> Real:
+    constraint = {"type": "ineq", "fun": lambda x: spare(x)[0], "jac": lambda x: spare(x)[1]}
+    bounds = list(zip(low, high, strict=True))
+    options = {"maxiter": 200, "ftol": 1e-9}
+    found = minimize(cost, logs, jac=True, method="SLSQP", bounds=bounds, constraints=[constraint], options=options)
+    return np.clip(found.x, low, high)
+
+
+def _soft_yield(units: LinearUnits, asked: float, logs: Real) -> tuple[float, Real]:
+    """What the soft yield has to spare, and its slope by the logarithms of the scales."""
+    scale = np.exp(logs)
+    value, slope = units.soft(scale)
+    return value - asked, slope * scale
+
+
+def _nearest(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Best:
+    """Scales of the largest soft yield within the bounds."""
+
+    def lost(logs: Real) -> tuple[float, Real]:
+        spare, slope = _soft_yield(units, target, logs)
+        return -spare, -slope
+
+    bounds = list(zip(np.log(low), np.log(high), strict=True))
+    found = minimize(lost, np.log(scale), jac=True, method="L-BFGS-B", bounds=bounds)
+    best = np.clip(np.exp(found.x), low, high)
+    return Best(best, units.excess(best, target) <= 0)
+
+
+def _meeting(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Real | None:
+    """The scales times the one factor, within `REACH`, at which the quantile meets 0; None where none does."""
+
+    def scaled(factor: float) -> Real:
+        return np.clip(factor * scale, low, high)
+
+    small, large = (1.0, REACH) if units.excess(scale, target) <= 0 else (1 / REACH, 1.0)
+    if units.excess(scaled(small), target) > 0:
+        return None
+    if units.excess(scaled(large), target) <= 0:
+        return scaled(large)
+    for _ in range(HALVINGS):
+        middle = np.sqrt(small * large)
+        small, large = (middle, large) if units.excess(scaled(middle), target) <= 0 else (small, middle)
+    return scaled(small)

@@ -1,0 +1,119 @@
+"""What an allocation leaves behind: its tables, and a study file that runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import parse_study
+from pipeline.config.study import Study
+from pipeline.config.writing import toml_of
+from pipeline.decisions.allocation.allocate import Allocation
+from pipeline.engine.store import write_atomic
+from pipeline.engine.table import Column, Columns, Table
+
+ALLOCATION = Table(
+    "allocation",
+    "tolerance that has a cost",
+    (
+        Column("dimension", "label", "", "tolerance"),
+        Column("lower_um", "float64", "um", "new lower limit"),
+        Column("upper_um", "float64", "um", "new upper limit"),
+        Column("was", "float64", "um", "width of the zone before"),
+        Column("width_um", "float64", "um", "new width of the zone"),
+        Column("was_cost", "float64", "as stated", "cost before, all elements"),
+        Column("cost", "float64", "as stated", "new cost, all elements"),
+        Column("price_per_um", "float64", "as stated", "what one um of the zone more would save"),
+    ),
+)
+CHECK = Table(
+    "check",
+    "tolerances, limit",
+    (
+        Column("tolerances", "label", "", "before; equal: all scaled alike to the yield; found: the cheapest"),
+        Column("metric", "label", "", "column of metrics; all_limits: all together"),
+        Column("yield", "float64", "1", "share of fresh load-solved units within the limit"),
+        Column("ci_low", "float64", "1", "lower end of the confidence interval"),
+        Column("ci_high", "float64", "1", "upper end"),
+        Column("n", "int32", "1", "units"),
+        Column("cost", "float64", "as stated", "of all priced tolerances"),
+    ),
+)
+TRADEOFF = Table(
+    "tradeoff",
+    "yield",
+    (
+        Column("yield", "float64", "1", "asked of the last linear model; not checked"),
+        Column("cost", "float64", "as stated", "least cost; null beyond the reach of the model"),
+    ),
+)
+
+
+def allocation_rows(found: Allocation) -> Columns:
+    """Rows of `ALLOCATION`."""
+    limits = np.array([getattr(found.study.tolerances, one.name).limits_um for one in found.priced])
+    return {
+        "dimension": np.array([one.name for one in found.priced], object),
+        "lower_um": limits[:, 0],
+        "upper_um": limits[:, 1],
+        "was": np.array([one.width_um for one in found.priced]),
+        "width_um": limits[:, 1] - limits[:, 0],
+        "was_cost": np.array([float(one.at(np.array(1.0))) for one in found.priced]),
+        "cost": np.array([float(one.at(f)) for one, f in zip(found.priced, found.found.scale, strict=True)]),
+        "price_per_um": np.array(
+            [one.price_per_um(f) for one, f in zip(found.priced, found.found.scale, strict=True)], float
+        ),
+    }
+
+
+def check_rows(found: Allocation) -> Columns:
+    """Rows of `CHECK`."""
+    choices = {"before": found.before, "equal": found.equal, "found": found.found}
+    rows = [
+        (label, metric, one.value, one.ci_low, one.ci_high, one.n, choice.cost)
+        for label, choice in choices.items()
+        if choice is not None
+        for metric, one in choice.check.items()
+    ]
+    frame = pd.DataFrame(rows, columns=[column.name for column in CHECK.columns])
+    return {name: frame[name].to_numpy() for name in frame}
+
+
+def study_name(study: Study) -> str:
+    """Of the study with the new tolerances."""
+    return f"allocated-{study.name}"
+
+
+def study_text(found: Allocation, design: str) -> str:
+    """The study with the new tolerances as a TOML file; ``design`` names its design."""
+    study = found.study
+    content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design"})
+    content["title"] = f"{study.title or study.name}: cheapest tolerances at {100 * found.target:g} %"
+    content["tolerances"] = {name: _rounded(section) for name, section in content["tolerances"].items()}
+    if study.cycle.loaded_angles:
+        content["cycle"].pop("crank_deg")
+    content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
+    name = study_name(study)
+    parse_study(content, name, f"{name}.toml", lambda _: study.design)
+    passed = found.found.passed
+    comment = (
+        f"# The cheapest tolerances of {study.name} found for a yield of {100 * found.target:g} %.\n"
+        f"# {passed.n} fresh units: {passed.value:.4f} ({passed.ci_low:.4f} to {passed.ci_high:.4f}).\n"
+    )
+    return comment + toml_of(content)
+
+
+def _rounded(section: dict[str, Any]) -> dict[str, Any]:
+    """Lengths without the last bits of a product."""
+    return {key: float(f"{value:.9g}") if isinstance(value, float) else value for key, value in section.items()}
+
+
+def write_tables(found: Allocation, folder: Path) -> None:
+    """Write the three tables as CSV and Parquet into ``folder``."""
+    tradeoff = {"yield": found.tradeoff[:, 0], "cost": found.tradeoff[:, 1]}
+    for table, rows in ((ALLOCATION, allocation_rows(found)), (CHECK, check_rows(found)), (TRADEOFF, tradeoff)):
+        write_atomic(folder / f"{table.name}.parquet", table.part(rows).data)
+        write_atomic(folder / f"{table.name}.csv", pd.DataFrame(rows).to_csv(index=False, float_format="%.8g").encode())

@@ -1,0 +1,188 @@
+"""Rounds of an allocation: units are load-solved at the scales of a round; how they follow is told by a rough model.
+
+The same draws are rescaled: unit k keeps its random numbers at any tolerance. Each metric under load is taken to be
+linear in the rough model's (``population.prediction``), fitted to the round's own solves at each crank angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from pipeline.config.study import Study
+from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
+from pipeline.decisions.allocation.priced import Priced, scaled
+from pipeline.errors import InputError
+from pipeline.model.metrics import library
+from pipeline.population.prediction import Tail, predicted_turn
+from pipeline.sampling import Errors, draw
+from pipeline.statistics import Estimate, pass_share
+
+Real = NDArray[np.float64]
+Angles = Mapping[str, Real]
+Solve = Callable[[Errors], tuple[Angles, Angles]]
+"""Errors of ``n`` units to each metric at the loaded angles (n, n_angles), and over the turn as limits mean it (n,)."""
+Rough = Callable[[Errors], Angles]
+
+TRUST = 1.8
+"""Factor by which a scale may change in one round."""
+STEP = 0.15
+"""Share by which a scale is changed to see how units follow."""
+ROUNDS = 6
+"""Linear models at most; four settled in the paper's study."""
+SETTLED = 0.03
+"""Change of the scales between two rounds, in the logarithm, below which they have settled."""
+BATCH = 500
+"""Units that are solved together."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """Looks for the cheapest scales of groups of tolerances that are scaled alike.
+
+    Attributes
+    ----------
+    groups : positions among the priced tolerances.
+    units : that are load-solved in each round, and in each check.
+    """
+
+    study: Study
+    priced: tuple[Priced, ...]
+    groups: tuple[tuple[int, ...], ...]
+    units: int
+    solve: Solve
+    rough: Rough
+    jobs: int
+
+    @property
+    def names(self) -> list[str]:
+        """Of the priced tolerances."""
+        return [one.name for one in self.priced]
+
+    @property
+    def bounds(self) -> tuple[Real, Real]:
+        """Of the scales of the groups."""
+        low = [max(self.priced[k].bounds[0] for k in group) for group in self.groups]
+        high = [min(self.priced[k].bounds[1] for k in group) for group in self.groups]
+        return np.array(low), np.array(high)
+
+    def spread(self, scale: Real) -> Real:
+        """Scales of the groups (n_groups,) as scales of the tolerances (n_priced,)."""
+        spread = np.ones(len(self.priced))
+        for group, one in zip(self.groups, scale, strict=True):
+            spread[list(group)] = one
+        return spread
+
+    def cost(self, scale: Real) -> float:
+        """Of the whole reducer, at scales (n_priced,)."""
+        return float(sum(one.at(factor) for one, factor in zip(self.priced, scale, strict=True)))
+
+    def costs(self) -> list[Callable[[Real], Real]]:
+        """Of each group by its scale."""
+        return [partial(_group_cost, [self.priced[k] for k in group]) for group in self.groups]
+
+    def drawn(self, scale: Real, start: int, stop: int) -> Errors:
+        """Errors of units at scales (n_priced,); those behind the study's own are fresh."""
+        first = self.study.samples.count
+        samples = {"count": first + stop, "experiment": "monte_carlo", "nominal_first": False}
+        many = self.study.model_copy(update={"samples": self.study.samples.model_copy(update=samples)})
+        return draw(scaled(many, self.names, scale), first + start, first + stop)
+
+    def batches(self, start: int) -> list[tuple[int, int]]:
+        """Units of the set that begins at ``start``, some at a time."""
+        stop = start + self.units
+        return [(k, min(k + BATCH, stop)) for k in range(start, stop, BATCH)]
+
+    def check(self, scale: Real, start: int) -> dict[str, Estimate]:
+        """Yields at scales (n_priced,) by the units from ``start`` on."""
+        parts = Parallel(self.jobs)(delayed(_over_turn)(self, scale, *ends) for ends in self.batches(start))
+        values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        confidence = self.study.metrics.confidence
+        found = {}
+        for name, kept in self.study.limits.kept(values).items():
+            known = np.all([np.isfinite(values[metric]) for metric in self.study.limits.limited(name, values)], axis=0)
+            found[name] = pass_share(kept[known], confidence)
+        return found
+
+    def linear(self, scale: Real, start: int) -> LinearUnits:
+        """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
+        parts = Parallel(self.jobs)(delayed(_followed)(self, scale, *ends) for ends in self.batches(start))
+        angles, turns, here, *moved = (_joined([part[k] for part in parts]) for k in range(len(parts[0])))
+        values, slopes = [], []
+        for tail in tails(self.study):
+            value = tail.sign * turns[tail.metric]
+            spread = float(np.nanstd(value)) or 1.0
+            changes = []
+            for k, there in enumerate(moved):
+                of_here, of_there = predicted_turn(angles[tail.metric], here, there)
+                changes.append((tail.over_turn(of_there) - tail.over_turn(of_here)) / (STEP * scale[k]) / spread)
+            values.append((value - tail.limit) / spread)
+            slopes.append(np.stack(changes, axis=-1))
+        value, slope = np.stack(values, axis=1), np.stack(slopes, axis=1)
+        known = np.isfinite(value).all(axis=1) & np.isfinite(slope).all(axis=(1, 2))
+        return LinearUnits(scale, value[known], slope[known])
+
+    def settled(self, scale: Real, aim: float, start: int) -> tuple[Real, LinearUnits, int]:
+        """Cheapest scales (n_groups,) by rounds on one set of units, the last linear model, and rounds.
+
+        Raises
+        ------
+        InputError
+            If the tightest tolerances do not reach the yield either.
+        """
+        low, high = self.bounds
+        for rounds in range(1, ROUNDS + 1):  # noqa: B007  the number of the last is returned
+            units = self.linear(scale, start)
+            floor, ceiling = np.maximum(low, scale / TRUST), np.minimum(high, scale * TRUST)
+            best = cheapest(units, self.costs(), aim, floor, ceiling)
+            change = float(np.max(np.abs(np.log(best.scale / scale))))
+            scale = best.scale
+            if change < SETTLED:
+                break
+        if not best.reached:
+            raise InputError(self._impossible(units, scale, aim))
+        return scale, units, rounds
+
+    def _impossible(self, units: LinearUnits, scale: Real, aim: float) -> str:
+        worst = tails(self.study)[int(np.argmax(np.mean(units.value > 0, axis=0)))].metric
+        return (
+            f"study {self.study.name}: a yield of {100 * aim:.4g} % (the target and a standard error) "
+            f"is not reached: with every priced tolerance at "
+            f"{np.min(scale):.2g} to {np.max(scale):.2g} of its zone {100 * units.passed(units.scale):.4g} % of "
+            f"{len(units.value)} units keep all limits; most of the others break {worst} = "
+            f"{self.study.limits.of_metrics[worst]:g}; loosen it, change an allowance, or price further tolerances"
+        )
+
+
+def tails(study: Study) -> list[Tail]:
+    """The limits of a study, the larger value the worse."""
+    signs = {name: -1.0 if library()[name].smaller_is_worse else 1.0 for name in library()}
+    limits = study.limits.of_metrics.items()
+    return [Tail(name, study.limits.over, signs[name], signs[name] * limit) for name, limit in limits]
+
+
+def _group_cost(group: Sequence[Priced], scale: Real) -> Real:
+    return np.sum([one.at(scale) for one in group], axis=0)
+
+
+def _over_turn(search: Search, scale: Real, start: int, stop: int) -> Angles:
+    return search.solve(search.drawn(scale, start, stop))[1]
+
+
+def _followed(search: Search, scale: Real, start: int, stop: int) -> list[Angles]:
+    """Of units their metrics at the loaded angles and over the turn, and those of the rough model, here and moved."""
+    angles, turns = search.solve(search.drawn(search.spread(scale), start, stop))
+    found = [angles, turns, search.rough(search.drawn(search.spread(scale), start, stop))]
+    for k in range(len(scale)):
+        moved = scale * np.where(np.arange(len(scale)) == k, 1 + STEP, 1.0)
+        found.append(search.rough(search.drawn(search.spread(moved), start, stop)))
+    return found
+
+
+def _joined(parts: Sequence[Angles]) -> dict[str, Real]:
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

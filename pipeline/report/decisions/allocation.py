@@ -1,0 +1,104 @@
+"""The page on the cheapest tolerances at a wanted yield."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.study import ALL_LIMITS
+from pipeline.decisions.allocation.allocate import Allocation, Choice
+from pipeline.decisions.allocation.results import allocation_rows, check_rows
+from pipeline.engine.store import write_atomic
+from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.figures.style import save
+from pipeline.figures.tradeoff import tradeoff_figure
+from pipeline.report.rendering import Picture, rendered
+from pipeline.report.wording import NOTHING
+
+TEMPLATE = "decisions/allocation.html"
+CHOICES = {
+    "before": "tolerances of the study",
+    "equal": "all priced tolerances scaled alike",
+    "found": "cheapest found",
+}
+
+
+def sentence(found: Allocation) -> str:
+    """What was found, in a sentence or two."""
+    passed = found.found.passed
+    text = (
+        f"At a yield of {_share(passed.value)} ({_share(passed.ci_low)} to {_share(passed.ci_high)}, {passed.n:,} "
+        f"fresh units; {_share(found.target)} was wanted) the tolerances cost {found.found.cost:.4g}; those of the "
+        f"study cost {found.before.cost:.4g} at {_share(found.before.passed.value)}."
+    )
+    if found.equal is None:
+        return f"{text} All priced tolerances scaled alike do not reach the yield."
+    less = 1 - found.found.cost / found.equal.cost
+    return (
+        f"{text} All of them scaled alike to the same yield ({_share(found.equal.passed.value)}) cost "
+        f"{found.equal.cost:.4g}: the allocation is {100 * less:.1f} % cheaper."
+    )
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.2f} %"
+
+
+def write_allocation_page(found: Allocation, file: str, folder: Path) -> None:
+    """Write report.html and its figure into ``folder``; ``file`` names the study file beside it."""
+    rows = pd.DataFrame(allocation_rows(found)).to_dict("records")
+    checks = pd.DataFrame(check_rows(found)).to_dict("records")
+    page = rendered(
+        TEMPLATE,
+        study=found.study,
+        sentence=sentence(found),
+        file=file,
+        rows=[
+            {
+                "title": PARAMETERS[row["dimension"]],
+                "limits": f"{row['lower_um']:.4g} to {row['upper_um']:.4g}",
+                "was": f"{row['was']:.4g}",
+                "width": f"{row['width_um']:.4g}",
+                "was_cost": f"{row['was_cost']:.4g}",
+                "cost": f"{row['cost']:.4g}",
+                "price": f"{row['price_per_um']:.3g}",
+            }
+            for row in rows
+        ],
+        checks=[
+            {
+                "choice": CHOICES[row["tolerances"]],
+                "title": "All limits" if row["metric"] == ALL_LIMITS else METRICS[row["metric"]].title,
+                "yield": _share(row["yield"]),
+                "ends": f"{_share(row['ci_low'])} to {_share(row['ci_high'])}",
+                "cost": f"{row['cost']:.4g}",
+            }
+            for row in checks
+        ],
+        units=checks[0]["n"],
+        tradeoff=[(_share(share), f"{cost:.4g}" if np.isfinite(cost) else NOTHING) for share, cost in found.tradeoff],
+        unmoved=[(PARAMETERS[name], reason) for name, reason in found.unmoved.items()],
+        solved=found.solved,
+        pictures=_pictures(found, folder),
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _pictures(found: Allocation, folder: Path) -> dict[str, Picture]:
+    stem = folder / "figures" / "tradeoff"
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    choices = {"before": found.before, "equal": found.equal, "found": found.found}
+    points = {CHOICES[name]: _point(choice) for name, choice in choices.items() if choice is not None}
+    save(tradeoff_figure(found.tradeoff, points, found.target), stem)
+    caption = (
+        "The line is of the last linear model and was not checked; the points are load-solved units, with the "
+        "intervals of their yields. To the right fewer units are bad."
+    )
+    return {"tradeoff": Picture("Cost against yield", caption, stem.with_suffix(".svg").read_bytes())}
+
+
+def _point(choice: Choice) -> tuple[float, float, float, float]:
+    passed = choice.passed
+    return choice.cost, passed.value, passed.ci_low, passed.ci_high

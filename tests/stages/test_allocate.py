@@ -1,0 +1,109 @@
+"""The command allocate: cheaper than scaling alike, confirmed by fresh units, and a study file that runs."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline import cli
+from pipeline.cli import settings
+from pipeline.config import load_study
+
+ROOT = Path(__file__).parent.parent.parent
+QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]")
+COSTS = """
+[costs.pin_tangential]
+law = "reciprocal"
+cost = 4.0
+tolerance_um = 6.0
+
+[costs.eccentricity]
+law = "power"
+exponent = 0.5
+cost = 1.0
+tolerance_um = 4.0
+
+[costs.roller_diameter]
+law = "table"
+tolerances_um = [1.0, 2.0, 4.0]
+costs = [0.1, 0.05, 0.02]
+per = "element"
+"""
+
+
+@pytest.fixture
+def own_runs(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    monkeypatch.setattr(settings, "RUNS", folder)
+    return folder
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "priced.toml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
+    outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    limits = re.sub(r"backlash_arcmin = \S+", "backlash_arcmin = 2.25", QUICK).replace("rigid_angles", "# rigid_angles")
+    study = written(tmp_path, limits.replace("levels_per_branch", "rigid_angles = 3\nlevels_per_branch") + COSTS)
+    assert cli.main(["allocate", "--study", study, "--yield", "0.85", "--units", "200", "--jobs", "1"]) == 0
+    assert "cheaper" in capsys.readouterr().out
+    folder = own_runs / "allocate" / "priced"
+    table = pd.read_parquet(folder / "allocation.parquet").set_index("dimension")
+    check = pd.read_csv(folder / "check.csv").set_index(["tolerances", "metric"])
+    found, equal = (check.loc[name, "all_limits"] for name in ("found", "equal"))
+    assert found["ci_high"] > 0.85
+    assert found["cost"] < equal["cost"]
+    # costs by hand: 40 elements of a table straight in the logarithms
+    rollers = 40 * np.exp(
+        np.interp(np.log(table["width_um"]["roller_diameter"]), np.log([1, 2, 4]), np.log([0.1, 0.05, 0.02]))
+    )
+    zones = table["width_um"]
+    by_hand = {
+        "pin_tangential": 24 / zones["pin_tangential"],
+        "eccentricity": 2 / np.sqrt(zones["eccentricity"]),
+        "roller_diameter": rollers,
+    }
+    for name, cost in by_hand.items():
+        assert table["cost"][name] == pytest.approx(cost, rel=1e-4)
+    assert found["cost"] == pytest.approx(sum(by_hand.values()), rel=1e-4)
+    made = load_study(str(folder / "allocated-priced.toml"), ROOT)
+    assert made.tolerances.eccentricity.upper_um == pytest.approx(table["upper_um"]["eccentricity"])
+    assert made.tolerances.pin_radial == load_study(study, ROOT).tolerances.pin_radial
+    assert made.design == load_study(study, ROOT).design
+    assert "no cost is stated" in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        (QUICK, [], "no tolerance that varies has a cost"),
+        (QUICK + COSTS.replace("[1.0, 2.0, 4.0]", "[1.0, 4.0, 2.0]"), [], "must ascend"),
+        (QUICK + COSTS.replace("costs = [0.1, 0.05", "costs = [0.1, 0.15"), [], "must descend"),
+        (QUICK + COSTS, ["--yield", "99"], "--yield = 99"),
+        (QUICK + COSTS, ["--yield", "0.999", "--units", "100"], "at least 20000"),
+    ],
+)
+def test_what_cannot_be_allocated_is_said(
+    tmp_path: Path, text: str, options: list[str], words: str, capsys: pytest.CaptureFixture
+) -> None:
+    assert cli.main(["allocate", "--study", written(tmp_path, text), *options]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_an_impossible_yield_says_how_near_one_gets(
+    outputs: dict, own_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    text = re.sub(r"backlash_arcmin = \S+", "backlash_arcmin = 1.2", QUICK) + COSTS.split("[costs.ecc")[0]
+    study = written(tmp_path, text)
+    assert cli.main(["allocate", "--study", study, "--yield", "0.8", "--units", "100", "--jobs", "1"]) == 2
+    said = capsys.readouterr().err
+    assert "of 100 units" in said
+    assert "keep all limits; most of the others break clearance_backlash_arcmin = 1.2" in said
