@@ -4,6 +4,7 @@ import json
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 from scipy.stats import binom
 
 from pipeline import assembly
+from pipeline.checks.blind import generate as generating
 from pipeline.checks.blind import run
 from pipeline.checks.blind.bench import draw_bench
 from pipeline.checks.blind.catalogue import OFF, PLAUSIBLE, UNCERTAIN, catalogue, condense
@@ -19,12 +21,13 @@ from pipeline.checks.blind.generate import FULL, MEASURING_UM, NONE, Maker, gene
 from pipeline.checks.blind.outside_effects import OUTSIDE
 from pipeline.checks.blind.rates import lower_bound, rates
 from pipeline.checks.blind.report import write_reports
-from pipeline.checks.blind.true_unit import true_unit
+from pipeline.checks.blind.true_unit import UnsoundError, true_unit
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.model.effects.effect import TIME
 from pipeline.sampling import draw
 
 ROOT = Path(__file__).parents[2]
@@ -107,6 +110,27 @@ def test_what_the_model_believes_is_off_as_a_bench_and_a_calibration_are(smalles
 def test_the_size_is_what_was_asked_for(smallest):
     truth = generate(smallest, _of_kind("one")).truth
     assert 0.9 <= truth["size_over_noise"] <= 33
+
+
+def test_no_unit_asks_for_what_no_verdict_may_claim(smallest, monkeypatch):
+    """A time constant beyond the record, or a size at the library's bound, supports no claim."""
+    creep = candidates()["creep"]
+    monkeypatch.setattr(generating, "candidates", lambda: {"creep": creep})
+    monkeypatch.setattr(generating, "draw_shape", lambda rng, bounds: (np.array([1.0, 0.0]), np.array([0.0, 0.69])))
+    yardstick = SimpleNamespace(
+        problem=SimpleNamespace(why_not=lambda _: "", bounds=lambda _: ((0.0, 1.0), (0.05, 1e4)), record={TIME: 100.0}),
+        size=lambda change: 1e3,
+    )
+    draw = generating._Draw(smallest, 1, 0)
+    with pytest.raises(UnsoundError, match="no effect reaches its size"):  # 0.05 (2e5)^0.69 = 227 s
+        draw._library(yardstick, "one")
+    monkeypatch.setattr(generating._Draw, "_sought", lambda *_: (0.95, 4.0))
+    monkeypatch.setattr(generating, "draw_shape", lambda rng, bounds: (np.array([1.0, 0.0]), np.array([0.0, 0.5])))
+    with pytest.raises(UnsoundError, match="no effect reaches its size"):
+        draw._library(yardstick, "one")
+    monkeypatch.setattr(generating._Draw, "_sought", lambda *_: (0.85, 4.0))
+    _, found = draw._library(yardstick, "one")
+    assert found["effects"][0]["values"] == pytest.approx([0.85, 0.05 * 2e5**0.5])
 
 
 def test_an_amplitude_is_found_where_the_size_grows_and_none_where_it_cannot():

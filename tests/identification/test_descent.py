@@ -7,6 +7,7 @@ import pytest
 from linear_unit import LinearFitter, linear_data, model_of, stood
 from scipy.optimize import lsq_linear
 
+from pipeline.identification.fitting.fitter import OPEN_SHARE
 from pipeline.identification.fitting.least_squares import FIRST_DAMPING, damped_step
 from pipeline.identification.fitting.parameters import Vector
 
@@ -76,13 +77,14 @@ def orthogonal(data, columns, seed=0):
 
 
 def test_one_step_solves_a_linear_problem_but_for_its_damping():
-    data = linear_data(sigma=SIGMA)
+    data = linear_data(sigma=1e-4)  # beside which the prior of the parameters is nothing
     design, truth = orthogonal(data, 2), np.array([0.8, 0.3])
     fitter = LinearFitter(replace(data, angle=design @ truth + np.array([3.0, -40.0])[data.position]), design)
     start = fitter.start(model_of(2), [0.5, 0.5])
     fit = fitter.fit(model_of(2), everything(data), start, 1)
-    left = FIRST_DAMPING / (1 + FIRST_DAMPING) * (truth - 0.5)
-    np.testing.assert_allclose(truth - fit.unknowns.shares, left, rtol=1e-6)
+    known, prior = 1 / fit.sigma[0] ** 2, 1 / OPEN_SHARE**2
+    step = (known * (truth - 0.5) - prior * 0.5) / ((known + prior) * (1 + FIRST_DAMPING))
+    np.testing.assert_allclose(fit.unknowns.shares, 0.5 + step, rtol=1e-6)
     settled = fitter.fit(model_of(2), everything(data), start)
     np.testing.assert_allclose(settled.values, truth, atol=1e-6)
     np.testing.assert_allclose(settled.predicted, fitter.problem.data.angle, atol=1e-6)
@@ -98,7 +100,7 @@ def test_scales_parameters_and_modes_settle_at_the_optimum_with_their_priors():
     fit = fitter.fit(model_of(1), everything(data), fitter.start(model_of(1)))
     np.testing.assert_array_equal(fit.sigma, data.sigma)
     offsets = (data.position[:, None] == [0, 1]).astype(float)
-    rows = np.vstack([np.hstack([design, offsets]) / SIGMA, np.diag([*(1 / spread), 0, 1, 1, 0, 0])])
+    rows = np.vstack([np.hstack([design, offsets]) / SIGMA, np.diag([*(1 / spread), 1 / OPEN_SHARE, 1, 1, 0, 0])])
     right = np.concatenate([angle / SIGMA, np.zeros(7)])
     best = np.linalg.lstsq(rows, right, rcond=None)[0]
     np.testing.assert_allclose(fit.unknowns.flat, best[:5], atol=2e-3)
@@ -113,14 +115,16 @@ def test_an_unknown_at_its_bound_stays_there_and_the_others_settle_beside_it():
         values[data.position == one] -= values[data.position == one].mean(axis=0)
     angle = values @ [1.4, 0.2]
     fitter = LinearFitter(replace(data, angle=angle), values)
-    bounded = lsq_linear(values, angle, (0.0, 1.0)).x
-    assert bounded[0] == pytest.approx(1.0)
-    assert bounded[1] > 0.3
     for first in (0.5, 1.0):
         fit = fitter.fit(model_of(2), everything(data), fitter.start(model_of(2), [first, 0.9]))
+        rows = np.vstack([values / fit.sigma[:, None], np.eye(2) / OPEN_SHARE])
+        bounded = lsq_linear(rows, np.append(angle / fit.sigma, [0.0, 0.0]), (0.0, 1.0)).x
+        assert bounded[0] == pytest.approx(1.0)
+        assert bounded[1] > 0.3
         assert fit.unknowns.shares[0] == 1.0
         assert fit.unknowns.shares[1] == pytest.approx(bounded[1], abs=1e-3)
-    inward = LinearFitter(replace(data, angle=values @ [0.4, 0.2]), values)
+    precise = replace(data, sigma=1e-3 * data.sigma)
+    inward = LinearFitter(replace(precise, angle=values @ [0.4, 0.2]), values)
     fit = inward.fit(model_of(2), everything(data), inward.start(model_of(2), [1.0, 0.0]))
     np.testing.assert_allclose(fit.values, [0.4, 0.2], atol=1e-5)
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of, stood
 
+from pipeline.identification.fitting.fitter import OPEN_SHARE
 from pipeline.identification.fitting.parameters import Vector
 from pipeline.identification.selection.cross_validation import (
     FAILED,
     LEAST_LOSS,
-    OPEN_SHARE,
     Trial,
     block_losses,
     trial,
@@ -43,7 +43,8 @@ def dense(fitter, fit, prior, out):
     design = np.column_stack([jacobian, offsets])
     precision = np.diag(np.concatenate([prior**-2.0, np.full(offsets.shape[1], 1e-6)]))
     now = np.concatenate([fit.unknowns.flat, np.zeros(offsets.shape[1])])
-    pull = np.concatenate([fitter.penalty(fit.unknowns) ** 2 * fit.unknowns.flat, np.zeros(offsets.shape[1])])
+    away = fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)
+    pull = np.concatenate([fitter.penalty(fit.unknowns) ** 2 * away, np.zeros(offsets.shape[1])])
     weighted = design[seen].T / data.sigma[seen] ** 2
     covariance = np.linalg.inv(weighted @ design[seen] + precision)
     residual = data.angle - fit.predicted

@@ -41,7 +41,7 @@ def selector(cycles=CYCLES, most_effects=4, tolerated=(), refused=MappingProxyTy
     made.problem = SimpleNamespace(data=data, within_tolerance=lambda model, _: model.name in tolerated)
     made.most_effects = most_effects
     made.testable = dict(candidates())
-    made.why_no_claim = lambda fit, *_: refused.get(fit.model.name, "")
+    made.why_no_claim = lambda tried, *_: refused.get(tried.fit.model.name, "")
     return made
 
 

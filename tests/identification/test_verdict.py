@@ -16,7 +16,7 @@ from pipeline.identification.selection import parameter_intervals, verdict
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.model_selection import Selection
-from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, intervals, unsupported
+from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, _positive, intervals, unsupported
 from pipeline.identification.selection.remainder import Remainder
 from pipeline.identification.selection.statement import stated
 from pipeline.identification.selection.verdict import MOSTLY_REMOVED, judge
@@ -68,6 +68,9 @@ class LinearFitter:
 
     def penalty(self, like):
         return np.concatenate([np.ones(len(like.scales)), np.zeros(len(like.shares)), np.ones(len(like.modes))])
+
+    def centre(self, model, like):
+        return np.zeros(len(like.flat))
 
     def fit(self, model):
         """Least squares with the prior, as a ``Fit``."""
@@ -172,6 +175,18 @@ def test_parameters_that_support_no_claim(effect, truth, reason):
     fit = fitter.fit(Model((candidates()[effect],)))
     found = unsupported(fitter, fit, EVERYTHING, 0.0)
     assert (reason in found) if reason else not found
+
+
+def test_an_effect_that_was_tested_against_its_absence_may_have_a_size_that_is_open():
+    """Of a size and a time constant that trade in a valley the size is open upwards, and never zero."""
+    fitter = fitter_at([0.003])
+    fit = fitter.fit(COULOMB)
+    assert "reaches zero" in unsupported(fitter, fit, EVERYTHING, 0.0)
+    assert not unsupported(fitter, fit, EVERYTHING, 0.0, present=True)
+    shares, ends = np.array([0.2, 0.2, 0.5]), (np.array([0.1, -0.2, -0.1]), np.array([0.3, 0.6, 1.1]))
+    low, high = _positive([(0.0, 5.0), (0.0, 5.0), (-5.0, 5.0)], shares, ends)
+    np.testing.assert_allclose(low, [0.1, 0.2 * np.exp(-2), -0.1])
+    np.testing.assert_allclose(high, [0.3, 0.2 * np.exp(2), 1.1])
 
 
 def selection_of(fitter, base_rms, trials, members, best):

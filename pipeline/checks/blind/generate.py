@@ -35,6 +35,8 @@ UNMEASURED = 0.4
 """Tolerances of the others, as a share of the study's."""
 MEASURING_UM = 0.3
 """Standard deviation of a measured dimension, its part common to all pins and its own part alike."""
+LARGEST = 0.9
+"""Largest amplitude of an effect in its bounds: at a bound nothing may be claimed."""
 REDRAWS = 30
 """Draws of a unit until one has equilibria; more would hide a broken design."""
 SAMPLES = 10**6
@@ -221,14 +223,17 @@ class _Draw:
             name = str(self.rng.choice([one for one in sorted(known) if one not in chosen]))
             bounds = yardstick.problem.bounds(known[name])
             direction, shape = draw_shape(self.rng, bounds)
-            target = self._target()
+            target, record = self._target(), yardstick.problem.record
+            constants = zip(known[name].parameters, at_amplitude(bounds, 1.0, direction, shape), strict=True)
+            if any(p.record and value > record[p.record] for p, value in constants):  # nothing may be claimed of it
+                continue
 
             def size(amplitude: float, name=name, bounds=bounds, direction=direction, shape=shape) -> float:
                 values = at_amplitude(bounds, amplitude, direction, shape)
                 return yardstick.size(self._change(self.unit.angles([known[name]], values)))
 
             found = self._sought(size, target)
-            if found:
+            if found and found[0] <= LARGEST:
                 chosen[name] = at_amplitude(bounds, found[0], direction, shape), found[1]
         if len(chosen) < wanted:
             raise UnsoundError("no effect reaches its size")

@@ -14,7 +14,7 @@ from pipeline.config.design import Design
 from pipeline.config.study import Study
 from pipeline.identification.bench.simulator import Course, Forward
 from pipeline.identification.fitting.plausible_range import LAWS, plausible_range
-from pipeline.identification.fitting.problem import FEWEST_CRANKS, Data, Problem, first_states, mean_gap, prior_modes
+from pipeline.identification.fitting.problem import FEWEST_CRANKS, Data, Problem, first_states, prior_modes
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.effects import Conditions
@@ -36,8 +36,6 @@ MEASURED_UM = 0.3
 """Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
 POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
-LIMIT = 3.0
-"""Standard deviations of the population within which a dimension is no effect."""
 RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 JUMP = 2.0
@@ -141,10 +139,12 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], seen: T
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
     by_state = Forward(courses, nmm)
     nominal = first_states(drives((1.0,) * ranges.shape[1]))
+    population = [drive.with_errors(_population_errors(unit, nominal)).gap for drive in nominal]
+    influences = tuple(plain.backbone(drive).influence[0] for drive in nominal)
 
     def trained_on(training: Truth) -> Problem:
         data = data_of(measurement, training)
-        modes, limit = _modes(unit, nominal, plain, data.noise)
+        modes = prior_modes(population, influences, RESOLUTION * data.noise)
         return Problem(
             data=data,
             training=training,
@@ -155,7 +155,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], seen: T
             calibrated=keys,
             scale_range=ranges,
             modes=modes,
-            gap_limit=limit,
+            influences=influences,
             conditions=tuple(conditions),
             offered=_offered(measurement, training),
             rated_torque=rated,
@@ -297,13 +297,9 @@ def _measured(errors: Errors) -> Errors:
     return Errors(**{name: spread(values) for name, values in vars(errors).items()})
 
 
-def _modes(unit: UnitFile, drives: Sequence[Drive], forward: Forward, noise: float) -> tuple[tuple[Real, ...], float]:
-    """Modes of the tolerances that were not measured, or of what their measurement leaves uncertain."""
-    errors = _measured(drives[0].errors) if unit.dimensions is not None else assembly.errors(_population(unit.study))
-    gaps = [drive.with_errors(errors).gap for drive in drives]
-    influences = [forward.backbone(drive).influence[0] for drive in drives]
-    limit = LIMIT * max(float(np.std(mean_gap(drive, gap))) for drive, gap in zip(drives, gaps, strict=True))
-    return prior_modes(gaps, influences, RESOLUTION * noise), limit
+def _population_errors(unit: UnitFile, drives: Sequence[Drive]) -> Errors:
+    """Units that the tolerances make, or that measuring the dimensions cannot tell from this one."""
+    return _measured(drives[0].errors) if unit.dimensions is not None else assembly.errors(_population(unit.study))
 
 
 def _population(study: Study) -> SampledErrors:

@@ -28,6 +28,9 @@ SCALES_MOVED = 0.05
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
 ITERATIONS = 15
 """Least-squares steps of a fit unless the caller asks for others."""
+OPEN_SHARE = 0.3
+"""Prior standard deviation of an effect's parameter, in shares of its bounds, about no effect (or the middle of the
+bounds of a parameter without a zero). It decides where the data leave a valley, and is weak beside what they tell."""
 
 
 class Fitter:
@@ -165,7 +168,13 @@ class Fitter:
 
     def penalty(self, like: Vector) -> Real:
         """Inverse prior standard deviation of every unknown."""
-        return np.concatenate([1 / self.problem.scale_spread, np.zeros(len(like.shares)), np.ones(len(like.modes))])
+        spread = np.full(len(like.shares), OPEN_SHARE)
+        return np.concatenate([1 / self.problem.scale_spread, 1 / spread, np.ones(len(like.modes))])
+
+    def centre(self, model: Model, like: Vector) -> Real:
+        """Mean of the prior of every unknown (n_unknowns,)."""
+        shares = [-low / (high - low) if low <= 0 <= high else 0.5 for low, high in self.bounds(model)]
+        return np.concatenate([np.zeros(len(like.scales)), shares, np.zeros(len(like.modes))])
 
     def jacobian(
         self,

@@ -36,6 +36,8 @@ class Predicting(Protocol):
 
     def penalty(self, like: Vector) -> Real: ...
 
+    def centre(self, model: Model, like: Vector) -> Real: ...
+
     def centred(self, values: Real, weight: Real) -> Real: ...
 
     def predict(
@@ -63,14 +65,14 @@ class Descent:
     sigma : (n_cells,) [arcmin] of the noise, and of what the form of the model misses.
     misfit : (n_fitted,) residuals of the cells fitted, offsets removed, in sigmas.
     jacobian : (n_cells, n_unknowns) [arcmin], offsets removed within the cells fitted.
-    penalty : (n_unknowns,) inverse standard deviations by which the unknowns are held.
+    penalty, centre : (n_unknowns,) inverse standard deviations by which the unknowns are held, and where.
     """
 
     def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, near: Fit | None):
         self.fitter, self.model, self.fitted = fitter, model, fitted
         data = fitter.problem.data
         self.positions = np.unique(data.position[fitted]).tolist()
-        self.penalty = fitter.penalty(start)
+        self.penalty, self.centre = fitter.penalty(start), fitter.centre(model, start)
         self.repeats = _repeats(data, fitted)
         self.damping = FIRST_DAMPING
         self.known = None if near is None else (near.unknowns.scales, near.jacobian)
@@ -140,7 +142,7 @@ class Descent:
         """Fall of the sum of squares by the first damped step that falls; 0 where none does."""
         rows = self.fitter.centred(self.jacobian, self.weight)[self.fitted] * self.root[:, None]
         hessian = rows.T @ rows + np.diag(self.penalty**2)
-        gradient = rows.T @ self.misfit - self.penalty**2 * self.now.flat
+        gradient = rows.T @ self.misfit - self.penalty**2 * (self.now.flat - self.centre)
         free = self.now.free(gradient)
         for _ in range(TRIES):
             step = damped_step(hessian, gradient, free, self.damping, self.now.room)
@@ -166,7 +168,7 @@ class Descent:
 
     def _cost(self, misfit: Real, unknowns: Vector) -> float:
         with np.errstate(over="ignore", invalid="ignore"):  # an equilibrium that was not found
-            return float(misfit @ misfit + np.sum((self.penalty * unknowns.flat) ** 2))
+            return float(misfit @ misfit + np.sum((self.penalty * (unknowns.flat - self.centre)) ** 2))
 
     def _derive(self) -> None:
         before = self.known

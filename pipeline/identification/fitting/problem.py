@@ -23,6 +23,10 @@ Candidate = Effect | InstrumentEffect
 FEWEST_CRANKS = 3
 """Crank positions that an effect with a phase over the crank angle needs."""
 STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})
+LIMIT = 3.0
+"""Standard deviations of the population within which a dimension is no effect."""
+HIDDEN = 0.75
+"""Rms in noise floors that no structure shows: with the noise it makes ``parameter_intervals.STRUCTURE``."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class Problem:
     scale_range : (2, n_scales) logarithms of the factors between which each scale is plausible; scales after those of
         the calibrated numbers are of the force laws of pins and output.
     modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
-    gap_limit : [mm] mean gap of the pins, by their arms, that tolerances (or what measuring leaves uncertain) reach.
+    influences : per position d angle / d gap along the frictionless curve (n_nodes, n_contacts) [rad/mm].
     conditions : of the states of the drives.
     offered : what the data have of what effects need (``effects.effect``).
     rated_torque : [N m]
@@ -93,7 +97,7 @@ class Problem:
     calibrated: tuple[str, ...]
     scale_range: Real
     modes: tuple[Real, ...]
-    gap_limit: float
+    influences: tuple[Real, ...]
     conditions: tuple[Conditions, ...]
     offered: frozenset[str]
     rated_torque: float
@@ -138,18 +142,26 @@ class Problem:
         return candidate.bounds(self.nominal[0])
 
     def within_tolerance(self, model: Model, values: Sequence[float]) -> bool:
-        """Whether an effect of the model is a dimension that stays within what the tolerances allow."""
+        """Whether an effect of the model is a dimension that stays within what the tolerances allow.
+
+        Tolerances within ``LIMIT`` of the usual unit then follow its change of the frictionless curves but for what
+        the noise hides.
+        """
         nominal = first_states(self.nominal)
         for effect, own in model.split(values):
             if isinstance(effect, InstrumentEffect) or effect.needs & STATE_EFFECTS:
                 continue
-            moved = [
-                float(np.abs(mean_gap(drive, np.abs(effect.apply(drive, own, Conditions.usual(1)).gap - drive.gap)))[0])
-                for drive in nominal
-            ]
-            if 0 < max(moved) < self.gap_limit:
+            gaps = [effect.apply(drive, own, Conditions.usual(1)).gap - drive.gap for drive in nominal]
+            if any(np.any(gap) for gap in gaps) and self._left_by_tolerances(gaps) < HIDDEN * self.data.noise:
                 return True
         return False
+
+    def _left_by_tolerances(self, gaps: Sequence[Real]) -> float:
+        """Rms [arcmin] of what modes within ``LIMIT`` leave of a change of gaps, per position (1, n_contacts) [mm]."""
+        (change,), patterns = _curves(gaps, self.influences), _curves(self.modes, self.influences)
+        sizes = np.linalg.lstsq(patterns.T, change, rcond=None)[0]
+        sizes *= min(1.0, LIMIT / max(float(np.linalg.norm(sizes)), LIMIT))
+        return float(np.sqrt(np.mean((change - sizes @ patterns) ** 2)))
 
     def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
@@ -169,10 +181,10 @@ class Problem:
         return "; ".join(reasons)
 
 
-def mean_gap(drive: Drive, gap: Real) -> Real:
-    """Mean of the pins' gaps (n,) by the size of their arms; ``gap`` (n, n_contacts)."""
-    arm = np.abs(drive.reducer.pins.arm)
-    return gap[:, : len(arm)] @ arm / arm.sum()
+def _curves(gaps: Sequence[Real], influences: Sequence[Real]) -> Real:
+    """Change of the curves of all positions (n, n_nodes n_positions) [arcmin] by gaps, per position (n, n_contacts)."""
+    curves = [ARCMIN * gap @ influence.T for gap, influence in zip(gaps, influences, strict=True)]
+    return np.concatenate([curve - curve.mean(axis=1, keepdims=True) for curve in curves], axis=1)
 
 
 def candidates() -> Mapping[str, Candidate]:

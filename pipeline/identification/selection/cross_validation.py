@@ -17,8 +17,6 @@ Truth = NDArray[np.bool_]
 
 LEAST_LOSS = 0.1
 """Loss below which blocks are alike: far under the noise floor."""
-OPEN_SHARE = 0.3
-"""Standard deviation, in shares of its bounds, of a parameter that the cells seen do not determine at all."""
 FAILED = 1e3
 """Residual in sigmas of a cell that could not be predicted."""
 
@@ -75,7 +73,8 @@ def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
 
 def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
     """How the unknowns (n_unknowns,) move if only the cells seen are fitted, and the precision that these give them."""
-    data, now, penalty = fitter.problem.data, fit.unknowns.flat, fitter.penalty(fit.unknowns)
+    data, penalty = fitter.problem.data, fitter.penalty(fit.unknowns)
+    now = fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)
     rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
     misfit = ((data.angle - fit.predicted) / fit.sigma)[seen]
     precision = precision_of(fitter, fit, seen)
@@ -94,10 +93,8 @@ def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
 
 def precision_of(fitter: Fitter, fit: Fit, seen: Truth) -> Real:
     """Inverse covariance (n_unknowns, n_unknowns) of the unknowns of a fit, by the cells seen and the priors."""
-    parts = fit.unknowns
     rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
-    loose = np.concatenate([np.zeros(len(parts.scales)), np.ones(len(parts.shares)), np.zeros(len(parts.modes))])
-    precision = rows.T @ rows + np.diag(fitter.penalty(parts) ** 2 + loose / OPEN_SHARE**2)
+    precision = rows.T @ rows + np.diag(fitter.penalty(fit.unknowns) ** 2)
     return precision + 1e-12 * np.trace(precision) * np.eye(len(precision))
 
 

@@ -134,11 +134,16 @@ def _fold(selector: Selector, selection: Selection, training: Truth, nested: boo
 
 
 def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
-    """Standard deviation [arcmin] (n_cells,) of a fit's prediction by what the training cells leave open."""
+    """Standard deviation [arcmin] (n_cells,) of a fit's prediction by what the training cells leave open.
+
+    The zero of the angle is that of the training cells; a position that shares it with none of them has its own.
+    """
     data = fitter.problem.data
     at = fitter.predict(fit.model, fit.unknowns, modes=True)
-    weight = 1 / data.sigma**2
-    jacobian, _ = fitter.jacobian(fit.model, fit.unknowns, at, fitter.positions, weight, None)
+    zero = training | ~np.isin(data.group, data.group[training])
+    jacobian, _ = fitter.jacobian(
+        fit.model, fit.unknowns, at, fitter.positions, np.where(zero, 1 / data.sigma**2, 0.0), None
+    )
     covariance = np.linalg.inv(precision_of(fitter, fit, training))
     return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
 

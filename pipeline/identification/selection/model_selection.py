@@ -205,13 +205,16 @@ class Selector:
     def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
 
-        An effect of which these cells show nothing stays out.
+        An effect of which these cells show nothing stays out. Once more from numbers and tolerances as declared:
+        without its effect a base may have gone far to stand in for it.
         """
         fit = base
         for effect in model.effects:
             promises = screened(self.fitter, cells, [fit], [effect])
             fit = next(iter(self.fits(fit, cells, promises, 1)), fit)
-        return fit
+        declared = self.fitter.start(fit.model, fit.unknowns.shares)
+        again = self.fitter.fit(fit.model, cells, declared) if fit.model.effects else fit
+        return again if again.sound and again.cost < fit.cost else fit
 
     def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise]) -> Fit:
         """Fit of a model by the names of its effects, from what the screening found of each."""
@@ -270,7 +273,7 @@ class Selector:
         model must be a part of the best of all or explain as much: else it would be named for want of numbers alone.
         """
         trials, useful = selection.trials, selection.survivors
-        reasons = {name: self.why_no_claim(trials[name].fit, cells, selection.base) for name in useful}
+        reasons = {name: self.why_no_claim(trials[name], cells, selection.base) for name in useful}
         goals = [name for name in (selection.best, selection.claimed) if name]
         supported = [name for name in useful if not reasons[name]]
         survivors = tuple(name for name in supported if any(_stands_for(name, goal, trials) for goal in goals))
@@ -328,9 +331,13 @@ class Selector:
         members = self._members(best, survivors, trials, cells) if best else ()
         return replace(selection, survivors=survivors, best=best, claimed=claimed, members=members)
 
-    def why_no_claim(self, fit: Fit, cells: Truth, base: Trial) -> str:
-        """Why the parameters of a fitted model support no claim, or ""."""
-        return unsupported(self.fitter, fit, cells, base.rms)
+    def why_no_claim(self, tried: Trial, cells: Truth, base: Trial) -> str:
+        """Why the parameters of a model that gains over ``base`` support no claim, or "".
+
+        A single effect that leaves nothing structured was tested against its absence by that gain.
+        """
+        explains = tried.fit.model.n_effects == 1 and tried.rms <= float(np.hypot(STRUCTURE, FORM * base.rms))
+        return unsupported(self.fitter, tried.fit, cells, base.rms, present=explains)
 
     def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial], most_effects: int) -> str:
         """Least held-out loss; more effects only where they gain significantly over the best with fewer."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ CONFIDENCE = 0.95
 """Of the intervals of fitted parameters."""
 SEED = 79
 """Of the bootstrap: equal data give equal intervals."""
+LARGEST_LOG = 10.0
+"""Logarithm up to which an interval is widened: beyond it every bound of the library is reached."""
 AT_BOUND = 0.01
 """Share of its bounds from an end at which a parameter stands there."""
 
@@ -53,15 +56,8 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     more cycles tell no more of it. What the priors hold (tolerances, calibrated numbers) is drawn from them.
     """
     bounds = fitter.bounds(fit.model)
-    steps, hessian, n_blocks = score_steps(fitter, fit, cells)
-    first = len(fit.unknowns.scales)
-    own = slice(first, first + len(fit.unknowns.shares))
-    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * np.sqrt(
-        np.diag(_form(fitter, fit, hessian, n_blocks, cells, before))[own]
-    )
-    spread = tails(steps, n_blocks)[:, own]
-    low, high = (fit.unknowns.shares + sense * np.hypot(one, form) for sense, one in zip((-1, 1), spread, strict=True))
-    values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, low, high)]
+    ends = _positive(bounds, fit.unknowns.shares, _ends(fitter, fit, cells, before))
+    values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, *ends)]
     found = []
     number = -1
     for effect in fit.model.effects:
@@ -76,28 +72,54 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     return tuple(found)
 
 
-def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> str:
+def _ends(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Real, Real]:
+    """Ends of the intervals (n_parameters,) of the parameters as shares of their bounds, to first order."""
+    steps, hessian, n_blocks = score_steps(fitter, fit, cells)
+    first = len(fit.unknowns.scales)
+    own = slice(first, first + len(fit.unknowns.shares))
+    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * np.sqrt(
+        np.diag(_form(fitter, fit, hessian, n_blocks, cells, before))[own]
+    )
+    down, up = np.hypot(tails(steps, n_blocks)[:, own], form)
+    return fit.unknowns.shares - down, fit.unknowns.shares + up
+
+
+def _positive(bounds: Sequence[tuple[float, float]], shares: Real, ends: tuple[Real, Real]) -> tuple[Real, Real]:
+    """The ends with those of sizes that cannot be negative, and would reach zero, taken in the logarithm of the size.
+
+    Where a size and a time constant trade in a valley of the misfit, it is wide upwards and never reaches zero.
+    """
+    low, high = ends[0].copy(), ends[1].copy()
+    for k, (least, _) in enumerate(bounds):
+        if least == 0 < shares[k] and low[k] <= 0:
+            high[k] = max(high[k], shares[k] * np.exp(min(high[k] / shares[k] - 1, LARGEST_LOG)))
+            low[k] = shares[k] * np.exp(low[k] / shares[k] - 1)
+    return low, high
+
+
+def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float, present: bool = False) -> str:
     """Why a fitted model supports no claim, or "": an effect that may be absent, a bound, a constant beyond the record.
 
     An effect may be absent where the interval of its size reaches zero; of several sizes (the amplitudes of a phase),
-    where their joint interval does.
+    where their joint interval does. Not so where it was tested against its absence already (``present``).
     """
-    found = intervals(fitter, fit, cells, before)
+    bounds = fitter.bounds(fit.model)
+    low, high = (mapped(bounds, np.clip(one, 0, 1)) for one in _ends(fitter, fit, cells, before))
     covariance = _covariance(fitter, fit, cells, before)
     start = 0
     for effect in fit.model.effects:
-        bounds, stop = fitter.problem.bounds(effect), start + len(effect.parameters)
-        shares, own = fit.unknowns.shares[start:stop], found[start:stop]
-        sizes = [k for k, (low, high) in enumerate(bounds) if low <= 0 <= high]
-        for k, (parameter, fitted) in enumerate(zip(effect.parameters, own, strict=True)):
-            if not AT_BOUND < shares[k] < 1 - AT_BOUND and (k not in sizes or bounds[k][0] < 0 or shares[k] > 0.5):
-                return f"{effect.name}: {parameter.name} = {fitted.value:.3g} is at a bound of what the library allows"
-            if parameter.record and fitted.value > fitter.problem.record[parameter.record]:
-                return f"{effect.name}: {parameter.name} = {fitted.value:.3g} is longer than the record"
-        if len(sizes) == 1 and not (own[sizes[0]].ci_low > 0 or own[sizes[0]].ci_high < 0):
+        stop = start + len(effect.parameters)
+        limits, shares, values = bounds[start:stop], fit.unknowns.shares[start:stop], fit.values[start:stop]
+        sizes = [k for k, (least, largest) in enumerate(limits) if least <= 0 <= largest]
+        for k, (parameter, value) in enumerate(zip(effect.parameters, values, strict=True)):
+            if not AT_BOUND < shares[k] < 1 - AT_BOUND and (k not in sizes or limits[k][0] < 0 or shares[k] > 0.5):
+                return f"{effect.name}: {parameter.name} = {value:.3g} is at a bound of what the library allows"
+            if parameter.record and value > fitter.problem.record[parameter.record]:
+                return f"{effect.name}: {parameter.name} = {value:.3g} is longer than the record"
+        if not present and len(sizes) == 1 and not (low[start + sizes[0]] > 0 or high[start + sizes[0]] < 0):
             return f"{effect.name}: the interval of {effect.parameters[sizes[0]].name} reaches zero"
-        if len(sizes) > 1:
-            zero = np.array([unmapped([bounds[k]], [0.0])[0] for k in sizes])
+        if not present and len(sizes) > 1:
+            zero = np.array([unmapped([limits[k]], [0.0])[0] for k in sizes])
             at = start + np.array(sizes)
             distance = (shares[sizes] - zero) @ np.linalg.solve(covariance[np.ix_(at, at)], shares[sizes] - zero)
             if distance < chi2.ppf(CONFIDENCE, len(sizes)):
@@ -153,7 +175,8 @@ def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int
     drawn[:, :, k] += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
     whole = products[:, :, :k].sum(axis=0)
     hessian = whole + np.diag(penalty**2) + 1e-9 * np.trace(whole) / max(k, 1) * np.eye(k)
-    steps = np.linalg.solve(hessian, (drawn[:, :, k] - penalty**2 * fit.unknowns.flat).T).T
+    pull = penalty**2 * (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns))
+    steps = np.linalg.solve(hessian, (drawn[:, :, k] - pull).T).T
     return steps, hessian, n_blocks
 
 

@@ -70,6 +70,7 @@ class Screening:
         self.penalty = penalty = fitter.penalty(base.unknowns)
         self.rows = np.vstack([base.jacobian[cells] * self.root[:, None], np.diag(penalty)[penalty > 0]])
         self.basis, self.triangle = np.linalg.qr(self.rows)
+        self.centre = fitter.centre(base.model, base.unknowns)
         self.left = self._scaled(data.angle - base.predicted) - self._pulled(base.unknowns.flat)
         self.nothing = self._misfit(self._free(self.left))
         self.plain = fitter.predict(base.model, base.unknowns, self.positions).angle
@@ -77,7 +78,7 @@ class Screening:
     def _pulled(self, flat: Real) -> Real:
         """Residuals of the priors at unknowns, below the cells' zeros."""
         penalty = self.penalty
-        return np.concatenate([np.zeros(len(self.root)), (penalty * flat)[penalty > 0]])
+        return np.concatenate([np.zeros(len(self.root)), (penalty * (flat - self.centre))[penalty > 0]])
 
     def _scaled(self, angle: Real) -> Real:
         """Angles (n_cells,) without offsets, in sigmas of the cells that are looked at, zeros for the priors."""
