@@ -14,7 +14,7 @@ from pipeline.model.contact.laws import ContactLaws, LineContact, Material, conc
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
-from pipeline.model.geometry.reducer import Bearing, Reducer, nominal_reducer
+from pipeline.model.geometry.reducer import OUTPUT, Bearing, Reducer, nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import Definitions
 from pipeline.model.units import MM_PER_UM, NMM_PER_NM
@@ -112,6 +112,17 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
     on_flank = LineContact(1 / (1 / radius + at.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
     of_pins = inputs.law.on_mesh(on_flank, radius, reduce.patch_half_width_mm)
     return concatenated([of_pins, design.output.laws(inputs)])
+
+
+def output_compliance(design: Design, at: Reducer) -> Real:
+    """What the bodies behind the disks give way between all contacts (n_contacts, n_contacts) [mm/N]."""
+    full = np.zeros((len(at.contacts), len(at.contacts)))
+    rows = np.flatnonzero(at.contacts.kind == OUTPUT)
+    materials = {name: _material(section, design) for name, section in design.materials.items()}
+    between = design.output.compliance(at.contacts.some(rows), at.disk_of_contact[rows], materials)
+    if between is not None:
+        full[np.ix_(rows, rows)] = between
+    return full
 
 
 def disk_contacts(at: Reducer) -> np.ndarray:

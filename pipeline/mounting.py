@@ -25,19 +25,20 @@ def drive_of(
 
     Parameters
     ----------
-    compliance : of the bodies between the contacts (n_contacts, n_contacts) [mm/N]; None where they are rigid.
+    compliance : of the disks between the contacts (n_contacts, n_contacts) [mm/N], to which that of the output's bodies
+        is added; None where all bodies are rigid.
     errors : of ``n`` states.
     clearance : (n,) of the input bearing [mm].
     laws : of the contacts; the study's where none are given.
     """
     reducer = assembly.reducer(study.design, crank_deg)
-    contacts = len(reducer.contacts)
+    contacts, behind = len(reducer.contacts), assembly.output_compliance(study.design, reducer)
     drive = Drive(
         profile=assembly.profile(study.design),
         reducer=reducer,
         bearing=assembly.bearing(study.design),
         laws=assembly.contact_laws(study, reducer) if laws is None else laws,
-        compliance=np.zeros((contacts, contacts)) if compliance is None else compliance,
+        compliance=np.zeros((contacts, contacts)) if compliance is None else compliance + behind,
         rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
         errors=errors,
         reading=GapReading(**dict(study.clearance)),

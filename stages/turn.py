@@ -123,7 +123,7 @@ def turn_readings(
     held, free = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
     missing = np.isnan(held[:, :1, :1, None])
     cycloid, sense = study.design.cycloid, np.array([1.0, -1.0])[:, None]
-    ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / cycloid.lobes
+    ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / cycloid.torque_ratio
     return TurnReadings(
         loaded_angle=held,
         free_angle=np.stack([_with_rigid(study, free[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),

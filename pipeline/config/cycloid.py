@@ -35,6 +35,11 @@ class Cycloid(Section):
         return self.lobes if self.fixed == "housing" else self.pins
 
     @property
+    def torque_ratio(self) -> int:
+        """Torque on the output per torque that the eccentrics take from the crank, both in one sense of rotation."""
+        return self.lobes if self.fixed == "housing" else -self.pins
+
+    @property
     def root_radius_mm(self) -> float:
         """Radius of the disk at the roots of its lobes: pin circle less eccentricity less pin."""
         return self.pin_circle_radius_mm - self.eccentricity_mm - self.pin_radius_mm

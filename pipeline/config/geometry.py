@@ -97,12 +97,9 @@ def _materials(parts: Mapping[str, Any]) -> Iterator[Problem]:
     materials = parts.get("materials")
     if materials is None:
         return
-    users = [("disk", "material"), ("pins", "material")]
+    names = {f"{section}.material": parts[section].material for section in ("disk", "pins") if section in parts}
     if "output" in parts:
-        users += [("output", key) for key in parts["output"].material_keys]
-    for section, key in users:
-        if section in parts and getattr(parts[section], key) not in materials:
-            name = getattr(parts[section], key)
-            yield Problem(
-                f"{section}.{key}", name, f"no such section [materials.{name}]; {nearest_name(name, materials)}"
-            )
+        names |= {f"output.{key}": name for key, name in parts["output"].material_names.items()}
+    for key, name in names.items():
+        if name not in materials:
+            yield Problem(key, name, f"no such section [materials.{name}]; {nearest_name(name, materials)}")

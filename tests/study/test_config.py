@@ -126,6 +126,10 @@ def test_a_wrong_design_names_file_key_value_and_remedy(design_data, key, value,
     assert any(problem.startswith(f"d.toml: {line}") for problem in problems), problems
 
 
+BUSH = {"outer_radius_mm": 5.0, "clearance_um": 10.0, "material": "steel"}
+BEAM = {"support": "cantilever", "plane_mm": 16.0}
+
+
 @pytest.mark.parametrize(
     ("key", "value", "line"),
     [
@@ -144,6 +148,18 @@ def test_a_wrong_design_names_file_key_value_and_remedy(design_data, key, value,
         ("output.hole_clearance_um", -1.0, "output.hole_clearance_um = -1.0; must be >= 0"),
         ("output.pin_material", "stel", 'output.pin_material = "stel"; no such section [materials.stel]; did you mean'),
         ("output.rollers", 40, "output.rollers = 40; unknown key; "),
+        ("output.bush", BUSH | {"outer_radius_mm": 4.5}, "output.bush.outer_radius_mm = 4.5; must be > 4.51 mm"),
+        ("output.bush", BUSH | {"outer_radius_mm": 7.0}, "output.pin_radius_mm = 4.5; a hole's radius is 8.55 mm"),
+        ("output.bush", BUSH | {"clearance_um": 0.0}, "output.bush.clearance_um = 0.0; must be >= 1"),
+        ("output.bush", BUSH | {"material": "stel"}, 'output.bush.material = "stel"; no such section [materials.stel]'),
+        ("output.bending", BEAM | {"plane_mm": 4.0}, "output.bending.plane_mm = 4.0; must be 9 to 90 mm, 1 to 10 diam"),
+        ("output.bending", BEAM | {"span_mm": 30.0}, "output.bending.span_mm = 30.0; must be there with support"),
+        ("output.bending", BEAM | {"support": "both_ends"}, "output.bending.span_mm; must be there with support"),
+        (
+            "output.bending",
+            BEAM | {"support": "both_ends", "span_mm": 15.0},
+            "output.bending.span_mm = 15.0; must be > 16 mm, the plane of the last disk",
+        ),
     ],
 )
 def test_a_wrong_hole_names_file_key_value_and_remedy(key, value, line):

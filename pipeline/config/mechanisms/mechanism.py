@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_args
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.section import Problem, Section
 from pipeline.model.contact.laws import ContactLaws, Material
-from pipeline.model.geometry.cycloid_profile import Complex, Index
+from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 from pipeline.model.geometry.reducer import Contacts, DiskPose
 from pipeline.model.registry import declarations
 
@@ -104,6 +104,11 @@ class OutputMechanism(Section):
             (cls.name,) = get_args(cls.model_fields["mechanism"].annotation)
 
     @property
+    def material_names(self) -> Mapping[str, str]:
+        """Materials that it is made of, by the settings that name them."""
+        return {key: getattr(self, key) for key in self.material_keys}
+
+    @property
     @abstractmethod
     def contacts(self) -> int:
         """Number of output contacts of a disk."""
@@ -128,6 +133,13 @@ class OutputMechanism(Section):
     @abstractmethod
     def laws(self, inputs: LawInputs) -> ContactLaws:
         """Laws of the contacts in the order of ``contacts_of``."""
+
+    def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
+        """What bodies behind the disks give way (n, n) [mm/N] between output contacts (n,) of these disks (n,).
+
+        None where they are rigid.
+        """
+        return None
 
     def holes(self, cycloid: Cycloid) -> Holes | None:
         """Holes that it cuts into a disk; a contact in one names it (``Contacts.hole``)."""

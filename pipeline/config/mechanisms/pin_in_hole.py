@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import pi, sin
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,9 +11,10 @@ from pydantic import Field
 
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
-from pipeline.config.section import Clearance, Millimetres, Problem
-from pipeline.model.contact.laws import ContactLaws, LineContact
-from pipeline.model.geometry.cycloid_profile import Complex, Index
+from pipeline.config.section import Clearance, Millimetres, Problem, Section
+from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled
+from pipeline.model.elastic.beam import LONGEST, SHORTEST, pin_flexibility
+from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose
 
 if TYPE_CHECKING:
@@ -21,12 +22,60 @@ if TYPE_CHECKING:
     from pipeline.config.design import Disk
 
 
+class Bush(Section):
+    """Bush on each output pin, loose by a radial clearance: it rolls on the hole's wall.
+
+    Pin and bush touch where bush and hole do, so the two radial clearances add up along the line of contact, and so do
+    the deflections of the two contacts. The wall counts from either side down to its middle; the ring's change of shape
+    is left out.
+    """
+
+    outer_radius_mm: Millimetres
+    clearance_um: Annotated[float, Field(ge=1, le=1000)]
+    material: str
+
+
+class Bending(Section):
+    """Bending and shear of the output pins: `cantilever`, or `both_ends` clamped over the span between two flanges.
+
+    The first disk's middle plane lies `plane_mm` from the flange, each further disk's `disk_pitch_mm` farther on, and
+    forces act in these planes. The flanges are rigid, and a pin's diameter is its own, without a bush.
+    """
+
+    support: Literal["cantilever", "both_ends"]
+    plane_mm: Millimetres
+    disk_pitch_mm: Annotated[float, Field(ge=0, le=1e4)] = 0.0
+    span_mm: Millimetres | None = None
+
+    def problems(self, diameter: float, disks: int) -> Iterator[Problem]:
+        """A span without its support, planes beyond it, disks in one plane, and pins that are no beams."""
+        ends = self.support == "both_ends"
+        if ends != (self.span_mm is not None):
+            allowed = 'must be there with support = "both_ends", and only there: the distance between the flanges'
+            yield Problem("output.bending.span_mm", self.span_mm, allowed)
+            return
+        last = self.plane_mm + (disks - 1) * self.disk_pitch_mm
+        if disks > 1 and self.disk_pitch_mm == 0:
+            yield Problem("output.bending.disk_pitch_mm", 0.0, "must be > 0: the disks lie beside each other")
+        if self.span_mm is not None and last >= self.span_mm:
+            allowed = f"must be > {last:g} mm, the plane of the last disk"
+            yield Problem("output.bending.span_mm", self.span_mm, allowed)
+        key, free = ("span_mm", self.span_mm) if self.span_mm is not None else ("plane_mm", self.plane_mm)
+        if not SHORTEST * diameter <= free <= LONGEST * diameter:
+            allowed = (
+                f"must be {SHORTEST * diameter:g} to {LONGEST * diameter:g} mm, {SHORTEST:g} to {LONGEST:g} diameters "
+                "of the pin: beyond it is no beam of this theory; correct it, or delete [output.bending]"
+            )
+            yield Problem(f"output.bending.{key}", free, allowed)
+
+
 class PinInHole(OutputMechanism):
     """Output pins, held in the output flange, in round holes of the disk.
 
     Pins (about the housing axis) and holes (about the disk's centre) stand on circles of one radius; a hole's radius is
-    that of the pin, plus the eccentricity, plus `hole_clearance_um`. Pins are counted clockwise from `phase_deg`, the
-    direction of pin 0 at crank angle 0. A pin is as long as the disk is thick; what it bends in the flange is left out.
+    that of the pin or of its bush, plus the eccentricity, plus `hole_clearance_um`. Pins are counted clockwise from
+    `phase_deg`, the direction of pin 0 at crank angle 0. A pin is as long as the disk is thick; without `bending` it is
+    rigid.
     """
 
     words = Words(
@@ -48,6 +97,23 @@ class PinInHole(OutputMechanism):
     pin_material: str
     hole_clearance_um: Clearance
     phase_deg: Annotated[float, Field(ge=-360, le=360)]
+    bush: Bush | None = None
+    bending: Bending | None = None
+
+    @property
+    def outer_radius_mm(self) -> float:
+        """Radius of what touches the hole, a pin or its bush."""
+        return self.bush.outer_radius_mm if self.bush else self.pin_radius_mm
+
+    @property
+    def loose_um(self) -> float:
+        """Radial clearance between a pin and its hole, its bush's included."""
+        return self.hole_clearance_um + (self.bush.clearance_um if self.bush else 0.0)
+
+    @property
+    def material_names(self) -> Mapping[str, str]:
+        """Materials of pins and bushes, by the settings that name them."""
+        return {"pin_material": self.pin_material} | ({"bush.material": self.bush.material} if self.bush else {})
 
     @property
     def contacts(self) -> int:
@@ -56,12 +122,12 @@ class PinInHole(OutputMechanism):
 
     @property
     def contact_radius_mm(self) -> float:
-        """Radius of the smaller body of a contact, the output pin."""
-        return self.pin_radius_mm
+        """Radius of the smaller body of a contact, the output pin or its bush."""
+        return self.outer_radius_mm
 
     def hole_radius(self, eccentricity: float) -> float:
         """Radius of the disk's holes [mm]."""
-        return self.pin_radius_mm + eccentricity + 1e-3 * self.hole_clearance_um
+        return self.outer_radius_mm + eccentricity + 1e-3 * self.hole_clearance_um
 
     def centres(self) -> Complex:
         """Centres of the holes in the disk's frame, and of the pins in the output's (n_pins,) complex [mm]."""
@@ -70,8 +136,18 @@ class PinInHole(OutputMechanism):
 
     def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
         """Holes that cut each other, the lobes or the bore."""
-        if not cycloid:
-            return
+        bush = self.bush
+        if bush and bush.outer_radius_mm <= self.pin_radius_mm + 1e-3 * bush.clearance_um:
+            allowed = (
+                f"must be > {self.pin_radius_mm + 1e-3 * bush.clearance_um:g} mm, its bore on the pin: no wall is left"
+            )
+            yield Problem("output.bush.outer_radius_mm", bush.outer_radius_mm, allowed)
+        if self.bending:
+            yield from self.bending.problems(2 * self.pin_radius_mm, disk.count if disk else 1)
+        if cycloid:
+            yield from self._hole_problems(cycloid, disk)
+
+    def _hole_problems(self, cycloid: Cycloid, disk: Disk | None) -> Iterator[Problem]:
         hole, circle = self.hole_radius(cycloid.eccentricity_mm), self.pin_circle_radius_mm
         what = f"a hole's radius is {hole:.4g} mm: pin, eccentricity and clearance"
         pitch = 2 * circle * sin(pi / self.pins)
@@ -130,7 +206,9 @@ class PinInHole(OutputMechanism):
             station=np.arange(n),
             hole=np.arange(n),
             label=np.array([f"output pin {k}" for k in range(n)]),
-            gap=np.full(n, hole - self.pin_radius_mm - abs(disk.eccentric)),
+            gap=np.full(
+                n, hole - self.outer_radius_mm - abs(disk.eccentric) + 1e-3 * (self.loose_um - self.hole_clearance_um)
+            ),
             two_sided=np.zeros(n, bool),
             per_eccentricity=np.full(n, -1.0),
             curvature=np.full(n, -1 / hole),
@@ -144,10 +222,32 @@ class PinInHole(OutputMechanism):
 
         Hertz' half plane holds while the contact is narrow against the pin; the law ends at half of its radius.
         """
-        pin, radius = inputs.materials[self.pin_material], self.pin_radius_mm
-        relative = 1 / (1 / radius - 1 / self.hole_radius(inputs.eccentricity))
-        contact = LineContact(np.full(self.pins, relative), inputs.thickness, pin, inputs.disk)
-        return inputs.law.on_mesh(contact, radius, inputs.patch_half_width)
+        hole, radius = self.hole_radius(inputs.eccentricity), self.outer_radius_mm
+        material = inputs.materials[self.bush.material if self.bush else self.pin_material]
+        relative = 1 / (1 / radius - 1 / hole)
+        contact = LineContact(np.full(self.pins, relative), inputs.thickness, material, inputs.disk)
+        if not self.bush:
+            return inputs.law.on_mesh(contact, radius, inputs.patch_half_width)
+        bore = self.pin_radius_mm + 1e-3 * self.bush.clearance_um
+        middle = 0.5 * (radius - bore)
+        # of the radius r at which a cylinder's ln(4 r/b) - 1/2 is what a flat of the depth d has, ln(2 d/b) - nu/2
+        wall = 0.5 * middle * np.exp(0.5 - 0.5 * material.lateral)
+        outer = inputs.law.on_mesh(contact, wall, inputs.patch_half_width)
+        relative = 1 / (1 / self.pin_radius_mm - 1 / bore)
+        within = LineContact(
+            np.full(self.pins, relative), inputs.thickness, inputs.materials[self.pin_material], material
+        )
+        twice = inputs.law.between_flats((within, within), self.pin_radius_mm, middle)
+        return in_series(outer, scaled(twice, 0.5))
+
+    def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
+        """Bending of each pin by the forces of all disks on it, along their own normals."""
+        if not self.bending:
+            return None
+        planes = self.bending.plane_mm + self.bending.disk_pitch_mm * np.arange(disk.max() + 1)
+        pin = pin_flexibility(planes, 2 * self.pin_radius_mm, materials[self.pin_material], self.bending.span_mm)
+        along = np.real(np.conj(contacts.normal)[:, None] * contacts.normal)
+        return np.where(contacts.station[:, None] == contacts.station, pin[np.ix_(disk, disk)] * along, 0.0)
 
     def holes(self, cycloid: Cycloid) -> Holes:
         """One hole for each output pin."""
@@ -155,10 +255,13 @@ class PinInHole(OutputMechanism):
 
     def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
         """Output pins and holes in words."""
+        bush = f", with loose bushes of outer radius {plain(self.bush.outer_radius_mm)} mm" if self.bush else ""
+        supports = {"cantilever": "cantilevers", "both_ends": "beams clamped at both ends"}
+        bending = f"; the pins bend as {supports[self.bending.support]}" if self.bending else ""
         return (
             f"{self.pins} output pins of radius {plain(self.pin_radius_mm)} mm on a circle of radius "
-            f"{plain(self.pin_circle_radius_mm)} mm, in holes of the disk of radius "
-            f"{plain(self.hole_radius(cycloid.eccentricity_mm))} mm"
+            f"{plain(self.pin_circle_radius_mm)} mm{bush}, in holes of the disk of radius "
+            f"{plain(self.hole_radius(cycloid.eccentricity_mm))} mm{bending}"
         )
 
     def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:
@@ -166,8 +269,9 @@ class PinInHole(OutputMechanism):
         hole = self.hole_radius(disk.eccentricity)
         centre = contacts.point + hole * contacts.normal
         texts = tuple(f"{pin}\n({number})" for pin, number in zip(contacts.station, numbers, strict=True))
-        shapes = (
+        shapes: tuple[Circles | Points, ...] = (
             Circles(centre, hole, "disk"),
+            *([Circles(centre - disk.eccentric, self.outer_radius_mm, "between")] if self.bush else []),
             Circles(centre - disk.eccentric, self.pin_radius_mm, "output", texts),
             Points(contacts.point),
         )

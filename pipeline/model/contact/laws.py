@@ -11,7 +11,7 @@ stand in ``line_laws``, one file each.
 Source: Johnson, Contact Mechanics (1985), ch. 4 and 5.6.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -152,6 +152,33 @@ class ContactLaws:
     def peak_pressure(self, force: ArrayLike) -> Real:
         """Peak Hertz pressure [MPa] at ``force`` (..., n) [N]."""
         return self.pressure * np.sqrt(np.maximum(np.asarray(force, float), 0.0))
+
+
+def in_series(first: ContactLaws, second: ContactLaws) -> ContactLaws:
+    """Laws of contacts in series under one force (n,): their deflections add up.
+
+    Raises
+    ------
+    ValueError
+        If both have a power of the force, and not the same.
+    """
+    both = (first.power > 0) & (second.power > 0)
+    if np.any(both & (first.exponent != second.exponent)):
+        raise ValueError("laws of two different powers of the force are no such law in series")
+    return ContactLaws(
+        linear=first.linear + second.linear,
+        logarithmic=first.logarithmic + second.logarithmic,
+        power=first.power + second.power,
+        exponent=np.where(first.power > 0, first.exponent, second.exponent),
+        force_limit=np.minimum(first.force_limit, second.force_limit),
+        pressure=np.maximum(first.pressure, second.pressure),
+    )
+
+
+def scaled(laws: ContactLaws, factor: float) -> ContactLaws:
+    """Laws whose deflections are ``factor`` times those of others."""
+    names = ("linear", "logarithmic", "power")
+    return replace(laws, **{name: factor * getattr(laws, name) for name in names})
 
 
 def concatenated(laws: list[ContactLaws]) -> ContactLaws:

@@ -1,0 +1,48 @@
+"""Deflection of a straight round pin that bends and shears between its supports.
+
+Source: Timoshenko, Gere, Mechanics of Materials; shear coefficient of the round section by Cowper, J. Appl. Mech. 33
+(1966) 335.
+"""
+
+import numpy as np
+
+from pipeline.model.contact.laws import Material
+from pipeline.model.geometry.cycloid_profile import Real
+
+SHORTEST, LONGEST = 1.0, 10.0
+"""Free length over diameter: below, the pin's root deforms more than the beam does (a cantilever's shear is 36 % of its
+deflection there); above, its slope at the disk is no longer small against the disk's width."""
+
+
+def _flexibility(length: float, bending: float, shear: float) -> Real:
+    """Deflection and slope (2,) of a cantilever's end by a unit force and moment (2,) there."""
+    own = length**3 / (3 * bending) + length / shear
+    return np.array([[own, length**2 / (2 * bending)], [length**2 / (2 * bending), length / bending]])
+
+
+def _carried(loaded: float, seen: float, bending: float, shear: float) -> Real:
+    """Deflection and slope (2,) of a cantilever at ``seen`` by a unit force and moment (2,) at ``loaded``."""
+    near = _flexibility(min(loaded, seen), bending, shear)
+    if seen <= loaded:  # the load beyond is its force and its moment here
+        return near @ np.array([[1.0, 0.0], [loaded - seen, 1.0]])
+    return np.array([[1.0, seen - loaded], [0.0, 1.0]]) @ near
+
+
+def pin_flexibility(planes: Real, diameter: float, material: Material, span: float | None) -> Real:
+    """Deflection (n, n) [mm/N] at each of the ``planes`` by a unit force at each, alike in all directions.
+
+    Parameters
+    ----------
+    planes : (n,) distances [mm] from the flange in which the pin is clamped.
+    diameter : [mm]
+    span : distance [mm] to a second flange that clamps its other end; None for a cantilever.
+    """
+    bending = material.youngs_modulus * np.pi * diameter**4 / 64
+    nu = material.poisson_ratio
+    shear = material.youngs_modulus / (2 * (1 + nu)) * np.pi * diameter**2 / 4 * 6 * (1 + nu) / (7 + 6 * nu)
+    at = np.asarray(planes, float)
+    free = np.array([[_carried(b, a, bending, shear)[0, 0] for b in at] for a in at])
+    if span is None:
+        return free
+    end = np.array([_carried(b, span, bending, shear)[:, 0] for b in at])  # what the clamp at the end takes back
+    return free - end @ np.linalg.solve(_flexibility(span, bending, shear), end.T)
