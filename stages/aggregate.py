@@ -255,6 +255,7 @@ AGGREGATE = Stage(
         "tolerances",
         "drivers",
         "design.cycloid",
+        "design.operation",
         "metrics",
         "limits",
         "cycle.crank_deg",

@@ -25,6 +25,7 @@ from pipeline.sampling import Errors
 from stages.bearings import BEARINGS, bearing_rows
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
 from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
+from stages.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
 from stages.sample import SAMPLED, errors_of_columns
 from stages.springs import laws_of_columns
 
@@ -64,6 +65,7 @@ LOOPS = Table(
             for metric in library().values()
         ),
         Column("bearing_force_N", "float64", "N", "largest force on the input bearing"),
+        *RUNNING,
         Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
     ),
 )
@@ -187,6 +189,7 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
         **{library()[name].valid_column: reason == "" for name, reason in solved.invalid.items()},
         "bearing_force_N": np.max(thrust, axis=1),
+        **running_columns(study, drive, response),
         "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
     }
 
@@ -322,11 +325,12 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
     keep = study.cycle.keep_contacts
     kept = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
-    loops, status, thrust, curves = [], [], [], []
+    loops, status, thrust, curves, contacts = [], [], [], [], []
     for solved in solve_samples(shared, sampled):
         loops.append(loop_columns(study, solved))
         status.append(_status(solved))
         thrust.append(bearing_force(solved.drive, solved.response, assembly.definitions(study)))
+        contacts.append(contacts_at_angle(study, solved.drive, solved.response, kept))
         if solved.crank_deg in study.cycle.curve_crank_deg:
             curves.append(solved)
     sample, crank = repeated(samples, np.array(study.cycle.crank_deg))
@@ -336,6 +340,7 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
             "crank_deg": crank,
             **_by_sample(loops),
         },
+        "turn_contacts": turn_contact_rows(study, samples[kept], contacts),
         "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2)),
         "curves": curve_rows(samples, curves),
         "contacts": contact_rows(samples[kept], [one.of(kept) for one in curves]) if len(kept) else CONTACTS.empty(),
@@ -355,9 +360,11 @@ HYSTERESIS = Stage(
     sections=(
         "samples",
         "design.cycloid",
-        "design.disk.count",
+        "design.disk",
+        "design.materials",
         "design.bearing",
         "design.output",
+        "design.operation",
         "design.flank",
         "design.effects",
         "clearance",
@@ -369,7 +376,7 @@ HYSTERESIS = Stage(
         "metrics.lost_motion_percent",
         "metrics.rigidity_percent",
     ),
-    tables=(LOOPS, BEARINGS, CURVES, CONTACTS, STATUS_TABLE),
+    tables=(LOOPS, BEARINGS, CURVES, CONTACTS, TURN_CONTACTS, STATUS_TABLE),
     module="stages.hysteresis",
     unit="samples",
     items=lambda job: job.study.samples.rows,

@@ -12,8 +12,10 @@ from pipeline.model.metrics import LoopReadings, library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.model.turn.held_torque import input_torque
 from pipeline.model.units import NMM_PER_NM
+from pipeline.operation import conditions
 from stages.clearance import rigid_angles
 from stages.hysteresis import READINGS
+from stages.running import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR_DEPTH
 
 OVER = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""
@@ -24,7 +26,7 @@ OVER_TURN = tuple(
 )
 """Columns of a unit's metrics over the turn."""
 OF_TURN = tuple(
-    Column(name, "float64", metric.unit, f"{metric.inline}: one number of the whole turn")
+    Column(name, "float64", metric.unit.replace("µ", "u"), f"{metric.inline}: one number of the whole turn")
     for name, metric in turn_library().items()
 )
 """Columns of a unit's metrics of the turn."""
@@ -122,6 +124,10 @@ def turn_readings(
     angles = np.array(study.cycle.crank_deg)
     held, free = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
     missing = np.isnan(held[:, :1, :1, None])
+    running = {
+        column.name: np.where(missing[:, 0, :, 0], np.nan, loops[column.name].reshape(-1, len(angles)))
+        for column in RUNNING
+    }
     cycloid, sense = study.design.cycloid, np.array([1.0, -1.0])[:, None]
     ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / cycloid.torque_ratio
     return TurnReadings(
@@ -129,6 +135,11 @@ def turn_readings(
         free_angle=np.stack([_with_rigid(study, free[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),
         bearing_force=np.where(missing, np.nan, bearing_force),
         input_share=input_torque(cycloid.eccentricity_mm, np.radians(angles), bearing_force) / ideal,
+        pressure_speed=running[PRESSURE_SPEED.name],
+        shear=running[SHEAR.name],
+        shear_depth=running[SHEAR_DEPTH.name],
+        friction_power=np.stack([running[column.name] for column in FRICTION_POWER], axis=1),
+        conditions=conditions(study),
         loaded_even=np.full(len(angles), np.allclose(angles, 360.0 * np.arange(len(angles)) / len(angles))),
         free_even=_rigid_even(study),
     )

@@ -12,6 +12,7 @@ from pipeline.config.cycloid import Cycloid
 from pipeline.config.flank import Flank
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms import library as mechanism_library
+from pipeline.config.operation import Operation
 from pipeline.config.section import Clearance, Millimetres, Section
 
 
@@ -91,5 +92,6 @@ class Design(Section):
     bearing: Bearing
     flank: Flank | None = None
     output: Output
+    operation: Operation | None = None
     effects: dict[str, dict[str, float]] = {}
     provenance: dict[str, Provenance] = {}

@@ -13,7 +13,7 @@ from pipeline.model.geometry.rigid_backlash import separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import Definitions
-from pipeline.model.metrics.turn import TurnReadings, turn_library
+from pipeline.model.metrics.turn import Conditions, TurnReadings, turn_library
 from pipeline.model.turn.held_torque import bearing_force, input_torque
 from pipeline.model.turn.orders import orders
 
@@ -131,7 +131,8 @@ def test_orders_of_known_waves():
 
 def readings(loaded, free, force, share=1.0):
     even = np.ones(np.shape(loaded)[2], bool), np.ones(np.shape(free)[2], bool)
-    return TurnReadings(loaded, free, force, np.full(loaded.shape, share), *even)
+    shares, by_angle = np.full(loaded.shape, share), loaded[:, 0]
+    return TurnReadings(loaded, free, force, shares, by_angle, by_angle, by_angle, shares, Conditions(), *even)
 
 
 def test_metrics_of_a_turn_take_the_larger_sense_and_say_nothing_from_few_angles():

@@ -10,6 +10,7 @@ from scipy.optimize import linprog
 
 from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study
+from pipeline.config.operation import Friction, Operation, Rating
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.model.geometry.clearance import gaps
@@ -113,3 +114,59 @@ def test_the_error_of_a_unit_is_the_range_of_its_output_angle_over_the_turn(
     fit = np.linalg.lstsq(np.column_stack([np.ones(31), *columns]), of_unit["error_arcsec"].to_numpy(), rcond=None)[0]
     amplitude = waves.query("sample == 7 and sense == '-' and torque_Nm == -12")["amplitude_arcsec"]
     np.testing.assert_allclose(amplitude, np.hypot(fit[1::2], fit[2::2]), rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, dict[str, Output]]:
+    """Two units of the paper's reducer with a floating plate, a speed, friction and a rated bearing."""
+    study = turned(9)
+    output = study.design.output.model_copy(update={"plate": "floats"})
+    operation = Operation(
+        input_speed_rpm=1500.0,
+        pins="fixed",
+        friction=Friction(
+            pin_coefficient=0.05, output_coefficient=0.02, bearing_coefficient=0.002, bearing_bore_mm=12.0
+        ),
+        rating=Rating(kind="roller", dynamic_load_N=9000.0),
+    )
+    study = study.model_copy(
+        update={
+            "design": study.design.model_copy(update={"output": output, "operation": operation}),
+            "samples": study.samples.model_copy(update={"count": 2}),
+            "cycle": study.cycle.model_copy(update={"keep_contacts": "all"}),
+        }
+    )
+    return study, run(STAGES, study, ["aggregate"], tmp_path_factory.mktemp("running"), Resources(1, 100))
+
+
+def test_life_and_efficiency_from_the_contacts_of_a_turn(running: tuple[Study, dict[str, Output]]) -> None:
+    """By the tables and pencil: power of friction pin by pin, mean of the 10/3rd power of the bearing's force."""
+    study, outputs = running
+    units = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample")
+    contacts = pd.DataFrame(outputs["hysteresis"].read("turn_contacts"))
+    bearings = pd.DataFrame(outputs["hysteresis"].read("bearings"))
+    assert len(contacts) == 3 * 9 * 2 * 120
+    assert np.all(contacts.loc[contacts["contact"] >= 80, "sliding_m_per_s"] == 0)
+    speed, ratio = 1500 * 2 * np.pi / 60, 79
+    s = np.hypot(1 - 0.35 * 80 / 32.5 * np.cos(0.0), 0)  # the pin on the eccentric's line at crank angle 0
+    first = contacts.query("contact == 0 and crank_deg == 0")["sliding_m_per_s"]
+    np.testing.assert_allclose(first, 1e-3 * speed / ratio * (32.5 * s - 0.8), rtol=1e-9)
+    for sample in range(3):
+        own = contacts[contacts["sample"] == sample]
+        pressure_speed = (own["pressure_MPa"] * own["sliding_m_per_s"]).max()
+        assert units.loc[sample, "pressure_speed_MPa_m_per_s"] == pytest.approx(pressure_speed, rel=1e-12)
+        assert units.loc[sample, "subsurface_shear_MPa"] == pytest.approx(0.3 * own["pressure_MPa"].max(), rel=1e-12)
+        assert units.loc[sample, "shear_depth_um"] == pytest.approx(own["shear_depth_um"].max(), rel=1e-12)
+        lives, efficiencies = [], []
+        for torque in (12.0, -12.0):
+            held = own[own["torque_Nm"] == torque]
+            force = bearings.query("sample == @sample and torque_Nm == @torque")
+            force = np.hypot(force["force_x_N"], force["force_y_N"]).to_numpy()
+            at_pins = 0.05 * (held["force_N"] * held["sliding_m_per_s"]).sum() / 9
+            at_bearing = 0.002 * 6e-3 * force.mean() * speed * 80 / 79
+            output = 12 * speed / ratio
+            efficiencies.append(100 * (1 - (at_pins + at_bearing) / (output + at_pins + at_bearing)))
+            lives.append((9000 / np.mean(force ** (10 / 3)) ** 0.3) ** (10 / 3) * 1e6 / (60 * 1500 * 80 / 79))
+        assert units.loc[sample, "efficiency_percent"] == pytest.approx(min(efficiencies), rel=1e-12)
+        assert units.loc[sample, "bearing_life_h"] == pytest.approx(min(lives), rel=1e-12)
+        assert 80 < min(efficiencies) < 99

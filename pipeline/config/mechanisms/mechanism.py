@@ -141,6 +141,20 @@ class OutputMechanism(Section):
         """
         return None
 
+    @property
+    def seat_radius_mm(self) -> float:
+        """Radius of the seat in which a contact's body turns that rolls on the disk."""
+        return self.contact_radius_mm
+
+    @property
+    def has_bushes(self) -> bool:
+        """Whether the bodies of the contacts are bushes, which roll on the disk in any case."""
+        return False
+
+    def contact_length_mm(self, thickness_mm: float) -> float:
+        """Length of an output contact with a disk of a thickness."""
+        return thickness_mm
+
     def holes(self, cycloid: Cycloid) -> Holes | None:
         """Holes that it cuts into a disk; a contact in one names it (``Contacts.hole``)."""
         return None

@@ -125,6 +125,16 @@ class PinInHole(OutputMechanism):
         """Radius of the smaller body of a contact, the output pin or its bush."""
         return self.outer_radius_mm
 
+    @property
+    def seat_radius_mm(self) -> float:
+        """Radius of the pin, on which a bush turns."""
+        return self.pin_radius_mm
+
+    @property
+    def has_bushes(self) -> bool:
+        """Whether there are bushes on the pins."""
+        return self.bush is not None
+
     def hole_radius(self, eccentricity: float) -> float:
         """Radius of the disk's holes [mm]."""
         return self.outer_radius_mm + eccentricity + 1e-3 * self.hole_clearance_um

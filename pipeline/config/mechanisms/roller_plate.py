@@ -84,6 +84,10 @@ class RollerPlate(OutputMechanism):
         """Radius of the smaller body of a contact, the roller."""
         return self.roller_radius_mm
 
+    def contact_length_mm(self, thickness_mm: float) -> float:
+        """Length of a roller."""
+        return self.roller_length_mm
+
     def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
         """Rollers that overlap, a tongue inside the bore, rollers beyond the disk."""
         yield from self._row_problems()

@@ -10,6 +10,11 @@ from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.metrics import Definitions
 
 
+def held_forces(response: CycleResponse, at: Definitions) -> Real:
+    """Contact forces (n, 2, n_contacts) [N] at plus and minus the torque held; see ``bearing_force``."""
+    return response.equilibria.force[:, held_states(response, at)]
+
+
 def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDArray[np.complex128]:
     """Force of each disk on its input bearing (n, 2, n_disks) complex [N], housing frame, at plus and minus the torque.
 
@@ -28,9 +33,8 @@ def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDA
     ValueError
         If the cycle lacks the torque.
     """
-    force = response.equilibria.force[:, held_states(response, at)]
     along = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions]
-    resultant = -np.tensordot(force, along, axes=1)
+    resultant = -np.tensordot(held_forces(response, at), along, axes=1)
     return resultant[..., 0] + 1j * resultant[..., 1]
 
 

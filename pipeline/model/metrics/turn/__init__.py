@@ -4,6 +4,13 @@ A file defines ``TURN_METRIC``; adding one is adding a file: its column in the t
 file, its distribution, its row and its definition in the report follow from it.
 """
 
-from pipeline.model.metrics.turn.turn_metric import FEWEST_ANGLES, NEEDS, TurnMetric, TurnReadings, turn_library
+from pipeline.model.metrics.turn.turn_metric import (
+    FEWEST_ANGLES,
+    NEEDS,
+    Conditions,
+    TurnMetric,
+    TurnReadings,
+    turn_library,
+)
 
-__all__ = ["FEWEST_ANGLES", "NEEDS", "TurnMetric", "TurnReadings", "turn_library"]
+__all__ = ["FEWEST_ANGLES", "NEEDS", "Conditions", "TurnMetric", "TurnReadings", "turn_library"]

@@ -18,13 +18,36 @@ FEWEST_ANGLES = 8
 
 LARGEST_IMBALANCE = 0.05
 """Share of the input's torque, in the mean over the turn, that may be missing from the forces on its bearings."""
-TURN, BALANCE = "turn", "balance"
+TURN, BALANCE, SPEED, RATING, FRICTION = "turn", "balance", "speed", "rating", "friction"
 NEEDS = {
     TURN: f"{FEWEST_ANGLES} crank angles evenly over the turn or more",
     BALANCE: "forces on the input bearings that balance the torque on the output over the ratio within "
     f"{100 * LARGEST_IMBALANCE:g} %; a plate that only rotates takes a share of them, one that floats does not",
+    SPEED: "the speed of the input ([operation] input_speed_rpm of the design)",
+    RATING: "the load rating of the input bearing ([operation.rating] of the design), at least twice the load",
+    FRICTION: "coefficients of friction ([operation.friction] of the design) by which less than a fifth of the input "
+    "is lost",
 }
 """What metrics of a turn may need, in words."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How the reducer runs while the torque is held; missing what the design does not state.
+
+    Attributes
+    ----------
+    bearing_speed_rpm : of the input bearing's rings, one against the other.
+    output_power_W : what the output gives.
+    bearing_friction_mm : friction torque of the input bearing over its force.
+    load_rating_N, life_exponent : basic dynamic load rating of the input bearing, exponent of its life.
+    """
+
+    bearing_speed_rpm: float = np.nan
+    output_power_W: float = np.nan
+    bearing_friction_mm: float = np.nan
+    load_rating_N: float = np.nan
+    life_exponent: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -38,6 +61,11 @@ class TurnReadings:
     free_angle : (n, 2, n_rigid_angles) [arcmin] of the output at the end of its play in that sense, likewise.
     bearing_force : (n, 2, n_angles, n_disks) complex [N], of each disk on the input bearing under the torque held.
     input_share : (n, 2, n_angles) torque on the input that those forces need, over the output's over the ratio.
+    pressure_speed : (n, n_angles) [MPa m/s] largest of any contact, both senses; missing where no speed is stated.
+    shear : (n, n_angles) [MPa] largest shear stress below any contact.
+    shear_depth : (n, n_angles) [um] depth of that stress, of the contact in which it lies deepest.
+    friction_power : (n, 2, n_angles) [W] of all contacts; missing where no friction is named.
+    conditions : of all units alike.
     loaded_even : (n_angles,) which of the loaded angles stand evenly over the turn; none of them where they do not.
     free_even : (n_rigid_angles,) which angles of the play do.
     """
@@ -46,6 +74,11 @@ class TurnReadings:
     free_angle: Real
     bearing_force: NDArray[np.complex128]
     input_share: Real
+    pressure_speed: Real
+    shear: Real
+    shear_depth: Real
+    friction_power: Real
+    conditions: Conditions
     loaded_even: NDArray[np.bool_]
     free_even: NDArray[np.bool_]
 
@@ -64,6 +97,10 @@ class TurnReadings:
             free_angle=self.free_angle[..., free],
             bearing_force=self.bearing_force[:, :, loaded],
             input_share=self.input_share[..., loaded],
+            pressure_speed=self.pressure_speed[:, loaded],
+            shear=self.shear[:, loaded],
+            shear_depth=self.shear_depth[:, loaded],
+            friction_power=self.friction_power[..., loaded],
             loaded_even=self.loaded_even[loaded],
             free_even=self.free_even[free],
         )

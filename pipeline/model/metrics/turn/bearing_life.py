@@ -1,0 +1,51 @@
+"""Basic rating life of the input bearing."""
+
+import numpy as np
+
+from pipeline.model.metrics.metric import Real
+from pipeline.model.metrics.turn.turn_metric import BALANCE, RATING, SPEED, TURN, TurnMetric, TurnReadings
+
+LARGEST_LOAD = 0.5
+"""Equivalent load over the load rating up to which the life formula holds (ISO 281:2007, 5.3)."""
+
+
+def equivalent_load(force: Real, exponent: float) -> Real:
+    """The constant load (...) that tires a bearing as loads (..., n) do which act equally long.
+
+    Source
+    ------
+    Palmgren and Miner's sum with the life formula of ISO 281: the mean of the load's power ``exponent``.
+    """
+    return np.mean(force**exponent, axis=-1) ** (1 / exponent)
+
+
+def rating_life(load: Real, rating: float, exponent: float, speed_rpm: float) -> Real:
+    """Basic rating life L10h (...) [h] at the equivalent ``load`` [N]; missing beyond half of the rating.
+
+    Source
+    ------
+    ISO 281:2007, (C/P)^p million revolutions of one ring against the other.
+    """
+    life = 1e6 / (60 * speed_rpm) * (rating / load) ** exponent
+    return np.where(load <= LARGEST_LOAD * rating, life, np.nan)
+
+
+def _value(turn: TurnReadings) -> Real:
+    run = turn.conditions
+    load = equivalent_load(np.moveaxis(np.abs(turn.bearing_force), 2, 3), run.life_exponent)
+    return np.min(rating_life(load, run.load_rating_N, run.life_exponent, run.bearing_speed_rpm), axis=(1, 2))
+
+
+TURN_METRIC = TurnMetric(
+    name="bearing_life_h",
+    title="Basic rating life of the input bearing",
+    unit="h",
+    definition="ISO 281: time that nine of ten such bearings reach, {rigidity_high:g} N m held at the stated speed, "
+    "from the load rating of the design and the power mean of the force over the turn; of the shorter-lived sense and "
+    "disk. Lubrication, cleanliness and misalignment are not in it.",
+    rank=7,
+    decimals=0,
+    value=_value,
+    smaller_is_worse=True,
+    needs=(TURN, BALANCE, SPEED, RATING),
+)

@@ -1,0 +1,49 @@
+"""How the reducer of a design runs, as objects of the model: sliding, friction, speed and rating, as far as stated."""
+
+import numpy as np
+
+from pipeline.assembly import definitions, profile
+from pipeline.config.design import Design
+from pipeline.config.study import Study
+from pipeline.model.geometry.reducer import PIN, Reducer
+from pipeline.model.metrics.turn import Conditions
+from pipeline.model.turn.contact_load import Running
+from pipeline.model.turn.sliding import sliding_speed
+
+
+def running(design: Design, at: Reducer) -> Running:
+    """How the contacts run: their lengths, seats, sliding and friction, as far as the design states them."""
+    operation, thickness, n_contacts = design.operation, design.disk.thickness_mm, len(at.contacts)
+    of_pins, in_holes = at.contacts.kind == PIN, at.contacts.hole >= 0
+    length = np.where(of_pins, thickness, design.output.contact_length_mm(thickness))
+    unknown = np.full(n_contacts, np.nan)
+    if operation is None:
+        return Running(length, np.zeros(n_contacts), unknown, unknown)
+    output_rolls = operation.output_pins == "rolling" or design.output.has_bushes
+    rolls = (of_pins & (operation.pins == "rolling")) | (in_holes & output_rolls)
+    output_seat = design.output.seat_radius_mm
+    diameter = 2 * np.where(of_pins, design.cycloid.pin_radius_mm, output_seat)
+    friction = unknown
+    if operation.friction:
+        output = np.where(in_holes, operation.friction.output_coefficient, 0.0)
+        friction = np.where(of_pins, operation.friction.pin_coefficient, output)
+    speed = sliding_speed(profile(design), at, 2 * np.pi * operation.input_speed_rpm / 60)
+    speed *= np.where(in_holes & output_rolls, output_seat / design.output.contact_radius_mm, 1.0)
+    return Running(length, np.where(rolls, diameter * length, 0.0), speed, friction)
+
+
+def conditions(study: Study) -> Conditions:
+    """How the reducer runs at the torque held, as far as the design states it."""
+    design, operation = study.design, study.design.operation
+    if operation is None:
+        return Conditions()
+    cycloid = design.cycloid
+    output_speed = 2 * np.pi * operation.input_speed_rpm / 60 / cycloid.lobes
+    friction, rating = operation.friction, operation.rating
+    return Conditions(
+        bearing_speed_rpm=operation.input_speed_rpm * cycloid.pins / cycloid.lobes,
+        output_power_W=definitions(study).rigidity_high * output_speed,
+        bearing_friction_mm=0.5 * friction.bearing_coefficient * friction.bearing_bore_mm if friction else np.nan,
+        load_rating_N=rating.dynamic_load_N if rating else np.nan,
+        life_exponent=rating.exponent if rating else np.nan,
+    )
