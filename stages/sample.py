@@ -105,7 +105,8 @@ def errors_of_columns(tables: Tables) -> Errors:
     n = len(tables[OF_REDUCER]["sample"])
     fields = {field: tables[OF_REDUCER][column] for column, field in _fields(OF_REDUCER).items()}
     for table in SAMPLED[1:]:
-        fields |= {field: tables[table][column].reshape(n, -1) for column, field in _fields(table).items()}
+        elements = len(tables[table]["sample"]) // n  # a table without rows has none
+        fields |= {field: tables[table][column].reshape(n, elements) for column, field in _fields(table).items()}
     if len(tables[OF_DISKS]["disk"]) == n:
         fields |= {field: fields[field][:, 0] for field in _fields(OF_DISKS).values()}
     return Errors(**fields)

@@ -187,6 +187,6 @@ def read_parquet(path: Path, items: tuple[int, int] | None = None) -> pa.Table:
             return file.read()
         column = file.schema_arrow.get_field_index(ITEM)
         bounds = [file.metadata.row_group(g).column(column).statistics for g in range(file.num_row_groups)]
-        table = file.read_row_groups([g for g, b in enumerate(bounds) if b.min < items[1] and b.max >= items[0]])
+        table = file.read_row_groups([g for g, b in enumerate(bounds) if b and b.min < items[1] and b.max >= items[0]])
     start, stop = np.searchsorted(table[ITEM].to_numpy(), items)
     return table.slice(start, stop - start)

@@ -38,7 +38,7 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str =
     for column, (title, chosen) in enumerate(
         (
             ("(a) Pins, by the flank's radius", _pin_curves(contacts)),
-            (f"(b) Input bearing and {output}s", _other_curves(contacts, curves, output)),
+            (_others_title(contacts, output), _other_curves(contacts, curves, output)),
         )
     ):
         shown = {label: curves[contact] for label, contact in chosen.items()}
@@ -54,6 +54,10 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str =
         grid[1, column].set_yscale("log")  # the roots are stiffer than the tips by two orders
         grid[1, column].yaxis.set_minor_locator(NullLocator())
     return figure
+
+
+def _others_title(contacts: pd.DataFrame, name: str) -> str:
+    return f"(b) Input bearing and {name}s" if (contacts["kind"] == "output").any() else "(b) Input bearing"
 
 
 def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict) -> None:
@@ -81,6 +85,8 @@ def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
 def _other_curves(contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], name: str) -> Mapping[str, int]:
     """The bearing, and one contact of each interface; one for both where they obey the same law."""
     output = contacts[contacts["kind"] == "output"]
+    if output.empty:
+        return {"input bearing": BEARING}
     rollers = output.loc[output.groupby("interface")["contact"].idxmin()]
     reference, *remaining = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
     if all(np.array_equal(reference, curve) for curve in remaining):

@@ -174,6 +174,8 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         pin_loads_figure({name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
     )
     words = study.design.output.words
+    if study.design.output.contacts == 0:
+        return
     yield Drawing(
         "output_loads",
         f"Forces on the {words.contact}s {what}",

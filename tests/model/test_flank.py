@@ -59,7 +59,7 @@ def searched_gaps(profile, crank, errors=None):
         middle = -(lobe + 0.5) * profile.lobe_pitch
         near = np.flatnonzero(np.abs(np.angle(centre * np.exp(-1j * middle))) < 1.2 * profile.lobe_pitch)
         low, high = np.zeros((len(near), 1)), np.full((len(near), 1), 2 * np.pi)
-        for points in (4001, *[21] * 7):
+        for points in (1001, *[21] * 7):
             beta = low + (high - low) * np.linspace(0, 1, points)
             away = np.abs(centre[near, None] - written_flank(profile, lobe, beta))
             best = np.take_along_axis(beta, np.argmin(away, axis=1)[:, None], 1)

@@ -1,4 +1,4 @@
-"""A rigid disk on linear springs, from its files to its report: the closed form of the textbooks."""
+"""A rigid disk on linear springs that is its own output, from its files to its report: the textbooks' closed form."""
 
 import tomllib
 from pathlib import Path
@@ -21,11 +21,12 @@ TORQUE = 0.01
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Design and study of the paper's reducer with a stiff bearing, two nominal units, and no tolerance."""
+    """Design and study of the paper's reducer with a stiff bearing, no output mechanism, and no tolerance."""
     folder = tmp_path_factory.mktemp("classic")
     design = tomllib.loads((ROOT / "data/designs/pham2017.toml").read_text())
     study = tomllib.loads((ROOT / "data/studies/quick.toml").read_text())
     design["bearing"] = {"stiffness_N_per_mm_power": 1e12, "exponent": 1.0, "clearance_um": 0.0}
+    design["output"] = {"mechanism": "direct"}
     design["cycloid"]["rated_torque_Nm"] = TORQUE
     design["provenance"] = {}
     (folder / "stiff.toml").write_text(toml_of(design))
@@ -55,9 +56,13 @@ def test_forces_are_those_of_equal_linear_springs(folder, monkeypatch, tmp_path)
         np.testing.assert_allclose(force, expected, atol=1e-9 * expected.max(), rtol=0)
         assert expected.max() == pytest.approx(4 * 1e3 * TORQUE / (0.35 * 79 * 80), rel=0.03)  # the sum tends to N/4
     assert not np.any(contacts["elastic_um"])
+    assert contacts["contact"].max() == 79  # the output has no contacts
+    loops = pd.read_parquet(tmp_path / "classic/hysteresis/loops.parquet")
+    assert loops["solved"].all()
     page = (tmp_path / "classic/report/report.html").read_text()
     assert "linear springs of 10 N/mm" in page
     assert "rigid but for its contacts" in page
+    assert "turns with the disk, without play and compliance" in page
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from pipeline.checks.verify.findings import Check, Finding
 from pipeline.checks.verify.flank import check_flank
 from pipeline.checks.verify.geometry import check_profile
 from pipeline.checks.verify.laws import check_contact_laws
+from pipeline.checks.verify.li_guan import check_li_guan
 from pipeline.checks.verify.linear_share import check_linear_share
 from pipeline.checks.verify.play import check_rigid_backlash
 from pipeline.checks.verify.whole import check_calculix, check_unreduced
@@ -36,6 +37,7 @@ CHECKS: Mapping[str, Check] = {
     "contact laws": check_contact_laws,
     "equilibrium": check_equilibrium,
     "linear springs": check_linear_share,
+    "Li and Guan": check_li_guan,
     "whole reducer, scikit-fem": check_unreduced,
     "whole reducer, CalculiX": check_calculix,
 }

@@ -180,8 +180,11 @@ class Reducer:
 
     @property
     def output_motion(self) -> int:
-        """Index of the rotation of the output, flange or housing, among the motions: its torque is the load."""
-        return self.motions.index("output_phi")
+        """Index of the rotation of the output, flange or housing, among the motions: its torque is the load.
+
+        The first disk's, where the disk is the output.
+        """
+        return self.motions.index("output_phi" if "output_phi" in self.motions else f"{DISK}_phi")
 
     def thrust(self, force: Real) -> Real:
         """Force (..., n_disks) [N] on the input bearing of each disk under contact forces (..., n_contacts) [N]."""
@@ -196,7 +199,7 @@ class OutputContacts(Protocol):
         """The contacts, nominal."""
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
-        """Names of the free rigid motions of the bodies after the disk, ``output_phi`` among them."""
+        """Names of the free rigid motions after the disk's: ``output_phi``, unless the disk is the output."""
 
 
 def of_each_disk(values: Real, count: int) -> Real:
@@ -224,6 +227,29 @@ def _pin_list(disk: DiskPose) -> Contacts:
         point=pins.point,
         normal=pins.normal,
         arm=pins.arm,
+    )
+
+
+def no_contacts() -> Contacts:
+    """A list without contacts."""
+    text, whole, real, point = np.full(0, ""), np.zeros(0, int), np.zeros(0), np.zeros(0, complex)
+    return Contacts(
+        kind=text,
+        body_a=text,
+        body_b=text,
+        interface=whole,
+        face=whole,
+        end=whole,
+        station=whole,
+        hole=whole,
+        label=text,
+        gap=real,
+        two_sided=np.zeros(0, bool),
+        per_eccentricity=real,
+        curvature=real,
+        point=point,
+        normal=point,
+        arm=real,
     )
 
 

@@ -1,0 +1,85 @@
+"""Check against a published load on a modified disk: by its authors' assumptions, then ours one after the other."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline import assembly, elastic
+from pipeline.checks.specimen import Specimen
+from pipeline.checks.verify.findings import Finding, compared, relative, stated
+from pipeline.config import Study, load_study
+from pipeline.model.equilibrium.solve import solve
+from pipeline.model.geometry.clearance import Errors, gaps
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.units import NMM_PER_NM
+
+ROOT = Path(__file__).parents[3]
+STUDY, FORCES = "li_guan", Path("data") / "published" / "li_guan_forces.csv"
+SIX = "the six forces, rigid disk, linear law, fitted flank, over the largest [N]"
+LIMIT = 5e-4
+"""Of the largest force: the published ones are rounded to 0.1 N."""
+VARIANTS = (
+    ("exact distances for their first order", {"clearance": {"method": "exact"}}),
+    ("Hertz on a solid disk for their linear law", {"springs": {"law": "hertz", "stiffness_N_per_mm": None}}),
+    ("an elastic disk for their rigid one", {"reduce": {"disk": "elastic"}}),
+)
+"""Our assumptions for those of the authors, each on top of those before."""
+
+
+def check_li_guan(specimen: Specimen) -> Iterator[Finding]:
+    """Li and Guan's six forces: two numbers of their flank are fitted to them; then our assumptions, one by one."""
+    study = load_study(STUDY, ROOT)
+    table = pd.read_csv(ROOT / FORCES)
+    phase, published = table["phase_deg"].to_numpy(float), table["force_N"].to_numpy(float)
+    arm = study.design.cycloid.eccentricity_mm * study.design.cycloid.lobes * arm_share(study, phase)
+    torque = NMM_PER_NM * study.design.cycloid.rated_torque_Nm
+    yield relative("moment of the published forces against 0.55 of 25.785 N m", torque, published @ arm, 2e-4)
+    force = pin_forces(study, phase)
+    yield compared(
+        "the six forces, rigid disk, linear law, fitted flank, over the largest [N]",
+        published,
+        force,
+        LIMIT,
+        published.max(),
+    )
+    yield from _against(phase, published, force, "by the authors' assumptions")
+    for name, changes in VARIANTS:
+        sections = {key: getattr(study, key).model_copy(update=update) for key, update in changes.items()}
+        study = study.model_copy(update=sections)
+        yield from _against(phase, published, pin_forces(study, phase), name)
+
+
+def _against(phase: Real, published: Real, force: Real, name: str) -> Iterator[Finding]:
+    for angle, reference, value in zip(phase, published, force, strict=True):
+        yield stated(f"force at {angle:g} degrees, {name} [N]", float(value), float(reference))
+
+
+def arm_share(study: Study, phase_deg: Real) -> Real:
+    """sin(phi)/S of phases [deg]: the arm over the largest."""
+    cycloid, phi = study.design.cycloid, np.radians(phase_deg)
+    k = cycloid.eccentricity_mm * cycloid.pins / cycloid.pin_circle_radius_mm
+    return np.sin(phi) / np.sqrt(1 + k * k - 2 * k * np.cos(phi))
+
+
+def pin_forces(study: Study, phase_deg: Real, crank_deg: float = 0.0) -> Real:
+    """Forces (n,) [N] of the nominal pins at the phases [deg], in the sense of torque that loads them."""
+    at, profile = assembly.reducer(study.design, crank_deg), assembly.profile(study.design)
+    n = at.n_pins
+    pins = np.zeros((1, n))
+    none = np.zeros(1)
+    nominal = Errors(pins, pins, pins, np.zeros((1, profile.lobes)), none, np.zeros((1, len(at.contacts) - n)), none)
+    gap, loose = gaps(profile, at, nominal, **dict(study.clearance)), np.zeros(1)
+    compliance = np.zeros((len(at.contacts), len(at.contacts)))
+    if study.reduce.disk == "elastic":
+        disk = elastic.elastic_disk(study)
+        compliance = disk.compliance(elastic.disk_patches(study, disk, at)).matrix
+    laws, torque = assembly.contact_laws(study, at), NMM_PER_NM * study.design.cycloid.rated_torque_Nm
+    play = rigid_play(at, gap, loose)
+    states = solve(at, assembly.bearing(study.design), laws, compliance, gap, loose, play.pose_plus, np.array([torque]))
+    loaded = states.force[0, 0, :n]
+    sense = np.sign(at.pins.phase[np.argmax(loaded)])
+    place = [int(np.argmin(np.abs(at.pins.phase - sense * np.radians(angle)))) for angle in phase_deg]
+    return loaded[place]

@@ -1,0 +1,71 @@
+"""An output that turns with the disk: a coupling without play and compliance, for models that state no output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from math import inf
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from pipeline.config.mechanisms.drawing import Panel
+from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
+from pipeline.config.section import Problem
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.geometry.cycloid_profile import Index
+from pipeline.model.geometry.reducer import Contacts, DiskPose, no_contacts
+
+if TYPE_CHECKING:
+    from pipeline.config.cycloid import Cycloid
+    from pipeline.config.design import Disk
+
+
+class Direct(OutputMechanism):
+    """The disk's rotation is the output's, whatever its centre does: an ideal Oldham coupling, without contacts."""
+
+    words = Words(contact="output contact", station="output contact", drawing="", loads="")
+    diameter_readings = {
+        "half_diameter": "the output has no contacts",
+        "diameter": "the output has no contacts",
+    }
+    material_keys = ()
+    interfaces = 1
+
+    mechanism: Literal["direct"]
+
+    @property
+    def contacts(self) -> int:
+        """Output contacts: none."""
+        return 0
+
+    @property
+    def contact_radius_mm(self) -> float:
+        """Radius of a contact's body, which no patch can be too wide for."""
+        return inf
+
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+        """Nothing that could not be built."""
+        yield from ()
+
+    def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
+        """None of its own: the torque acts on the disk's rotation."""
+        return ()
+
+    def contacts_of(self, disk: DiskPose) -> Contacts:
+        """No contacts."""
+        return no_contacts()
+
+    def laws(self, inputs: LawInputs) -> ContactLaws:
+        """No laws."""
+        return ContactLaws(*(np.zeros(0) for _ in ContactLaws.__dataclass_fields__))
+
+    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
+        """The coupling in words."""
+        return "turns with the disk, without play and compliance; no mechanism is modelled"
+
+    def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:
+        """The disk alone."""
+        return [Panel("The disk, which is the output", (), disk=True)]
+
+
+MECHANISM = Direct
