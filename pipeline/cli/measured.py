@@ -14,23 +14,26 @@ from pipeline.engine.runner import run
 from pipeline.errors import InputError
 from pipeline.identification.change import results as change_results
 from pipeline.identification.change.results import answer
+from pipeline.identification.described import results as described_results
+from pipeline.identification.described.description import described
 from pipeline.identification.identify import FaultyUnit, identify_measured
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results import write as results
+from pipeline.identification.selection.verdict import FAULT
 from pipeline.population import results as population_results
 from pipeline.population.comparison import compared, load_population
 from pipeline.population.tolerance_shift import closing, read_population_run
 from pipeline.report.unit.change import write_change_page
+from pipeline.report.unit.description import write_description_page
 from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
 from stages.chain import STAGES
 from stages.condensed import COMPLIANCE_FILE, full_compliance
 
 
-def identify_unit(options: argparse.Namespace) -> None:
-    """Say why a measured unit differs from its model."""
-    unit = load_measured_unit(options.unit, settings.ROOT)
+def identify_designed(measurement: Measurement, options: argparse.Namespace) -> None:
+    """Say why a measured unit differs from the model of its design."""
 
     def condensed(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
         at_cranks = study.model_copy(
@@ -41,16 +44,29 @@ def identify_unit(options: argparse.Namespace) -> None:
         path = outputs["reduce"].path(COMPLIANCE_FILE)
         return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 
-    measurement = Measurement.read(unit)
-    print("\n".join(measurement.summary), flush=True)  # before anything is compiled or condensed
     identification = identify_measured(measurement, condensed)
-    folder = settings.RUNS / "identify" / unit.name
+    folder = settings.RUNS / "identify" / measurement.unit.name
     findings = identification if isinstance(identification, FaultyUnit) else results.findings(identification)
     results.write(findings, folder)
     write_page(findings, folder, settings.shown(folder))
     print(f"{identification.verdict.verdict}: {identification.statement.sentence}")
     if identification.statement.advice:
         print(identification.statement.advice)
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def describe_generic(measurement: Measurement) -> None:
+    """Describe a measured drive of which no design is known."""
+    folder = settings.RUNS / "identify" / measurement.unit.name
+    if measurement.fatal:
+        print(f"{FAULT}: {described_results.write_fault(measurement, folder)}")
+        return
+    description = described(measurement)
+    left = described_results.write(description, folder)
+    write_description_page(description, left, folder, settings.shown(folder))
+    print(f"{description.verdict}: {described_results.sentence(description)}")
+    if advice := described_results.advice(description):
+        print(advice)
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 

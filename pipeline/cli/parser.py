@@ -99,7 +99,7 @@ def _decisions(command: Commands) -> None:
 
 def _measured(command: Commands) -> None:
     naming = command(
-        "identify", "measured.identify_unit", "say why a measured unit differs from its model, and correct the model"
+        "identify", "identify.identify_unit", "say why a measured unit differs from its model, and correct the model"
     )
     naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
     _where(naming)

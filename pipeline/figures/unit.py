@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -26,13 +28,19 @@ ROOM = 2.0
 """Reach of the scale beyond the others."""
 
 
+DESCRIBED = {"spring": ("a spring alone", ALARM, "--"), "described": ("play, friction, softening spring", ACCENT, "-")}
+"""Models of a drive without a design, as ``MODELS``."""
+LEFT = {"spring": "A spring alone", "described": "Play, friction, softening spring"}
+
+
 @styled
-def loops_figure(cells: pd.DataFrame) -> Figure:
+def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]] = MODELS) -> Figure:
     """Measured cells of each position, in the second cycle where there is one, against the models; offsets removed.
 
     Parameters
     ----------
     cells : the table ``residual``.
+    models : by the name that begins a column: label, colour and line.
     """
     cranks = list(dict.fromkeys(cells["crank_deg"]))[:MOST_LOOPS]
     rows = -(-len(cranks) // ACROSS)
@@ -43,7 +51,7 @@ def loops_figure(cells: pd.DataFrame) -> Figure:
         cycles = list(dict.fromkeys(position_rows["cycle"]))
         cycle_rows = position_rows[position_rows["cycle"] == cycles[min(1, len(cycles) - 1)]]
         middle = cycle_rows["angle_arcmin"].mean()
-        for stage, (label, colour, line) in MODELS.items():
+        for stage, (label, colour, line) in models.items():
             shown = cycle_rows[f"{stage}_arcmin"] - middle
             axes.plot(cycle_rows["torque_Nm"], shown, color=colour, linestyle=line, linewidth=1.2, label=label)
         axes.plot(
@@ -65,11 +73,11 @@ def loops_figure(cells: pd.DataFrame) -> Figure:
 
 
 @styled
-def torque_figure(cells: pd.DataFrame) -> Figure:
+def torque_figure(cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> Figure:
     """Residual over torque before and after, the branches in two colours, one scale for both."""
     figure = new_figure(3.4)
     panels = figure.subplots(1, 2, sharey=True)
-    for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
+    for axes, (stage, title) in zip(panels, stages.items(), strict=True):
         for sense, (label, colour, marker) in SENSES.items():
             branch_rows = cells[cells["direction"] == sense]
             axes.plot(
@@ -82,7 +90,7 @@ def torque_figure(cells: pd.DataFrame) -> Figure:
                 markeredgewidth=0,
                 label=label,
             )
-        _zero_line(axes, cells)
+        _zero_line(axes, cells, stages)
         axes.set_title(title)
         axes.set_xlabel("torque (N m)")
     panels[0].set_ylabel("measured − predicted (arcmin)")
@@ -142,10 +150,10 @@ def _label(name: str, title: str) -> str:
     return " + ".join(part.replace("_", " ") for part in name.split("+")) if "+" in name else title
 
 
-def _zero_line(axes: Axes, cells: pd.DataFrame) -> None:
+def _zero_line(axes: Axes, cells: pd.DataFrame, stages: Mapping[str, str] = STAGES) -> None:
     """Zero, and a scale that the few cells across the play do not set."""
     axes.axhline(0, color=INK, linewidth=0.8)
-    values = np.concatenate([cells[f"residual_{stage}_arcmin"].dropna().to_numpy() for stage in STAGES])
+    values = np.concatenate([cells[f"residual_{stage}_arcmin"].dropna().to_numpy() for stage in stages])
     if values.size:
         reach = ROOM * max(*np.abs(np.percentile(values, [EXTREME, 100 - EXTREME])), 1e-6)
         axes.set_ylim(-reach, reach)

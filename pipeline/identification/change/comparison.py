@@ -19,7 +19,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.pairing import Pair
-from pipeline.identification.generic.play_and_friction import Cells, PlayAndFriction, fitted
+from pipeline.identification.generic.play_and_friction import TERMS, Cells, PlayAndFriction, fitted
 
 Real = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Model:
         )
         top = float(np.max(np.abs(torque)))
         cells = Cells(state, state, torque, angle, sigma, top)
-        return cls(fitted(cells, np.ones(len(torque), bool), with_zero=True), pair, top)
+        return cls(fitted(cells, np.ones(len(torque), bool), frozenset(TERMS)), pair, top)
 
     def scale(self, kind: Kind) -> float:
         """Size of a change of a kind that is large."""

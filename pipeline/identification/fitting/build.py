@@ -197,14 +197,14 @@ def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], posit
         torque=turns.torque[position],
         leg=turns.leg[cells.block[mine]],
         state=states[position],
-        at=_within(measurement, np.flatnonzero(mine)),
+        at=within_cells(measurement, np.flatnonzero(mine)),
         time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),
     )
 
 
-def _within(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
+def within_cells(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two; each row stands for its surroundings."""
     rows, cells, kept = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
     first = np.searchsorted(kept, cells.first_row[numbers])

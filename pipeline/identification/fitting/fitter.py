@@ -118,15 +118,7 @@ class Fitter:
 
     def offsets(self, angle: Real, fitted: Truth, sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
-        data, out = self.problem.data, np.zeros(len(self.problem.data))
-        weight = 1 / sigma**2
-        for one in np.unique(data.group):
-            mine = data.group == one
-            use = mine & fitted if np.any(mine & fitted) else mine
-            use = use & np.isfinite(angle)
-            if np.any(use):
-                out[mine] = np.sum(weight[use] * (data.angle - angle)[use]) / np.sum(weight[use])
-        return out
+        return self.problem.data.offsets(angle, fitted, sigma)
 
     def fit(
         self,

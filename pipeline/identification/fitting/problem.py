@@ -65,6 +65,17 @@ class Data:
         """Cells that share an offset (n_cells,)."""
         return np.zeros_like(self.position) if self.common_offset else self.position
 
+    def offsets(self, angle: Real, fitted: NDArray[np.bool_], sigma: Real) -> Real:
+        """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
+        out, weight = np.zeros(len(self)), 1 / sigma**2
+        for number in np.unique(self.group):
+            inside = self.group == number
+            use = inside & fitted if np.any(inside & fitted) else inside
+            use = use & np.isfinite(angle)
+            if np.any(use):
+                out[inside] = np.sum(weight[use] * (self.angle - angle)[use]) / np.sum(weight[use])
+        return out
+
 
 @dataclass(frozen=True)
 class Problem:

@@ -7,7 +7,6 @@ b/2 sign(Tn) + c Tn + d Tn |Tn| of the carried Tn; b, c and d follow by linear l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +22,9 @@ CROSSING = 0.02
 """Share of the largest torque over which the play is crossed."""
 LARGEST_FRICTION, LARGEST_SHARE, LARGEST_ZERO = 0.5, 0.5, 0.2
 """Bounds of the constant friction and of the torque's zero, in largest torques, and of the friction by the load."""
+TERMS = ("play", "friction", "load_friction", "softening", "torque_zero")
+"""What a drive may have beside its spring."""
+WITHOUT_ZERO = frozenset(TERMS[:-1])
 STARTS = ((0.02, 0.02), (0.1, 0.1))
 """Starts of the fit, in shares of the largest torque and angle: its misfit has several minima."""
 
@@ -31,11 +33,14 @@ STARTS = ((0.02, 0.02), (0.1, 0.1))
 class Cells:
     """Cells of torque in time order, from rest at each position's start.
 
+    A cell is one torque, or several through which it went in time order, of as many rows each: its angle is their mean.
+
     Attributes
     ----------
     position : (n_cells,)
     group : (n_cells,) cells that share a zero of the angle.
-    torque, angle, sigma : (n_cells,) [N m], [arcmin], [arcmin].
+    torque : (n_cells,) or (n_cells, n_parts) [N m].
+    angle, sigma : (n_cells,) [arcmin].
     top : [N m] torque that play and bounds are scaled by.
     """
 
@@ -67,10 +72,10 @@ class PlayAndFriction:
     torque_zero_Nm: float = 0.0
 
     def angle(self, torque: Real, position: Whole, top: float) -> Real:
-        """Angle (n_cells,) [arcmin] without offsets along torques (n_cells,) [N m] in time order."""
-        net = carried(torque - self.torque_zero_Nm, position, self.friction_Nm, self.load_friction)
+        """Angle (n_cells,) [arcmin] without offsets along torques [N m] in time order, as those of ``Cells``."""
         amounts = self.play_arcmin, self.compliance_arcmin_per_Nm, self.softening_arcmin_per_Nm2
-        return spring_columns(net, top) @ np.array(amounts)
+        loaded = torque - self.torque_zero_Nm
+        return spring_columns(loaded, position, self.friction_Nm, self.load_friction, top) @ np.array(amounts)
 
 
 @entry
@@ -87,43 +92,55 @@ def carried(torque: Real, position: Whole, friction: float, share: float) -> Rea
     return net
 
 
-def spring_columns(net: Real, top: float) -> Real:
-    """What play, compliance and softening are multiplied by (n_cells, 3)."""
+def spring_columns(torque: Real, position: Whole, friction: float, share: float, top: float) -> Real:
+    """What play, compliance and softening are multiplied by (n_cells, 3), of torques as those of ``Cells``."""
+    parts = torque.reshape(len(torque), -1)
+    n = parts.shape[1]
+    net = carried(np.ravel(parts), np.repeat(position, n), friction, share).reshape(-1, n)
     crossing = 0.5 * np.clip(net / (CROSSING * top), -1, 1)
-    return np.column_stack([crossing, net, net * np.abs(net)])
+    return np.stack([crossing, net, net * np.abs(net)], axis=-1).mean(axis=1)
 
 
-def fitted(cells: Cells, training: NDArray[np.bool_], with_zero: bool = False) -> PlayAndFriction:
+def fitted(cells: Cells, training: NDArray[np.bool_], terms: frozenset[str] = WITHOUT_ZERO) -> PlayAndFriction:
     """Least squares over the ``training`` cells (n_cells,), each group with its own offset.
 
     Parameters
     ----------
-    with_zero : fit the zero of the torque too; else it is 0.
+    terms : of ``TERMS`` that are fitted; others are none. The spring always is.
     """
     dummies = (cells.group[:, None] == np.unique(cells.group)).astype(float)
     root = 1 / cells.sigma[training]
     angle = cells.angle[training] * root
+    free = np.array([name in terms for name in ("friction", "load_friction", "torque_zero")])
+    spring_free = np.array(["play" in terms, True, "softening" in terms])
 
-    def spring(unknowns: Sequence[float]) -> tuple[Real, Real]:
-        friction, share, zero = _physical(unknowns, cells.top)
-        columns = spring_columns(carried(cells.torque - zero, cells.position, friction, share), cells.top)
-        design = np.column_stack([columns, dummies])[training] * root[:, None]
+    def physical(unknowns: Real) -> tuple[float, float, float]:
+        friction, share, zero = _placed(unknowns, free).tolist()
+        return friction * cells.top, share, zero * cells.top
+
+    def spring(unknowns: Real) -> tuple[Real, Real]:
+        friction, share, zero = physical(unknowns)
+        columns = spring_columns(cells.torque - zero, cells.position, friction, share, cells.top)
+        design = np.column_stack([columns[:, spring_free], dummies])[training] * root[:, None]
         amounts, *_ = np.linalg.lstsq(design, angle, rcond=None)
         return np.asarray(amounts, float), np.asarray(design @ amounts - angle, float)
 
-    zero = ([-LARGEST_ZERO], [0.0], [LARGEST_ZERO]) if with_zero else ([], [], [])
-    low, high = [0.0, 0.0, *zero[0]], [LARGEST_FRICTION, LARGEST_SHARE, *zero[2]]
-    fits = [
-        least_squares(lambda at: spring(at)[1], [*start, *zero[1]], bounds=(low, high), diff_step=1e-3)
-        for start in STARTS
-    ]
-    best = min(fits, key=lambda fit: fit.cost).x.tolist()
-    friction, share, torque_zero = _physical(best, cells.top)
-    play, compliance, softening = spring(best)[0][:3].tolist()
-    return PlayAndFriction(play, compliance, softening, friction, share, torque_zero)
+    low, high = np.array([0.0, 0.0, -LARGEST_ZERO]), np.array([LARGEST_FRICTION, LARGEST_SHARE, LARGEST_ZERO])
+    best = np.empty(0)
+    if free.any():
+        fits = [
+            least_squares(
+                lambda at: spring(at)[1], np.array([*start, 0.0])[free], bounds=(low[free], high[free]), diff_step=1e-3
+            )
+            for start in STARTS
+        ]
+        best = min(fits, key=lambda fit: fit.cost).x
+    play, compliance, softening = _placed(spring(best)[0][: spring_free.sum()], spring_free).tolist()
+    return PlayAndFriction(play, compliance, softening, *physical(best))
 
 
-def _physical(unknowns: Sequence[float], top: float) -> tuple[float, float, float]:
-    """Constant friction [N m], friction by the load, zero of the torque [N m]."""
-    friction, share, *zero = unknowns
-    return friction * top, share, zero[0] * top if zero else 0.0
+def _placed(values: Real, free: NDArray[np.bool_]) -> Real:
+    """Values at their places, zeros elsewhere."""
+    out = np.zeros(len(free))
+    out[free] = values
+    return out

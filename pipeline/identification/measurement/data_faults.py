@@ -28,6 +28,9 @@ CLIPPED_SHARE = 0.05
 TOLERATED_SHARE = 0.01
 """Share of rows that may be no numbers or jumps of the encoder; more are a fault of the recording."""
 
+TURNING_SHARE = 0.1
+"""Crank angles in rows from which the crank was not locked: a loop has tens of rows at the least."""
+
 
 def data_faults(measurement: Measurement) -> list[Fault]:
     """All faults of the data; those that rest on numbers are looked for only if there are any."""
@@ -36,9 +39,9 @@ def data_faults(measurement: Measurement) -> list[Fault]:
     if not good.any():
         return faults
     faults += [*_order(rows, good), *_duplicates(rows)]
-    constant = list(_constant(rows, good))
-    faults += constant
-    if any(fault.severity == "fatal" for fault in constant):
+    unread = [*_turning_crank(rows, good)] or [*_constant(rows, good)]
+    faults += unread
+    if any(fault.severity == "fatal" for fault in unread):
         return faults
     faults += _implausible(unit, rows, good)
     faults += _left_out(rows, measurement.saturated & good, measurement.clipped, measurement.spikes)
@@ -134,6 +137,16 @@ def _duplicates(rows: Rows) -> Iterator[Fault]:
             yield fault_of_rows(
                 rows, mine, "duplicate file", "fatal", f"{name} repeats {rows.files[first]} value for value; remove one"
             )
+
+
+def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
+    if len(rows.cranks) > TURNING_SHARE * good.sum() and len(rows.cranks) > 1:
+        yield Fault(
+            "turning crank",
+            f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle, and only "
+            "loops at a locked crank are read; give the angle of the locked position, such as a constant of the file",
+            "fatal",
+        )
 
 
 def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pipeline.identification.identify import Identification
+from pipeline.identification.fitting.problem import Data
+from pipeline.identification.measurement.measurement import Measurement
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]
@@ -82,24 +83,24 @@ class _Cells:
         return np.abs(self.torque) >= HIGH * np.max(np.abs(self.torque), initial=0.0)
 
 
-def signatures(found: Identification, predicted: Real) -> tuple[Signature, ...]:
+def signatures(measurement: Measurement, data: Data, predicted: Real) -> tuple[Signature, ...]:
     """Signatures of the residual of predicted angles (n_cells,) [arcmin]; cells without a prediction are left out."""
-    at = _cells(found, predicted)
+    at = _cells(measurement, data, predicted)
     return (
         *_friction(at),
         *_play(at),
         _rigidity(at),
-        *_over_the_crank(at, len(found.measurement.rows.cranks)),
+        *_over_the_crank(at, len(measurement.rows.cranks)),
         *_over_the_angle(at),
         *_over_time(at),
         _over_temperature(at),
-        _shift(at, found),
+        _shift(at, data),
         _hold(),
     )
 
 
-def _cells(found: Identification, predicted: Real) -> _Cells:
-    cells, data = found.measurement.cells, found.problem.data
+def _cells(measurement: Measurement, data: Data, predicted: Real) -> _Cells:
+    cells = measurement.cells
     residual = data.angle - predicted
     kept = np.isfinite(residual)
     zero = cells.angle_mean - np.array([cells.angle_mean[cells.position == p].mean() for p in cells.position])
@@ -107,7 +108,7 @@ def _cells(found: Identification, predicted: Real) -> _Cells:
         residual=residual[kept],
         torque=data.torque[kept],
         falling=-cells.direction[kept].astype(float),
-        crank=np.radians(found.measurement.rows.cranks)[cells.position[kept]],
+        crank=np.radians(measurement.rows.cranks)[cells.position[kept]],
         angle=zero[kept],
         cycle=cells.cycle[kept].astype(float),
         hours=cells.time_mean[kept] / 3600,
@@ -288,9 +289,9 @@ def _over_temperature(at: _Cells) -> Signature:
     return _judged(name, title, unit, _line(at, at.near_zero(), columns, 0))
 
 
-def _shift(at: _Cells, found: Identification) -> Signature:
+def _shift(at: _Cells, data: Data) -> Signature:
     name, title, unit = "shift", "constant shift of the angle", "arcmin"
-    if not found.problem.data.common_offset:
+    if not data.common_offset:
         return not_testable(name, title, unit, "every position has its own zero of the angle")
     columns = np.column_stack([np.ones(len(at.residual)), at.torque])
     return _judged(name, title, unit, _line(at, np.ones(len(at.residual), bool), columns, 0, free_offset=False))

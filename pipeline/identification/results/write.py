@@ -50,7 +50,7 @@ def findings(found: Identification) -> Findings:
     """Signatures and errors of an identification."""
     return Findings(
         found,
-        {stage: signatures(found, found.curves[stage]) for stage in STAGES[1:]},
+        {stage: signatures(found.measurement, found.problem.data, found.curves[stage]) for stage in STAGES[1:]},
         loop_errors(found),
     )
 
@@ -71,7 +71,7 @@ def write(of: Findings | FaultyUnit, folder: Path) -> None:
         content = _common(of.found) | _tested(of)
         content |= {"corrected": [path.name for path in written.paths], "not_corrected": written.why_not}
         content |= {"best": [path.name for path in write_best(of.found, folder).paths]}
-    write_json(folder / VERDICT_FILE, _finite(content))
+    write_json(folder / VERDICT_FILE, finite(content))
 
 
 def _write_tables(of: Findings, folder: Path) -> None:
@@ -161,10 +161,10 @@ def _calibrated(found: Identification) -> dict[str, float]:
     return {key: math.exp(scale) for key, scale in zip(found.problem.calibrated, scales, strict=False)}
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """The value with None in place of numbers that JSON does not know."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,37 @@
+"""The command identify: the data are judged and answered for before anything that takes long is loaded."""
+
+import argparse
+
+from pipeline.cli import settings
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+
+
+def identify_unit(options: argparse.Namespace) -> None:
+    """Say why a measured unit differs from its model, or describe a drive without one."""
+    measurement = Measurement.read(load_measured_unit(options.unit, settings.ROOT))
+    print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
+    from pipeline.cli.measured import describe_generic, identify_designed  # seconds of imports, behind the first lines
+
+    if measurement.unit.designed is None:
+        describe_generic(measurement)
+    else:
+        identify_designed(measurement, options)
+
+
+def plan(measurement: Measurement) -> list[str]:
+    """What will be done with the data, a line; nothing of data with a fatal fault."""
+    if measurement.fatal:
+        return []
+    unit, cranks = measurement.unit, len(measurement.rows.cranks)
+    cycles = len({*measurement.rows.cycle.tolist()})
+    if unit.settings.held_out.train:
+        judged = "what unit.toml holds out judges"
+    elif cranks > 1:
+        judged = f"each of {cranks} crank positions is predicted from the others"
+    else:
+        judged = f"each of {cycles} cycles is predicted from the others" if cycles > 1 else "nothing can be held out"
+    fitted = f"the model of design {unit.settings.design}" if unit.designed else "play, friction and a spring"
+    return [
+        f"plan: {fitted}, fitted to {len(measurement.cells)} cells of {len(measurement.branches)} branches; {judged}"
+    ]

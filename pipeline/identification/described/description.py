@@ -1,0 +1,193 @@
+"""What can be said of a drive of which no design is known: play, friction, stiffness, and how much they leave.
+
+Each term must help on groups of data that it was not fitted to, beside all others; one test over all terms holds the
+chance of naming any that is not there at 5 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from pipeline.identification.fitting.build import data_of, within_cells
+from pipeline.identification.fitting.problem import Data
+from pipeline.identification.generic.play_and_friction import TERMS, Cells, PlayAndFriction, fitted
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.selection.baselines import Cycles, baselines
+from pipeline.identification.selection.cross_validation import LEAST_LOSS, groups
+from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
+from pipeline.identification.selection.model_selection import FEWEST_BLOCKS
+from pipeline.identification.selection.parameter_intervals import CONFIDENCE, STRUCTURE
+from pipeline.identification.selection.verdict import UNEXPLAINED
+from pipeline.statistics.blocks import max_t
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+DESCRIBED, PARTLY = "described", "partly described"
+RESAMPLES, SEED = 2000, 81
+FEWEST_GROUPS = 3
+"""Groups of data below which an estimate has no interval."""
+SPRING = "compliance"
+NUMBERS = {
+    "play": ("play_arcmin", "arcmin", "play: angle between the two senses without torque"),
+    "friction": ("friction_Nm", "N m", "constant friction, referred to the output"),
+    "load_friction": ("load_friction", "1", "friction in proportion to the torque"),
+    SPRING: ("compliance_arcmin_per_Nm", "arcmin/(N m)", "compliance near zero torque"),
+    "softening": ("softening_arcmin_per_Nm2", "arcmin/(N m)^2", "growth of the twist with the torque squared"),
+    "torque_zero": ("torque_zero_Nm", "N m", "reading of the torque without load"),
+}
+"""By term: attribute of the drive, unit, meaning."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of the description.
+
+    Attributes
+    ----------
+    term, unit, meaning : what it is.
+    value, ci_low, ci_high : fitted to all training cells, with the 95 % interval of the jackknife over groups.
+    p : of a term that is none, over all terms (familywise); NaN of the spring, and where nothing can be tested.
+    named : whether it is claimed.
+    """
+
+    term: str
+    unit: str
+    meaning: str
+    value: float
+    ci_low: float
+    ci_high: float
+    p: float
+    named: bool
+
+
+@dataclass(frozen=True)
+class Description:
+    """All that is computed of a drive without a design.
+
+    Attributes
+    ----------
+    verdict : described; partly described, where structure is left; unexplained, where no term is claimed.
+    numbers : of all terms, fitted together.
+    curves : predictions (n_cells,) [arcmin] of the cells that judge: by a spring alone, as described with all terms.
+    errors : of these; ``baselines`` of predictions that ask no drive.
+    cells : (n_cells,) those that judge.
+    in_sample : whether nothing could be held out.
+    """
+
+    measurement: Measurement
+    data: Data
+    verdict: str
+    numbers: tuple[Number, ...]
+    curves: Mapping[str, Real]
+    errors: Mapping[str, AngleError]
+    baselines: Mapping[str, AngleError]
+    cells: Truth
+    in_sample: bool
+
+
+def described(measurement: Measurement) -> Description:
+    """The description of a measurement without fatal faults.
+
+    Raises
+    ------
+    InputError : as ``training_rows``.
+    """
+    chosen = measurement.unit.settings.held_out.train
+    seen = measurement.training_cells if chosen else np.ones(len(measurement.cells), bool)
+    data = data_of(measurement, seen)
+    splits = splits_of(data, seen)
+    numbers = _numbers(data, _through(measurement), seen, _tested(measurement, data, splits))
+    curves = {
+        "spring": _predicted(measurement, data, splits, frozenset()),
+        "described": _predicted(measurement, data, splits, frozenset(TERMS)),
+    }
+    cells, nothing = np.isfinite(curves["spring"]), np.zeros(len(data))
+    cranks = measurement.rows.cranks
+    errors = {name: angle_error(data, cranks, curve, nothing, cells) for name, curve in curves.items()}
+    cycles = Cycles(measurement.cells.direction, measurement.branches.kind[measurement.cells.block])
+    plain = baselines(data, cycles, splits, data.offsets)
+    return Description(
+        measurement,
+        data,
+        _verdict(errors, any(number.named for number in numbers)),
+        numbers,
+        curves,
+        errors,
+        {title: angle_error(data, cranks, curve, nothing, cells) for title, curve in plain.items()},
+        cells,
+        splits[0][0] is splits[0][1],
+    )
+
+
+def _verdict(errors: Mapping[str, AngleError], claims: bool) -> str:
+    if not claims:
+        return UNEXPLAINED
+    return DESCRIBED if errors["described"].to_noise <= STRUCTURE else PARTLY
+
+
+def _through(measurement: Measurement) -> Real:
+    """Torques (n_cells, n_parts) [N m] that each cell went through, in time order: middles of parts of as many rows."""
+    edges = within_cells(measurement, np.arange(len(measurement.cells)))
+    middles = 0.5 * (edges[:, 1:] + edges[:, :-1])
+    return np.where(measurement.cells.direction[:, None] > 0, middles, middles[:, ::-1])
+
+
+def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> PlayAndFriction:
+    cells = Cells(data.position, data.group, torque, data.angle, data.sigma, float(np.max(np.abs(data.torque))))
+    return fitted(cells, training, terms)
+
+
+def _predicted(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]], terms: frozenset[str]) -> Real:
+    """Angle (n_cells,) [arcmin] of judged cells by fits of their training cells, whose noise alone weighs them."""
+    out, torque, top = np.full(len(data), np.nan), _through(measurement), float(np.max(np.abs(data.torque)))
+    for training, judged in splits:
+        fold = data_of(measurement, training)
+        angle = _fit(fold, torque, training, terms).angle(torque, data.position, top)
+        out[judged] = (angle + fold.offsets(angle, training, fold.sigma))[judged]
+    return out
+
+
+def _tested(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]]) -> dict[str, float]:
+    """Familywise p of each term that is left out of all terms, over held-out branches; NaN with too few of them."""
+    scores = {}
+    for name in (None, *TERMS):
+        angle = _predicted(measurement, data, splits, frozenset(TERMS) - {name})
+        judged = np.isfinite(angle)
+        square = ((data.angle - angle)[judged] / data.sigma[judged]) ** 2
+        _, block = np.unique(data.block[judged], return_inverse=True)
+        scores[name] = np.log(LEAST_LOSS + np.bincount(block, square) / np.bincount(block))
+    if len(scores[None]) < FEWEST_BLOCKS or splits[0][0] is splits[0][1]:
+        return dict.fromkeys(TERMS, float("nan"))
+    gains = np.column_stack([scores[name] - scores[None] for name in TERMS])
+    return dict(zip(TERMS, max_t(gains, RESAMPLES, SEED)[1].tolist(), strict=True))
+
+
+def _numbers(data: Data, torque: Real, seen: Truth, tested: Mapping[str, float]) -> tuple[Number, ...]:
+    """Every number, by the fit with all terms and by those without each group of the cells seen."""
+    group = groups(data, seen)
+    left_out = [seen & (group != number) for number in np.unique(group[seen])]
+    drive = _fit(data, torque, seen, frozenset(TERMS))
+    enough = len(left_out) >= FEWEST_GROUPS
+    others = [_fit(data, torque, cells, frozenset(TERMS)) for cells in left_out if enough]
+    numbers = []
+    for term, (attribute, unit, meaning) in NUMBERS.items():
+        value, low, high = _interval(getattr(drive, attribute), [getattr(other, attribute) for other in others])
+        p = tested.get(term, float("nan"))
+        numbers.append(Number(term, unit, meaning, value, low, high, p, p < 1 - CONFIDENCE and low * high > 0))
+    return tuple(numbers)
+
+
+def _interval(value: float, others: list[float]) -> tuple[float, float, float]:
+    """Value and 95 % interval of the jackknife, Efron and Tibshirani, An Introduction to the Bootstrap (1993), 11."""
+    n = len(others)
+    if not n:
+        return value, float("nan"), float("nan")
+    error = np.sqrt((n - 1) / n * np.sum((np.array(others) - np.mean(others)) ** 2))
+    reach = float(student.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
+    return value, value - reach, value + reach

@@ -1,0 +1,141 @@
+"""What the description of a drive leaves behind: its sentence, verdict.json and tables."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.identification.described.description import DESCRIBED, FEWEST_GROUPS, Description, Number
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.results.residual_signatures import Signature, signatures
+from pipeline.identification.results.tables import RESIDUAL, SIGNATURES, signature_rows
+from pipeline.identification.results.write import finite
+from pipeline.identification.selection.model_selection import FEWEST_BLOCKS
+from pipeline.identification.selection.statement import fault_statement
+from pipeline.identification.selection.verdict import FAULT
+
+VERDICT_FILE = "verdict.json"
+TITLES = {"spring": "a spring alone", "described": "play, friction and a softening spring"}
+SHARED = ("position", "crank_deg", "cycle", "block", "direction", "torque_Nm", "angle_arcmin", "rows", "sigma_arcmin")
+DESCRIPTION = Table(
+    "description",
+    "cell: measured rows averaged over neighbouring torques of one branch",
+    (
+        *(column for column in RESIDUAL.columns if column.name in SHARED),
+        Column("held_out", "bool", "", "whether the cell judges; its predictions then come from fits without it"),
+        *(
+            Column(f"{name}_arcmin", "float64", "arcmin", f"angle by {title}, offset included")
+            for name, title in TITLES.items()
+        ),
+        *(
+            Column(f"residual_{name}_arcmin", "float64", "arcmin", f"measured less {title}")
+            for name, title in TITLES.items()
+        ),
+    ),
+)
+
+
+def write(of: Description, folder: Path) -> tuple[Signature, ...]:
+    """Write tables and, last, the verdict into ``folder``; returns the signatures of what is left."""
+    left = signatures(of.measurement, of.data, of.curves["described"])
+    before = signatures(of.measurement, of.data, of.curves["spring"])
+    both = {"recalibrated": before, "after": left}
+    for table, columns in ((DESCRIPTION, cell_rows(of)), (SIGNATURES, signature_rows(both))):
+        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+    write_json(folder / VERDICT_FILE, finite(_verdict(of)))
+    return left
+
+
+def write_fault(measurement: Measurement, folder: Path) -> str:
+    """Write the verdict on data that have a fatal fault; returns its sentence."""
+    sentence = fault_statement(measurement.fatal).sentence
+    faults = [asdict(fault) for fault in measurement.faults]
+    content = {"unit": measurement.unit.name, "verdict": FAULT, "sentence": sentence, "data_faults": faults}
+    write_json(folder / VERDICT_FILE, content)
+    return sentence
+
+
+def sentence(of: Description) -> str:
+    """The verdict in words; its errors are those of the cards and tables."""
+    spring, after = of.errors["spring"], of.errors["described"]
+    where = "in sample" if of.in_sample else "on held-out data"
+    errors = (
+        f"Root mean square {where}: {spring.rms_arcmin:.3g} arcmin by a spring alone, {after.rms_arcmin:.3g} arcmin "
+        f"({after.to_noise:.3g} noise floors) with play, friction and softening."
+    )
+    named = [number for number in of.numbers if number.named]
+    if not named:
+        return f"No term beside a spring is claimed. {errors}"
+    left = "" if of.verdict == DESCRIBED else " What is left is structured and not traced."
+    return f"{'; '.join(_words(number) for number in named)}. {errors}{left}"
+
+
+def advice(of: Description) -> str:
+    """What to measure next."""
+    blocks = len(np.unique(of.data.block[of.cells]))
+    if of.in_sample or blocks < FEWEST_BLOCKS:
+        return (
+            f"Measure at least {FEWEST_GROUPS} positions or cycles: whole ones can then be held out and terms claimed."
+        )
+    unsettled = [number.term.replace("_", " ") for number in of.numbers[:3] if not number.named]
+    if unsettled:
+        names = ", ".join(unsettled)
+        return f"Not claimed: {names}. Loops to a tenth, a half and all of the load part play from friction."
+    return ""
+
+
+def turned_deg(of: Description) -> float:
+    """Largest turn of the input within a loop [deg]; none where the input is locked."""
+    unit = of.measurement.unit.settings
+    if unit.locked == "input" or unit.generic is None:
+        return 0.0
+    spans = [np.ptp(of.data.angle[of.data.position == p]) for p in np.unique(of.data.position)]
+    return float(max(spans)) / 60 * unit.generic.ratio
+
+
+def cell_rows(of: Description) -> Columns:
+    """Columns of `DESCRIPTION`."""
+    cells, data = of.measurement.cells, of.data
+    return {
+        "position": cells.position,
+        "crank_deg": of.measurement.rows.cranks[cells.position],
+        "cycle": cells.cycle,
+        "block": cells.block,
+        "direction": cells.direction,
+        "torque_Nm": data.torque,
+        "angle_arcmin": data.angle,
+        "rows": data.count,
+        "sigma_arcmin": data.sigma,
+        "held_out": of.cells,
+        **{f"{name}_arcmin": curve for name, curve in of.curves.items()},
+        **{f"residual_{name}_arcmin": data.angle - curve for name, curve in of.curves.items()},
+    }
+
+
+def _verdict(of: Description) -> dict[str, Any]:
+    return {
+        "unit": of.measurement.unit.name,
+        "title": of.measurement.unit.settings.title,
+        "verdict": of.verdict,
+        "sentence": sentence(of),
+        "advice": advice(of),
+        "numbers": [asdict(number) for number in of.numbers],
+        "held_out_errors": {name: asdict(error) for name, error in of.errors.items()},
+        "baselines": {title: asdict(error) for title, error in of.baselines.items()},
+        "in_sample": of.in_sample,
+        "noise_arcmin": of.data.noise,
+        "input_turns_deg": turned_deg(of),
+        "data_faults": [asdict(fault) for fault in of.measurement.faults],
+    }
+
+
+def _words(number: Number) -> str:
+    """A named number with its interval."""
+    unit = "" if number.unit == "1" else f" {number.unit}"
+    name = number.meaning.split(":")[0].split(",")[0]
+    return f"{name[:1].upper()}{name[1:]} {number.value:.3g}{unit} ({number.ci_low:.3g} to {number.ci_high:.3g})"

@@ -1,0 +1,74 @@
+"""The page on a drive of which no design is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.engine.store import read_json, write_atomic
+from pipeline.figures.style import save
+from pipeline.figures.unit import DESCRIBED, LEFT, loops_figure, torque_figure
+from pipeline.identification.described.description import Description, Number
+from pipeline.identification.described.results import TITLES, VERDICT_FILE
+from pipeline.identification.results.residual_signatures import Signature
+from pipeline.report.rendering import Picture, rendered
+from pipeline.report.unit.page import digits, interval
+
+TEMPLATE = "unit/description.html"
+CAPTIONS = {
+    "loops": (
+        "Loops",
+        "Dots: cells, averages of neighbouring rows of a branch. Lines: predictions of fits that have not seen the "
+        "held-out cells. The offset of the angle is removed.",
+    ),
+    "torque": ("Residual over torque", "Branches that part show friction, a step at zero torque play."),
+}
+
+
+def write_description_page(of: Description, left: Sequence[Signature], folder: Path, shown_folder: Path) -> None:
+    """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
+
+    Parameters
+    ----------
+    left : signatures of what the description leaves.
+    shown_folder : the folder as a user would type it.
+    """
+    cells = pd.read_parquet(folder / "description.parquet")
+    figures = {"loops": loops_figure(cells, DESCRIBED), "torque": torque_figure(cells, LEFT)}
+    (folder / "figures").mkdir(exist_ok=True)
+    pictures = {}
+    for name, figure in figures.items():
+        stem = folder / "figures" / name
+        save(figure, stem)
+        pictures[name] = Picture(*CAPTIONS[name], stem.with_suffix(".svg").read_bytes())
+    errors = {TITLES[name].capitalize(): error for name, error in of.errors.items()} | dict(of.baselines)
+    page = rendered(
+        TEMPLATE,
+        verdict=read_json(folder / VERDICT_FILE),
+        numbers=[_number(number) for number in of.numbers],
+        errors=[
+            (title[:1].upper() + title[1:], digits(e.rms_arcmin), digits(e.to_noise)) for title, e in errors.items()
+        ],
+        signatures=[_signature(one) for one in left if not one.why_not],
+        folder=shown_folder,
+        pictures=pictures,
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _number(number: Number) -> dict[str, str | bool]:
+    return {
+        "meaning": number.meaning[:1].upper() + number.meaning[1:],
+        "value": digits(number.value),
+        "unit": "" if number.unit == "1" else number.unit,
+        "interval": interval(number.ci_low, number.ci_high) or "none",
+        "p": digits(number.p, 2),
+        "named": number.named,
+    }
+
+
+def _signature(one: Signature) -> tuple[str, str, str, str, bool]:
+    title = one.title[:1].upper() + one.title[1:]
+    return title, one.unit, digits(one.value), interval(one.ci_low, one.ci_high), one.significant

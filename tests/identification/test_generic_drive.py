@@ -1,0 +1,129 @@
+"""Drives of which no design is known: what is claimed of them, how they may be driven, and what is refused."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from measured_bench import ROOT, path_of, write_unit
+
+from pipeline import cli
+from pipeline.cli import settings
+from pipeline.errors import InputError
+from pipeline.identification.described.description import DESCRIBED, described
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+
+TEXT = """
+title = "A drive on a bench"
+locked = "{locked}"
+offset = "per_position"
+[generic]
+ratio = 30.0
+rated_torque_Nm = 12.0
+"""
+CRANKS = (0.0, 90.0, 180.0)
+DRIVE = {"play": 6.0, "friction": 0.7, "load_friction": 0.1, "compliance": 0.8, "softening": 0.01}
+
+
+def followed(torque: np.ndarray, drive: dict[str, float]) -> np.ndarray:
+    """Angle [arcmin] along torques, element by element: a slider that holds the spring back."""
+    angle, spring = [], 0.0
+    for load in torque:
+        held = drive["friction"] + drive["load_friction"] * abs(load)
+        spring = load - held if spring < load - held else load + held if spring > load + held else spring
+        gap = 0.5 * drive["play"] * np.clip(spring / 0.24, -1, 1)
+        angle.append(gap + drive["compliance"] * spring + drive["softening"] * spring * abs(spring))
+    return np.array(angle)
+
+
+def driven_by_angle(torque: np.ndarray, angle: np.ndarray, rows: int) -> np.ndarray:
+    """Rows at equal steps of the angle that a motor runs through, as a servo that is told an angle takes them."""
+    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)) + 1e-6)])
+    return np.searchsorted(along, np.linspace(0.0, along[-1], rows))
+
+
+def drive_measured(folder, by=None, by_angle=False, locked="input", noise=0.1) -> Measurement:
+    drive, rng, parts = {**DRIVE, **(by or {})}, np.random.default_rng(5), []
+    for number, crank in enumerate(CRANKS):
+        torque = np.tile(path_of([0.0, 12.0, -12.0, 0.0], 4000 if by_angle else 80)[1:], 3)
+        angle = followed(torque, drive)
+        kept = driven_by_angle(torque, angle, 1500) if by_angle else np.arange(len(torque))
+        cycle = np.minimum(kept // (len(torque) // 3), 2)
+        noisy = angle[kept] + 7.0 * number + noise * rng.standard_normal(len(kept))
+        measured = torque[kept] + (0.01 * rng.standard_normal(len(kept)) if by_angle else 0.0)
+        parts.append(pd.DataFrame({"cycle": cycle, "crank_deg": crank, "torque_Nm": measured, "angle_arcmin": noisy}))
+    write_unit(folder, {"rows.csv": pd.concat(parts, ignore_index=True)}, TEXT.format(locked=locked))
+    return Measurement.read(load_measured_unit(folder, ROOT))
+
+
+@pytest.mark.parametrize(("by_angle", "locked"), [(False, "input"), (False, "output"), (True, "input")])
+def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locked):
+    found = described(drive_measured(tmp_path / "u", by_angle=by_angle, locked=locked))
+    numbers = {number.term: number for number in found.numbers}
+    assert numbers["torque_zero"].named is False
+    for term in ("play", "friction", "load_friction"):
+        assert numbers[term].named
+        assert numbers[term].value == pytest.approx(DRIVE[term], rel=0.1)
+    assert numbers["compliance"].value == pytest.approx(DRIVE["compliance"], rel=0.05)
+    if not by_angle:
+        assert found.verdict == DESCRIBED
+        assert found.errors["described"].rms_arcmin < 0.05 * found.errors["spring"].rms_arcmin
+
+
+def test_a_spring_alone_has_nothing_claimed(tmp_path):
+    nothing = dict.fromkeys(("play", "friction", "load_friction", "softening"), 0.0)
+    found = described(drive_measured(tmp_path / "u", nothing))
+    assert not any(number.named for number in found.numbers)
+    assert found.errors["described"].to_noise < 1.25
+
+
+def test_held_out_rows_move_no_prediction_by_more_than_their_offset(tmp_path):
+    first = drive_measured(tmp_path / "a")
+    rows = pd.read_csv(tmp_path / "a" / "rows.csv")
+    last = rows["crank_deg"] == CRANKS[-1]
+    rows.loc[last, "angle_arcmin"] *= 1.4
+    text = TEXT.format(locked="input") + '[held_out]\nby = "position"\ntrain = [0.0, 90.0]\n'
+    (tmp_path / "a" / "unit.toml").write_text(text)
+    write_unit(tmp_path / "b", {"rows.csv": rows}, text)
+    one, other = (described(Measurement.read(load_measured_unit(tmp_path / name, ROOT))) for name in "ab")
+    apart = (one.curves["described"] - other.curves["described"])[one.cells]
+    assert np.ptp(apart) < 1e-9
+    assert [n.value for n in one.numbers] == [n.value for n in other.numbers]
+    assert first.unit.designed is None
+
+
+def test_the_command_judges_first_and_writes_a_page(tmp_path, monkeypatch, capsys):
+    drive_measured(tmp_path / "u", locked="output")
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    assert cli.main(["identify", "--unit", str(tmp_path / "u")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "3 crank angles" in lines[0]
+    assert lines[1].startswith("plan: play, friction and a spring")
+    folder = tmp_path / "runs" / "identify" / "u"
+    verdict = json.loads((folder / "verdict.json").read_text())
+    page = (folder / "report.html").read_text().replace("\u00a0", " ")
+    assert verdict["sentence"] in page
+    assert f"{verdict['held_out_errors']['described']['rms_arcmin']:.3g} arcmin" in verdict["sentence"]
+    assert "The input turns by" in page
+    assert len(pd.read_parquet(folder / "description.parquet")) > 100
+
+
+def test_a_crank_that_turns_within_a_loop_is_refused(tmp_path, capsys, monkeypatch):
+    drive_measured(tmp_path / "u")
+    rows = pd.read_csv(tmp_path / "u" / "rows.csv")
+    rows["crank_deg"] += np.linspace(0.0, 80.0, len(rows))
+    rows.to_csv(tmp_path / "u" / "rows.csv", index=False)
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    assert cli.main(["identify", "--unit", str(tmp_path / "u")]) == 0
+    assert "the crank turns within a cycle" in capsys.readouterr().out
+
+
+def test_a_drive_is_generic_or_has_a_design(tmp_path):
+    text = TEXT.format(locked="input")
+    folder = write_unit(tmp_path / "u", text=f'design = "pham2017"\n{text}')
+    with pytest.raises(InputError, match=r'design = "pham2017"; a drive with \[generic\] has none'):
+        load_measured_unit(folder, ROOT)
+    (folder / "unit.toml").write_text(text.split("[generic]")[0])
+    with pytest.raises(InputError, match=r"design is missing; add it, or \[generic\]"):
+        load_measured_unit(folder, ROOT)
