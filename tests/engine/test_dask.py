@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from toy_study import STAGES, Toy
 
+from pipeline.engine import cluster as cluster_module
 from pipeline.engine.cluster import _authenticated, dask_cluster
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
@@ -152,6 +153,7 @@ def test_open_scheduler_that_is_trusted_is_asked(monkeypatch) -> None:
         pass
 
 
-def test_scheduler_that_does_not_answer_is_an_input_error() -> None:
+def test_scheduler_that_does_not_answer_is_an_input_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster_module, "PATIENCE", 1)
     with pytest.raises(InputError, match="no Dask scheduler answers"), dask_cluster("tcp://127.0.0.1:9"):
         pass
