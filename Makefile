@@ -13,7 +13,7 @@ JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup study $(STAGES) why test attack lint types docs identify changed population blind \
-	bench paper calibrate verify coverage tails flank compare allocate check licences clean-runs
+	bench paper calibrate verify coverage tails flank compare allocate bounds check licences clean-runs
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
@@ -45,6 +45,9 @@ compare: $(VENV)/installed  ## hold two studies against each other: make compare
 
 allocate: $(VENV)/installed  ## find the cheapest tolerances of STUDY that keep its limits: make allocate YIELD=0.99
 	$(PIPELINE) allocate --study $(STUDY) $(if $(YIELD),--yield $(YIELD)) $(JOBS_OPTION)
+
+bounds: $(VENV)/installed  ## worst cases of STUDY over its tolerances, beside linear stacks and capability
+	$(PIPELINE) bounds --study $(STUDY) $(JOBS_OPTION)
 
 identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
 	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)

@@ -3,10 +3,15 @@
 from pathlib import Path
 
 from pipeline.decisions.allocation.results import ALLOCATION, CHECK, TRADEOFF
+from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS
 from stages.chain import STAGES
 
-DECISIONS = {"compare": (DIFFERENCES, DRIVER_CHANGES, INPUTS), "allocate": (ALLOCATION, CHECK, TRADEOFF)}
+DECISIONS = {
+    "compare": (DIFFERENCES, DRIVER_CHANGES, INPUTS),
+    "allocate": (ALLOCATION, CHECK, TRADEOFF),
+    "bounds": (BOUNDS, STACKS, CONTRIBUTIONS, CAPABILITY),
+}
 """Tables of other targets."""
 
 

@@ -1,19 +1,22 @@
-"""Commands that help to decide: two runs side by side, and what to loosen or tighten."""
+"""Commands that help to decide: two runs side by side, what to loosen or tighten, and worst cases."""
 
 import argparse
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pandas as pd
 
 from pipeline.cli import settings
-from pipeline.cli.tails import TRIAL, springs
+from pipeline.cli.tails import TRIAL, at_angles, springs
 from pipeline.config import Study, load_study
 from pipeline.config.writing import toml_of
 from pipeline.decisions.allocation import results as allocation_results
 from pipeline.decisions.allocation.allocate import allocate
 from pipeline.decisions.allocation.priced import priced_tolerances
 from pipeline.decisions.allocation.search import Angles
+from pipeline.decisions.bounds import results as bounds_results
+from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.run_comparison import Run, differences, differing_inputs, driver_changes
 from pipeline.engine.cache import Cache
 from pipeline.engine.runner import run
@@ -24,6 +27,7 @@ from pipeline.model.metrics import library
 from pipeline.population import prediction, tails
 from pipeline.report.decisions.allocation import sentence as allocation_sentence
 from pipeline.report.decisions.allocation import write_allocation_page
+from pipeline.report.decisions.bounds import write_bounds_page
 from pipeline.report.decisions.compare import sentence, write_comparison
 from pipeline.sampling import Errors, draw
 from stages import hysteresis
@@ -89,3 +93,29 @@ def _loaded(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]
     over = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
     angles = {name: metrics[name].reshape(len(sampled), -1) for name in library()}
     return angles, {name: over[f"{name}_{study.limits.over}"] for name in library()}
+
+
+def bound_metrics(options: argparse.Namespace) -> None:
+    """Bound the metrics of a study over its tolerance box, beside linear stacks and capability."""
+    study = load_study(options.study, settings.ROOT)
+    Box.of(study)  # says what is missing before anything is condensed
+    with settings.resources(study, options) as resources:
+        outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
+    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
+    units = over_turn(pd.DataFrame(outputs["aggregate"].read("units")), study.limits.over)
+    units = units.drop(index=[0] if study.samples.nominal_first else [], errors="ignore")
+    found = bounds_results.findings(study, study.cycle.curve_crank_deg, partial(_at_crank, shared), units)
+    folder = settings.RUNS / "bounds" / study.name
+    bounds_results.write_tables(found, folder)
+    write_bounds_page(found, folder)
+    print((folder / "bounds.csv").read_text(), end="")
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def _at_crank(shared: hysteresis.Shared, crank_deg: float, sampled: Errors) -> dict[str, np.ndarray]:
+    """Every metric of ``n`` units at one loaded crank angle, (n,) each."""
+    study, k = shared.study, shared.study.cycle.crank_deg.index(crank_deg)
+    cycle = study.cycle.model_copy(update={"crank_deg": (crank_deg,), "loaded_angles": None})
+    alone = study.model_copy(update={"cycle": cycle})
+    single = replace(shared, study=alone, laws=shared.laws[k : k + 1], compliances=shared.compliances[k : k + 1])
+    return {name: values[:, 0] for name, values in at_angles(single, sampled).items()}

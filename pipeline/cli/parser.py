@@ -96,6 +96,12 @@ def _decisions(command: Commands) -> None:
     choosing.add_argument("--units", type=int, default=4_000, help="load-solved in each round; default: 4,000")
     _where(choosing)
 
+    bounding = command(
+        "bounds", "decisions.bound_metrics", "worst cases over the tolerance box, linear stacks, capability"
+    )
+    _study(bounding)
+    _where(bounding)
+
 
 def _measured(command: Commands) -> None:
     naming = command(

@@ -2,16 +2,18 @@
 
 from pipeline.config.dimensions._ovality import oval_shift
 from pipeline.sampling.designs import replicates, uniforms
-from pipeline.sampling.errors import Errors, dimensions, draw
+from pipeline.sampling.errors import Errors, deviations_at, dimensions, draw, errors_at
 from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
 
 __all__ = [
     "Errors",
+    "deviations_at",
     "dimensions",
     "draw",
     "draw_mixed",
     "drawn_units",
     "error_groups",
+    "errors_at",
     "oval_shift",
     "replicates",
     "uniforms",

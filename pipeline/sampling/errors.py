@@ -106,6 +106,11 @@ def _directions() -> list[str]:
 
 def errors_at(study: Study, numbers: Real) -> Errors:
     """Errors at points of the unit cube, ``numbers`` (n_samples, n_dimensions)."""
+    return _errors(deviations_at(study, numbers), study.design)
+
+
+def deviations_at(study: Study, numbers: Real) -> dict[str, Real]:
+    """Deviations [um] and directions [rad] (n_samples, n_elements) of each tolerance at points of the unit cube."""
     sizes = dimensions(study.design)
     ends = np.cumsum(list(sizes.values()))
     columns = dict(zip(sizes, np.split(numbers, ends[:-1], axis=1), strict=True))
@@ -116,7 +121,7 @@ def errors_at(study: Study, numbers: Real) -> Errors:
         if length is not None:
             probability = _correlated(name, probability, study.design, length)
         values[name] = tolerance.allowance_um + tolerance.deviation(probability)
-    return _errors(values, study.design)
+    return values
 
 
 def _correlated(name: str, probability: Real, design: Design, length: float) -> Real:

@@ -1,0 +1,140 @@
+"""The tolerance box of a study: every error anywhere within its limits, independent of all others.
+
+A point of the box is a row of the unit cube of the design of experiment: 0 and 1 are the limits, straight between them.
+A dimension with a direction is an amplitude with a phase; its units of full amplitude are looked at in ``PHASES``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.dimensions import dimension_library
+from pipeline.config.distributions import Distribution
+from pipeline.config.distributions.uniform import Uniform
+from pipeline.config.study import Study
+from pipeline.errors import InputError
+from pipeline.sampling import Errors, dimensions, errors_at
+
+Real = NDArray[np.float64]
+Evaluate = Callable[[Real], Real]
+"""Points of the box (n, n_columns) to a number each (n,)."""
+
+PHASES = 72
+"""Directions of an amplitude: a disc is met from within to 0.1 % of its radius."""
+FLIPS = 40
+"""Rounds of a climb at most."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """The box of a study whose tolerances are all uniform and uncorrelated.
+
+    Attributes
+    ----------
+    free : columns of the errors that vary, by tolerance.
+    waves : columns of amplitude and phase of the tolerances with a direction.
+    n_columns : of a point.
+    """
+
+    study: Study
+    free: dict[str, NDArray[np.intp]]
+    waves: dict[str, tuple[int, int]]
+    n_columns: int
+
+    @classmethod
+    def of(cls, study: Study) -> Box:
+        """The box of a study.
+
+        Raises
+        ------
+        InputError
+            If its samples are listed cases, or no tolerance varies.
+        """
+        if study.samples.experiment == "cases":
+            raise InputError(f"study {study.name}: listed cases have no tolerance box")
+        varying = {name: tolerance for name, tolerance in study.tolerances if tolerance.varies}
+        if not varying:
+            raise InputError(f"study {study.name}: no tolerance varies; give one two limits, as tolerances.pin_radial")
+        sides = {name: _uniform(one) for name, one in varying.items()}
+        sizes = dimensions(study.design)
+        ends = dict(zip(sizes, np.cumsum(list(sizes.values())), strict=True))
+        columns = {name: np.arange(ends[name] - size, ends[name]) for name, size in sizes.items()}
+        directed = [name for name in varying if dimension_library()[name].direction]
+        return cls(
+            study.model_copy(update={"tolerances": study.tolerances.model_copy(update=sides)}),
+            {name: columns[name] for name in varying if name not in directed},
+            {name: (int(columns[name][0]), int(columns[dimension_library()[name].phase][0])) for name in directed},
+            sum(sizes.values()),
+        )
+
+    @property
+    def centre(self) -> Real:
+        """(n_columns,) all errors in the middle of their zones, amplitudes at their lower limits."""
+        point = np.full(self.n_columns, 0.5)
+        point[[amplitude for amplitude, _ in self.waves.values()]] = 0.0
+        return point
+
+    @property
+    def columns(self) -> NDArray[np.intp]:
+        """Columns of all errors that vary, without the waves'."""
+        return np.concatenate([np.empty(0, np.intp), *self.free.values()])
+
+    def errors(self, points: Real) -> Errors:
+        """Errors of points (n, n_columns)."""
+        return errors_at(self.study, points)
+
+    def flipped(self, point: Real, to: float) -> Real:
+        """(n_free, n_columns) the point with one error after the other at ``to``."""
+        points = np.repeat(point[None], len(self.columns), axis=0)
+        points[np.arange(len(self.columns)), self.columns] = to
+        return points
+
+    def turned(self, point: Real, wave: str) -> Real:
+        """(PHASES, n_columns) the point with the full amplitude of a wave in every direction."""
+        points = np.repeat(point[None], PHASES, axis=0)
+        amplitude, phase = self.waves[wave]
+        points[:, amplitude], points[:, phase] = 1.0, np.arange(PHASES) / PHASES
+        return points
+
+
+def _uniform(tolerance: Distribution) -> Uniform:
+    low, high = tolerance.limits_um
+    return Uniform(distribution="uniform", allowance_um=tolerance.allowance_um, lower_um=low, upper_um=high)
+
+
+def climbed(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, float]:
+    """A vertex of the box at which no single error makes a number larger, and the number.
+
+    Parameters
+    ----------
+    start : (n_columns,) where the climb begins.
+
+    Notes
+    -----
+    All errors are tried alone; those that help are moved together if that is better than the best of them alone. A
+    lower bound of the largest value: there may be higher vertices that no single error leads to.
+    """
+    point, best = start, float(evaluate(start[None])[0])
+    for _ in range(FLIPS):
+        moves = [box.flipped(point, to) for to in (0.0, 1.0)] + [box.turned(point, wave) for wave in box.waves]
+        values = np.split(
+            np.nan_to_num(evaluate(np.concatenate(moves)), nan=-np.inf), np.cumsum([len(m) for m in moves])[:-1]
+        )
+        together = point.copy()
+        for to, gains in zip((0.0, 1.0), values[:2], strict=True):
+            together[box.columns[gains > best]] = to
+        for wave, rows, gains in zip(box.waves, moves[2:], values[2:], strict=True):
+            if gains.max() > best:
+                together[list(box.waves[wave])] = rows[np.argmax(gains)][list(box.waves[wave])]
+        everything, flat = np.concatenate(moves), np.concatenate(values)
+        candidates = [(float(np.nan_to_num(evaluate(together[None])[0], nan=-np.inf)), together)]
+        candidates.append((float(flat.max()), everything[np.argmax(flat)]))
+        value, candidate = max(candidates, key=lambda pair: pair[0])
+        if not value > best:
+            break
+        point, best = candidate, value
+    return point, best

@@ -1,0 +1,50 @@
+"""Process capability of a metric against its limit, and whether it says what it is taken to say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from pipeline.model.metrics import library
+from pipeline.statistics import Estimate, pass_share
+
+
+@dataclass(frozen=True)
+class Capability:
+    """C_pk of a metric with one limit; C_p needs two, and no metric here has them.
+
+    Attributes
+    ----------
+    cpk : distance of the mean from the limit over three standard deviations.
+    yield_if_normal : share within the limit that it means where the metric is normal.
+    passed : the share of the samples.
+    """
+
+    metric: str
+    mean: float
+    std: float
+    cpk: float
+    yield_if_normal: float
+    passed: Estimate
+
+    @property
+    def means_something(self) -> bool:
+        """Whether the yield that it stands for lies within the interval of the one found."""
+        return self.passed.ci_low <= self.yield_if_normal <= self.passed.ci_high
+
+
+def capability(metric: str, values: NDArray[np.float64], limit: float, confidence: float) -> Capability:
+    """C_pk of values (n,) against an upper limit, or a lower one where smaller is worse.
+
+    Source
+    ------
+    ISO 22514-2:2017, Statistical methods in process management, clause 7: normally distributed characteristics.
+    """
+    sign = -1.0 if library()[metric].smaller_is_worse else 1.0
+    mean, std = float(values.mean()), float(values.std(ddof=1))
+    cpk = sign * (limit - mean) / (3 * std) if std > 0 else np.nan
+    passed = pass_share(library()[metric].keeps(values, limit), confidence)
+    return Capability(metric, mean, std, cpk, float(norm.cdf(3 * cpk)), passed)

@@ -1,0 +1,90 @@
+"""A metric as a linear stack of the errors: its root sum of squares, and what each contributes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.study import Study
+from pipeline.decisions.bounds.box import PHASES, Box, Evaluate
+from pipeline.model.metrics import library
+from pipeline.sampling import deviations_at
+
+Real = NDArray[np.float64]
+
+FAR = 0.9973
+"""Level of the far quantile: three standard deviations of a normal distribution on both sides."""
+
+
+@dataclass(frozen=True)
+class Stack:
+    """A metric linear in the errors about the middle of the box.
+
+    Attributes
+    ----------
+    middle : its value there.
+    parts : tolerance -> (n,) what its errors add in each of ``n`` drawn units.
+    """
+
+    middle: float
+    parts: dict[str, Real]
+
+    @property
+    def values(self) -> Real:
+        """(n,) of the drawn units."""
+        return self.middle + np.sum(list(self.parts.values()), axis=0)
+
+    @property
+    def rss(self) -> float:
+        """Standard deviation: root of the sum of the squares of what the independent tolerances cause."""
+        return float(np.sqrt(sum(np.var(part, ddof=1) for part in self.parts.values())))
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of the variance of each tolerance; missing where nothing varies."""
+        total = self.rss**2
+        return {name: float(np.var(part, ddof=1)) / total if total else np.nan for name, part in self.parts.items()}
+
+
+def stack(study: Study, box: Box, evaluate: Evaluate, numbers: Real) -> Stack:
+    """The linear stack of a metric, by secants over half of each zone, at drawn units.
+
+    Parameters
+    ----------
+    evaluate : points of the box to the metric.
+    numbers : (n, n_columns) of the unit cube, from which the study draws its errors, correlated as it says.
+    """
+    centre, columns = box.centre, box.columns
+    points = [centre[None], box.flipped(centre, 0.25), box.flipped(centre, 0.75)]
+    points += [box.turned(centre, wave) for wave in box.waves]
+    values = np.split(evaluate(np.concatenate(points)), np.cumsum([len(one) for one in points])[:-1])
+    middle = float(values[0][0])
+    slope = dict(zip(columns.tolist(), 2 * (values[2] - values[1]), strict=True))
+    drawn, parts = deviations_at(study, numbers), {}
+    for name, of_name in box.free.items():
+        steps = _share(study, name, drawn[name]) - 0.5
+        parts[name] = steps @ np.array([slope[column] for column in of_name.tolist()])
+    for (name, (_, phase)), response in zip(box.waves.items(), values[3:], strict=True):
+        around = np.append(response, response[0]) - middle
+        turn = np.interp(numbers[:, phase], np.arange(PHASES + 1) / PHASES, around)
+        parts[name] = _share(study, name, drawn[name])[:, 0] * turn
+    return Stack(middle, parts)
+
+
+def _share(study: Study, name: str, deviation: Real) -> Real:
+    """Where deviations lie in their zone: 0 at the lower limit, 1 at the upper."""
+    tolerance = getattr(study.tolerances, name)
+    low, high = tolerance.limits_um
+    return np.asarray((deviation - tolerance.allowance_um - low) / (high - low))
+
+
+def statistics_of(metric: str, values: Real) -> dict[str, float]:
+    """Mean, std, and the 99.73 % quantile on the bad side of values (n,)."""
+    level = 1 - FAR if library()[metric].smaller_is_worse else FAR
+    return {
+        "mean": float(values.mean()),
+        "std": float(values.std(ddof=1)),
+        "far": float(np.quantile(values, level, method="median_unbiased")),
+    }

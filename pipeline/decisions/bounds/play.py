@@ -1,0 +1,77 @@
+"""Bounds of the rigid play of a study's reducer over its tolerance box at one crank angle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.decisions.bounds.box import Box, climbed
+from pipeline.decisions.bounds.largest_play import largest_play
+from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.units import ARCMIN, UM_PER_MM
+from pipeline.mounting import drive_of
+
+Real = NDArray[np.float64]
+
+BY_PROGRAM = "largest, gaps linear in the errors: exact, by one linear program"
+ATTAINED = "largest found, exact gaps: a lower bound of the largest"
+LEAST_FOUND = "least found, exact gaps: an upper bound of the least"
+LEAST_BOUND = "every gap at its own least: a lower bound of the least"
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A number over the tolerance box, and what it is."""
+
+    metric: str
+    crank_deg: float
+    what: str
+    value: float
+
+
+def rigid_drive(box: Box, crank_deg: float, points: Real) -> Drive:
+    """Drive of rigid bodies with the errors of points (n, n_columns)."""
+    sampled = box.errors(points)
+    clearance = assembly.bearing_clearance(box.study.design, sampled.bearing_clearance)
+    return drive_of(box.study, crank_deg, None, assembly.errors(sampled), clearance)
+
+
+def backlash(box: Box, crank_deg: float, points: Real) -> Real:
+    """Rigid backlash (n,) [arcmin] of points (n, n_columns); missing where contacts interfere."""
+    drive = rigid_drive(box, crank_deg, points)
+    play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
+    return np.where(play.preloaded, np.nan, ARCMIN * play.backlash)
+
+
+def play_bounds(box: Box, crank_deg: float, metric: str) -> Iterator[Bound]:
+    """Largest and least backlash at one crank angle, each from both sides."""
+    centre = box.centre
+    middle = rigid_drive(box, crank_deg, centre[None])
+    gap = UM_PER_MM * middle.gap[0]
+    ends = [UM_PER_MM * rigid_drive(box, crank_deg, box.flipped(centre, to)).gap for to in (0.0, 1.0)]
+    slopes = (ends[1] - ends[0]).T
+    patterns = [
+        UM_PER_MM * rigid_drive(box, crank_deg, box.turned(centre, wave)).gap.T - gap[:, None] for wave in box.waves
+    ]
+    loosest = rigid_drive(box, crank_deg, np.where(np.isin(np.arange(box.n_columns), box.columns), 1.0, centre)[None])
+    radii = UM_PER_MM * np.broadcast_to(loosest.bearing_clearance[0], middle.reducer.n_disks)
+    found = largest_play(middle.reducer.contact_jacobian, middle.reducer.output_motion, gap, slopes, patterns, radii)
+    yield Bound(metric, crank_deg, BY_PROGRAM, ARCMIN * found.play / UM_PER_MM)
+
+    start = centre.copy()
+    start[box.columns] = found.steps + 0.5
+    for wave, weights in zip(box.waves, found.weights, strict=True):
+        if weights.sum() > 0.5:
+            start[list(box.waves[wave])] = 1.0, np.argmax(weights) / weights.size
+    _, largest = climbed(box, lambda points: backlash(box, crank_deg, points), start)
+    yield Bound(metric, crank_deg, ATTAINED, largest)
+    _, least = climbed(box, lambda points: -np.nan_to_num(backlash(box, crank_deg, points), nan=0.0), centre)
+    yield Bound(metric, crank_deg, LEAST_FOUND, -least)
+    tightest = gap - 0.5 * np.abs(slopes).sum(axis=1) + sum(np.minimum(one.min(axis=1), 0.0) for one in patterns)
+    play = rigid_play(middle.reducer, tightest[None] / UM_PER_MM, middle.bearing_clearance)
+    yield Bound(metric, crank_deg, LEAST_BOUND, 0.0 if play.preloaded[0] else float(ARCMIN * play.backlash[0]))

@@ -1,0 +1,179 @@
+"""Tables of the worst cases, the linear stacks and the capabilities of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.config.study import Study
+from pipeline.decisions.bounds.box import Box, Evaluate, climbed
+from pipeline.decisions.bounds.capability import Capability, capability
+from pipeline.decisions.bounds.linear import stack, statistics_of
+from pipeline.decisions.bounds.play import Bound, play_bounds
+from pipeline.engine.store import write_atomic
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.model.metrics import library
+from pipeline.sampling import Errors, dimensions, errors_at, uniforms
+
+Real = NDArray[np.float64]
+SolveAt = Callable[[float, Errors], Mapping[str, Real]]
+"""Crank angle [deg] and errors of ``n`` units to each metric there (n,)."""
+
+WORST_FOUND = "worst found under load: a lower bound of the worst"
+UNITS = 2000
+"""Drawn units of which linear stack and full model are compared: their standard deviations to 1.6 %."""
+
+BOUNDS = Table(
+    "bounds",
+    "metric, crank angle, kind of bound",
+    (
+        Column("metric", "label", "", "column of metrics"),
+        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("what", "label", "", "which extreme over the tolerance box, and whether exact or from which side"),
+        Column("value", "float64", "the metric's", "the bound"),
+    ),
+)
+STACKS = Table(
+    "stacks",
+    "metric, crank angle, statistic",
+    (
+        Column("metric", "label", "", "column of metrics"),
+        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("statistic", "label", "", "mean, std (linear: root sum of squares), far (99.73 % on the bad side)"),
+        Column("linear", "float64", "the metric's", "of the linear stack about the middle of the zones"),
+        Column("full", "float64", "the metric's", "of the full model, the same units"),
+    ),
+)
+CONTRIBUTIONS = Table(
+    "contributions",
+    "metric, crank angle, tolerance",
+    (
+        Column("metric", "label", "", "column of metrics"),
+        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("parameter", "label", "", "tolerance"),
+        Column("percent", "float64", "%", "of the variance of the linear stack"),
+    ),
+)
+CAPABILITY = Table(
+    "capability",
+    "metric that has a limit",
+    (
+        Column("metric", "label", "", "column of metrics, over the turn as the limits mean it"),
+        Column("mean", "float64", "the metric's", "of the samples"),
+        Column("std", "float64", "the metric's", "of the samples"),
+        Column("cpk", "float64", "1", "limit less mean over three standard deviations"),
+        Column("yield_if_normal", "float64", "1", "yield that C_pk stands for where the metric is normal"),
+        Column("yield", "float64", "1", "share of the samples within the limit"),
+        Column("ci_low", "float64", "1", "lower end of its confidence interval"),
+        Column("ci_high", "float64", "1", "upper end"),
+        Column("means_something", "bool", "", "whether the yield of C_pk lies within that interval"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What was found of a study.
+
+    Attributes
+    ----------
+    stacks : rows (metric, crank_deg, statistic, linear, full).
+    contributions : rows (metric, crank_deg, tolerance, percent).
+    """
+
+    study: Study
+    bounds: tuple[Bound, ...]
+    stacks: tuple[tuple[str, float, str, float, float], ...]
+    contributions: tuple[tuple[str, float, str, float], ...]
+    capabilities: tuple[Capability, ...]
+
+
+def bounded_metrics(study: Study) -> list[str]:
+    """Metrics under load that are bounded: the headlines and those that have a limit."""
+    limits = study.limits.of_metrics
+    return [
+        name
+        for name, metric in library().items()
+        if (metric.headline or name in limits) and not metric.turn_of_rigid_bodies
+    ]
+
+
+def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.DataFrame) -> Findings:
+    """Worst cases, stacks and capabilities.
+
+    Parameters
+    ----------
+    cranks : crank angles [deg] of bounds and stacks.
+    units : metrics of the study's samples over the turn as its limits mean them, one column each.
+
+    Raises
+    ------
+    InputError
+        If the study has no tolerance box.
+    """
+    box = Box.of(study)
+    samples = study.samples.model_copy(update={"experiment": "monte_carlo", "count": UNITS})
+    numbers = uniforms(samples, sum(dimensions(study.design).values()), 0, UNITS)
+    bounds, stacks, contributions = [], [], []
+    for crank in cranks:
+        rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
+        bounds += [bound for name in rigid for bound in play_bounds(box, crank, name)]
+        drawn = solve(crank, errors_at(study, numbers))
+        for metric in (*rigid, *bounded_metrics(study)):
+            evaluate = partial(_metric_at, solve, box, crank, metric)
+            if metric not in rigid:
+                sign = -1.0 if library()[metric].smaller_is_worse else 1.0
+                _, worst = climbed(box, partial(_signed, evaluate, sign), box.centre)
+                bounds.append(Bound(metric, crank, WORST_FOUND, sign * worst))
+            linear = stack(study, box, evaluate, numbers)
+            known = np.isfinite(drawn[metric])
+            full, of_stack = statistics_of(metric, drawn[metric][known]), statistics_of(metric, linear.values[known])
+            of_stack["std"] = linear.rss
+            stacks += [(metric, crank, name, of_stack[name], full[name]) for name in full]
+            contributions += [(metric, crank, name, 100 * share) for name, share in linear.shares.items()]
+    capabilities = [
+        capability(name, units[name].dropna().to_numpy(float), limit, study.metrics.confidence)
+        for name, limit in study.limits.of_metrics.items()
+        if name in library() and units[name].notna().sum() > 1
+    ]
+    return Findings(study, tuple(bounds), tuple(stacks), tuple(contributions), tuple(capabilities))
+
+
+def _metric_at(solve: SolveAt, box: Box, crank_deg: float, metric: str, points: Real) -> Real:
+    return solve(crank_deg, box.errors(points))[metric]
+
+
+def _signed(evaluate: Evaluate, sign: float, points: Real) -> Real:
+    return sign * evaluate(points)
+
+
+def table_rows(found: Findings) -> dict[Table, Columns]:
+    """Rows of the four tables."""
+    capabilities = [
+        (c.metric, c.mean, c.std, c.cpk, c.yield_if_normal, c.passed.value, c.passed.ci_low, c.passed.ci_high)
+        + (c.means_something,)
+        for c in found.capabilities
+    ]
+    bounds = [(one.metric, one.crank_deg, one.what, one.value) for one in found.bounds]
+    rows = {BOUNDS: bounds, STACKS: found.stacks, CONTRIBUTIONS: found.contributions, CAPABILITY: capabilities}
+    return {table: _columns(table, content) for table, content in rows.items()}
+
+
+def _columns(table: Table, rows: Sequence[tuple]) -> Columns:
+    if not rows:
+        return table.empty()
+    frame = pd.DataFrame(rows, columns=[column.name for column in table.columns])
+    return {name: frame[name].to_numpy() for name in frame}
+
+
+def write_tables(found: Findings, folder: Path) -> None:
+    """Write the tables as CSV and Parquet into ``folder``."""
+    for table, rows in table_rows(found).items():
+        write_atomic(folder / f"{table.name}.parquet", table.part(rows).data)
+        write_atomic(folder / f"{table.name}.csv", pd.DataFrame(rows).to_csv(index=False, float_format="%.8g").encode())

@@ -1,0 +1,72 @@
+"""The page on worst cases beside statistics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, Findings, table_rows
+from pipeline.engine.store import write_atomic
+from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.report.rendering import rendered
+from pipeline.report.wording import number, percent, percent_interval
+
+TEMPLATE = "decisions/bounds.html"
+STATISTICS = {"mean": "mean", "std": "standard deviation", "far": "99.73 % on the bad side"}
+
+
+def write_bounds_page(found: Findings, folder: Path) -> None:
+    """Write report.html into ``folder``."""
+    tables = {table: pd.DataFrame(rows) for table, rows in table_rows(found).items()}
+    page = rendered(
+        TEMPLATE,
+        study=found.study,
+        bounds=[_bound(row) for row in tables[BOUNDS].to_dict("records")],
+        stacks=[_stack(row) for row in tables[STACKS].to_dict("records")],
+        cranks=sorted(set(tables[CONTRIBUTIONS]["crank_deg"])),
+        contributions=_contributions(tables[CONTRIBUTIONS]),
+        capabilities=[_capability(row) for row in tables[CAPABILITY].to_dict("records")],
+        pictures={},
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _bound(row: dict) -> tuple[str, str, str, str]:
+    quantity = METRICS[row["metric"]]
+    return quantity.axis, f"{row['crank_deg']:.4g}", row["what"], number(row["value"], quantity)
+
+
+def _stack(row: dict) -> dict[str, str]:
+    quantity = METRICS[row["metric"]]
+    gap = row["linear"] / row["full"] - 1 if row["full"] else float("nan")
+    return {
+        "title": quantity.axis,
+        "crank": f"{row['crank_deg']:.4g}",
+        "statistic": STATISTICS[row["statistic"]],
+        "linear": number(row["linear"], quantity),
+        "full": number(row["full"], quantity),
+        "gap": percent(gap),
+    }
+
+
+def _contributions(table: pd.DataFrame) -> list[tuple[str, str, list[str]]]:
+    rows = []
+    for (metric, parameter), part in table.groupby(["metric", "parameter"], sort=False):
+        by_crank = part.set_index("crank_deg")["percent"].sort_index()
+        rows.append((METRICS[metric].title, PARAMETERS[parameter], [percent(value / 100) for value in by_crank]))
+    return rows
+
+
+def _capability(row: dict) -> dict[str, object]:
+    quantity = METRICS[row["metric"]]
+    return {
+        "title": quantity.axis,
+        "mean": number(row["mean"], quantity),
+        "std": number(row["std"], quantity),
+        "cpk": f"{row['cpk']:.2f}",
+        "normal": percent(row["yield_if_normal"]),
+        "yield": percent(row["yield"]),
+        "ends": percent_interval(row["ci_low"], row["ci_high"]),
+        "means_something": row["means_something"],
+    }

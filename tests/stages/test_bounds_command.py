@@ -1,0 +1,52 @@
+"""The command bounds: its tables hold one another up, and no sample of the study lies beyond a bound."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline import cli
+from pipeline.cli import settings
+from pipeline.decisions.bounds import play, results
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def test_no_sample_lies_beyond_its_bounds(
+    outputs: dict, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    monkeypatch.setattr(settings, "RUNS", folder)
+    monkeypatch.setattr(results, "UNITS", 100)
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]")
+    start, end = text.index("[tolerances.pin_radial]"), text.index("[tolerances.ovality_2]")  # rings make it slow
+    study = tmp_path / "few.toml"
+    study.write_text(text[:start] + text[end:])
+    assert cli.main(["bounds", "--study", str(study), "--jobs", "1"]) == 0
+    assert "linear program" in capsys.readouterr().out
+    tables = {
+        name: pd.read_parquet(folder / f"bounds/few/{name}.parquet") for name in ("bounds", "stacks", "contributions")
+    }
+    metrics = pd.read_parquet(folder / "few/aggregate/metrics.parquet").iloc[1:]
+    bound = {(row.metric, row.what): row.value for row in tables["bounds"].itertuples()}
+    backlash = metrics["clearance_backlash_arcmin"]
+    assert bound["clearance_backlash_arcmin", play.LEAST_BOUND] <= backlash.min()
+    assert backlash.max() <= bound["clearance_backlash_arcmin", play.ATTAINED]
+    assert (
+        bound["clearance_backlash_arcmin", play.ATTAINED] <= 1.01 * bound["clearance_backlash_arcmin", play.BY_PROGRAM]
+    )
+    assert metrics["lost_motion_arcmin"].max() <= bound["lost_motion_arcmin", results.WORST_FOUND]
+    assert (
+        bound["torsional_rigidity_Nm_per_arcmin", results.WORST_FOUND]
+        <= metrics["torsional_rigidity_Nm_per_arcmin"].min()
+    )
+    np.testing.assert_allclose(tables["contributions"].groupby("metric", observed=True)["percent"].sum(), 100.0)
+    assert "C<sub>pk</sub>" in (folder / "bounds/few/report.html").read_text()
+
+
+def test_listed_cases_have_no_box(capsys: pytest.CaptureFixture) -> None:
+    assert cli.main(["bounds", "--study", "paper_tables"]) == 2
+    assert "listed cases have no tolerance box" in capsys.readouterr().err

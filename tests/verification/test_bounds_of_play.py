@@ -1,0 +1,96 @@
+"""The largest and the least play over a tolerance box against every vertex of a small box, and other programs."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.config import load_study
+from pipeline.config.tolerances import Tolerances
+from pipeline.decisions.bounds.box import Box, climbed
+from pipeline.decisions.bounds.largest_play import largest_play
+from pipeline.decisions.bounds.play import ATTAINED, BY_PROGRAM, LEAST_BOUND, LEAST_FOUND, backlash, play_bounds
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def play_of(gap, arms):
+    """Play of one rotation between contacts: from -min(gap/|arm|) on one side to the same on the other."""
+    ratio = gap / np.abs(arms)
+    return ratio[arms > 0].min() + ratio[arms < 0].min()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_program_is_the_largest_of_all_units(seed):
+    """A disk that only turns, 6 contacts, 5 errors: no vertex nor random unit has more, the unit found has it."""
+    rng = np.random.default_rng(seed)
+    arms = np.array([1.0, 2.0, 1.5, -1.0, -2.5, -0.8])
+    gap, slopes = rng.uniform(4, 6, 6), rng.normal(size=(6, 5))
+    found = largest_play(arms[:, None], 0, gap, slopes, [], np.empty(0))
+    units = np.concatenate(
+        [np.array(list(itertools.product((-0.5, 0.5), repeat=5))), rng.uniform(-0.5, 0.5, (3000, 5))]
+    )
+    plays = [play_of(gap + slopes @ unit, arms) for unit in units]
+    assert max(plays) <= found.play + 1e-9
+    assert play_of(gap + slopes @ found.steps, arms) == pytest.approx(found.play)
+    assert found.play > play_of(gap, arms)
+
+
+def test_an_amplitude_in_any_direction_is_a_disc():
+    """Gaps 1 + a cos(t) and 1 - a sin(t): the sum of both sides is largest at -45 degrees, 2 + sqrt(2) a."""
+    angle = 2 * np.pi * np.arange(72) / 72
+    found = largest_play(
+        np.array([[1.0], [-1.0]]),
+        0,
+        np.ones(2),
+        np.empty((2, 0)),
+        [0.3 * np.array([np.cos(angle), -np.sin(angle)])],
+        np.empty(0),
+    )
+    assert found.play == pytest.approx(2 + np.sqrt(2) * 0.3, rel=1e-3)
+
+
+def few_errors(**tolerances):
+    """The quick study with these tolerances alone, all others at their allowances."""
+    study = load_study("quick", ROOT)
+    fixed = {
+        name: {"distribution": "fixed", "value_um": 0.0, "allowance_um": tolerance.allowance_um}
+        for name, tolerance in study.tolerances
+    }
+    values = fixed | {name: one.model_dump() for name, one in study.tolerances if name in tolerances}
+    for name, limits in tolerances.items():
+        values[name] |= limits
+    return study.model_copy(update={"tolerances": Tolerances.model_validate(values)})
+
+
+def test_a_reducer_with_few_errors_is_bounded_by_all_of_its_vertices():
+    """Disk size, eccentricity, a two-lobed ovality: four vertices by 72 directions, and units between them."""
+    box = Box.of(few_errors(disk_profile={}, eccentricity={}, ovality_2={}))
+    bounds = {bound.what: bound.value for bound in play_bounds(box, 90.0, "clearance_backlash_arcmin")}
+    points = []
+    for corner in itertools.product((0.0, 1.0), repeat=2):
+        point = box.centre
+        point[box.columns] = corner
+        points += [point[None], box.turned(point, "ovality_2")]
+    values = backlash(box, 90.0, np.concatenate(points))
+    inside = box.centre + np.zeros((400, 1))
+    inside[:, [*box.columns, *box.waves["ovality_2"]]] = np.random.default_rng(1).random((400, 4))
+    largest = max(values.max(), backlash(box, 90.0, inside).max())
+    assert largest <= bounds[ATTAINED] <= 1.002 * bounds[BY_PROGRAM]
+    assert bounds[ATTAINED] == pytest.approx(largest, rel=5e-3)
+    assert values.min() - 1e-9 <= bounds[LEAST_FOUND] < 1.005 * values.min()  # a climb may end at a lower hill
+    assert bounds[LEAST_BOUND] <= values.min() < values.max()
+    assert bounds[BY_PROGRAM] == pytest.approx(largest, rel=5e-3)  # gaps bend a little over the zone
+
+
+def test_a_climb_ends_where_no_error_alone_helps():
+    box = Box.of(few_errors(disk_profile={}, eccentricity={}, ovality_2={}))
+    weight = np.zeros(box.n_columns)
+    weight[box.columns] = (1.0, -2.0)
+    phase = box.waves["ovality_2"][1]
+    point, value = climbed(
+        box, lambda points: points @ weight + np.cos(2 * np.pi * (points[:, phase] - 0.25)), box.centre
+    )
+    np.testing.assert_allclose(point[box.columns], (1.0, 0.0))
+    assert value == pytest.approx(2.0)
