@@ -30,6 +30,7 @@ Truth = NDArray[np.bool_]
 
 DESCRIBED, PARTLY = "described", "partly described"
 RESAMPLES, SEED = 2000, 81
+"""Resamples of the groups, and the seed by which they are drawn."""
 FEWEST_GROUPS = 3
 """Groups of data below which an estimate has no interval."""
 SPRING = "compliance"
