@@ -20,6 +20,7 @@ from stages.clearance import CLEARANCE
 from stages.drivers import DRIVERS
 from stages.hysteresis import CONTACTS, HYSTERESIS
 from stages.reduce import MESH_FILE, REDUCE
+from stages.running import TURN_CONTACTS
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
 
@@ -38,24 +39,24 @@ def _table(job: Job, stage: str, name: str) -> pd.DataFrame:
 def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
     """Rows of the first samples, as many as the bands need."""
     samples: int = job.study.samples.rows
-    rows = job.inputs[stage].record["tables"][table]["rows"]
+    rows = max(1, job.inputs[stage].record["tables"][table]["rows"])
     wanted = min(BAND_SAMPLES + 1, max(1, BAND_ROWS * samples // rows))
     return pd.DataFrame(job.read_items(stage, table, 0, wanted))
 
 
-def _loads(job: Job, samples: list[int]) -> pd.DataFrame:
+def _kept(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:
     """Contacts of the drawn samples and of the page's single units, as far as the study keeps them."""
     keep = job.study.cycle.keep_contacts
     drawn = {sample for sample in samples if keep == "all" or sample in keep}
     kept = sorted(drawn | set(kept_samples(job.study)))
-    parts = [pd.DataFrame(job.read_items("hysteresis", "contacts", sample, sample + 1)) for sample in kept]
-    return pd.concat(parts) if parts else pd.DataFrame(CONTACTS.empty())
+    parts = [pd.DataFrame(job.read_items("hysteresis", table.name, sample, sample + 1)) for sample in kept]
+    return pd.concat(parts) if parts else pd.DataFrame(table.empty())
 
 
 def _frames(job: Job) -> Frames:
     study: Study = job.study
     metrics, status = _table(job, "aggregate", "metrics"), _table(job, "hysteresis", "status")
-    size = None
+    drawn, size = list(drawn_samples(study, unsolved(metrics)).values()), None
     if study.reduce.disk == "elastic":
         with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
             size = len(mesh["triangles"]), len(mesh["nodes"])
@@ -70,7 +71,10 @@ def _frames(job: Job) -> Frames:
         contacts=_table(job, "clearance", "contacts"),
         gaps=_first_rows(job, "clearance", "gaps"),
         curves=_first_rows(job, "hysteresis", "curves"),
-        loads=_loads(job, list(drawn_samples(study, unsolved(metrics)).values())),
+        loads=_kept(job, CONTACTS, drawn),
+        transmission=_first_rows(job, "aggregate", "transmission"),
+        orders=_first_rows(job, "aggregate", "orders"),
+        turn_contacts=_kept(job, TURN_CONTACTS, drawn),
         laws=_table(job, "springs", "laws"),
         mesh=size,
     )

@@ -1,11 +1,9 @@
 """The figures of a report: which rows each one draws, and what its caption says."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pipeline import assembly
 from pipeline.config.design import Design
@@ -22,25 +20,17 @@ from pipeline.figures.springs import spring_laws_figure
 from pipeline.figures.units import units_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.model.geometry.reducer import OUTPUT
+from pipeline.report.drawing import Drawing
 from pipeline.report.explorer import explored_units
 from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.turn.drawings import turn_drawings
 from pipeline.report.wording import counted, plain
 
 FLANK_POINTS_PER_LOBE = 48
 """Points of the drawn flank: its polygon is off by less than a line."""
 RISING = (0.25, 0.5, 1.0)
 """Shares of the largest torque that join the lost-motion torque in the figures of growing torque."""
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """One figure of the report; `name` is the stem of its files and its place in the page."""
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
 
 
 def drawings(frames: Frames) -> Iterator[Drawing]:
@@ -52,6 +42,7 @@ def drawings(frames: Frames) -> Iterator[Drawing]:
     yield _clearances(frames)
     yield from _loads(frames)
     yield from _loops(frames)
+    yield from turn_drawings(frames)
     if not frames.listed and len(frames.over_turn):
         yield _distributions(frames)
         yield from _units(frames)

@@ -30,6 +30,8 @@ class Frames:
     contacts : of ``clearance``: the nominal contacts at every crank angle.
     gaps, curves : of ``clearance`` and ``hysteresis``: the rows of the first samples, all of them or enough for a band.
     loads : ``hysteresis/contacts`` of the drawn samples, as far as they were kept.
+    transmission, orders : of ``aggregate``: the rows of the first samples.
+    turn_contacts : of ``hysteresis``: the contacts of the drawn samples over the turn, as far as they were kept.
     laws : of ``springs``.
     mesh : number of triangles and of nodes of the disk; None of a rigid one.
     """
@@ -45,6 +47,9 @@ class Frames:
     gaps: pd.DataFrame
     curves: pd.DataFrame
     loads: pd.DataFrame
+    transmission: pd.DataFrame
+    orders: pd.DataFrame
+    turn_contacts: pd.DataFrame
     laws: pd.DataFrame
     mesh: tuple[int, int] | None
 
@@ -52,6 +57,11 @@ class Frames:
     def listed(self) -> bool:
         """Whether the samples are listed cases, so that there is nothing random about them."""
         return self.study.samples.experiment == "cases"
+
+    @property
+    def first_random(self) -> int:
+        """The first sample of the statistics: 1 behind a nominal reducer."""
+        return int(self.study.samples.nominal_first)
 
     @property
     def crank_deg(self) -> float:

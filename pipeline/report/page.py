@@ -14,6 +14,7 @@ from pipeline.report.explorer import explored
 from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.results import Results
+from pipeline.report.turn.section import TurnSection
 from pipeline.report.validity import beyond_law, overloaded
 from pipeline.statistics.replicated import FEWEST_BEYOND
 
@@ -56,6 +57,7 @@ def report_page(
         study=study,
         frames=frames,
         results=Results(frames),
+        turn=TurnSection(frames),
         case_rows=case_rows(frames) if frames.listed else [],
         case_crank_rows=case_crank_rows(frames) if frames.listed else [],
         drivers=found,

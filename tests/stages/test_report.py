@@ -22,6 +22,7 @@ from pipeline.report.cases import case_rows
 from pipeline.report.drawings import drawings
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.page import report_page
+from pipeline.report.turn.section import TurnSection
 from pipeline.report.validity import overloaded, ranges
 from pipeline.report.wording import interval, percent_interval, plain
 from stages import report
@@ -87,9 +88,28 @@ def frames_of(study: Study, runs: Path) -> Frames:
         gaps=table("clearance/gaps"),
         curves=table("hysteresis/curves"),
         loads=table("hysteresis/contacts"),
+        transmission=table("aggregate/transmission"),
+        orders=table("aggregate/orders"),
+        turn_contacts=table("hysteresis/turn_contacts"),
         laws=table("springs/laws"),
         mesh=(1234, 5678),
     )
+
+
+def test_the_section_of_the_turn_says_what_the_study_lacks(frames) -> None:
+    """Two loaded angles tell no error under load; the play at 181 of rigid bodies does; no speed, no life."""
+    section = TurnSection(frames)
+    titles = {row.title: row for row in section.rows}
+    nominal = frames.units.set_index("sample").loc[0, "unloaded_transmission_error_arcsec"]
+    assert titles["Transmission error without load"].values == (f"{nominal:.2f}",)
+    assert "Transmission error under load" not in titles
+    unknown = " ".join(section.unknown)
+    assert "Transmission error under load: it needs 8 crank angles evenly over the turn or more." in unknown
+    assert "input_speed_rpm" in unknown
+    assert "operation.rating" in unknown
+    page = written(frames)
+    assert 'id="turn"' in page
+    assert titles["Transmission error without load"].estimates[0].value in page
 
 
 def written(frames: Frames) -> str:

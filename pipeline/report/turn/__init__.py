@@ -1,0 +1,1 @@
+"""The section of the report on the turn: transmission error, forces, contact life and efficiency."""
