@@ -17,7 +17,8 @@ from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
-from pipeline.identification.selection.model_selection import MOST_EFFECTS, MOST_NAMED, Selection, Selector
+from pipeline.identification.selection.judgement import MOST_NAMED, Selection
+from pipeline.identification.selection.model_selection import MOST_EFFECTS, Selector
 from pipeline.identification.selection.remainder import Remainder, remainder
 from pipeline.identification.selection.statement import Statement, fault_statement, stated
 from pipeline.identification.selection.verdict import ADEQUATE, FAULT, Verdict, judge

@@ -10,17 +10,9 @@ from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, twins
 from pipeline.identification.selection import model_selection
 from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.model_selection import (
-    ALIKE,
-    FAMILYWISE,
-    FORM,
-    LEAST_GAIN,
-    LEAST_SHARE,
-    SET_LEVEL,
-    STRUCTURE,
-    Selection,
-    Selector,
-)
+from pipeline.identification.selection.judgement import ALIKE, FAMILYWISE, LEAST_GAIN, LEAST_SHARE, SET_LEVEL, Selection
+from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE
 from pipeline.identification.selection.screening import Promise
 from pipeline.statistics.blocks import confidence_set
 
@@ -108,7 +100,7 @@ def test_more_effects_are_named_only_for_a_gain_that_is_not_by_chance():
 
 
 def judged(base, losses, **more):
-    return selector(**more)._judged(trial("", base), trials_of(losses), {}, EVERYTHING)
+    return selector(**more).judged(trial("", base), trials_of(losses), {}, EVERYTHING)
 
 
 def test_survivors_gain_significantly_and_as_much_as_is_of_use():
@@ -132,7 +124,7 @@ def test_survivors_gain_significantly_and_as_much_as_is_of_use():
 @pytest.mark.parametrize(("stretched", "best"), [(1.2, ""), (2.0, "coulomb")])
 def test_an_effect_must_beat_a_refit_a_little_outside_of_the_plausible_ranges(stretched, best):
     losses = trials_of({"coulomb": 1.0 + 1e-3 * RIPPLED})
-    found = selector()._judged(trial("", 4.0), losses, {}, EVERYTHING, trial("", stretched))
+    found = selector().judged(trial("", 4.0), losses, {}, EVERYTHING, trial("", stretched))
     assert found.best == best
     assert found.stretched is not None
 
@@ -224,7 +216,7 @@ def with_twins(monkeypatch, best, losses):
     made.fitter = SimpleNamespace(fit=fit, start=lambda model: None)
     made.trial = lambda fit, _: trial(fit.model.name, losses[fit.model.name] + 1e-3 * RIPPLED)
     base = replace(trial("", 30.0), fit=SimpleNamespace(model=Model(), cost=30.0))
-    before = made._judged(base, {best: trial(best, losses[best] + 1e-3 * RIPPLED)}, {}, EVERYTHING)
+    before = made.judged(base, {best: trial(best, losses[best] + 1e-3 * RIPPLED)}, {}, EVERYTHING)
     assert before.members == (best,)
     return made._with_twins(before, EVERYTHING)
 

@@ -15,7 +15,7 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection import parameter_intervals, verdict
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.held_out import AngleError
-from pipeline.identification.selection.model_selection import Selection
+from pipeline.identification.selection.judgement import Selection
 from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, _positive, intervals, unsupported
 from pipeline.identification.selection.remainder import Remainder
 from pipeline.identification.selection.statement import stated

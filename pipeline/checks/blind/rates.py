@@ -13,7 +13,7 @@ from scipy.stats import beta
 from pipeline.checks.blind.generate import NONE, ONE, OUTSIDE_KIND, TWO
 from pipeline.checks.blind.run import VISIBLE, Row
 from pipeline.engine.store import write_atomic
-from pipeline.identification.selection.model_selection import STRUCTURE
+from pipeline.identification.selection.parameter_intervals import STRUCTURE
 from pipeline.identification.selection.verdict import UNEXPLAINED
 
 LEVEL = 0.95

@@ -18,7 +18,7 @@ from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.build import scaled_design
 from pipeline.identification.fitting.plausible_range import number_at
 from pipeline.identification.identify import Identification
-from pipeline.identification.selection.model_selection import Trial
+from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY, UNEXPLAINED
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME

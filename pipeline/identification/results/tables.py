@@ -13,7 +13,7 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.identification.selection.model_selection import FEWEST_BLOCKS
+from pipeline.identification.selection.judgement import FEWEST_BLOCKS
 from pipeline.identification.selection.statement import title_of
 
 Real = NDArray[np.float64]

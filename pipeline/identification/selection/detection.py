@@ -13,7 +13,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, unmapped
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.model_selection import STRUCTURE
+from pipeline.identification.selection.parameter_intervals import STRUCTURE
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]

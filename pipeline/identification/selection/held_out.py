@@ -17,7 +17,8 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Data, Model
 from pipeline.identification.selection.cross_validation import groups, precision_of
-from pipeline.identification.selection.model_selection import FEWEST_BLOCKS, Selection, Selector
+from pipeline.identification.selection.judgement import FEWEST_BLOCKS, Selection
+from pipeline.identification.selection.model_selection import Selector
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,11 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.cross_validation import Trial, trial
+from pipeline.identification.selection.judgement import MOST_NAMED, SEED, Judge, Selection, stands_for
+from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, unsupported
 from pipeline.identification.selection.recalibration import STRETCH, released
 from pipeline.identification.selection.screening import Promise, screened
-from pipeline.statistics.blocks import confidence_set, max_t
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -24,21 +25,6 @@ SHORTLIST = 6
 """Effects that are fitted in full, the best after a few steps."""
 NEAR = 1.5
 """Further ones are fitted where their misfit is within this ratio of the best."""
-FAMILYWISE = 0.05
-"""Chance of naming any effect where there is none, over all that are tried."""
-SET_LEVEL = 0.9
-"""Confidence of the set of models among which the best one is (Hansen, Lunde and Nason, 2011)."""
-LEAST_GAIN = 0.3
-"""Fall of the mean square of held-out residuals, in floors, below which a gain is of no use."""
-LEAST_SHARE = 0.1
-"""The same as a share of what a model leaves."""
-ALIKE = 0.05
-"""Difference of held-out losses, in squared floors and as a share of what is left, that decides nothing: the form of
-the model may cause it."""
-FEWEST_BLOCKS = 8
-"""Branches below which no effect is accepted: a bootstrap of fewer knows no tail."""
-RESAMPLES = 2000
-"""Of the block bootstrap: p is known to 0.5 % at 5 %."""
 FAR = 3.0
 """The first steps alone are taken of those whose misfit is beyond this ratio of the best."""
 FIRST_ITERATIONS = 3
@@ -54,66 +40,15 @@ FURTHER_STARTS = 2
 """Starts of the calibrated numbers within their ranges, beyond the declared one."""
 FAR_FROM_DECLARED = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
-MOST_NAMED = 2
-"""Effects that are named together; more only describe."""
 MOST_EFFECTS = 4
 """Effects in one description at most."""
+PAIRS = 4
+"""Pairs of effects that are fitted where no single one explains the unit."""
 ADDITIONS = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
-SEED = 20170
-"""Of the bootstrap and of further starts: equal data give an equal verdict."""
 
 
-@dataclass(frozen=True)
-class Selection:
-    """What was tried on a set of cells.
-
-    Attributes
-    ----------
-    base : calibrated numbers and tolerances alone.
-    trials : by name of the model.
-    screened : (share of the base's misfit) by name of every effect that could be tested.
-    t, p : of the gain over the base, p adjusted over all that were tried.
-    survivors : models whose gain is significant and of use, best first.
-    best : name, or "" without survivors.
-    claimed : the best of so few effects that they may be named together, or "".
-    members : names of the class of the best.
-    unsupported : by name of a model that would be a survivor, why its parameters support no claim.
-    stretched : calibrated numbers alone a little outside of their plausible ranges (``recalibration.STRETCH``), where
-        they stand at the ends of these: an effect must beat that too. Else None.
-    """
-
-    base: Trial
-    trials: Mapping[str, Trial]
-    screened: Mapping[str, float]
-    t: Mapping[str, float]
-    p: Mapping[str, float]
-    survivors: tuple[str, ...]
-    best: str
-    claimed: str
-    members: tuple[str, ...]
-    stretched: Trial | None = None
-    unsupported: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def chosen(self) -> Trial:
-        """The best model's trial, or the base's."""
-        return self.trials[self.best] if self.best else self.base
-
-    @property
-    def answer(self) -> Trial:
-        """The trial of the model that may be named, else of the best that describes, else the base's."""
-        if self.claimed or self.best or not self.trials or self.base.rms <= STRUCTURE:
-            return self.trials[self.claimed] if self.claimed else self.chosen
-        return min(self.trials.values(), key=lambda trial: trial.rms)
-
-    @property
-    def limit(self) -> float:
-        """Held-out rms in floors up to which the best model leaves nothing structured."""
-        return float(np.hypot(STRUCTURE, FORM * self.base.rms)) if self.best else STRUCTURE
-
-
-class Selector:
+class Selector(Judge):
     """Selections on subsets of one problem's cells."""
 
     def __init__(self, fitter: Fitter, seen: Truth, most_effects: int = MOST_EFFECTS):
@@ -166,8 +101,8 @@ class Selector:
             fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
         screened_misfit = {name: promise.misfit for name, promise in promises.items()}
-        selection = self._judged(base, trials, screened_misfit, cells, stretched)
-        return self.supported(selection, cells) if only else selection
+        selection = self.judged(base, trials, screened_misfit, cells, stretched)
+        return self.supported(selection, cells) if only else self._with_pairs(selection, cells, promises)
 
     def recalibrated(self, cells: Truth) -> Trial:
         """Calibrated numbers and tolerances alone; from several starts where the declared one leaves structure."""
@@ -235,12 +170,21 @@ class Selector:
             fits = self.fits(now, cells, self.screen(cells, now), ADDITIONS)
             trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
             before = selection.best
-            selection = self._judged(selection.base, trials, selection.screened, cells, selection.stretched)
+            selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
             if selection.best == before:
                 break
             trials = {**selection.trials, **self._without(selection, cells)}
-            selection = self._judged(selection.base, trials, selection.screened, cells, selection.stretched)
+            selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
         return self.supported(self._with_twins(selection, cells), cells)
+
+    def _with_pairs(self, selection: Selection, cells: Truth, promises: Mapping[str, Promise]) -> Selection:
+        """The selection once the most promising pairs were fitted, where no single effect explains the unit."""
+        if not selection.trials or selection.chosen.rms <= selection.limit:
+            return selection
+        pairs = promising_pairs(self.fitter, cells, selection.base.fit, promises, self.testable, PAIRS)
+        fits = [self.fitter.fit(model, cells, start) for model, start in pairs]
+        trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
+        return self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
 
     def _with_twins(self, selection: Selection, cells: Truth) -> Selection:
         """The selection once every twin of each effect of its best was fitted in the place of that effect."""
@@ -264,7 +208,7 @@ class Selector:
             }
         if len(trials) == len(selection.trials):
             return selection
-        return self._judged(selection.base, trials, selection.screened, cells, selection.stretched)
+        return self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
 
     def supported(self, selection: Selection, cells: Truth) -> Selection:
         """The selection among models whose parameters support a claim.
@@ -276,9 +220,9 @@ class Selector:
         reasons = {name: self.why_no_claim(trials[name], cells, selection.base) for name in useful}
         goals = [name for name in (selection.best, selection.claimed) if name]
         supported = [name for name in useful if not reasons[name]]
-        survivors = tuple(name for name in supported if any(_stands_for(name, goal, trials) for goal in goals))
+        survivors = tuple(name for name in supported if any(stands_for(name, goal, trials) for goal in goals))
         left_out = {name: reason for name, reason in reasons.items() if reason}
-        return replace(self._with_best(selection, survivors, cells), unsupported=left_out)
+        return replace(self.with_best(selection, survivors, cells), unsupported=left_out)
 
     def _without(self, selection: Selection, cells: Truth) -> dict[str, Trial]:
         """Trials of the best model less one of its effects, or with a simpler one in its place, from where it stands.
@@ -298,39 +242,6 @@ class Selector:
                     found[model.name] = again
         return found
 
-    def _judged(
-        self,
-        base: Trial,
-        trials: Mapping[str, Trial],
-        screened: Mapping[str, float],
-        cells: Truth,
-        stretched: Trial | None = None,
-    ) -> Selection:
-        names = list(trials)
-        if not names or len(base.losses) < FEWEST_BLOCKS or base.rms <= STRUCTURE:
-            return Selection(base, trials, screened, {}, {}, (), "", "", (), stretched)
-        t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
-        before = min(base.rms, stretched.rms if stretched else np.inf)
-        gain = np.array([before**2 - trials[name].rms ** 2 for name in names])
-        useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
-        for k, name in enumerate(names):
-            fit = trials[name].fit
-            useful[k] = useful[k] and not self.problem.within_tolerance(fit.model, fit.values.tolist())
-        scores = np.array([trials[name].scores.mean() for name in names])
-        survivors = [names[k] for k in np.argsort(scores) if useful[k]]
-        t_of, p_of = (dict(zip(names, values.tolist(), strict=True)) for values in (t, p))
-        judged = Selection(base, trials, screened, t_of, p_of, (), "", "", (), stretched)
-        return self._with_best(judged, tuple(survivors), cells)
-
-    def _with_best(self, selection: Selection, survivors: tuple[str, ...], cells: Truth) -> Selection:
-        """The selection with its best, what of it may be claimed, and its class, among the survivors."""
-        trials = selection.trials
-        best = self._best(survivors, trials, self.most_effects)
-        claimed = best if best and trials[best].fit.model.n_effects <= MOST_NAMED else ""
-        claimed = claimed or self._best(survivors, trials, MOST_NAMED)
-        members = self._members(best, survivors, trials, cells) if best else ()
-        return replace(selection, survivors=survivors, best=best, claimed=claimed, members=members)
-
     def why_no_claim(self, tried: Trial, cells: Truth, base: Trial) -> str:
         """Why the parameters of a model that gains over ``base`` support no claim, or "".
 
@@ -338,64 +249,3 @@ class Selector:
         """
         explains = tried.fit.model.n_effects == 1 and tried.rms <= float(np.hypot(STRUCTURE, FORM * base.rms))
         return unsupported(self.fitter, tried.fit, cells, base.rms, present=explains)
-
-    def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial], most_effects: int) -> str:
-        """Least held-out loss; more effects only where they gain significantly over the best with fewer."""
-        best = ""
-        for count in range(1, most_effects + 1):
-            alike = [name for name in survivors if trials[name].fit.model.n_effects == count]
-            if not alike:
-                continue
-            if best:
-                least = max(LEAST_GAIN, LEAST_SHARE * trials[best].rms ** 2)
-                if not self._gains(trials[best], trials[alike[0]], least, claimed=count <= MOST_NAMED):
-                    continue
-            best = alike[0]
-            simpler = _simplest(best)
-            least = _alike(trials[best])
-            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], least):
-                best = simpler
-        return best
-
-    @staticmethod
-    def _gains(before: Trial, after: Trial, least: float, claimed: bool = True) -> bool:
-        """Whether a model is better than a simpler one by ``least`` in squared floors, if ``claimed`` not by chance."""
-        _, p = max_t((before.scores - after.scores)[:, None], RESAMPLES, SEED)
-        of_use = before.rms**2 - after.rms**2 >= least
-        return bool(of_use and (p[0] <= FAMILYWISE or not claimed))
-
-    def _members(
-        self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth
-    ) -> tuple[str, ...]:
-        """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
-        alike = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
-        data = self.problem.data
-        _, first = np.unique(data.block[cells], return_index=True)
-        _, branch = np.unique(data.branch[cells][first], return_inverse=True)
-        scores = [np.bincount(branch, trials[name].scores) / np.bincount(branch) for name in alike]
-        kept = confidence_set(np.column_stack(scores), SET_LEVEL, RESAMPLES, SEED)
-        sigma = data.sigma
-        members = []
-        for name, inside in zip(alike, kept, strict=True):
-            apart = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
-            behind = trials[name].rms ** 2 - trials[best].rms ** 2
-            if name == best or ((inside or behind < _alike(trials[best])) and np.sqrt(np.mean(apart**2)) < 1):
-                members.append(name)
-        return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
-
-
-def _stands_for(name: str, goal: str, trials: Mapping[str, Trial]) -> bool:
-    """Whether a model has but effects of another one, or explains as much."""
-    behind = trials[name].rms ** 2 - trials[goal].rms ** 2
-    return set(name.split("+")) <= set(goal.split("+")) or behind < _alike(trials[goal])
-
-
-def _alike(trial: Trial) -> float:
-    """Difference of mean losses that decides nothing, in squared floors."""
-    return float(ALIKE * max(1.0, trial.rms**2))
-
-
-def _simplest(name: str) -> str:
-    """Name of a model with the simpler of nested effects in their place: they are not needed where it does as well."""
-    nested = limit_cases()
-    return "+".join(sorted(nested.get(part, part) for part in name.split("+")))

@@ -72,7 +72,7 @@ class Screening:
         self.basis, self.triangle = np.linalg.qr(self.rows)
         self.centre = fitter.centre(base.model, base.unknowns)
         self.left = self._scaled(data.angle - base.predicted) - self._pulled(base.unknowns.flat)
-        self.nothing = self._misfit(self._free(self.left))
+        self.nothing = self._misfit(self.free(self.left))
         self.plain = fitter.predict(base.model, base.unknowns, self.positions).angle
 
     def _pulled(self, flat: Real) -> Real:
@@ -85,9 +85,15 @@ class Screening:
         own = self.fitter.centred(np.nan_to_num(angle), self.weight)[self.cells] * self.root
         return np.concatenate([own, np.zeros(len(self.rows) - len(own))])
 
-    def _free(self, values: Real) -> Real:
+    def free(self, values: Real) -> Real:
         """What the base's unknowns cannot follow."""
         return values - self.basis @ (self.basis.T @ values)
+
+    def change(self, effect: Candidate, shares: Real) -> Real | None:
+        """Change of the curves [sigmas] by an effect at shares of its bounds; None without an equilibrium."""
+        start = replace(self.base.unknowns, shares=np.concatenate([self.base.unknowns.shares, shares]))
+        there = self.fitter.predict(Model((*self.base.model.effects, effect)), start, self.positions)
+        return self._scaled(there.angle - self.plain) if there.sound else None
 
     @staticmethod
     def _misfit(values: Real) -> float:
@@ -128,7 +134,7 @@ class Screening:
         flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
         data = self.fitter.problem.data
         return (
-            self._misfit(self._free(self._scaled(data.angle - there.angle) - self._pulled(flat)))
+            self._misfit(self.free(self._scaled(data.angle - there.angle) - self._pulled(flat)))
             if there.sound
             else np.inf
         )
@@ -157,12 +163,12 @@ class Screening:
         steps = np.array([step for step, _ in secants])
         changes = np.column_stack([change for _, change in secants])
         free = changes - self.basis @ (self.basis.T @ changes)
-        amounts = lsq_linear(free, self._free(self.left), (0.0, REACH)).x
+        amounts = lsq_linear(free, self.free(self.left), (0.0, REACH)).x
         shares = at.copy()
         shares[grows] = np.clip(at[grows] + amounts * steps, 0.0, 1.0)
         rest = self.left - changes @ amounts
         moved = np.linalg.lstsq(self.triangle, self.basis.T @ rest, rcond=None)[0]
-        return self._misfit(self._free(rest)), shares, moved
+        return self._misfit(self.free(rest)), shares, moved
 
     def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts of a ripple: its phase bends with the angle, so many periods are looked at, and the best fitted on.

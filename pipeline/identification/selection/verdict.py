@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.model_selection import MOST_NAMED, Selection
+from pipeline.identification.selection.judgement import MOST_NAMED, Selection
 from pipeline.identification.selection.parameter_intervals import FittedParameter, intervals
 from pipeline.identification.selection.recalibration import (
     UNLIKELY,

@@ -1,0 +1,104 @@
+"""Which two effects together promise most: neither of them need be the best one alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.problem import Candidate, Model
+from pipeline.identification.selection.screening import Promise, Screening
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+LARGEST_AMOUNT = 1.5
+"""Size of an effect, in that which it would need alone, up to which its change of the curves is scaled."""
+
+
+@dataclass(frozen=True)
+class _Look:
+    """One effect at the size that it would need alone.
+
+    Attributes
+    ----------
+    shares : (n_parameters,) of its bounds there.
+    zero : (n_parameters,) without the effect, of parameters that grow with it; elsewhere as ``shares``.
+    change : (n_cells + n_priors,) of the curves [sigmas], less what the base can follow.
+    """
+
+    effect: Candidate
+    shares: Real
+    zero: Real
+    change: Real
+
+    def at(self, amount: float) -> Real:
+        """Shares of the bounds at a share of this size."""
+        return np.clip(self.zero + amount * (self.shares - self.zero), 0.0, 1.0)
+
+
+def promising_pairs(
+    fitter: Fitter,
+    cells: Truth,
+    base: Fit,
+    promises: Mapping[str, Promise],
+    effects: Mapping[str, Candidate],
+    count: int,
+) -> list[tuple[Model, Vector]]:
+    """The ``count`` pairs that leave least of the base's misfit, each with a start of its fit.
+
+    Two sizes of at least zero are fitted linearly for every two effects, beside all that the base fits.
+    """
+    screening = Screening(fitter, cells, base, base.sigma)
+    looks = [look for name, promise in promises.items() for look in _looks(screening, effects[name], promise)]
+    goal = screening.free(screening.left)
+    found = []
+    for one, other in combinations(looks, 2):
+        if one.effect is not other.effect:
+            amounts = _amounts(one.change, other.change, goal)
+            rest = goal - amounts[0] * one.change - amounts[1] * other.change
+            found.append((float(rest @ rest), one, other, amounts))
+    best: dict[str, tuple[Model, Vector]] = {}
+    for _, one, other, amounts in sorted(found, key=lambda pair: pair[0]):
+        model = Model((one.effect, other.effect))
+        start = replace(base.unknowns, shares=np.concatenate([one.at(amounts[0]), other.at(amounts[1])]))
+        best.setdefault(model.name, (model, start))
+        if len(best) == count:
+            break
+    return list(best.values())
+
+
+def _looks(screening: Screening, effect: Candidate, promise: Promise) -> list[_Look]:
+    """The effect at each of its starts, beside the base as it stands."""
+    bounds = screening.fitter.problem.bounds(effect)
+    found = []
+    for start in promise.starts:
+        shares = start.shares[len(screening.base.unknowns.shares) :]
+        zero = np.array(
+            [-low / (high - low) if low <= 0 <= high else at for (low, high), at in zip(bounds, shares, strict=True)]
+        )
+        change = screening.change(effect, shares)
+        change = None if change is None else screening.free(change)
+        if change is not None and change @ change > 0:
+            found.append(_Look(effect, shares, zero, change))
+    return found
+
+
+def _amounts(one: Real, other: Real, goal: Real) -> tuple[float, float]:
+    """Least-squares amounts of two changes in [0, ``LARGEST_AMOUNT``]: inside, or on the edge that leaves least."""
+    gram = np.array([[one @ one, one @ other], [one @ other, other @ other]])
+    right = np.array([one @ goal, other @ goal])
+    inside = np.linalg.lstsq(gram, right, rcond=None)[0]
+    if np.all((inside >= 0) & (inside <= LARGEST_AMOUNT)):
+        return float(inside[0]), float(inside[1])
+    edges = []
+    for held in (0, 1):
+        for value in (0.0, LARGEST_AMOUNT):
+            free = np.clip((right[1 - held] - gram[0, 1] * value) / gram[1 - held, 1 - held], 0.0, LARGEST_AMOUNT)
+            edges.append((value, float(free)) if held == 0 else (float(free), value))
+    return min(edges, key=lambda at: float(np.array(at) @ gram @ np.array(at) - 2 * right @ np.array(at)))
