@@ -17,6 +17,7 @@ from pipeline.config.effects import effect_problems
 from pipeline.config.flank_file import with_flank_file
 from pipeline.config.geometry import geometry_problems
 from pipeline.config.messages import problems_of
+from pipeline.config.notation import with_notation
 from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
 from pipeline.config.study import Study
 from pipeline.config.tolerances import Tolerances, tolerance_problems
@@ -123,11 +124,14 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     """
     raw = with_tuples(data)
     design, others = _referred(raw.get("design"), read_design)
+    unreadable: list[Problem] = []
+    if "tolerances" in raw:
+        raw["tolerances"], unreadable = with_notation(raw["tolerances"], design)
     cases = raw.get("cases", ()) if isinstance(raw.get("cases", ()), tuple) else ()
     if isinstance(raw.get("samples"), dict) and raw["samples"].get("experiment") == "cases":
         raw["samples"].setdefault("count", max(1, len(cases)))
     problems, parts = validated(Study, {**raw, "name": name, "design": design})
-    problems = [problem for problem in problems if problem.key != "design"]
+    problems = unreadable + [problem for problem in problems if problem.key != "design"]
     problems += study_problems(parts, raw)
     if "design" not in raw or not (design or others):
         problems.append(Problem("design", raw.get("design", MISSING), "must be the name of a design file"))

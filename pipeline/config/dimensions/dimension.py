@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,7 @@ class Dimension:
     one_sided : whether the total cannot be negative: a clearance, an amplitude.
     direction : meaning of its random direction, which makes the deviation an amplitude; empty without one.
     size_um : nominal size that no deviation may use up, where it has one.
+    measure : whether it is a diameter or a radius; empty if neither. A drawing may state the one for the other.
     acts_on : dimension of elements through which it acts, in place of a gap of its own.
     shift : deviations (n,), directions (n,) [rad] and design to what they add to ``acts_on`` (n, n_elements).
     """
@@ -79,6 +81,7 @@ class Dimension:
     one_sided: bool = False
     direction: str = ""
     size_um: Callable[[Design], float] | None = None
+    measure: Literal["", "diameter", "radius"] = ""
     acts_on: str = ""
     shift: Callable[[Real, Real, Design], Real] | None = None
 

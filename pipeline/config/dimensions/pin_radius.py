@@ -10,5 +10,6 @@ DIMENSION = Dimension(
     rank=30,
     drawn=(9,),
     elements=PINS,
+    measure="radius",
     size_um=lambda design: 1e3 * design.cycloid.pin_radius_mm,
 )

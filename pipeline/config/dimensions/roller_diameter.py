@@ -10,5 +10,6 @@ DIMENSION = Dimension(
     rank=70,
     drawn=(11,),
     elements=ROLLERS,
+    measure="diameter",
     size_um=lambda design: 2e3 * design.output.contact_radius_mm,
 )

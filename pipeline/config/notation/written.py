@@ -1,0 +1,115 @@
+"""Tolerances of a study as a drawing writes them, in place of `lower_um` and `upper_um`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from math import isclose
+from typing import Any
+
+from pipeline.config.design import Design
+from pipeline.config.dimensions import Dimension, dimension_library
+from pipeline.config.notation.iso286 import limit_deviations
+from pipeline.config.section import Problem
+
+LIMITS, ISO, OF = "limits_mm", "iso", "of"
+PLAIN = ("lower_um", "upper_um")
+SIZES = ("diameter", "radius")
+NUMBER = r"([+-]?\d*\.?\d+)"
+PAIR = re.compile(rf"\s*{NUMBER}\s*/\s*{NUMBER}\s*")
+EQUAL = re.compile(r"\s*(?:±|\+-|\+/-)\s*(\d*\.?\d+)\s*")
+CODE = re.compile(r"\s*(\d*\.?\d+)?\s*([A-Za-z]{1,2})\s*(\d{1,2})\s*")
+UM_PER_MM = 1e3
+
+
+def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[Problem]]:
+    """The section ``tolerances`` with limits in um for those that a drawing writes, and what is wrong with them.
+
+    One that is wrong, or whose design could not be read, is left out.
+    """
+    if not isinstance(tolerances, Mapping):
+        return tolerances, []
+    resolved, problems = {}, []
+    for name, settings in tolerances.items():
+        dimension = dimension_library().get(name)
+        if not isinstance(settings, Mapping) or not {LIMITS, ISO, OF} & set(settings) or dimension is None:
+            resolved[name] = settings
+            continue
+        if design is None:
+            continue
+        found = _limits(dimension, settings, design)
+        if isinstance(found, Problem):
+            problems.append(found)
+            continue
+        others = {key: value for key, value in settings.items() if key not in (LIMITS, ISO, OF)}
+        resolved[name] = {**others, **dict(zip(PLAIN, found, strict=True))}
+    return resolved, problems
+
+
+def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Problem:
+    """Lower and upper limit deviation [um] of the dimension as the model has it, or what is wrong."""
+    key = f"tolerances.{dimension.name}"
+    stated = [name for name in (LIMITS, ISO, *PLAIN) if name in settings]
+    if not stated or stated[0] in PLAIN:
+        return Problem(f"{key}.{OF}", settings[OF], f"says of what {LIMITS} are, and stands beside them; delete it")
+    if len(stated) > 1:
+        return Problem(
+            f"{key}.{stated[1]}", settings[stated[1]], f"stands beside {stated[0]}; keep the one or the other"
+        )
+    if stated[0] == ISO:
+        return _by_code(dimension, settings, design)
+    pair = _pair(settings[LIMITS])
+    if pair is None:
+        allowed = 'must be as "+0.000/-0.004" or "±0.002", in mm'
+        return Problem(f"{key}.{LIMITS}", settings[LIMITS], allowed)
+    of = settings.get(OF)
+    if dimension.measure and of not in SIZES:
+        allowed = 'must be "diameter" or "radius": a drawing may give either'
+        return Problem(f"{key}.{OF}", of, allowed)
+    if not dimension.measure and of is not None:
+        return Problem(f"{key}.{OF}", of, f"{dimension.title} is neither a diameter nor a radius; delete it")
+    factor = UM_PER_MM * _share(dimension, str(of or ""))
+    return round(factor * pair[0], 9), round(factor * pair[1], 9)
+
+
+def _pair(text: object) -> tuple[float, float] | None:
+    """Lower and upper of two limits in either order, or of equal ones; None where the text is no such."""
+    if not isinstance(text, str):
+        return None
+    if match := EQUAL.fullmatch(text):
+        return -float(match[1]), float(match[1])
+    if match := PAIR.fullmatch(text):
+        lower, upper = sorted((float(match[1]), float(match[2])))
+        return lower, upper
+    return None
+
+
+def _share(dimension: Dimension, of: str) -> float:
+    """What a deviation of 1 of a diameter or radius is of the dimension."""
+    if not dimension.measure or of == dimension.measure:
+        return 1.0
+    return 0.5 if of == "diameter" else 2.0
+
+
+def _by_code(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Problem:
+    key, code = f"tolerances.{dimension.name}.{ISO}", settings[ISO]
+    if not dimension.measure or dimension.size_um is None:
+        return Problem(key, code, f"{dimension.title} has no nominal size; take {LIMITS}, or lower_um and upper_um")
+    if settings.get(OF, "diameter") != "diameter":
+        return Problem(
+            f"tolerances.{dimension.name}.{OF}", settings[OF], 'must be "diameter": an ISO code is of a diameter'
+        )
+    match = CODE.fullmatch(code) if isinstance(code, str) else None
+    if match is None:
+        return Problem(key, code, 'must be as "4h5" or "h5": size in mm, letter and grade of ISO 286')
+    nominal = dimension.size_um(design) / UM_PER_MM / _share(dimension, "diameter")
+    if match[1] and not isclose(float(match[1]), nominal, rel_tol=1e-6):
+        return Problem(
+            key, code, f"its size must be the design's diameter, {nominal:g} mm; correct the one or the other"
+        )
+    try:
+        lower, upper = limit_deviations(match[2], int(match[3]), nominal)
+    except ValueError as error:
+        return Problem(key, code, str(error))
+    share = _share(dimension, "diameter")
+    return share * lower, share * upper

@@ -1,0 +1,132 @@
+"""Tolerances as a drawing writes them: the standard's tables by its formulas and known codes, and what is refused."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.config import load_design, parse_study
+from pipeline.config.notation.iso286 import DEVIATIONS_UM, TOLERANCES_UM, UP_TO_MM, limit_deviations
+from pipeline.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+STUDY = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
+ENDS = np.array([1.0, *UP_TO_MM])
+ABOVE = slice(1, None)
+"""The smallest range, up to 3 mm, is the standard's own: its mean size is not that of the formulas."""
+MEAN = np.sqrt(ENDS[:-1] * ENDS[1:])
+
+
+def tolerances(**of_names):
+    """Those of the pin-in-hole study: pins of radius 3 mm, output pins of diameter 12 mm."""
+    raw = {**STUDY, "tolerances": of_names}
+    return parse_study(raw, "drawn", "drawn.toml", lambda name: load_design(name, ROOT)).tolerances
+
+
+def refused(settings, name="pin_radius"):
+    with pytest.raises(InputError) as raised:
+        tolerances(**{name: {"distribution": "uniform", **settings}})
+    return " | ".join(raised.value.problems)
+
+
+def test_grades_are_the_standards_formula_rounded():
+    unit = 0.45 * MEAN ** (1 / 3) + 0.001 * MEAN
+    for grade, units in {5: 7, 6: 10, 7: 16, 8: 25, 9: 40, 10: 64, 11: 100}.items():
+        np.testing.assert_allclose(TOLERANCES_UM[grade][ABOVE], (units * unit)[ABOVE], rtol=0.09, atol=0.6)
+    first = 0.8 + 0.02 * MEAN
+    for grade in (3, 4):  # in geometric progression from the first to the fifth
+        np.testing.assert_allclose(
+            TOLERANCES_UM[grade], first * (7 * unit / first) ** ((grade - 1) / 4), rtol=0.17, atol=0.8
+        )
+
+
+@pytest.mark.parametrize(
+    ("letter", "formula"),
+    [
+        ("e", lambda d: -11 * d**0.41),
+        ("f", lambda d: -5.5 * d**0.41),
+        ("g", lambda d: -2.5 * d**0.34),
+        ("h", lambda d: 0 * d),
+        ("n", lambda d: 5 * d**0.34),
+    ],
+)
+def test_deviations_are_the_standards_formulas_rounded(letter, formula):
+    np.testing.assert_allclose(DEVIATIONS_UM[letter][ABOVE], formula(MEAN)[ABOVE], rtol=0.06, atol=1.0)
+
+
+def test_deviations_that_are_differences_of_grades():
+    np.testing.assert_allclose(np.array(DEVIATIONS_UM["m"]), np.subtract(TOLERANCES_UM[7], TOLERANCES_UM[6]), atol=3)
+    beyond = np.array(DEVIATIONS_UM["p"])[1:] - np.array(TOLERANCES_UM[7])[1:]
+    assert np.all((beyond >= -0.5) & (beyond <= 5.5))
+
+
+@pytest.mark.parametrize(
+    ("code", "lower", "upper"),
+    [
+        (("H", 6, 14), 0, 11),
+        (("h", 5, 4), -5, 0),
+        (("g", 6, 25), -20, -7),
+        (("f", 7, 40), -50, -25),
+        (("js", 6, 10), -4.5, 4.5),
+        (("k", 6, 25), 2, 15),
+        (("m", 6, 12), 7, 18),
+        (("n", 6, 60), 20, 39),
+        (("p", 6, 60), 32, 51),
+        (("G", 7, 25), 7, 28),
+        (("K", 7, 25), -15, 6),
+        (("M", 7, 25), -21, 0),
+        (("N", 7, 25), -28, -7),
+        (("P", 7, 25), -35, -14),
+        (("N", 9, 25), -52, 0),
+        (("M", 6, 300), -41, -9),
+        (("P", 9, 40), -88, -26),
+        (("K", 6, 3), -6, 0),
+    ],
+)
+def test_codes_are_those_of_the_standards_tables(code, lower, upper):
+    """ISO 286-2, tables of limit deviations."""
+    assert limit_deviations(*code) == (lower, upper)
+
+
+@pytest.mark.parametrize("letter", ["h", "k", "n", "H", "N"])
+def test_ends_of_the_ranges_belong_to_the_smaller_one(letter):
+    assert limit_deviations(letter, 6, 18) == limit_deviations(letter, 6, 14)
+    assert limit_deviations(letter, 6, 18.001) == limit_deviations(letter, 6, 24)
+
+
+def test_a_diameter_on_the_drawing_is_half_of_it_on_a_radius():
+    uniform = {"distribution": "uniform"}
+    by_radius = tolerances(pin_radius={**uniform, "limits_mm": "+0.000/-0.002", "of": "radius"}).pin_radius
+    by_diameter = tolerances(pin_radius={**uniform, "limits_mm": "-0.004/0", "of": "diameter"}).pin_radius
+    plain = tolerances(pin_radius={**uniform, "lower_um": -2.0, "upper_um": 0.0}).pin_radius
+    assert by_radius == by_diameter == plain
+    by_code = tolerances(pin_radius={**uniform, "iso": "6 h5"}).pin_radius
+    assert by_code.limits_um == (-2.5, 0.0)
+    of_rollers = tolerances(roller_diameter={"distribution": "normal", "iso": "h6"}).roller_diameter
+    assert of_rollers.limits_um == (-11.0, 0.0)
+    equal = tolerances(pin_radial={**uniform, "limits_mm": "±0.005"}).pin_radial
+    assert equal.limits_um == (-5.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"limits_mm": "0/-0.004"}, 'tolerances.pin_radius.of; must be "diameter" or "radius"'),
+        ({"limits_mm": "4 um", "of": "radius"}, 'tolerances.pin_radius.limits_mm = "4 um"; must be as "+0.000/-0.004"'),
+        ({"limits_mm": "0/-0.004", "iso": "6h5"}, 'iso = "6h5"; stands beside limits_mm'),
+        ({"iso": "14h5"}, 'iso = "14h5"; its size must be the design\'s diameter, 6 mm'),
+        ({"iso": "6x5"}, "letters are e, f, g, h, js"),
+        ({"iso": "6h2"}, "grades are 3 to 11"),
+        ({"iso": "loose"}, 'must be as "4h5" or "h5"'),
+        ({"iso": "6h5", "of": "radius"}, 'of = "radius"; must be "diameter"'),
+        ({"of": "radius", "lower_um": -1.0, "upper_um": 0.0}, "says of what limits_mm are"),
+    ],
+)
+def test_what_no_drawing_says_is_refused(settings, told):
+    assert told in refused(settings)
+
+
+def test_a_position_has_no_code_and_is_no_radius():
+    assert "has no nominal size" in refused({"iso": "6h5"}, "pin_radial")
+    assert "neither a diameter nor a radius" in refused({"limits_mm": "±0.01", "of": "radius"}, "pin_radial")
