@@ -321,7 +321,7 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
 
 def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Path, runs: Path) -> None:
     refused = in_a_process(RUN, folder, runs, with_dogs(folder, 15.0, 5.0))
-    assert "output.mechanism = \"dogs\"; must be one of 'pin_in_hole', 'roller_plate'" in refused.stderr
+    assert "output.mechanism = \"dogs\"; must be one of 'direct', 'pin_in_hole', 'roller_plate'" in refused.stderr
     install(folder, "coupling_of_dogs", DOGS, "dogs = MECHANISM", MECHANISMS)
     refused = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0))
     assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refused.stderr

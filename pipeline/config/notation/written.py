@@ -11,6 +11,7 @@ from pipeline.config.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.notation.iso286 import limit_deviations
 from pipeline.config.section import Problem
+from pipeline.model.units import UM_PER_MM
 
 LIMITS, ISO, OF = "limits_mm", "iso", "of"
 PLAIN = ("lower_um", "upper_um")
@@ -19,7 +20,6 @@ NUMBER = r"([+-]?\d*\.?\d+)"
 PAIR = re.compile(rf"\s*{NUMBER}\s*/\s*{NUMBER}\s*")
 EQUAL = re.compile(r"\s*(?:±|\+-|\+/-)\s*(\d*\.?\d+)\s*")
 CODE = re.compile(r"\s*(\d*\.?\d+)?\s*([A-Za-z]{1,2})\s*(\d{1,2})\s*")
-UM_PER_MM = 1e3
 
 
 def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[Problem]]:
