@@ -13,6 +13,7 @@ from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.clocking import Clocking, clocking
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import OUTPUT, Bearing, Reducer, nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
@@ -111,7 +112,7 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
     radius, pin = design.cycloid.pin_radius_mm, inputs.materials[design.pins.material]
     on_flank = LineContact(1 / (1 / radius + at.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
     of_pins = inputs.law.on_mesh(on_flank, radius, reduce.patch_half_width_mm)
-    return concatenated([of_pins, design.output.laws(inputs)])
+    return concatenated([of_pins, *[design.output.laws(inputs)] * at.n_disks])
 
 
 def output_compliance(design: Design, at: Reducer) -> Real:
@@ -125,6 +126,14 @@ def output_compliance(design: Design, at: Reducer) -> Real:
     return full
 
 
-def disk_contacts(at: Reducer) -> np.ndarray:
-    """Numbers of the contacts that load the disk: the pins, then the rollers of its own slide or its output pins."""
-    return np.flatnonzero((at.contacts.body_a == "disk") | (at.contacts.body_b == "disk"))
+def disk_contacts(at: Reducer, disk: int = 0) -> np.ndarray:
+    """Numbers of the contacts that load a disk: the pins, then the rollers of its own slide or its output pins."""
+    return np.flatnonzero(at.disk_of_contact == disk)
+
+
+def clockings(design: Design) -> tuple[Clocking, ...]:
+    """How the lobes of each disk stand against its holes."""
+    holes = design.output.holes(design.cycloid)
+    centres = holes.centres if holes else np.zeros(0, complex)
+    count = design.disk.count
+    return tuple(clocking(centres, design.cycloid.lobes, disk, count) for disk in range(count))

@@ -4,7 +4,7 @@ from itertools import groupby
 
 import numpy as np
 
-from pipeline.assembly import profile
+from pipeline.assembly import disk_contacts, profile
 from pipeline.config.study import Study
 from pipeline.model.elastic.condensed_body import ElasticBody, elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
@@ -17,8 +17,12 @@ EDGES_PER_HALF_WIDTH = 2
 """Edges of a hole's wall under half of a patch."""
 
 
-def elastic_disk(study: Study) -> ElasticBody:
+def elastic_disk(study: Study, turned: float = 0.0) -> ElasticBody:
     """The meshed lobed disk with its holes, if any, held by the mean motion of its bore.
+
+    Parameters
+    ----------
+    turned : rotation of the holes [rad] from those of the first disk (``clocking``).
 
     Notes
     -----
@@ -33,7 +37,7 @@ def elastic_disk(study: Study) -> ElasticBody:
     if holes:
         sectors = 1
         edge = reduce.roller_patch_half_width_mm / EDGES_PER_HALF_WIDTH
-        mesh = perforated_mesh(mesh, holes.centres, holes.radius, edge, reduce.growth)
+        mesh = perforated_mesh(mesh, holes.centres * np.exp(1j * turned), holes.radius, edge, reduce.growth)
     material = design.materials[design.disk.material]
     return elastic_body(
         mesh,
@@ -46,8 +50,8 @@ def elastic_disk(study: Study) -> ElasticBody:
     )
 
 
-def disk_patches(study: Study, disk: ElasticBody, at: Reducer) -> Patches:
-    """Patches of ``disk_contacts`` on the disk, in the disk's frame, directed as the contacts push it.
+def disk_patches(study: Study, disk: ElasticBody, at: Reducer, number: int = 0) -> Patches:
+    """Patches of ``disk_contacts`` on a disk, in the frame of its lobes, directed as the contacts push it.
 
     Notes
     -----
@@ -55,14 +59,12 @@ def disk_patches(study: Study, disk: ElasticBody, at: Reducer) -> Patches:
     contact. A tongue stands out of the plane of the slice; its rollers' forces enter the slice along the tongue's
     faces, spread over the patch of a roller.
     """
-    contacts, reduce = at.contacts, study.reduce
-    lobed = profile(study.design)
-    turn = np.exp(-1j * disk_rotation(lobed, at.crank))
-    centre = lobed.eccentricity * np.exp(1j * at.crank)
-    point, normal = (contacts.point - centre) * turn, contacts.normal * turn
+    contacts, reduce, pose = at.contacts.some(disk_contacts(at, number)), study.reduce, at.disks[number]
+    turn = np.exp(-1j * disk_rotation(profile(study.design), pose.crank))
+    point, normal = (contacts.point - pose.eccentric) * turn, contacts.normal * turn
     pins = contacts.kind == PIN
     on_flank = boundary_patches(disk.mesh, "flank", point[pins], normal[pins], reduce.patch_half_width_mm)
-    output = np.flatnonzero((contacts.kind == OUTPUT) & (contacts.body_a == "disk"))
+    output = np.flatnonzero(contacts.kind == OUTPUT)
     width = reduce.roller_patch_half_width_mm
     parts = [on_flank]
     for in_holes, run in groupby(output, key=lambda contact: contacts.hole[contact] >= 0):

@@ -11,15 +11,16 @@ from pipeline.model.units import UM_PER_MM
 COMPLIANCE_FILE = "compliance.npz"
 
 
-def matrix_name(crank_deg: float) -> str:
-    """Name of the matrix of one crank angle in ``compliance.npz``."""
-    return f"crank_{crank_deg:.9g}"
+def matrix_name(crank_deg: float, disk: int = 0) -> str:
+    """Name of the matrix of one crank angle in ``compliance.npz``; of further disks with their number."""
+    return f"crank_{crank_deg:.9g}" + (f"_disk_{disk}" if disk else "")
 
 
 def full_compliance(path: Path, at: Reducer, crank_deg: float) -> np.ndarray:
-    """Compliance (n_contacts, n_contacts) [mm/N] between all contacts: the disk's, and rigid bodies elsewhere."""
-    rows = assembly.disk_contacts(at)
+    """Compliance (n_contacts, n_contacts) [mm/N] between all contacts: each disk's, and rigid bodies elsewhere."""
     full = np.zeros((len(at.contacts), len(at.contacts)))
     with np.load(path) as matrices:
-        full[np.ix_(rows, rows)] = matrices[matrix_name(crank_deg)] / UM_PER_MM
+        for disk in range(at.n_disks):
+            rows = assembly.disk_contacts(at, disk)
+            full[np.ix_(rows, rows)] = matrices[matrix_name(crank_deg, disk)] / UM_PER_MM
     return full

@@ -183,12 +183,12 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
     states = response.equilibria
     peak = np.max(drive.laws.peak_pressure(states.force), axis=(1, 2))
     readings = loop_readings(response, peak, assembly.definitions(study))
-    thrust = np.linalg.norm(states.force @ drive.reducer.contact_jacobian[:, :2], axis=2)
+    thrust = drive.reducer.thrust(states.force)
     return {
         "solved": response.converged,
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
         **{library()[name].valid_column: reason == "" for name, reason in solved.invalid.items()},
-        "bearing_force_N": np.max(thrust, axis=1),
+        "bearing_force_N": np.max(thrust, axis=(1, 2)),
         **running_columns(study, drive, response),
         "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
     }

@@ -15,6 +15,7 @@ from pipeline.figures.mesh import mesh_figure
 from pipeline.figures.style import save
 from pipeline.figures.vtk import write_vtk
 from pipeline.model.elastic.condensed_body import ElasticBody
+from pipeline.model.geometry.clocking import Clocking
 from pipeline.model.geometry.reducer import PIN, Reducer
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
 from stages.keys import CONTACT, CRANK
@@ -24,11 +25,12 @@ SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.flank",
 
 CONTACTS = Table(
     "contacts",
-    "row of the matrix, crank",
+    "row of the matrix, crank, disk",
     (
-        Column("row", "int32", "1", "row and column of the compliance matrix of this crank angle"),
+        Column("row", "int32", "1", "row and column of the disk's compliance matrix at this crank angle"),
         CONTACT,
         CRANK,
+        Column("disk", "int32", "1", "disk whose matrix it is"),
         Column("patch_half_width_mm", "float64", "mm", "half width of the elliptical pressure on the mesh"),
         Column(
             "compliance_um_per_N", "float64", "um/N", "diagonal entry: mean elastic deflection of the patch per force"
@@ -40,7 +42,7 @@ CONTACTS = Table(
 def _write_mesh(study: Study, disk: ElasticBody, at: Reducer, folder: Path) -> None:
     """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
     patches = elastic.disk_patches(study, disk, at)
-    pin = int(np.argmax(np.abs(at.pins.arm)))
+    pin = int(np.argmax(np.abs(at.disks[0].pins.arm)))
     moved = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
     write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": moved})
     np.savez(
@@ -60,7 +62,7 @@ def _run(job: Job) -> Tables:
     settings = json.dumps(
         {
             "cycloid": study.design.cycloid.model_dump(mode="json"),
-            "disk": study.design.disk.model_dump(mode="json"),
+            "disk": study.design.disk.model_dump(mode="json", exclude={"count", "clocking"}),
             "material": study.design.materials[study.design.disk.material].model_dump(mode="json"),
             "output": study.design.output.model_dump(mode="json"),
             "reduce": study.reduce.model_dump(mode="json"),
@@ -70,19 +72,28 @@ def _run(job: Job) -> Tables:
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
 
     @cache
-    def disk() -> ElasticBody:
-        return elastic.elastic_disk(study)
+    def disk(turned: float = 0.0) -> ElasticBody:
+        return elastic.elastic_disk(study, turned)
 
-    matrices = {}
+    def condensed(at: Reducer, number: int, turned: float, key: str) -> np.ndarray:
+        def condense(folder: Path) -> None:
+            patches = elastic.disk_patches(study, disk(turned), at, number)
+            np.save(folder / "matrix.npy", UM_PER_MM * disk(turned).compliance(patches).matrix)
+
+        return np.load(job.memo(f"{settings} {key}", condense) / "matrix.npy")
+
+    matrices: dict[str, Any] = {}
     for crank, at in reducers.items():
-
-        def condense(folder: Path, at: Reducer = at) -> None:
-            np.save(
-                folder / "matrix.npy", UM_PER_MM * disk().compliance(elastic.disk_patches(study, disk(), at)).matrix
-            )
-
-        folder = job.memo(f"{settings} crank {crank:.9g}", condense)
-        matrices[matrix_name(crank)] = np.load(folder / "matrix.npy")
+        for number, made in enumerate(assembly.clockings(study.design)):
+            name = matrix_name(crank, number)
+            if made.lobes is None:
+                matrices[name] = condensed(at, number, made.turned, f"crank {crank:.9g} disk {number}")
+                continue
+            # the first disk, as many turns of the crank later as it must be turned by lobes
+            turned_on = crank + 360.0 * (number / at.n_disks + made.lobes)
+            first_disk = condensed(assembly.reducer(study.design, turned_on), 0, 0.0, f"crank {turned_on:.9g}")
+            places = _places(at, number, made)
+            matrices[name] = first_disk[np.ix_(places, places)]
     first = next(iter(reducers.values()))
     drawn = job.memo(f"{settings} mesh at {first.crank:.9g}", lambda folder: _write_mesh(study, disk(), first, folder))
     for name in (MESH_FILE, "mesh.vtu"):
@@ -98,11 +109,22 @@ def _run(job: Job) -> Tables:
     return {"contacts": _contact_rows(study, reducers, matrices)}
 
 
+def _places(at: Reducer, number: int, made: Clocking) -> np.ndarray:
+    """Rows of the first disk's matrix in which the contacts of a disk stand that is the same part."""
+    rows = assembly.disk_contacts(at, number)
+    places, hole = np.arange(len(rows)), at.contacts.hole[rows]
+    places[hole >= 0] = np.flatnonzero(hole >= 0)[made.holes[hole[hole >= 0]]]
+    return places
+
+
 def _rigid(job: Job, study: Study) -> Tables:
     """A disk without compliance, and without a mesh to draw."""
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
-    sizes = {crank: len(assembly.disk_contacts(at)) for crank, at in reducers.items()}
-    matrices: dict[str, Any] = {matrix_name(crank): np.zeros((size, size)) for crank, size in sizes.items()}
+    matrices: dict[str, Any] = {}
+    for crank, at in reducers.items():
+        for disk in range(at.n_disks):
+            size = len(assembly.disk_contacts(at, disk))
+            matrices[matrix_name(crank, disk)] = np.zeros((size, size))
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
     return {"contacts": _contact_rows(study, reducers, matrices)}
 
@@ -113,17 +135,19 @@ def _contact_rows(
     width = {PIN: study.reduce.patch_half_width_mm}
     parts = []
     for crank, at in reducers.items():
-        contact = assembly.disk_contacts(at)
-        widths = [width.get(kind, study.reduce.roller_patch_half_width_mm) for kind in at.contacts.kind[contact]]
-        parts.append(
-            {
-                "row": np.arange(len(contact)),
-                "contact": contact,
-                "crank_deg": np.full(len(contact), crank),
-                "patch_half_width_mm": np.array(widths),
-                "compliance_um_per_N": np.diag(matrices[matrix_name(crank)]).copy(),
-            }
-        )
+        for disk in range(at.n_disks):
+            contact = assembly.disk_contacts(at, disk)
+            widths = [width.get(kind, study.reduce.roller_patch_half_width_mm) for kind in at.contacts.kind[contact]]
+            parts.append(
+                {
+                    "row": np.arange(len(contact)),
+                    "contact": contact,
+                    "crank_deg": np.full(len(contact), crank),
+                    "disk": np.full(len(contact), disk),
+                    "patch_half_width_mm": np.array(widths),
+                    "compliance_um_per_N": np.diag(matrices[matrix_name(crank, disk)]).copy(),
+                }
+            )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 

@@ -68,7 +68,7 @@ def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[
         for name, count in elements(design).items() if design else ():
             value = getattr(case, name)
             if design and count == 0 and np.any(value):
-                yield Problem(f"cases[{position}].{name}", value, dimension_library()[name].too_few_disks(design))
+                yield Problem(f"cases[{position}].{name}", value, dimension_library()[name].refusal(design))
             elif count and isinstance(value, Sequence) and len(value) != count:
                 yield Problem(
                     f"cases[{position}].{name}", f"list of {len(value)}", f"must have {count}, or be a number"

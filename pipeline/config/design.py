@@ -31,13 +31,20 @@ class Material(Section):
 
 
 class Disk(Section):
-    """Cycloid disk: a slice of constant thickness, carried on the input bearing in its bore."""
+    """Cycloid disks: slices of constant thickness, each carried on an input bearing of its own in its bore.
+
+    Their eccentrics share out the turn of the crank evenly, at 0, 360/`count`, ... degrees from its angle. The disks
+    hang on one output, so the lobes of disk k stand k/`count` of a lobe's pitch farther clockwise of its holes than
+    those of disk 0. `clocking` says how they are made: each with `own_holes`, or as the `same_part`, put in turned by
+    some holes, where a turn by whole holes makes up for that share of a lobe.
+    """
 
     material: str
     thickness_mm: Millimetres
     bore_radius_mm: Millimetres
     stress: Literal["plane_stress", "plane_strain"]
-    count: Annotated[int, Field(ge=1, le=1)] = 1
+    count: Annotated[int, Field(ge=1, le=3)] = 1
+    clocking: Literal["own_holes", "same_part"] = "own_holes"
 
 
 class Pins(Section):

@@ -6,9 +6,11 @@ from collections.abc import Iterator, Mapping
 from math import pi, sin
 from typing import Any
 
-from pipeline.config.design import Cycloid, Disk, Housing
+from pipeline.config.design import Bearing, Cycloid, Disk, Housing
 from pipeline.config.flank import flank_problems
+from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.section import Problem, nearest_name
+from pipeline.model.geometry.clocking import clocking
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 
@@ -33,7 +35,35 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
         problems += _bore(cycloid, disk)
     if output:
         problems += output.problems(cycloid, disk)
+    if disk and disk.count > 1:
+        problems += _several_disks(disk, cycloid, output, parts.get("bearing"))
     return problems + list(_materials(parts))
+
+
+def _several_disks(
+    disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None, bearing: Bearing | None
+) -> Iterator[Problem]:
+    """Disks that their output cannot take, that are no one part, or whose bearings are not solved."""
+    if output and output.one_disk_because:
+        allowed = f"must be 1 with the output {output.name}: {output.one_disk_because}; take pin_in_hole"
+        yield Problem("disk.count", disk.count, allowed)
+    if bearing and (bearing.exponent != 1 or bearing.clearance_um > 0):
+        key = "exponent" if bearing.exponent != 1 else "clearance_um"
+        allowed = (
+            f"must be {1 if key == 'exponent' else 0} with {disk.count} disks: their bearings are linear and tight"
+        )
+        yield Problem(f"bearing.{key}", getattr(bearing, key), allowed)
+    holes = output.holes(cycloid) if output and cycloid else None
+    if disk.clocking == "same_part" and cycloid and holes:
+        made = (clocking(holes.centres, cycloid.lobes, number, disk.count) for number in range(disk.count))
+        if any(one.lobes is None for one in made):
+            yield Problem(
+                "disk.clocking",
+                disk.clocking,
+                f"{len(holes.centres)} holes and {cycloid.lobes} lobes: no turn by whole holes leaves the lobes "
+                f"1/{disk.count} of their pitch off, so disks of one part collide with the pins; the number of holes "
+                f'over its common divisor with that of the lobes must divide by {disk.count}; or take "own_holes"',
+            )
 
 
 def _profile(cycloid: Cycloid) -> Iterator[Problem]:

@@ -59,7 +59,7 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
 
 def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design) -> Iterator[Problem]:
     if dimension.count(design) == 0 and tolerance != _NONE:
-        yield Problem(f"tolerances.{dimension.name}", None, dimension.too_few_disks(design))
+        yield Problem(f"tolerances.{dimension.name}", None, dimension.refusal(design))
     if dimension.size_um is None:
         return
     size = dimension.size_um(design)

@@ -4,13 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reducers import PAPER, SMALL, errors_of
+from drives import LINEAR, drive_with
+from reducers import PAPER, SMALL, STEEL, errors_of, random_compliance
 
 from pipeline.config.mechanisms.pin_in_hole import PinInHole
+from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
+from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.model.geometry.reducer import OUTPUT, PIN, nominal_reducer
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
+from pipeline.model.load_history.drive import first_poses
 
 EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
 CASES = pytest.mark.parametrize(
@@ -190,3 +194,55 @@ def test_each_disk_is_free_within_its_own_bearing():
     assert wider[3] > wider[0] * 1.01
     alike = rigid_play(at, gap, np.full(4, 2e-3)).backlash
     np.testing.assert_array_equal(alike, rigid_play(at, gap, np.full((4, 2), 2e-3)).backlash)
+
+
+def blocks(at, seed=7):
+    """A compliance (n_contacts, n_contacts) [mm/N] of disks that are one part, each in its place of the turn."""
+    rng, full = np.random.default_rng(seed), np.zeros((len(at.contacts), len(at.contacts)))
+    pins, holes = at.n_pins // at.n_disks, int(at.contacts.station.max()) + 1
+    block = random_compliance(pins + holes, rng)
+    for disk in range(at.n_disks):
+        rows = np.flatnonzero(at.disk_of_contact == disk)
+        turned = [np.roll(kind, disk * len(kind) // at.n_disks) for kind in (rows[:pins], rows[pins:])]
+        place = np.concatenate(turned)  # numbers run clockwise, eccentrics counterclockwise
+        full[np.ix_(place, place)] = block
+    return full
+
+
+def laws_of_disks(profile, at):
+    n_out = len(at.contacts) - at.n_pins
+    on_flank = LineContact(1 / (1 / profile.pin_radius + at.pins.flank_curvature), 2.0, STEEL, STEEL)
+    in_hole = LineContact(np.full(n_out, 1.5), 2.0, STEEL, STEEL)
+    shares = [[cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)] for line in (on_flank, in_hole)]
+    return concatenated([hertz_laws(on_flank, shares[0], 1.0), hertz_laws(in_hole, shares[1], 1.0)])
+
+
+def loaded(profile, at, torques, gap=0.0):
+    """Frictionless equilibria of one unit at ascending torques of one sense [N mm]."""
+    gaps_of_contacts = np.full((1, len(at.contacts)), gap)
+    drive = drive_with(profile, at, LINEAR, laws_of_disks(profile, at), blocks(at), gaps_of_contacts, np.zeros(1))
+    play = separated_play(at, gaps_of_contacts)
+    pose = play.pose_plus if torques[0] > 0 else play.pose_minus
+    return drive.equilibria(first_poses(drive, pose, torques[0]), torques)
+
+
+@pytest.mark.parametrize(("profile", "disks"), [(SMALL, 2), (SMALL, 3), (PAPER, 2)])
+@pytest.mark.parametrize("gap", [0.0, 2e-3])
+def test_perfect_disks_carry_equal_shares_and_turn_as_one_does_under_its_share(profile, disks, gap):
+    """Where the number of disks divides pins and holes they are one picture turned, and nothing shared gives way."""
+    _, at = reducer_at(profile, 0.3, disks)
+    _, alone = reducer_at(profile, 0.3, 1)
+    torques = np.array([300.0, 3000.0, 12000.0])
+    for sense in (1, -1):
+        whole, part = loaded(profile, at, sense * torques, gap), loaded(profile, alone, sense * torques / disks, gap)
+        assert np.all(whole.converged)
+        assert np.all(part.converged)
+        output = at.contact_jacobian[:, at.output_motion]
+        carried = [whole.force[0][:, at.disk_of_contact == k] @ output[at.disk_of_contact == k] for k in range(disks)]
+        for of_disk in carried:
+            np.testing.assert_allclose(of_disk, sense * torques / disks, rtol=1e-9)
+        np.testing.assert_allclose(
+            whole.motion[0, :, at.output_motion], part.motion[0, :, alone.output_motion], rtol=1e-9
+        )
+        thrust = at.thrust(whole.force)[0]
+        np.testing.assert_allclose(thrust, np.repeat(alone.thrust(part.force)[0], disks, axis=1), rtol=1e-8)

@@ -174,6 +174,37 @@ def geometry_problems_of(data):
     return geometry_problems({name: getattr(parse_design(data, "d.toml"), name) for name in Design.model_fields})
 
 
+@pytest.mark.parametrize(
+    ("design", "key", "value", "line"),
+    [
+        ("two_disks_39", "disk.count", 4, "disk.count = 4; must be <= 3"),
+        ("two_disks_39", "disk.count", 3, 'disk.clocking = "same_part"; 10 holes and 39 lobes: no turn by whole holes'),
+        ("two_disks_39", "output.pins", 9, 'disk.clocking = "same_part"; 9 holes and 39 lobes: no turn by whole holes'),
+        ("two_disks_39", "bearing.clearance_um", 5.0, "bearing.clearance_um = 5.0; must be 0 with 2 disks"),
+        ("two_disks_39", "bearing.exponent", 1.5, "bearing.exponent = 1.5; must be 1 with 2 disks"),
+        ("pham2017", "disk.count", 2, "disk.count = 2; must be 1 with the output roller_plate: a plate lies against"),
+    ],
+)
+def test_disks_that_collide_or_are_not_solved_are_refused(design, key, value, line):
+    data = tomllib.loads((ROOT / f"data/designs/{design}.toml").read_text())
+    problems = design_problems(changed(data, key, value))
+    assert any(problem.startswith(f"d.toml: {line}") for problem in problems), problems
+
+
+@pytest.mark.parametrize(
+    ("design", "name", "line"),
+    [
+        ("pin_in_hole_39", "eccentric_phase", "tolerances.eccentric_phase; acts on nothing with [disk] count = 1"),
+        ("two_disks_39", "bearing_clearance", "tolerances.bearing_clearance; is not solved with [disk] count = 2"),
+    ],
+)
+def test_tolerances_of_reducers_that_cannot_have_them_are_refused(study_data, design, name, line):
+    data = changed(changed(study_data, "design", design), "clearance.roller_reading", "half_diameter")
+    wide = {"distribution": "uniform", "lower_um": 0.0, "upper_um": 3.0}
+    problems = study_problems(changed(data, f"tolerances.{name}", wide))
+    assert any(problem.startswith(f"s.toml: {line}") for problem in problems), problems
+
+
 def test_pins_in_holes_leave_no_choice_of_the_reading_of_their_diameter(study_data):
     data = changed(changed(study_data, "design", "pin_in_hole_39"), "clearance.roller_reading", "diameter")
     (problem,) = study_problems(data)

@@ -10,5 +10,6 @@ DIMENSION = Dimension(
     rank=80,
     drawn=(2,),
     of_disk=True,
+    most_disks=1,
     one_sided=True,
 )

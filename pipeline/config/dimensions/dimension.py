@@ -60,7 +60,7 @@ class Dimension:
     drawn : its place in the design of experiment, and that of its direction; places after all others leave their order.
     elements : what has one each; None for a dimension of the whole reducer, or of a disk.
     of_disk : whether every disk has deviations of its own.
-    fewest_disks : disks of a reducer below which it acts on nothing.
+    fewest_disks, most_disks : disks of a reducer below which it acts on nothing, and above which it is not solved.
     one_sided : whether the total cannot be negative: a clearance, an amplitude.
     direction : meaning of its random direction, which makes the deviation an amplitude; empty without one.
     size_um : nominal size that no deviation may use up, where it has one.
@@ -78,6 +78,7 @@ class Dimension:
     elements: Elements | None = None
     of_disk: bool = False
     fewest_disks: int = 1
+    most_disks: int = 3
     one_sided: bool = False
     direction: str = ""
     size_um: Callable[[Design], float] | None = None
@@ -96,17 +97,17 @@ class Dimension:
         return f"{self.name}_phase"
 
     def count(self, design: Design) -> int:
-        """Number of deviations of a reducer, disk after disk; 0 where the dimension acts on nothing."""
+        """Number of deviations of a reducer, disk after disk; 0 of a reducer that cannot have them."""
         disks = design.disk.count if self.of_disk else 1
         per_disk = self.elements.count(design) if self.elements else 1
-        return disks * per_disk if design.disk.count >= self.fewest_disks else 0
+        return disks * per_disk if self.fewest_disks <= design.disk.count <= self.most_disks else 0
 
-    def too_few_disks(self, design: Design) -> str:
-        """Why a deviation of a reducer that has not the ``fewest_disks`` is refused."""
-        return (
-            f"acts on nothing where [disk] count = {design.disk.count}: it counts against the other disks, of which "
-            f"{self.fewest_disks - 1} must be there; delete it"
-        )
+    def refusal(self, design: Design) -> str:
+        """Why a reducer of so many disks cannot have a deviation."""
+        disks = f"[disk] count = {design.disk.count}"
+        if design.disk.count > self.most_disks:
+            return f"is not solved with {disks}, whose bearings are tight; delete it"
+        return f"acts on nothing with {disks}: it counts against another disk; delete it"
 
     @property
     def table(self) -> str:

@@ -90,6 +90,7 @@ class OutputMechanism(Section):
     diameter_readings : what the study may take a diameter's error for (``clearance.ROLLER_READINGS``), in words.
     material_keys : settings that name materials.
     interfaces : pairs of bodies in contact between a disk and the output.
+    one_disk_because : why it takes no second disk; empty where it takes several.
     """
 
     name: ClassVar[str]
@@ -97,6 +98,7 @@ class OutputMechanism(Section):
     diameter_readings: ClassVar[Mapping[str, str]]
     material_keys: ClassVar[tuple[str, ...]]
     interfaces: ClassVar[int]
+    one_disk_because: ClassVar[str] = ""
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:

@@ -50,6 +50,9 @@ class RollerPlate(OutputMechanism):
     }
     material_keys = ("roller_material", "plate_material")
     interfaces = 2
+    one_disk_because = (
+        "a plate lies against its disk and the output against the plate: a second disk would need its own"
+    )
 
     mechanism: Literal["roller_plate"]
     roller_radius_mm: Millimetres

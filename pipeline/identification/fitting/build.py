@@ -123,7 +123,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], seen: T
                 float(crank),
                 factor * compliance,
                 _repeated(errors, len(at.cycle)),
-                assembly.bearing_clearance(scaled.design, np.repeat(sampled.bearing_clearance, len(at.cycle))),
+                assembly.bearing_clearance(scaled.design, np.repeat(sampled.bearing_clearance, len(at.cycle), axis=0)),
             )
             for crank, compliance, at in zip(rows.cranks, compliances, conditions, strict=True)
         )

@@ -93,25 +93,16 @@ def pin_sliders(reducer: Reducer, laws: ContactLaws, coefficient: float, rated_t
     The tangential stiffness is ``TANGENTIAL`` times the law's at the force of a pin when a quarter of the pins share
     the ``rated_torque`` [N mm].
     """
-    n, pins = reducer.n_pins, reducer.pins
-    tangent = 1j * pins.normal
-    from_centre = pins.point - _disk_centre(reducer)
-    direction = np.zeros((n, len(reducer.motions)))
-    direction[:, reducer.motions.index("disk_x")] = tangent.real
-    direction[:, reducer.motions.index("disk_y")] = tangent.imag
-    direction[:, reducer.motions.index("disk_phi")] = np.real(np.conj(pins.normal) * from_centre)
-    if reducer.rolling:  # by 1/Z about the pitch point, Z eccentricities beyond the centre
-        rolled = reducer.rolling * from_centre - _disk_centre(reducer)
-        direction[:, reducer.output_motion] = np.real(np.conj(pins.normal) * rolled)
-    force = np.full(len(laws), rated_torque / (0.25 * np.sum(np.abs(pins.arm))))
+    n, motions = reducer.n_pins, reducer.motions
+    direction = np.zeros((n, len(motions)))
+    for disk, rows in zip(reducer.disks, np.split(np.arange(n), reducer.n_disks), strict=True):
+        tangent, from_centre = 1j * disk.pins.normal, disk.pins.point - disk.eccentric
+        direction[rows, motions.index(f"{disk.body}_x")] = tangent.real
+        direction[rows, motions.index(f"{disk.body}_y")] = tangent.imag
+        direction[rows, motions.index(f"{disk.body}_phi")] = np.real(np.conj(disk.pins.normal) * from_centre)
+        if reducer.rolling:  # by 1/Z about the pitch point, Z eccentricities beyond the centre
+            rolled = reducer.rolling * from_centre - disk.eccentric
+            direction[rows, reducer.output_motion] = np.real(np.conj(disk.pins.normal) * rolled)
+    force = np.full(len(laws), rated_torque / (0.25 * np.sum(np.abs(reducer.pins.arm))))
     stiffness = TANGENTIAL / laws.compliance(force)[:n]
     return Sliders(direction, stiffness, np.zeros(n), np.full(n, coefficient), np.arange(n))
-
-
-def _disk_centre(reducer: Reducer) -> complex:
-    """Centre of the disk [mm] in the housing frame: the lever arms of the pins' normals about it are known."""
-    pins = reducer.pins
-    rows = np.column_stack([pins.normal.imag, -pins.normal.real])
-    moment = np.imag(np.conj(pins.point) * pins.normal) - pins.arm  # = centre x normal
-    x, y = np.linalg.lstsq(rows, moment, rcond=None)[0]
-    return complex(x, y)

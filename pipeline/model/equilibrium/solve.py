@@ -29,7 +29,7 @@ from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
 from pipeline.model.equilibrium.primal_active_set import settle
 from pipeline.model.equilibrium.residual import System, workspace
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
 LARGEST_RISE = 2.5
 """Ratio of a load step's torque to the last one's, or its inverse, beyond which steps are put in between: contacts
@@ -144,12 +144,21 @@ def solve(
     torque : (n_torques,) [N mm]
         None of them zero: with play the zero-torque pose is not unique (``rigid_backlash.rigid_play`` has its ends).
 
+    Raises
+    ------
+    ValueError
+        If several disks stand on bearings that are not linear or have a clearance.
+
     Notes
     -----
     A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
     """
-    linear = bearing.exponent == 1 and not np.any(bearing_clearance)
-    planar, free = reducer.contact_jacobian[:, :2], reducer.contact_jacobian[:, 2 if linear else 0 :]
+    clearance = of_each_disk(bearing_clearance, reducer.n_disks)
+    linear = bearing.exponent == 1 and not np.any(clearance)
+    if not linear and reducer.n_disks > 1:
+        raise ValueError(f"{reducer.n_disks} disks on bearings that are not linear or have a clearance")
+    held = 2 * reducer.n_disks if linear else 0
+    planar, free = reducer.planar, reducer.contact_jacobian[:, held:]
     if linear:
         compliance = compliance + planar @ planar.T / bearing.stiffness
     n, n_contacts = gap.shape
@@ -160,7 +169,7 @@ def solve(
         np.ascontiguousarray(free.T),
         np.ascontiguousarray(compliance),
         *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
-        reducer.output_motion - (2 if linear else 0),
+        reducer.output_motion - held,
         not linear,
         bearing.stiffness,
         bearing.exponent,
@@ -170,8 +179,8 @@ def solve(
         workspace(free.shape[1], n_contacts),
         np.asarray(torque, float),
         np.ascontiguousarray(gap),
-        np.ascontiguousarray(bearing_clearance, dtype=float),
-        np.ascontiguousarray(start[:, 2 if linear else 0 :]),
+        np.ascontiguousarray(clearance[:, 0], dtype=float),
+        np.ascontiguousarray(start[:, held:]),
         motion,
         force,
         iterations,

@@ -14,7 +14,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
-from pipeline.model.geometry.reducer import Bearing, Reducer
+from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 from pipeline.model.geometry.rigid_backlash import rigid_play, separated_play
 
 NO_LOAD = 1e-5
@@ -70,7 +70,7 @@ class Drive:
     rated_torque : [N mm]
     errors : manufacturing errors (n, ...) [mm].
     shift : gap that the errors do not describe (n, n_contacts) [mm]: wear, growth, preload.
-    bearing_clearance : (n,) [mm]
+    bearing_clearance : (n,) of all bearings alike, or (n, n_disks) [mm].
     compliance : of the elastic bodies between the contacts (n_contacts, n_contacts) [mm/N].
     sliders : friction.
     torsion : compliance between the reducer's output and the torque [rad/(N mm)].
@@ -126,6 +126,11 @@ class Drive:
         """Rotation [rad] between the reducer's output and a torque [N mm], at once."""
         linear = self.torsion * torque
         return linear if self.hardening is None else linear + self.hardening.twist(torque)
+
+    @property
+    def clearance_of_disks(self) -> Real:
+        """Clearance of each disk's bearing (n, n_disks) [mm]."""
+        return of_each_disk(self.bearing_clearance, self.reducer.n_disks)
 
     @property
     def without_twist(self) -> "Drive":
@@ -200,10 +205,10 @@ class Backbone:
         force = self.states.force
         given = [one.gap[:, None] + force @ one.compliance + one.laws.deflection(force) for one in (near, drive)]
         change = np.sum(self._over_torque(force) * (given[0] - given[1]), axis=2)
-        thrust = np.linalg.norm(force @ drive.reducer.contact_jacobian[:, :2], axis=2)
-        held = [one.bearing.depth(thrust) + one.bearing_clearance[:, None] for one in (near, drive)]
+        thrust = drive.reducer.thrust(force)
+        held = [one.bearing.depth(thrust) + one.clearance_of_disks[:, None] for one in (near, drive)]
         twisted = near.twist(self.torque) - drive.twist(self.torque)
-        return change + self._over_torque(thrust) * (held[0] - held[1]) + twisted
+        return change + np.sum(self._over_torque(thrust) * (held[0] - held[1]), axis=2) + twisted
 
 
 def ladder(levels: int, reach: float) -> Real:
@@ -223,7 +228,8 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
     senses = [1 if motion == reducer.output_motion else np.sign(reducer.flange_ratio) for motion in rotations]
     closed = pose.copy()
-    closed[:, rotations] += turn * np.array(senses) * np.arange(1, len(rotations) + 1)
+    bodies_passed = np.maximum(np.arange(len(rotations)) + 2 - reducer.n_disks, 1)  # disks stand side by side
+    closed[:, rotations] += turn * np.array(senses) * bodies_passed
     return closed
 
 
@@ -235,7 +241,7 @@ def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
     Contacts that interfere (``preloaded``) are many at no load and few at the last torque, and a loose disk is easily
     found under load, from where one without clearance stands: both are solved from the last torque down.
     """
-    loose = drive.bearing_clearance
+    loose = drive.clearance_of_disks
     start = first_poses(drive, pose, levels[-1 if preloaded else 0])
     if np.any(loose):
         held = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(loose))
@@ -247,16 +253,22 @@ def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
 
 
 def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
-    """Poses (n, n_motions) once a bearing without clearance gets one: its disk falls on by it.
+    """Poses (n, n_motions) once bearings without clearance get one [mm]: each disk falls on by its own.
 
     The rotations follow so that the contacts, weighted by their forces (n, n_contacts), stay as deep as they can.
     """
-    planar, rotations = reducer.contact_jacobian[:, :2], reducer.contact_jacobian[:, 2:]
+    translations = 2 * reducer.n_disks
+    planar, rotations = reducer.planar, reducer.contact_jacobian[:, translations:]
     moved = motion.copy()
-    fall = motion[:, :2] * (clearance / np.maximum(np.hypot(*motion[:, :2].T), 1e-300))[:, None]
-    moved[:, :2] += fall
+    way = motion[:, :translations].reshape(len(motion), -1, 2)
+    fall = (
+        way
+        * (of_each_disk(clearance, reducer.n_disks) / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-300))[..., None]
+    )
+    fall = fall.reshape(len(motion), -1)
+    moved[:, :translations] += fall
     for k, own in enumerate(np.sqrt(np.maximum(force, 0.0))):
-        moved[k, 2:] -= np.linalg.lstsq(own[:, None] * rotations, own * (planar @ fall[k]), rcond=None)[0]
+        moved[k, translations:] -= np.linalg.lstsq(own[:, None] * rotations, own * (planar @ fall[k]), rcond=None)[0]
     return moved
 
 
@@ -275,7 +287,9 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
         _way(drive, pose, sense * torque, preloaded)
         for sense, pose in ((-1.0, separated.pose_minus), (1.0, separated.pose_plus))
     ]
-    hard = (drive.bearing_clearance > 0) & ~np.all([np.all(one.converged, axis=1) for one in senses], axis=0)
+    hard = np.any(drive.clearance_of_disks > 0, axis=1) & ~np.all(
+        [np.all(one.converged, axis=1) for one in senses], axis=0
+    )
     if np.any(hard):
         left = drive.some(hard)
         coupled = rigid_play(drive.reducer, left.gap, left.bearing_clearance)

@@ -48,12 +48,12 @@ def _rotation(drive: Drive, response: CycleResponse, largest_torque: float) -> R
 
 
 def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
-    """Largest gap (n,) that a pin closes which carries at +-``torque``, and the bearing's clearance [mm]."""
+    """Largest gap (n,) that a pin closes which carries at +-``torque``, and the largest clearance of a bearing [mm]."""
     of_pins = drive.reducer.contacts.kind == PIN
     steps = [_steps_of(response, "loading+", torque), _steps_of(response, "loading-", -torque)]
     carries = np.any(response.equilibria.force[:, response.state[steps]][:, :, of_pins] > 0, axis=1)
     closed = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
-    return np.maximum(closed, drive.bearing_clearance)
+    return np.maximum(closed, np.max(drive.clearance_of_disks, axis=1))
 
 
 def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:

@@ -1,0 +1,49 @@
+"""How the lobes of several disks stand against their holes, and whether the disks can be one part."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.model.geometry.cycloid_profile import Complex, Index
+
+COINCIDENT = 1e-9
+"""Distance of holes that coincide, over the radius of their circle."""
+
+
+@dataclass(frozen=True)
+class Clocking:
+    """One disk against the first one, in whose frame the lobes stand.
+
+    Attributes
+    ----------
+    turned : rotation of its holes [rad] from those of the first disk.
+    lobes : whole lobes by which the first disk, turned on, has its holes there too; None where no turn does.
+    holes : hole of the first disk, turned by the lobes, that is in the place of each of its own (n_holes,).
+    """
+
+    turned: float
+    lobes: int | None
+    holes: Index
+
+    @property
+    def first_part(self) -> bool:
+        """Whether the disk is the first one's part."""
+        return self.lobes is not None
+
+
+def clocking(centres: Complex, lobes: int, disk: int, count: int) -> Clocking:
+    """How disk number ``disk`` of ``count`` is made, with holes at ``centres`` (n_holes,) of the first one [mm].
+
+    Notes
+    -----
+    The disks hang on one output, so their holes stand alike as they are mounted, while the lobes of disk k mesh at the
+    eccentric that is k/count of a turn ahead, which turns them by k/count of their pitch, clockwise.
+    """
+    pitch = 2 * np.pi / lobes
+    turned = pitch * disk / count
+    for whole in range(lobes):
+        places = centres * np.exp(1j * (turned + pitch * whole))
+        distance = np.abs(places[:, None] - centres)
+        if np.all(np.min(distance, axis=1, initial=np.inf) <= COINCIDENT * np.max(np.abs(centres), initial=0.0)):
+            return Clocking(turned, whole, np.argmin(distance, axis=1) if len(centres) else np.zeros(0, int))
+    return Clocking(turned, None, np.arange(len(centres)))
