@@ -48,8 +48,8 @@ class Model:
     @classmethod
     def of(cls, pair: Pair) -> Model:
         """The fit of a position."""
-        torque = np.concatenate([pair.before_torque, pair.torque])
-        state = np.repeat([0, 1], [len(pair.before_torque), len(pair.torque)])
+        torque = np.concatenate([pair.before_followed, pair.followed])
+        state = np.repeat([0, 1], [len(pair.before_angle), len(pair.angle)])
         angle, sigma = (
             np.concatenate([pair.before_angle, pair.angle]),
             np.concatenate([pair.before_sigma, pair.sigma]),
@@ -69,7 +69,7 @@ class Model:
         for kind, amount in by.items():
             drive = kind.put(drive, amount)
         rest = np.zeros(len(self.pair.torque), np.int64)
-        return drive.angle(self.pair.torque, rest, self.top) - self.drive.angle(self.pair.torque, rest, self.top)
+        return drive.angle(self.pair.followed, rest, self.top) - self.drive.angle(self.pair.followed, rest, self.top)
 
     def error(self, by: Mapping[Kind, float]) -> float:
         """Rms (in noise) of what changes leave of the measured difference."""
@@ -238,7 +238,8 @@ def compared(found: Sequence[Pair]) -> Comparison:
     All kinds are fitted to each position together, since mounting scatters each: those are named whose intervals do not
     reach zero, all tests counted (Bonferroni), and that help where the others are free to differ. Where these loops do
     not part the kinds none does; then each is tried alone, and every one that is sure by itself is named, unless the
-    best is better at 95 % over the positions. ``changed``: sure with all tests counted. ``indicated``: by itself.
+    best is better over the positions, all tests counted. ``changed``: sure with all tests counted. ``indicated``: by
+    itself.
     """
     models = tuple(Model.of(pair) for pair in found)
     singles = tuple(judged(models, (kind,)) for kind in KINDS)
@@ -259,10 +260,10 @@ def _likeliest(singles: Sequence[Change]) -> tuple[Change, ...]:
 
 
 def _behind(change: Change, best: Change) -> bool:
-    """Whether the held-out errors of a change are larger than those of the best, at 95 % over the positions."""
+    """Whether the held-out errors of a change are larger than those of the best, all tests counted."""
     gap = change.error**2 - best.error**2
     spread = max(float(gap.std(ddof=1)) / np.sqrt(len(gap)), 1e-12)
-    return bool(gap.mean() / spread > student.ppf(CONFIDENCE, len(gap) - 1))
+    return bool(gap.mean() / spread > student.isf((1 - CONFIDENCE) / TRIED, len(gap) - 1))
 
 
 def _rms(values: Real) -> float:

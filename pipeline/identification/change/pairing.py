@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.identification.fitting.build import data_of
+from pipeline.identification.fitting.build import data_of, followed_torques
 from pipeline.identification.fitting.problem import Data
 from pipeline.identification.measurement.branches import ALIKE
 from pipeline.identification.measurement.measurement import Measurement
@@ -19,17 +19,25 @@ Numbers = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class State:
-    """A measurement with its cells; ``start`` (n_blocks,) is the torque at which each branch starts [N m]."""
+    """A measurement with its cells.
+
+    Attributes
+    ----------
+    start : (n_blocks,) torque at which each branch starts [N m].
+    followed : (n_cells, n_parts) torques that each cell went through [N m].
+    """
 
     measurement: Measurement
     data: Data
     start: Real
+    followed: Real
 
     @classmethod
     def of(cls, measurement: Measurement) -> State:
         """The state of a measurement without fatal faults."""
         start = measurement.rows.coordinate[measurement.branches.start]
-        return cls(measurement, data_of(measurement, np.ones(len(measurement.cells), bool)), start)
+        data = data_of(measurement, np.ones(len(measurement.cells), bool))
+        return cls(measurement, data, start, followed_torques(measurement))
 
     def cells_at(self, crank: float) -> Numbers:
         """Cells at a crank angle, in time order."""
@@ -48,21 +56,23 @@ class Pair:
     ----------
     crank_deg : of the position.
     torque, sigma : (n_cells,) [N m], [arcmin] of the second state's cells, in time order.
+    followed : (n_cells, n_parts) [N m] torques that they went through.
     cycle, direction : (n_cells,) of them.
     difference : (n_cells,) [arcmin] second state less mean of the first at the same sense, start and torque; NaN where
         the first has no counterpart.
-    before_torque, before_angle, before_sigma : (n_before,) of the first state's cells.
+    before_followed, before_angle, before_sigma : the same of the first state's cells.
     angle : (n_cells,) [arcmin] of the second state.
     """
 
     crank_deg: float
     torque: Real
+    followed: Real
     angle: Real
     sigma: Real
     cycle: NDArray[np.int64]
     direction: NDArray[np.int64]
     difference: Real
-    before_torque: Real
+    before_followed: Real
     before_angle: Real
     before_sigma: Real
 
@@ -115,12 +125,13 @@ def _pair(before: State, after: State, crank: float) -> Pair:
     return Pair(
         crank,
         after.data.torque[new],
+        after.followed[new],
         after.data.angle[new],
         after.data.sigma[new],
         cells.cycle[new],
         cells.direction[new],
         difference(before, old, after, new),
-        before.data.torque[old],
+        before.followed[old],
         before.data.angle[old],
         before.data.sigma[old],
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from pipeline.identification.fitting.build import data_of, within_cells
+from pipeline.identification.fitting.build import data_of, followed_torques
 from pipeline.identification.fitting.problem import Data
 from pipeline.identification.generic.play_and_friction import TERMS, Cells, PlayAndFriction, fitted
 from pipeline.identification.measurement.measurement import Measurement
@@ -30,7 +30,7 @@ Truth = NDArray[np.bool_]
 
 DESCRIBED, PARTLY = "described", "partly described"
 RESAMPLES, SEED = 2000, 81
-"""Resamples of the groups, and the seed by which they are drawn."""
+"""Of the branches, for the familywise p."""
 FEWEST_GROUPS = 3
 """Groups of data below which an estimate has no interval."""
 SPRING = "compliance"
@@ -103,7 +103,7 @@ def described(measurement: Measurement) -> Description:
     seen = measurement.training_cells if chosen else np.ones(len(measurement.cells), bool)
     data = data_of(measurement, seen)
     splits = splits_of(data, seen)
-    numbers = _numbers(data, _through(measurement), seen, _tested(measurement, data, splits))
+    numbers = _numbers(data, followed_torques(measurement), seen, _tested(measurement, data, splits))
     curves = {
         "spring": _predicted(measurement, data, splits, frozenset()),
         "described": _predicted(measurement, data, splits, frozenset(TERMS)),
@@ -132,13 +132,6 @@ def _verdict(errors: Mapping[str, AngleError], claims: bool) -> str:
     return DESCRIBED if errors["described"].to_noise <= STRUCTURE else PARTLY
 
 
-def _through(measurement: Measurement) -> Real:
-    """Torques (n_cells, n_parts) [N m] that each cell went through, in time order: middles of parts of as many rows."""
-    edges = within_cells(measurement, np.arange(len(measurement.cells)))
-    middles = 0.5 * (edges[:, 1:] + edges[:, :-1])
-    return np.where(measurement.cells.direction[:, None] > 0, middles, middles[:, ::-1])
-
-
 def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> PlayAndFriction:
     cells = Cells(data.position, data.group, torque, data.angle, data.sigma, float(np.max(np.abs(data.torque))))
     return fitted(cells, training, terms)
@@ -146,7 +139,7 @@ def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> Pl
 
 def _predicted(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]], terms: frozenset[str]) -> Real:
     """Angle (n_cells,) [arcmin] of judged cells by fits of their training cells, whose noise alone weighs them."""
-    out, torque, top = np.full(len(data), np.nan), _through(measurement), float(np.max(np.abs(data.torque)))
+    out, torque, top = np.full(len(data), np.nan), followed_torques(measurement), float(np.max(np.abs(data.torque)))
     for training, judged in splits:
         fold = data_of(measurement, training)
         angle = _fit(fold, torque, training, terms).angle(torque, data.position, top)

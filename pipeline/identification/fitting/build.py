@@ -219,6 +219,13 @@ def within_cells(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
     return np.array(found)
 
 
+def followed_torques(measurement: Measurement) -> Real:
+    """Torques (n_cells, PARTS) [N m] that each cell went through, in time order: middles of parts of as many rows."""
+    edges = within_cells(measurement, np.arange(len(measurement.cells)))
+    middles = 0.5 * (edges[:, 1:] + edges[:, :-1])
+    return np.where(measurement.cells.direction[:, None] > 0, middles, middles[:, ::-1])
+
+
 def data_of(measurement: Measurement, training: Truth) -> Data:
     """The cells of a measurement with their noise, which is that of the training cells (n_cells,)."""
     unit, blocks = measurement.unit, measurement.branches
