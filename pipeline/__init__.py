@@ -1,0 +1,13 @@
+"""Tolerance studies of cycloid reducers from Python: `load_study`, `run`, `identify`, imported when they are used."""
+
+from typing import Any
+
+__all__ = ["identify", "load_study", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module  # the command line's help must not wait for the libraries
+
+    return getattr(import_module("pipeline.api"), name)

@@ -41,6 +41,7 @@ def parser() -> argparse.ArgumentParser:
 def _studies(command: Commands) -> None:
     running = command("run", "studies.run_stages", "run stages, and whatever they depend on that is missing or stale")
     running.add_argument("stage", nargs="*", help="stages wanted; default: the last one, the report")
+    running.add_argument("--dry-run", action="store_true", help="say what would run, why, and about how long")
     _study(running)
     _where(running)
 
@@ -74,6 +75,9 @@ def _studies(command: Commands) -> None:
         "check", "studies.check_run", "compare every byte of a run with its records, and say what to run again"
     )
     checking.add_argument("run", help="folder of a run, or the name of one in data/runs")
+
+    showing = command("show", "studies.show_run", "print the summary of a run")
+    showing.add_argument("run", help="folder of a run, or the name of one in data/runs")
 
     command("clean-runs", "studies.clean_runs", "forget all runs, never inputs")
 

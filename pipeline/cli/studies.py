@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from pipeline.cli import settings
 from pipeline.config import Study, load_study, load_unit
 from pipeline.engine.cache import Cache
 from pipeline.engine.lock import locked
-from pipeline.engine.runner import damages, run, why
+from pipeline.engine.runner import damages, plan, run, why
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, remove, write_atomic
 from pipeline.errors import InputError
@@ -20,16 +21,67 @@ from stages import hysteresis
 from stages.chain import STAGES
 from stages.sample import SAMPLED, errors_of_columns
 
+REASONS_SHOWN = 3
+"""Of a stage in the answer of a dry run."""
+
 
 def run_stages(options: argparse.Namespace) -> None:
     """Run the stages wanted and say where the report is."""
     study = load_study(options.study, settings.ROOT)
     stages = options.stage or [STAGES[-1].name]
+    if options.dry_run:
+        print("\n".join(_planned(study, stages)))
+        return
     with settings.resources(study, options) as resources:
         run(STAGES, study, stages, settings.RUNS, resources)
     report = settings.RUNS / study.name / "report" / "report.html"
     if STAGES[-1].name in stages:
         print(f"report: {settings.shown(report)}")
+
+
+def _planned(study: Study, targets: Sequence[str]) -> Iterator[str]:
+    """A line for each stage: whether it would run, why, and for about how long."""
+    planned = plan(STAGES, study, targets, settings.RUNS)
+    for stage in planned:
+        if not stage.reasons:
+            yield f"{stage.stage}  up to date"
+            continue
+        seconds = "no former timing" if stage.seconds is None else f"about {stage.seconds:.3g} s"
+        more = len(stage.reasons) - REASONS_SHOWN
+        rest = [f"and {more} more, see: why {stage.stage}"] if more > 0 else []
+        yield f"{stage.stage}  would run, {seconds}: {'; '.join([*stage.reasons[:REASONS_SHOWN], *rest])}"
+    total = sum(stage.seconds or 0.0 for stage in planned)
+    yield f"in all about {total:.3g} s by former timings; nothing was run" if total else "nothing was run"
+
+
+def show_run(options: argparse.Namespace) -> None:
+    """Print the summary of a run."""
+    folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
+    outputs = {stage.name: output for stage in STAGES if (output := Output.open(folder / stage.name))}
+    if "aggregate" not in outputs:
+        raise InputError(f"{settings.shown(folder)}: no results; run: python -m pipeline run --study {folder.name}")
+    print("\n".join(summary(pd.DataFrame(outputs["aggregate"].read("distributions")), folder.name)))
+    status = outputs["aggregate"].read("units")["status"]
+    print(f"{len(status)} units, {np.count_nonzero(np.asarray(status) != 'ok')} with a remark in status")
+    for name, output in outputs.items():
+        print(f"{name}  {output.record['started']}  {output.record['seconds']:.1f} s")
+
+
+def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
+    """Lines with mean, quantiles and yield of every metric at its worst over the turn, with confidence intervals."""
+    table = distributions[distributions["over"] == "worst"]
+    cells = {
+        (row.metric, row.statistic): (row.value, f"{row.value:.4g} ({row.ci_low:.4g} to {row.ci_high:.4g})")
+        for row in table.itertuples()
+    }
+    yield f"{name}: worst over the turn, with confidence intervals"
+    for metric in dict.fromkeys(metric for metric, _ in cells):
+        shown = [
+            f"{statistic} {cells[metric, statistic][1]}"
+            for statistic in ("mean", "p05", "p95", "yield")
+            if (metric, statistic) in cells
+        ]
+        yield f"{metric}  {'  '.join(shown)}"
 
 
 def reasons(options: argparse.Namespace) -> None:

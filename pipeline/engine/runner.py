@@ -90,20 +90,77 @@ def why(stages: Sequence[Stage], study: Any, target: str, runs: Path) -> list[st
         If the target is unknown.
     """
     sentences: list[str] = []
-    outputs: dict[str, Output] = {}
-    for stage in _needed(stages, [target]):
-        output = Output.open(runs / study.name / stage.name)
-        if output is None:
-            reasons = ["never run"]
-        else:
-            available = {name: outputs[name] for name in stage.reads if name in outputs}
-            lost = {
-                name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in available
-            }
-            reasons = _reasons(output, fingerprint(stage, study, _content(available) | lost))
-            outputs[stage.name] = output
+    for stage, reasons in _staleness(stages, study, [target], runs):
         sentences += reasons if stage.name == target else [f"{stage.name} runs first: {text}" for text in reasons]
     return sentences or ["up to date"]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a stage would do.
+
+    Attributes
+    ----------
+    reasons : for which it would run; none if it would not.
+    seconds : that it took per item, or as a whole, in the latest run whose record is at hand, times its items; None
+        without one.
+    """
+
+    stage: str
+    reasons: tuple[str, ...]
+    seconds: float | None
+
+
+def plan(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path) -> list[Planned]:
+    """What bringing the targets up to date would run, why, and how long it took before; nothing is run or written.
+
+    A stage behind one that runs is planned too; it is passed over if the tables that it reads come out equal.
+
+    Raises
+    ------
+    InputError
+        If a target is unknown.
+    """
+    found: list[Planned] = []
+    running: set[str] = set()
+    for stage, reasons in _staleness(stages, study, targets, runs):
+        upstream = [name for name in stage.reads if name in running]
+        if not reasons and upstream:
+            reasons = [f"{', '.join(upstream)} may come out different"]
+        if reasons:
+            running.add(stage.name)
+        found.append(Planned(stage.name, tuple(reasons), _former_seconds(stage, study, runs) if reasons else None))
+    return found
+
+
+def _former_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
+    """Seconds of a stage by a record of this run, or the latest of any other, in proportion to the items."""
+    folders = [runs / study.name, *(path for path in runs.glob("[!.]*") if path.name != study.name)]
+    records = [output.record for folder in folders if (output := Output.open(folder / stage.name))]
+    if not records:
+        return None
+    records[1:] = sorted(records[1:], key=lambda record: record["started"], reverse=True)
+    record = records[0]
+    if stage.items is None or not record.get("items"):
+        return float(record["seconds"])
+    job = Job(Sections(study, (*stage.sections, "name")), 1, runs, {}, Cache(runs / ".cache", ""))
+    return float(record["seconds"]) * stage.items(job) / record["items"]
+
+
+def _staleness(
+    stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path
+) -> Iterator[tuple[Stage, list[str]]]:
+    """Every stage that the targets depend on, upstream first, and why it would run by itself."""
+    outputs: dict[str, Output] = {}
+    for stage in _needed(stages, targets):
+        output = Output.open(runs / study.name / stage.name)
+        if output is None:
+            yield stage, ["never run"]
+            continue
+        available = {name: outputs[name] for name in stage.reads if name in outputs}
+        lost = {name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in available}
+        outputs[stage.name] = output
+        yield stage, _reasons(output, fingerprint(stage, study, _content(available) | lost))
 
 
 @dataclass(frozen=True)

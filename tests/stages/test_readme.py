@@ -23,7 +23,7 @@ def blocks(language: str) -> list[str]:
 def test_the_pandas_snippet_runs_on_a_run(
     outputs: dict[str, Output], runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    snippet, _ = blocks("python")
+    snippet = blocks("python")[0]
     (runs.parent / "data").mkdir(exist_ok=True)
     link = runs.parent / "data" / "runs"
     link.unlink(missing_ok=True)
@@ -70,7 +70,7 @@ def test_a_mistake_is_answered_in_one_line_without_a_traceback(capsys: pytest.Ca
 
 
 def test_the_snippet_on_a_unit_reads_the_columns_that_its_tables_have() -> None:
-    _, snippet = blocks("python")
+    snippet = blocks("python")[-1]
     columns = {column.name for table in (tables.CANDIDATES, tables.RESIDUAL) for column in table.columns}
     named = set(re.findall(r'"([a-z_]+)"', snippet))
     assert named

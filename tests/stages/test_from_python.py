@@ -1,0 +1,103 @@
+"""The package from Python and from a notebook; what a dry run and a summary say."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline import cli
+from pipeline.cli import settings
+from pipeline.config import Study
+from pipeline.errors import InputError
+
+ROOT = Path(__file__).parent.parent.parent
+NOTEBOOK = ROOT / "data/examples/reading_results.ipynb"
+
+
+@pytest.fixture(scope="module")
+def own_runs(outputs: dict, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("own") / "runs"
+    folder.mkdir()
+    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    return folder
+
+
+def test_the_package_imports_nothing_before_it_is_asked() -> None:
+    script = "import sys, pipeline; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert not {"numpy", "pydantic", "pipeline.config"} & set(done.stdout.split())
+    import pipeline
+
+    with pytest.raises(AttributeError, match="solve_everything"):
+        _ = pipeline.solve_everything
+
+
+def test_the_notebook_runs_cell_by_cell(
+    own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """Its cells as Python: they use nothing of a kernel, whose packages would be more than all others together."""
+    monkeypatch.setattr(settings, "RUNS", own_runs)
+    cells = [cell for cell in json.loads(NOTEBOOK.read_text())["cells"] if cell["cell_type"] == "code"]
+    assert all(not cell["outputs"] for cell in cells)
+    names: dict = {}
+    for number, cell in enumerate(cells):
+        exec(compile("".join(cell["source"]), f"cell {number}", "exec"), names)
+    assert len(names["units"]) == 50
+    assert set(names["yields"]["metric"]) >= {"all_limits", "lost_motion_arcmin"}
+    assert names["loop"]["angle_arcmin"].max() > 1
+    assert "disk_profile_um" in capsys.readouterr().out
+
+
+def test_a_dry_run_says_what_would_run_and_runs_nothing(
+    own_runs: Path, study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(settings, "RUNS", own_runs)
+    assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
+    capsys.readouterr()
+    assert cli.main(["run", "--study", "quick", "--dry-run"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert "hysteresis  up to date" in said
+    assert [line for line in said if line.startswith("report  would run, no former timing: never run")]
+    twice = tmp_path / "twice.toml"
+    twice.write_text((ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 101"))
+    assert cli.main(["run", "aggregate", "--study", str(twice), "--dry-run"]) == 0
+    said = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines() if "  " in line)
+    seconds = json.loads((own_runs / "quick/hysteresis/record.json").read_text())["seconds"]
+    assert said["hysteresis"] == f"would run, about {seconds * 102 / 51:.3g} s: never run"
+    assert not (own_runs / "twice").exists()
+
+
+def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setattr(settings, "RUNS", own_runs)
+    assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
+    assert cli.main(["show", "quick"]) == 0
+    said = capsys.readouterr().out
+    assert "lost_motion_arcmin  mean 2." in said
+    assert "all_limits  yield" in said
+    assert "51 units" in said
+    assert cli.main(["show", "nowhere"]) == 2
+
+
+def test_a_unit_that_is_not_there_is_an_input_error() -> None:
+    from pipeline import identify
+
+    with pytest.raises(InputError, match="no_such_unit"):
+        identify("no_such_unit")
+
+
+@pytest.mark.attack
+def test_the_readmes_five_lines_run() -> None:
+    readme = (ROOT / "README.md").read_text()
+    (snippet,) = [block.split("```")[0] for block in readme.split("```python\n")[1:] if "from pipeline import" in block]
+    names: dict = {}
+    exec(compile(snippet, "README.md", "exec"), names)
+    assert names["verdict"]["verdict"] == "identified"
