@@ -23,11 +23,17 @@ class Housing(Section):
 
 
 class Material(Section):
-    """Isotropic linear elastic material."""
+    """Isotropic linear elastic material.
+
+    Expansion and the slope of the modulus, relative to it, matter where a study states temperatures.
+    """
 
     # Rubber has 1 MPa, diamond 1.2e6: anything else was typed in another unit.
     youngs_modulus_MPa: Annotated[float, Field(ge=1, le=1.3e6)]
     poisson_ratio: Annotated[float, Field(ge=0, lt=0.5)]
+    # Invar has 1e-6, polymers up to 2e-4; they lose up to 1 % of their modulus a kelvin, steel 0.03 %.
+    expansion_per_K: Annotated[float, Field(ge=0, le=5e-4)] | None = None
+    modulus_slope_per_K: Annotated[float, Field(ge=-0.05, le=0.01)] | None = None
 
 
 class Disk(Section):

@@ -20,6 +20,15 @@ from pipeline.config.messages import problems_of
 from pipeline.config.notation import with_notation
 from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
 from pipeline.config.study import Study
+from pipeline.config.temperature import (
+    Temperature,
+    temperature_problems,
+    told,
+    warm_case,
+    warm_design,
+    warm_tolerances,
+    warmed,
+)
 from pipeline.config.tolerances import Tolerances, tolerance_problems
 from pipeline.errors import InputError
 
@@ -127,6 +136,8 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     unreadable: list[Problem] = []
     if "tolerances" in raw:
         raw["tolerances"], unreadable = with_notation(raw["tolerances"], design)
+    raw, design, wrong = _at_temperature(raw, design)
+    unreadable += wrong
     cases = raw.get("cases", ()) if isinstance(raw.get("cases", ()), tuple) else ()
     if isinstance(raw.get("samples"), dict) and raw["samples"].get("experiment") == "cases":
         raw["samples"].setdefault("count", max(1, len(cases)))
@@ -142,6 +153,31 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     problems += case_problems(_valid_cases(cases), design)
     raise_if(problems, file, others)
     return Study.model_validate({**raw, "name": name, "design": design})
+
+
+def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[str, Any], Design | None, list[Problem]]:
+    """The study and its design at the temperatures that it states, if any; without the section."""
+    if "temperature" not in raw:
+        return raw, design, []
+    others = {name: value for name, value in raw.items() if name != "temperature"}
+    try:
+        temperature = Temperature.model_validate(raw["temperature"])
+    except ValidationError as error:
+        wrong = problems_of(error, Temperature)
+        return others, design, [Problem(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]
+    if design is None:
+        return others, design, []
+    if wrong := temperature_problems(temperature, design):
+        return others, design, wrong
+    warm = warmed(temperature, design)
+    listed = others.get("cases")
+    if isinstance(listed, tuple) and listed:
+        cases = (warm_case(warm, case, design) if isinstance(case, Mapping) else case for case in listed)
+        others["cases"] = tuple(cases)
+    elif isinstance(others.get("tolerances", {}), Mapping):
+        others["tolerances"] = warm_tolerances(warm, others.get("tolerances", {}), design)
+    others["description"] = f"{others.get('description', '')} {told(temperature)}".strip()
+    return others, warm_design(warm, design), []
 
 
 def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Design | None, Sequence[str]]:

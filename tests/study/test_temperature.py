@@ -1,0 +1,140 @@
+"""Temperatures of a study: similarity under a uniform one, closed forms of unequal ones, and what is refused."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import assembly
+from pipeline.config import load_design, parse_design, parse_study
+from pipeline.errors import InputError
+from pipeline.model.geometry.clearance import gaps
+from pipeline.sampling import draw
+
+ROOT = Path(__file__).parents[2]
+EXPANSION, SLOPE = 1.2e-5, -3e-4
+HOT = dict.fromkeys(("disk_C", "pins_C", "housing_C", "crank_C"), 70.0)
+STEEL = {"housing_material": "steel", "crank_material": "steel"}
+CRANK_DEG = 20.0
+
+
+def study(temperature, method="exact", **materials):
+    """The pin-in-hole study at some temperatures, of steel that expands and softens."""
+    raw = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
+    raw["clearance"]["method"] = method
+    drawn = load_design(raw["design"], ROOT).model_dump()
+    steel = {**drawn["materials"]["steel"], "expansion_per_K": EXPANSION, "modulus_slope_per_K": SLOPE}
+    drawn["materials"] = {"steel": steel, **materials}
+    if temperature is not None:
+        raw["temperature"] = {**STEEL, **temperature}
+    return parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, f"{name}.toml"))
+
+
+def gaps_of(one, samples=5):
+    at = assembly.reducer(one.design, CRANK_DEG)
+    errors = assembly.errors(draw(one, 0, samples))
+    return at, gaps(assembly.profile(one.design), at, errors, **dict(one.clearance))
+
+
+def test_one_temperature_of_one_material_leaves_a_similar_reducer():
+    """All gaps, of every sample, grow by 1 + alpha dT; arms too, so that plays keep their angle."""
+    (cold_at, cold), (warm_at, warm) = gaps_of(study(None)), gaps_of(study(HOT))
+    growth = 1 + EXPANSION * 50
+    np.testing.assert_allclose(warm, growth * cold, atol=1e-12)
+    np.testing.assert_allclose(warm_at.contacts.arm, growth * cold_at.contacts.arm, rtol=1e-12, atol=1e-12)
+    assert np.ptp(cold) > 0.01
+
+
+def test_compliance_follows_the_modulus_and_the_thickness():
+    """A law's linear part is 1/(E t) times a shape; similar shapes leave the disk's condensed compliance so too."""
+    cold, warm = study(None), study(HOT)
+    material = warm.design.materials[warm.design.disk.material]
+    assert material.youngs_modulus_MPa == pytest.approx(206e3 * (1 + SLOPE * 50))
+    factor = 1 / ((1 + SLOPE * 50) * (1 + EXPANSION * 50))
+    laws = [assembly.contact_laws(one, assembly.reducer(one.design, CRANK_DEG)) for one in (cold, warm)]
+    np.testing.assert_allclose(laws[1].logarithmic, factor * laws[0].logarithmic, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("part", "slope"),
+    [
+        ("housing_C", lambda at, along, u: -along * 70.0),
+        ("pins_C", lambda at, along, u: -3.0 * np.ones(40)),
+        ("crank_C", lambda at, along, u: 1.2 * u),
+    ],
+)
+def test_a_part_that_is_warmer_than_the_disk_opens_or_closes_its_gaps(part, slope):
+    """To first order: -n.rho R alpha dT of the pin circle, -r alpha dT of the pins, n.u e alpha dT of the crank."""
+    even = {**dict.fromkeys(HOT, 20.0)}
+    (at, cold), (_, warm) = (
+        gaps_of(study(even, "first_order"), 1),
+        gaps_of(study({**even, part: 60.0}, "first_order"), 1),
+    )
+    pins = at.pins
+    along = np.real(np.conj(pins.normal) * pins.centre / np.abs(pins.centre))
+    u = np.real(np.conj(pins.normal) * np.exp(1j * at.crank))
+    np.testing.assert_allclose((warm - cold)[0, :40], EXPANSION * 40 * slope(at, along, u), atol=1e-9)
+
+
+def test_a_polymer_disk_grows_into_its_steel_pins():
+    polymer = {
+        "youngs_modulus_MPa": 3000.0,
+        "poisson_ratio": 0.4,
+        "expansion_per_K": 8e-5,
+        "modulus_slope_per_K": -0.005,
+    }
+    raw = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
+    drawn = load_design(raw["design"], ROOT).model_dump()
+    drawn["materials"] = {"steel": {**drawn["materials"]["steel"], "expansion_per_K": EXPANSION}, "pom": polymer}
+    drawn["disk"]["material"] = "pom"
+    raw["temperature"] = {**STEEL, **dict.fromkeys(HOT, 40.0)}
+    warm = parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, "pom.toml"))
+    _, gap = gaps_of(warm, 1)
+    expected = 70.0 * (8e-5 - EXPANSION) * 20  # the pin circle stays behind the disk by this
+    assert np.min(gap[0, :40]) == pytest.approx(0.5 * 24e-3 - expected, abs=0.025)
+    assert warm.design.materials[warm.design.disk.material].youngs_modulus_MPa == pytest.approx(3000 * 0.9)
+    assert "Temperatures: disk 40, pins 40" in warm.description
+
+
+def test_stated_units_are_shifted_too():
+    raw = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
+    del raw["tolerances"]
+    raw["samples"] = {"experiment": "cases", "nominal_first": False}
+    raw["cases"] = [{"label": "unit", "pin_radial": [1.0] * 40}]
+    drawn = load_design(raw["design"], ROOT).model_dump()
+    drawn["materials"]["steel"]["expansion_per_K"] = EXPANSION
+    raw["temperature"] = {**STEEL, **dict.fromkeys(HOT, 20.0), "housing_C": 30.0}
+    warm = parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, "d.toml"))
+    assert warm.cases[0].pin_radial[7] == pytest.approx(1.0 * (1 + EXPANSION * 10) + 70e3 * EXPANSION * 10)
+
+
+@pytest.mark.parametrize(
+    ("temperature", "told"),
+    [
+        ({**HOT, "disk_C": 400.0}, "temperature.disk_C = 400.0; must be <= 250"),
+        ({"disk_C": 40.0}, "temperature.pins_C is missing"),
+        ({**HOT, "disk": 40.0}, "temperature.disk"),
+        (
+            {**HOT, "housing_material": "brass"},
+            'temperature.housing_material = "brass"; no such material in the design',
+        ),
+        ({**HOT, "crank_material": "iron"}, "materials.iron must have expansion_per_K"),
+    ],
+)
+def test_what_cannot_be_is_refused(temperature, told):
+    iron = {"youngs_modulus_MPa": 1e5, "poisson_ratio": 0.25}
+    with pytest.raises(InputError) as raised:
+        study(temperature, iron=iron)
+    assert told in " | ".join(raised.value.problems)
+
+
+def test_a_material_without_stiffness_left_is_refused():
+    wax = {"youngs_modulus_MPa": 500.0, "poisson_ratio": 0.4, "expansion_per_K": 1e-4, "modulus_slope_per_K": -0.05}
+    raw = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
+    drawn = load_design(raw["design"], ROOT).model_dump()
+    drawn["materials"] = {"steel": {**drawn["materials"]["steel"], "expansion_per_K": EXPANSION}, "wax": wax}
+    drawn["disk"]["material"] = "wax"
+    raw["temperature"] = {**STEEL, **HOT}
+    with pytest.raises(InputError, match="temperature.disk_C = 70.0; leaves the material no modulus"):
+        parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, "d.toml"))
