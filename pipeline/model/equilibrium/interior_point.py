@@ -4,7 +4,8 @@ import numpy as np
 
 from pipeline.model.compiled import algebraic_part
 from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, reset, share_of_a_turn
-from pipeline.model.equilibrium.residual import bearing_spring, deflect, force_at_penetration, imbalance, law, misfit
+from pipeline.model.equilibrium.residual import deflect, force_at_penetration, law, residuals
+from pipeline.model.equilibrium.return_mapping import share_of_braking
 
 INTERIOR_STEPS = 80
 """Steps of the interior-point iteration that finds another start; about 30 are usual."""
@@ -57,7 +58,7 @@ def _length(work):
 
 
 @algebraic_part
-def start_within(system, torque, gap, clearance, work):
+def start_within(system, friction, torque, gap, clearance, work):
     """Near-solution from no start at all: its motions, forces and closed contacts in ``work``.
 
     Force times slack tends to zero along the central path of the convex problem, which has no active set to guess.
@@ -80,24 +81,25 @@ def start_within(system, torque, gap, clearance, work):
         complementarity = 0.0
         for j in range(n):
             complementarity += force[active[j]] * slack[j] / n
+        residuals(system, friction, torque, clearance, work)
         if system.planar:
-            bearing_spring(system, clearance, work)
             hold = np.sqrt(complementarity * largest / stride) / (stride + clearance)
             work.spring[2] += hold
             work.spring[4] += hold
-        misfit(system, work)
-        imbalance(system, torque, work)
         if complementarity < INTERIOR_END * load * stride:
             break
         for j in range(n):
             slope[j] += slack[j] / force[active[j]]
             miss[j] -= CENTRING * complementarity / force[active[j]]
         work.counts[2] = 0
-        if not include_all(system, work) or not newton_step(system, work):
+        if not include_all(system, work) or not newton_step(system, friction, work):
             break
+        longest = share_of_a_turn(system, work)
+        if friction is not None:
+            longest = min(longest, share_of_braking(system, friction, work))
         for j in range(n):
             slope[j] = (CENTRING * complementarity - slack[j] * miss[j]) / force[active[j]] - slack[j]
-        length = min(_length(work), share_of_a_turn(system, work))
+        length = min(_length(work), longest)
         move(system, length, work)
         for j in range(n):
             force[active[j]] += length * miss[j]

@@ -86,7 +86,7 @@ def exclude(p, work):
 
 
 @algebraic_part
-def solve_tangent(tangent, x):
+def solve_positive_tangent(tangent, x):
     """Solve tangent x = x in place by Cholesky's factor of its lower triangle; false if not positive definite."""
     n = x.shape[0]
     for i in range(n):
@@ -108,4 +108,31 @@ def solve_tangent(tangent, x):
         x[i] *= tangent[i, i]
         for k in range(i):
             x[k] -= tangent[i, k] * x[i]
+    return True
+
+
+@algebraic_part
+def solve_tangent(tangent, x):
+    """Solve tangent x = x in place by elimination with row pivots; false if singular."""
+    n = x.shape[0]
+    for k in range(n):
+        pivot = k
+        for r in range(k + 1, n):
+            if abs(tangent[r, k]) > abs(tangent[pivot, k]):
+                pivot = r
+        if not abs(tangent[pivot, k]) > 0.0:
+            return False
+        if pivot != k:
+            x[k], x[pivot] = x[pivot], x[k]
+            for c in range(k, n):
+                tangent[k, c], tangent[pivot, c] = tangent[pivot, c], tangent[k, c]
+        for r in range(k + 1, n):
+            factor = tangent[r, k] / tangent[k, k]
+            for c in range(k + 1, n):
+                tangent[r, c] -= factor * tangent[k, c]
+            x[r] -= factor * x[k]
+    for k in range(n - 1, -1, -1):
+        for c in range(k + 1, n):
+            x[k] -= tangent[k, c] * x[c]
+        x[k] /= tangent[k, k]
     return True

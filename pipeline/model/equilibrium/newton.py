@@ -3,15 +3,15 @@
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part
-from pipeline.model.equilibrium.inverse_update import exclude, include, product, solve_tangent
-from pipeline.model.equilibrium.residual import (
-    add_deflection,
-    bearing_spring,
-    deflect,
-    force_at_penetration,
-    imbalance,
-    misfit,
+from pipeline.model.equilibrium.inverse_update import (
+    exclude,
+    include,
+    product,
+    solve_positive_tangent,
+    solve_tangent,
 )
+from pipeline.model.equilibrium.residual import add_deflection, deflect, force_at_penetration, residuals
+from pipeline.model.equilibrium.return_mapping import add_friction, share_of_braking
 
 FORCE_TOLERANCE = 1e-10
 """A step is solved when no active contact's deflection is off by more than this share of the largest one ..."""
@@ -107,10 +107,11 @@ def advance(length, work):
 
 
 @algebraic_part
-def newton_step(system, work):
+def newton_step(system, friction, work):
     """Newton step: of the motions in ``step``, of the active forces in ``miss``; false if singular.
 
-    (jacobian^T H^-1 jacobian + bearing) dq = jacobian^T H^-1 miss - balance;  H dF = jacobian dq - miss.
+    (jacobian^T H^-1 jacobian + bearing) dq = jacobian^T H^-1 miss - balance;  H dF = jacobian dq - miss. Friction adds
+    its own: see ``add_friction``.
     """
     active, miss, step, tangent, right = work.active, work.miss, work.step, work.tangent, work.inside
     jacobian, projected, held = system.contact_jacobian, work.projected, work.held
@@ -134,12 +135,14 @@ def newton_step(system, work):
         tangent[0, 0] += work.spring[2]
         tangent[1, 0] += work.spring[3]
         tangent[1, 1] += work.spring[4]
+    if friction is not None:
+        add_friction(system, friction, work)
     stiffest = 0.0
     for d in range(step.shape[0]):
         stiffest = max(stiffest, tangent[d, d])
     for d in range(step.shape[0]):
         tangent[d, d] += REGULAR * stiffest
-    if not solve_tangent(tangent, step):
+    if not (solve_positive_tangent(tangent, step) if friction is None else solve_tangent(tangent, step)):
         return False
     for p in range(coupled):
         miss[p] = -right[p]
@@ -198,17 +201,17 @@ def move(system, length, work):
 
 @algebraic_part
 def include_all(system, work):
-    """Bring every coupled active contact into the inverse; false if there is no active contact, or not positive."""
+    """Bring every coupled active contact into the inverse; false if nothing holds the bodies, or not positive."""
     counts = work.counts
     if counts[2] == 0:
         for d in range(work.held.shape[0]):
             for e in range(d + 1):
                 work.held[d, e] = 0.0
-    sound = counts[0] > 0
-    while sound and counts[2] < counts[1]:
-        sound = include(system, counts[2], work)
+    positive = counts[0] + counts[4] > 0
+    while positive and counts[2] < counts[1]:
+        positive = include(system, counts[2], work)
         counts[2] += 1
-    return sound
+    return positive
 
 
 @algebraic_part
@@ -218,7 +221,7 @@ def _worth_renewing(residual, previous):
 
 
 @algebraic_part
-def converge(system, torque, gap, clearance, work):
+def converge(system, friction, torque, gap, clearance, work):
     """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
     counts = work.counts
     previous, residual, changes = np.inf, np.inf, 0
@@ -226,10 +229,7 @@ def converge(system, torque, gap, clearance, work):
         deflect(system, gap, work)
         closed = _close_penetrated(system, work)
         pushed = work.thrust[0] > 0.0
-        if system.planar:
-            bearing_spring(system, clearance, work)
-        off = misfit(system, work)
-        unbalanced = imbalance(system, torque, work)
+        off, unbalanced = residuals(system, friction, torque, clearance, work)
         residual = max(off, unbalanced)
         if closed == 0 and off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
             return iteration, residual
@@ -238,14 +238,16 @@ def converge(system, torque, gap, clearance, work):
         if closed == 0 and _worth_renewing(residual, previous):
             counts[2] = 0
         previous = residual
-        if not include_all(system, work) or not newton_step(system, work):
+        if not include_all(system, work) or not newton_step(system, friction, work):
             break
         length = 1.0
+        if friction is not None:
+            length = share_of_braking(system, friction, work)
         if closed > 0 or pushed != (work.thrust[0] > 0.0):
             changes += 1
             if changes > HOPELESS:
                 break
-            length = 0.5 if changes > ALTERNATING else 1.0
+            length = 0.5 * length if changes > ALTERNATING else length
         move(system, length, work)
         advance(length, work)
     counts[2] = 0

@@ -23,7 +23,8 @@ from pipeline.model.equilibrium.newton import (
     newton_step,
     share_of_a_turn,
 )
-from pipeline.model.equilibrium.residual import bearing_spring, deflect, force_at_penetration, imbalance, misfit
+from pipeline.model.equilibrium.residual import deflect, force_at_penetration, residuals
+from pipeline.model.equilibrium.return_mapping import share_of_braking
 
 SETTLING_STEPS = 300
 """Newton steps before it is given up; a contact that is added takes about three."""
@@ -57,16 +58,13 @@ def _step_to_the_first_zero(longest, work):
 
 
 @algebraic_part
-def settle(system, torque, gap, clearance, work):
+def settle(system, friction, torque, gap, clearance, work):
     """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
     counts = work.counts
     residual, since = 1.0, 0
     for iteration in range(SETTLING_STEPS):
         deflect(system, gap, work)
-        if system.planar:
-            bearing_spring(system, clearance, work)
-        off = misfit(system, work)
-        unbalanced = imbalance(system, torque, work)
+        off, unbalanced = residuals(system, friction, torque, clearance, work)
         residual = max(off, unbalanced)
         since += 1
         if (off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE) or (since > ROUNDING and residual <= ACCEPTED):
@@ -78,9 +76,12 @@ def settle(system, torque, gap, clearance, work):
             since = 0
             continue
         counts[2] = 0
-        if not include_all(system, work) or not newton_step(system, work):
+        if not include_all(system, work) or not newton_step(system, friction, work):
             break
-        length = _step_to_the_first_zero(share_of_a_turn(system, work), work)
+        length = share_of_a_turn(system, work)
+        if friction is not None:
+            length = min(length, share_of_braking(system, friction, work))
+        length = _step_to_the_first_zero(length, work)
         move(system, length, work)
         advance(length, work)
     counts[2] = 0

@@ -8,12 +8,23 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.return_mapping import resist
 from pipeline.model.geometry.cycloid_profile import Real
 
 EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
 """Place and bias of the exponent in a double (IEEE 754)."""
 FRACTION, ONE = (1 << 52) - 1, 1023 << 52
 """Parts of a binary number of 64 bits, and the bits of 1.0."""
+
+
+class Friction(NamedTuple):
+    """The sliders, see ``contact.friction_elements.Sliders``; None takes its place, and is compiled away, without."""
+
+    direction: Real  # (n_sliders, n_motions)
+    stiffness: Real  # (n_sliders,)
+    limit: Real
+    coefficient: Real
+    contact: np.ndarray
 
 
 class System(NamedTuple):
@@ -35,7 +46,7 @@ class System(NamedTuple):
 class Work(NamedTuple):
     """Room for one sample's solve. Active contacts and the first of them are in the order of ``active``."""
 
-    counts: np.ndarray  # active contacts, the coupled ones among them, those in the inverse, solved steps with them
+    counts: np.ndarray  # active contacts, coupled ones of them, those in the inverse, solved steps with them, sliders
     active: np.ndarray  # (n_contacts,)
     motion: Real  # (n_motions,) [mm, rad]
     force: Real  # (n_contacts,) [N]
@@ -56,14 +67,25 @@ class Work(NamedTuple):
     slack: Real  # of the active contacts, in the interior-point iteration [mm]
     thrust: Real  # (1,) force of the bearing
     spring: Real  # (8,) see bearing_spring
+    anchor: Real  # (n_sliders,) slip of every slider without resistance [mm, rad]
+    resistance: Real  # (n_sliders,) [N, N mm]; where a slider does not resist, what it did before
+    stick: Real  # its slope against the slip
+    grip: Real  # its slope against what presses on the slider
+    trial: Real  # its resistance if it stuck
+    pressed: Real  # what presses on it
+    slip_step: Real  # changes of its slip and of what presses on it within the step
+    press_step: Real
+    resisting: np.ndarray  # sliders that resist
+    position: np.ndarray  # (n_contacts,) of the active contacts in ``active``
+    row: Real  # (n_motions,)
 
 
-def workspace(n_motions: int, n_contacts: int) -> Work:
+def workspace(n_motions: int, n_contacts: int, n_sliders: int) -> Work:
     """Arrays for solves of ``n_contacts`` contacts."""
-    motions, contacts = (n_motions,), (n_contacts,)
+    motions, contacts, sliders = (n_motions,), (n_contacts,), (n_sliders,)
     logarithm = np.zeros(contacts)
     return Work(
-        counts=np.zeros(4, np.int64),
+        counts=np.zeros(5, np.int64),
         active=np.zeros(contacts, np.int64),
         motion=np.zeros(motions),
         force=np.zeros(contacts),
@@ -84,6 +106,17 @@ def workspace(n_motions: int, n_contacts: int) -> Work:
         slack=np.zeros(contacts),
         thrust=np.zeros(1),
         spring=np.zeros(8),
+        anchor=np.zeros(sliders),
+        resistance=np.zeros(sliders),
+        stick=np.zeros(sliders),
+        grip=np.zeros(sliders),
+        trial=np.zeros(sliders),
+        pressed=np.zeros(sliders),
+        slip_step=np.zeros(sliders),
+        press_step=np.zeros(sliders),
+        resisting=np.zeros(sliders, np.int64),
+        position=np.zeros(contacts, np.int64),
+        row=np.zeros(motions),
     )
 
 
@@ -124,6 +157,11 @@ def bearing_spring(system, clearance, work):
     x, y = work.motion[0], work.motion[1]
     for k in range(8):
         spring[k] = 0.0
+    if clearance == 0.0 and system.bearing_exponent == 1.0:
+        thrust[0] = 0.0  # it follows from the motions, which need not go around
+        spring[0], spring[1] = system.stiffness * x, system.stiffness * y
+        spring[2], spring[4] = system.stiffness, system.stiffness
+        return
     distance = np.sqrt(x * x + y * y)
     if thrust[0] == 0.0 and distance > clearance:
         thrust[0] = system.stiffness * (distance - clearance) ** system.bearing_exponent
@@ -228,7 +266,7 @@ def misfit(system, work):
 
 
 @algebraic_part
-def imbalance(system, torque, work):
+def imbalance(system, friction, torque, work):
     """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms."""
     n, active, force, balance = work.counts[0], work.active, work.force, work.balance
     jacobian, relative = system.contact_jacobian, 0.0
@@ -242,6 +280,22 @@ def imbalance(system, torque, work):
             term = row[active[j]] * force[active[j]]
             total += term
             scale += abs(term)
+        if friction is not None:
+            for k in range(work.counts[4]):
+                s = work.resisting[k]
+                term = friction.direction[s, d] * work.resistance[s]
+                total += term
+                scale += abs(term)
         balance[d] = total
         relative = max(relative, abs(total) / max(scale, 1e-300))
     return relative
+
+
+@algebraic_part
+def residuals(system, friction, torque, clearance, work):
+    """Relative misfit of the active contacts and relative imbalance of the motions, and their tangents."""
+    if system.planar:
+        bearing_spring(system, clearance, work)
+    if friction is not None:
+        resist(system, friction, work)
+    return misfit(system, work), imbalance(system, friction, torque, work)

@@ -2,18 +2,19 @@
 
 Unknowns of a load step are the contact forces F >= 0 [N] and the rigid motions q [mm, rad]:
 
-    law(F) + C F + gap - jacobian q = 0   where F > 0,   jacobian q <= C F + gap elsewhere,
-    jacobian^T F + bearing(q) = load,
+    law(F) + C F + gap - B q = 0   where F > 0,   B q <= C F + gap elsewhere,
+    B^T F + bearing(q) + friction(q, F) = load,
 
-the stationarity of a convex potential, so F is unique. The active contacts are found by a primal-dual active set:
-Newton on the closed contacts, then contacts are dropped where the local deflection has become negative and added
-where an open contact is penetrated. Each step eliminates the forces (inverse of law' + C on the active contacts) and
-then solves the few rigid motions; contacts between rigid bodies are uncoupled and need no inverse. It is kept from load
-step to load step: the laws are nearly linear, a contact that closes or opens is an update of it, and only slow
+with B the contact Jacobian. Without friction they are the stationarity of a convex potential, so F is unique. The
+active contacts are found by a primal-dual active set: Newton on the closed contacts, then contacts are dropped where
+the local deflection has become negative and added where an open contact is penetrated. Each step eliminates the forces
+(inverse of law' + C on the active contacts) and then solves the few rigid motions, which the bearing and sticking
+sliders (``return_mapping``) hold too; contacts between rigid bodies are uncoupled and need no inverse. It is kept from
+load step to load step: the laws are nearly linear, a contact that closes or opens is an update of it, and only slow
 convergence asks for another (``newton``, ``inverse_update``). A load step starts from the extrapolated forces of the
 steps before; a start that leads nowhere is replaced by an interior-point iteration (``interior_point``), which a
-primal active set finishes (``primal_active_set``), one contact at a time. A linear
-bearing without clearance is a compliance like the bodies' and leaves two motions fewer.
+primal active set finishes (``primal_active_set``), one contact at a time. Without friction a linear bearing without
+clearance is a compliance like the bodies' and leaves two motions fewer.
 
 Array order: (n_samples, n_torques, n_contacts or n_motions).
 """
@@ -23,11 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part, borrowing_entry
+from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
 from pipeline.model.equilibrium.primal_active_set import settle
-from pipeline.model.equilibrium.residual import System, workspace
+from pipeline.model.equilibrium.residual import Friction, System, workspace
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
@@ -104,11 +106,11 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
                 torque = torques[t]
                 if station < between:
                     torque = torques[t - 1] * rise ** ((station + 1.0) / (between + 1.0))
-                taken, residual[s, t] = converge(system, torque, gap[s], clearance[s], work)
+                taken, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
                 iterations[s, t] += taken
                 if not residual[s, t] <= ACCEPTED:
-                    start_within(system, torque, gap[s], clearance[s], work)
-                    taken, residual[s, t] = settle(system, torque, gap[s], clearance[s], work)
+                    start_within(system, None, torque, gap[s], clearance[s], work)
+                    taken, residual[s, t] = settle(system, None, torque, gap[s], clearance[s], work)
                     iterations[s, t] += taken + INTERIOR_STEPS
             for d in range(motion.shape[2]):
                 motion[s, t, d] = work.motion[d]
@@ -119,6 +121,32 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
                 for i in range(gap.shape[1]):
                     changed += (force[s, t, i] > 0.0) != (force[s, t - 1, i] > 0.0)
             work.counts[3] = work.counts[3] + 1 if changed == 0 else 1
+
+
+def system_of(reducer: Reducer, bearing: Bearing, laws: ContactLaws, compliance: Real, linear: bool = False) -> System:
+    """The equations' numbers; of ``linear`` bearings without clearance the disks' translations are eliminated.
+
+    Their give is then a compliance like the bodies', so that friction, which resists the translations, leaves them in.
+    """
+    planar, eliminated = reducer.planar, 2 * reducer.n_disks if linear else 0
+    return System(
+        np.ascontiguousarray(reducer.contact_jacobian[:, eliminated:].T),
+        np.ascontiguousarray(compliance + planar @ planar.T / bearing.stiffness if linear else compliance),
+        *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
+        reducer.output_motion - eliminated,
+        not linear,
+        float(bearing.stiffness),
+        float(bearing.exponent),
+    )
+
+
+def friction_of(sliders: Sliders) -> Friction:
+    """The sliders' numbers."""
+    direction, stiffness, limit, coefficient = (
+        np.ascontiguousarray(values, dtype=float)
+        for values in (sliders.direction, sliders.stiffness, sliders.limit, sliders.coefficient)
+    )
+    return Friction(direction, stiffness, limit, coefficient, np.asarray(sliders.contact))
 
 
 def solve(
@@ -157,36 +185,25 @@ def solve(
     linear = bearing.exponent == 1 and not np.any(clearance)
     if not linear and reducer.n_disks > 1:
         raise ValueError(f"{reducer.n_disks} disks on bearings that are not linear or have a clearance")
-    held = 2 * reducer.n_disks if linear else 0
-    planar, free = reducer.planar, reducer.contact_jacobian[:, held:]
-    if linear:
-        compliance = compliance + planar @ planar.T / bearing.stiffness
+    eliminated = 2 * reducer.n_disks if linear else 0
     n, n_contacts = gap.shape
-    shape = (n, len(torque))
-    motion, force = np.empty((*shape, free.shape[1])), np.empty((*shape, n_contacts))
+    shape, n_motions = (n, len(torque)), len(reducer.motions) - eliminated
+    system = system_of(reducer, bearing, laws, compliance, linear)
+    motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
-    system = System(
-        np.ascontiguousarray(free.T),
-        np.ascontiguousarray(compliance),
-        *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
-        reducer.output_motion - held,
-        not linear,
-        bearing.stiffness,
-        bearing.exponent,
-    )
     _solve_batch(
         system,
-        workspace(free.shape[1], n_contacts),
+        workspace(n_motions, n_contacts, 0),
         np.asarray(torque, float),
         np.ascontiguousarray(gap),
         np.ascontiguousarray(clearance[:, 0], dtype=float),
-        np.ascontiguousarray(start[:, held:]),
+        np.ascontiguousarray(start[:, eliminated:]),
         motion,
         force,
         iterations,
         residual,
     )
     if linear:
-        motion = np.concatenate([-force @ planar / bearing.stiffness, motion], axis=2)
+        motion = np.concatenate([-force @ reducer.planar / bearing.stiffness, motion], axis=2)
     residual[~np.all(np.isfinite(gap), axis=1)] = np.inf
     return Equilibria(motion, force, iterations, residual, residual <= ACCEPTED)

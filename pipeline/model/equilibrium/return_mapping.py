@@ -1,0 +1,162 @@
+"""Resistances of sliders in a load step, their tangent and their anchors: return mapping as in plasticity.
+
+A slider that would be pulled beyond its limit is held at it, and once the load step is solved its anchor follows. The
+limit may grow with what presses on the slider, so that Newton's tangent is not symmetric where it slips.
+
+Source: Simo, Hughes, Computational Inelasticity (1998), ch. 1.
+"""
+
+from pipeline.model.compiled import algebraic_part
+
+BRAKED = 0.1
+"""A step ends where the power along it has fallen to this share of the one at its start."""
+BRAKING_STEPS = 12
+"""Evaluations of the power along a step."""
+
+
+@algebraic_part
+def _carried(system, work):
+    """Torque that the contacts carry to the output."""
+    arm, total = system.contact_jacobian[system.output], 0.0
+    for j in range(work.counts[0]):
+        total += arm[work.active[j]] * work.force[work.active[j]]
+    return total
+
+
+@algebraic_part
+def resist(system, friction, work):
+    """Resistance of every slider, its slope against the slip (0 where it slips) and against what presses on it.
+
+    ``resisting`` lists those that resist at all.
+    """
+    motion = work.motion
+    carried, resisting = _carried(system, work), 0
+    for s in range(friction.stiffness.shape[0]):
+        pressed = carried if friction.contact[s] < 0 else work.force[friction.contact[s]]
+        limit = friction.limit[s] + friction.coefficient[s] * abs(pressed)
+        if limit == 0.0:
+            continue
+        slip = -work.anchor[s]
+        for d in range(motion.shape[0]):
+            slip += friction.direction[s, d] * motion[d]
+        trial = friction.stiffness[s] * slip
+        work.trial[s], work.pressed[s] = trial, pressed
+        work.resistance[s] = min(max(trial, -limit), limit)
+        slips = abs(trial) > limit
+        work.stick[s] = 0.0 if slips else friction.stiffness[s]
+        toward = 1.0 if (trial > 0.0) == (pressed >= 0.0) else -1.0
+        work.grip[s] = toward * friction.coefficient[s] if slips else 0.0
+        work.resisting[resisting] = s
+        resisting += 1
+    work.counts[4] = resisting
+
+
+@algebraic_part
+def add_friction(system, friction, work):
+    """Add the sliders' tangent to that of the contacts, a lower triangle before and a full matrix after.
+
+    ``step`` holds jacobian^T H^-1 miss - balance, ``inside`` H^-1 miss of the coupled contacts: where the resistance
+    follows a contact's force or the torque carried, they belong to the balance as much as the contact's own push.
+    """
+    jacobian, tangent, step = system.contact_jacobian, work.tangent, work.step
+    active, position, output = work.active, work.position, system.output
+    n_motions = step.shape[0]
+    for d in range(n_motions):
+        for e in range(d):
+            tangent[e, d] = tangent[d, e]
+    for j in range(work.counts[0]):
+        position[active[j]] = j
+    carried, row = step[output] + work.balance[output], work.row
+    for e in range(n_motions):
+        row[e] = tangent[output, e]
+    for k in range(work.counts[4]):
+        s = work.resisting[k]
+        direction, stick, grip, i = friction.direction[s], work.stick[s], work.grip[s], friction.contact[s]
+        p = position[i] if i >= 0 else 0
+        for d in range(n_motions):
+            along = direction[d]
+            if along == 0.0:
+                continue
+            for e in range(n_motions):
+                tangent[d, e] += along * stick * direction[e]
+            if grip == 0.0:
+                continue
+            if i < 0:
+                step[d] += along * grip * carried
+                for e in range(n_motions):
+                    tangent[d, e] += along * grip * row[e]
+            elif p < work.counts[1]:
+                step[d] += along * grip * work.inside[p]
+                for e in range(n_motions):
+                    tangent[d, e] += along * grip * work.projected[e, p]
+            else:
+                step[d] += along * grip * work.miss[p] / work.slope[p]
+                for e in range(n_motions):
+                    tangent[d, e] += along * grip * jacobian[e, i] / work.slope[p]
+
+
+@algebraic_part
+def _work_rate(friction, length, work):
+    """Power of the sliders along a share of the step, less that at its start."""
+    rate = 0.0
+    for k in range(work.counts[4]):
+        s = work.resisting[k]
+        limit = friction.limit[s] + friction.coefficient[s] * abs(work.pressed[s] + length * work.press_step[s])
+        trial = work.trial[s] + length * friction.stiffness[s] * work.slip_step[s]
+        rate += work.slip_step[s] * (min(max(trial, -limit), limit) - work.resistance[s])
+    return rate
+
+
+@algebraic_part
+def share_of_braking(system, friction, work):
+    """Share of the step at which the sliders have stopped it: beyond, they would push it back.
+
+    Along the step everything but the sliders is taken for linear. Sticking sliders that slip at its end, or slip back,
+    make it overshoot; it ends where the power of all forces along it vanishes.
+    """
+    if work.counts[4] == 0:
+        return 1.0
+    jacobian, step, spring = system.contact_jacobian, work.step, work.spring
+    start, slope, carried = 0.0, 0.0, 0.0
+    for j in range(work.counts[0]):
+        carried += jacobian[system.output, work.active[j]] * work.miss[j]
+    for d in range(step.shape[0]):
+        start += work.balance[d] * step[d]
+        for j in range(work.counts[0]):
+            slope += step[d] * jacobian[d, work.active[j]] * work.miss[j]
+    if system.planar:
+        slope += step[0] * (spring[2] * step[0] + 2.0 * spring[3] * step[1]) + step[1] * spring[4] * step[1]
+    for k in range(work.counts[4]):
+        s, i = work.resisting[k], friction.contact[work.resisting[k]]
+        work.press_step[s] = carried if i < 0 else work.miss[work.position[i]]
+        work.slip_step[s] = 0.0
+        for d in range(step.shape[0]):
+            work.slip_step[s] += friction.direction[s, d] * step[d]
+    low, below, high = 0.0, start, 1.0
+    above = start + slope + _work_rate(friction, 1.0, work)
+    if not (below < 0.0 and above > -BRAKED * below):
+        return 1.0
+    for _ in range(BRAKING_STEPS):
+        share = low - below * (high - low) / (above - below)
+        power = start + share * slope + _work_rate(friction, share, work)
+        if abs(power) <= -BRAKED * start:
+            return share
+        if power < 0.0:
+            low, below, above = share, power, 0.5 * above
+        else:
+            high, above, below = share, power, 0.5 * below
+    return low if low > 0.0 else high
+
+
+@algebraic_part
+def follow(system, friction, work):
+    """Let the anchors follow where the resistance is at its limit."""
+    motion, anchor = work.motion, work.anchor
+    carried = _carried(system, work)
+    for s in range(friction.stiffness.shape[0]):
+        slip = 0.0
+        for d in range(motion.shape[0]):
+            slip += friction.direction[s, d] * motion[d]
+        pressed = carried if friction.contact[s] < 0 else work.force[friction.contact[s]]
+        reach = (friction.limit[s] + friction.coefficient[s] * abs(pressed)) / friction.stiffness[s]
+        anchor[s] = min(max(anchor[s], slip - reach), slip + reach)
