@@ -124,9 +124,11 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
 
 
 def system_of(reducer: Reducer, bearing: Bearing, laws: ContactLaws, compliance: Real, linear: bool = False) -> System:
-    """The equations' numbers; of ``linear`` bearings without clearance the disks' translations are eliminated.
+    """The equations' numbers, ``compliance`` (n_contacts, n_contacts) [mm/N] among them.
 
-    Their give is then a compliance like the bodies', so that friction, which resists the translations, leaves them in.
+    Of ``linear`` bearings without clearance the disks' translations are eliminated.
+
+    Their give is then a compliance like the bodies'. Friction resists the translations, so that it leaves them in.
     """
     planar, eliminated = reducer.planar, 2 * reducer.n_disks if linear else 0
     return System(
@@ -141,7 +143,7 @@ def system_of(reducer: Reducer, bearing: Bearing, laws: ContactLaws, compliance:
 
 
 def friction_of(sliders: Sliders) -> Friction:
-    """The sliders' numbers."""
+    """The sliders' numbers, (n_sliders,) each but for their directions (n_sliders, n_motions)."""
     direction, stiffness, limit, coefficient = (
         np.ascontiguousarray(values, dtype=float)
         for values in (sliders.direction, sliders.stiffness, sliders.limit, sliders.coefficient)
