@@ -4,6 +4,7 @@ from pathlib import Path
 
 from pipeline.decisions.allocation.results import ALLOCATION, CHECK, TRADEOFF
 from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS
+from pipeline.decisions.joint import JOINTS
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS
 from stages.chain import STAGES
 
@@ -11,6 +12,7 @@ DECISIONS = {
     "compare": (DIFFERENCES, DRIVER_CHANGES, INPUTS),
     "allocate": (ALLOCATION, CHECK, TRADEOFF),
     "bounds": (BOUNDS, STACKS, CONTRIBUTIONS, CAPABILITY),
+    "joints": (JOINTS,),
 }
 """Tables of other targets."""
 

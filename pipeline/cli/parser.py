@@ -106,6 +106,15 @@ def _decisions(command: Commands) -> None:
     _study(bounding)
     _where(bounding)
 
+    handing = command("joints", "handover.write_joints", "backlash, stiffness, friction of a study for simulators")
+    _study(handing)
+    _where(handing)
+
+    tracing = command(
+        "provenance", "handover.write_provenance", "write a run's inputs, versions and hashes as an RO-Crate"
+    )
+    tracing.add_argument("run", help="folder of a run, or the name of one in data/runs")
+
 
 def _measured(command: Commands) -> None:
     naming = command(

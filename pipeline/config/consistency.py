@@ -32,6 +32,7 @@ RESERVED_NAMES = (
     "compare",
     "allocate",
     "bounds",
+    "joints",
 )
 """Run folders of the targets that are no study."""
 

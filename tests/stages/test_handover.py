@@ -1,0 +1,103 @@
+"""Joints for simulators, parsed back, and the crate of a run, its hashes taken anew."""
+
+import hashlib
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline import cli
+from pipeline.cli import settings
+from pipeline.decisions.joint import FORMATS, joints
+from pipeline.errors import InputError
+
+DEG = np.pi / 180
+
+
+@pytest.fixture(scope="module")
+def own_runs(outputs: dict, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("own") / "runs"
+    folder.mkdir()
+    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    return folder
+
+
+def test_joints_hold_the_quantiles_of_the_population(
+    own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(settings, "RUNS", own_runs)
+    assert cli.main(["joints", "--study", "quick", "--jobs", "1"]) == 0
+    units = pd.read_parquet(own_runs / "quick/aggregate/units.parquet").iloc[1:]
+    for name, level in (("p05", 0.05), ("p95", 0.95)):
+        half = units["clearance_backlash_arcmin_mean"].quantile(level) / 60 * DEG / 2
+        stiffness = units["torsional_rigidity_Nm_per_arcmin_mean"].quantile(level) * 60 / DEG
+        roots = {ending: ElementTree.parse(own_runs / f"joints/quick/{name}.{ending}").getroot() for ending in FORMATS}
+        mjcf, robot, model = roots["mjcf.xml"], roots["urdf"], roots["sdf"].find("model")
+        assert mjcf.find("compiler").get("angle") == "radian"
+        ranges = [float(end) for end in mjcf.find(".//joint[@name='backlash']").get("range").split()]
+        limit = robot.find("joint[@name='backlash']/limit")
+        ends = [float(model.find(f"joint[@name='backlash']/axis/limit/{end}").text) for end in ("lower", "upper")]
+        for pair in (ranges, [float(limit.get("lower")), float(limit.get("upper"))], ends):
+            np.testing.assert_allclose(pair, (-half, half), rtol=1e-7)
+        found = [
+            mjcf.find(".//joint[@name='spring']").get("stiffness"),
+            robot.find("gazebo[@reference='spring']/springStiffness").text,
+            model.find("joint[@name='spring']/axis/dynamics/spring_stiffness").text,
+        ]
+        np.testing.assert_allclose([float(text) for text in found], stiffness, rtol=1e-7)
+        assert float(robot.find("joint[@name='spring']/dynamics").get("friction")) == 0  # the study has none
+
+
+def test_friction_is_that_of_a_spring_which_it_holds_back() -> None:
+    """0.3 N m on 5 N m/arcmin: the spring stands 0.06 arcmin short from either side, the loop is 0.12 wide."""
+    units = pd.DataFrame(
+        {
+            "clearance_backlash_arcmin_mean": [1.0],
+            "torsional_rigidity_Nm_per_arcmin_mean": [5.0],
+            "hysteresis_loss_arcmin_mean": [0.12],
+        }
+    )
+    assert all(joint.friction_Nm == pytest.approx(0.3) for joint in joints(units))
+    (joint, *_) = joints(units)
+    mjcf, robot, model = (ElementTree.fromstring(text(joint)) for text in FORMATS.values())
+    texts = [
+        mjcf.find(".//joint[@name='spring']").get("frictionloss"),
+        robot.find("joint[@name='spring']/dynamics").get("friction"),
+        model.find("model/joint[@name='spring']/axis/dynamics/friction").text,
+    ]
+    np.testing.assert_allclose([float(one) for one in texts], 0.3)
+    with pytest.raises(InputError, match="needs all of them"):
+        joints(units.assign(hysteresis_loss_arcmin_mean=np.nan))
+
+
+def test_a_crate_names_every_file_with_its_hash(
+    own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(settings, "RUNS", own_runs)
+    assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
+    assert cli.main(["provenance", "quick"]) == 0
+    run = own_runs / "quick"
+    graph = json.loads((run / "ro-crate-metadata.json").read_text())["@graph"]
+    entities = {entity["@id"]: entity for entity in graph}
+    assert entities["ro-crate-metadata.json"]["about"] == {"@id": "./"}
+    files = {name: entity for name, entity in entities.items() if entity["@type"] == "File"}
+    assert {part["@id"] for part in entities["./"]["hasPart"]} == set(files)
+    written = {
+        path.relative_to(run).as_posix() for stage in run.iterdir() if stage.is_dir() for path in stage.rglob("*")
+    }
+    assert set(files) == {name for name in written if (run / name).is_file() and not name.startswith(".")}
+    for name, entity in files.items():
+        assert hashlib.sha256((run / name).read_bytes()).hexdigest() == entity["sha256"]
+    action = entities["#aggregate"]
+    assert {"@id": "#hysteresis"} in action["object"]
+    assert any(entities[program["@id"]]["name"] == "numpy" for program in action["instrument"])
+    references = [link["@id"] for link in action["object"] + action["instrument"] + action["result"]]
+    assert set(references) <= set(entities)
+    part = run / "sample" / "reducer.parquet"
+    part = part if part.is_file() else next(part.iterdir())
+    part.write_bytes(b"changed")
+    assert cli.main(["provenance", "quick"]) == 2
+    assert "damaged" in capsys.readouterr().err
