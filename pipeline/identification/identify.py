@@ -16,12 +16,13 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.detection import DetectionLimit, detection_limits
+from pipeline.identification.selection.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.judgement import MOST_NAMED, Selection
 from pipeline.identification.selection.model_selection import MOST_EFFECTS, Selector
 from pipeline.identification.selection.remainder import Remainder, remainder
 from pipeline.identification.selection.statement import Statement, fault_statement, stated
-from pipeline.identification.selection.verdict import ADEQUATE, FAULT, Verdict, judge
+from pipeline.identification.selection.verdict import ADEQUATE, FAULT, MOSTLY, UNEXPLAINED, Verdict, judge
 
 Real = NDArray[np.float64]
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
@@ -50,6 +51,8 @@ class Identification:
     described : error of the model that describes best, where no effect is claimed.
     could_hide : of an adequate unit, the size of each effect that would have shown.
     remainder : what the claimed model leaves on these cells, or the one that describes best.
+    discrepancy : structure in what the claimed model, or the one that describes best, leaves of the cells fitted; None
+        where nothing is left.
     """
 
     measurement: Measurement
@@ -62,6 +65,7 @@ class Identification:
     errors: Mapping[str, AngleError]
     baselines: Mapping[str, AngleError]
     remainder: Remainder
+    discrepancy: Discrepancy | None
     described: AngleError | None
     could_hide: tuple[DetectionLimit, ...]
 
@@ -124,6 +128,9 @@ def identify_measured(
         errors,
         {title: angle_error(data, cranks, curve, nothing, folds.cells) for title, curve in plain.items()},
         rest,
+        discrepancy_of(fitter, selection.answer.fit, cells.direction, seen)
+        if verdict.verdict in (MOSTLY, UNEXPLAINED)
+        else None,
         best if selection.answer.fit.model.effects and not verdict.named else None,
         limits,
     )

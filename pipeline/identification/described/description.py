@@ -19,6 +19,7 @@ from pipeline.identification.generic.play_and_friction import TERMS, Cells, Play
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.cross_validation import LEAST_LOSS, groups
+from pipeline.identification.selection.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE, STRUCTURE
@@ -33,6 +34,8 @@ RESAMPLES, SEED = 2000, 81
 """Of the branches, for the familywise p."""
 FEWEST_GROUPS = 3
 """Groups of data below which an estimate has no interval."""
+STEP = 1e-3
+"""Step of the derivatives, as a share of a number."""
 SPRING = "compliance"
 NUMBERS = {
     "play": ("play_arcmin", "arcmin", "play: angle between the two senses without torque"),
@@ -79,6 +82,8 @@ class Description:
     errors : of these; ``baselines`` of predictions that ask no drive.
     cells : (n_cells,) those that judge.
     in_sample : whether nothing could be held out.
+    left : structure in what the description leaves of the training cells; its parameters are the numbers. None where
+        nothing is left.
     """
 
     measurement: Measurement
@@ -90,6 +95,7 @@ class Description:
     baselines: Mapping[str, AngleError]
     cells: Truth
     in_sample: bool
+    left: Discrepancy | None
 
 
 def described(measurement: Measurement) -> Description:
@@ -113,16 +119,36 @@ def described(measurement: Measurement) -> Description:
     errors = {name: angle_error(data, cranks, curve, nothing, cells) for name, curve in curves.items()}
     cycles = Cycles(measurement.cells.direction, measurement.branches.kind[measurement.cells.block])
     plain = baselines(data, cycles, splits, data.offsets)
+    verdict = _verdict(errors, any(number.named for number in numbers))
     return Description(
         measurement,
         data,
-        _verdict(errors, any(number.named for number in numbers)),
+        verdict,
         numbers,
         curves,
         errors,
         {title: angle_error(data, cranks, curve, nothing, cells) for title, curve in plain.items()},
         cells,
         splits[0][0] is splits[0][1],
+        None if verdict == DESCRIBED else _left(measurement, data, seen, numbers),
+    )
+
+
+def _left(measurement: Measurement, data: Data, seen: Truth, numbers: tuple[Number, ...]) -> Discrepancy:
+    """Structure in what the fit to the training cells leaves of them."""
+    torque, top = followed_torques(measurement), float(np.max(np.abs(data.torque)))
+    values = {NUMBERS[number.term][0]: number.value for number in numbers}
+
+    def angle(changed: Mapping[str, float]) -> Real:
+        return PlayAndFriction(**{**values, **changed}).angle(torque, data.position, top)
+
+    steps = {name: STEP * (abs(value) or 1.0) for name, value in values.items()}
+    jacobian = np.column_stack(
+        [(angle({name: values[name] + by}) - angle({name: values[name] - by})) / (2 * by) for name, by in steps.items()]
+    )
+    residual, direction = data.angle - angle({}), measurement.cells.direction.astype(float)
+    return discrepancy(
+        data.torque[seen], direction[seen], data.position[seen], residual[seen], data.sigma[seen], jacobian[seen]
     )
 
 

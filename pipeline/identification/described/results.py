@@ -128,6 +128,7 @@ def _verdict(of: Description) -> dict[str, Any]:
         "held_out_errors": {name: asdict(error) for name, error in of.errors.items()},
         "baselines": {title: asdict(error) for title, error in of.baselines.items()},
         "in_sample": of.in_sample,
+        "discrepancy": of.left.plain if of.left else None,
         "noise_arcmin": of.data.noise,
         "input_turns_deg": turned_deg(of),
         "data_faults": [asdict(fault) for fault in of.measurement.faults],

@@ -110,6 +110,7 @@ def _untested() -> dict[str, Any]:
     return empty | {
         "noise": None,
         "remainder": None,
+        "discrepancy": None,
         "described": None,
         "could_hide": [],
         "in_sample": False,
@@ -124,6 +125,7 @@ def _tested(of: Findings) -> dict[str, Any]:
     return {
         "calibrated": _calibrated(found),
         "remainder": asdict(found.remainder),
+        "discrepancy": found.discrepancy.plain if found.discrepancy else None,
         "noise": {
             "floor_arcmin": asdict(noise.floor),
             "random_arcmin": asdict(noise.random),

@@ -14,7 +14,7 @@ from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.report.rendering import Picture, rendered
-from pipeline.report.unit.page import digits, interval
+from pipeline.report.unit.page import digits, discrepancy_facts, interval
 
 TEMPLATE = "unit/description.html"
 CAPTIONS = {
@@ -52,6 +52,7 @@ def write_description_page(of: Description, left: Sequence[Signature], folder: P
             (title[:1].upper() + title[1:], digits(e.rms_arcmin), digits(e.to_noise)) for title, e in errors.items()
         ],
         signatures=[_signature(one) for one in left if not one.why_not],
+        left=_left(of),
         folder=shown_folder,
         pictures=pictures,
     )
@@ -67,6 +68,15 @@ def _number(number: Number) -> dict[str, str | bool]:
         "p": digits(number.p, 2),
         "named": number.named,
     }
+
+
+def _left(of: Description) -> list[tuple[str, str]]:
+    """What the description leaves, in words; nothing where nothing is left."""
+    if of.left is None:
+        return []
+    rows = zip(of.numbers, of.left.moved.tolist(), of.left.error.tolist(), strict=True)
+    moved = [(n.meaning.split(":")[0], by, error, "" if n.unit == "1" else n.unit) for n, by, error in rows]
+    return discrepancy_facts(of.left, moved)
 
 
 def _signature(one: Signature) -> tuple[str, str, str, str, bool]:

@@ -20,6 +20,7 @@ from pipeline.identification.results import tables
 from pipeline.identification.results.prediction_errors import LoopError
 from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.identification.selection.detection import DetectionLimit
+from pipeline.identification.selection.discrepancy import Discrepancy
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statement import title_of
 from pipeline.report.rendering import Picture, rendered
@@ -158,6 +159,7 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
             for stage, error in found.errors.items()
         ],
         "baselines": [_baseline(title, error) for title, error in _beside(found).items()],
+        "left": _left(found),
         "could_hide": [_limit(limit) for limit in found.could_hide],
         "compared": _compared(found),
         "held_out_cranks": [digits(crank) for crank in found.errors["after"].by_crank_deg],
@@ -173,6 +175,34 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
 def _after(found: Identification) -> str:
     """What the third of the models is."""
     return "With what is named" if found.verdict.named else "After: nothing is claimed, as refitted"
+
+
+def discrepancy_facts(left: Discrepancy, moved: Sequence[tuple[str, float, float, str]]) -> list[tuple[str, str]]:
+    """What is left as a Gaussian process, in words; ``moved``: name, change, standard error and unit of parameters."""
+    sense = "rising" if left.worst_sense > 0 else "falling"
+    facts = [
+        ("Structured", f"{digits(100 * left.structured, 2)} % of the mean square of what is left"),
+        ("Shared by all positions", f"{digits(left.common_arcmin)} arcmin"),
+        ("Of each position by itself", f"{digits(left.own_arcmin)} arcmin"),
+        ("Alike over", f"{digits(left.reach_Nm)} N m"),
+        ("Largest", f"{digits(left.worst_arcmin)} arcmin at {digits(left.worst_torque_Nm)} N m, torque {sense}"),
+    ]
+    for name, change, error, unit in moved:
+        beyond = "by more than its uncertainty" if abs(change) > 2 * error else "within its uncertainty"
+        text = f"moves by {digits(change)} {unit}".rstrip()
+        facts.append((_sentence(name), f"{text} when the term is allowed, {beyond} ({digits(2 * error)})"))
+    return facts
+
+
+def _left(found: Identification) -> list[tuple[str, str]]:
+    """What the model leaves, in words; nothing where nothing is left."""
+    left = found.discrepancy
+    if left is None:
+        return []
+    effects = found.selection.answer.fit.model.effects
+    parameters = [(f"{effect.title}, {p.meaning}", _unit(p.unit)) for effect in effects for p in effect.parameters]
+    rows = zip(parameters, left.moved.tolist(), left.error.tolist(), strict=True)
+    return discrepancy_facts(left, [(name, by, error, unit) for (name, unit), by, error in rows])
 
 
 def _baseline(title: str, error: AngleError) -> dict[str, str]:

@@ -1,0 +1,205 @@
+"""What a fitted model misses, as a Gaussian process over torque, sense of loading and position.
+
+Part of the residual that is alike in neighbouring torques is no noise: it has a size, a reach and a place, and it makes
+the parameters less certain than noise would, and may move them.
+
+Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; sizes and reach by the restricted likelihood, Patterson
+and Thompson, Biometrika 58 (1971) 545.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit, mapped
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+TORQUE_BINS = 24
+"""Intervals of the range of the torque, for each sense and position, over which cells are averaged."""
+REACHES = (0.03, 1.0)
+"""Reach of the process in largest torques: cells are as wide as the first, a shape as wide as the last."""
+SIZES = (1e-3, 1e3)
+"""Sizes of the process in standard deviations of noise."""
+SHARE_STEP = 1e-4
+"""Step of a parameter, as a share of its bounds, by which its unit is found."""
+JITTER = 1e-9
+"""Share of the noise's variance that keeps matrices definite."""
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """Structure in a residual, and the parameters beside it.
+
+    Attributes
+    ----------
+    common_arcmin, own_arcmin : standard deviations of what all positions share, and of what each has by itself.
+    reach_Nm : torque over which it is alike.
+    structured : share of the mean square residual that is neither noise nor offset.
+    worst_torque_Nm, worst_sense, worst_arcmin : where what all positions share is largest, and its size there.
+    moved : (n_parameters,) change of the parameters when the process is allowed.
+    error : (n_parameters,) standard errors of the parameters then.
+    """
+
+    common_arcmin: float
+    own_arcmin: float
+    reach_Nm: float
+    structured: float
+    worst_torque_Nm: float
+    worst_sense: int
+    worst_arcmin: float
+    moved: Real
+    error: Real
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """All of it as JSON takes it."""
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+
+
+def discrepancy(
+    torque: Real,
+    sense: Real,
+    position: Whole,
+    residual: Real,
+    sigma: Real,
+    jacobian: Real,
+    random: Real | None = None,
+) -> Discrepancy:
+    """The discrepancy of a fitted model.
+
+    Parameters
+    ----------
+    torque, sense, position : (n_cells,) [N m]; +1 or -1; number.
+    residual, sigma : (n_cells,) [arcmin] measured less fitted, and its noise.
+    jacobian : (n_cells, n_parameters) d angle / d parameters.
+    random : (n_cells, n_random) [arcmin] d angle / d what is only known to have unit variance, such as tolerances.
+    """
+    n = jacobian.shape[1]
+    known = np.zeros((len(residual), 0)) if random is None else random
+    at, means, noise, columns = _averaged(torque, sense, position, residual, sigma, np.hstack([jacobian, known]))
+    design = np.hstack([columns[:, :n], _offsets(at[2])])
+    base = columns[:, n:] @ columns[:, n:].T + np.diag(noise**2 * (1 + JITTER))
+    top, unit = float(np.max(np.abs(torque))), float(np.median(noise))
+    scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    design = design / scale
+
+    def covariance(logs: Real) -> tuple[Real, Real]:
+        shared, own = _kernels(at, np.exp(logs[2]) * top)
+        sizes = unit**2 * np.exp(2 * logs[:2])
+        return sizes[0] * shared, sizes[1] * own
+
+    def misfit(logs: Real) -> float:
+        return -restricted_likelihood(sum(covariance(logs)) + base, design, means)
+
+    bounds = [tuple(np.log(SIZES)), tuple(np.log(SIZES)), tuple(np.log(REACHES))]
+    starts = [np.log([size, size, reach]) for size in (0.3, 10.0) for reach in (0.1, 0.4)]
+    best = min(
+        (minimize(misfit, start, bounds=bounds, method="L-BFGS-B") for start in starts), key=lambda fit: fit.fun
+    ).x
+    shared, own = covariance(best)
+    factor = cho_factor(shared + own + base)
+    spread = np.linalg.pinv(design.T @ cho_solve(factor, design))
+    amounts = spread @ (design.T @ cho_solve(factor, means))
+    weights = cho_solve(factor, means - design @ amounts)
+    common, whole = shared @ weights, (shared + own) @ weights
+    worst = int(np.argmax(np.abs(common)))
+    centred = means - _offsets(at[2]) @ np.linalg.lstsq(_offsets(at[2]), means, rcond=None)[0]
+    return Discrepancy(
+        common_arcmin=unit * float(np.exp(best[0])),
+        own_arcmin=unit * float(np.exp(best[1])),
+        reach_Nm=top * float(np.exp(best[2])),
+        structured=float(np.clip(1 - np.mean((means - design @ amounts - whole) ** 2) / np.mean(centred**2), 0, 1)),
+        worst_torque_Nm=float(at[0][worst]),
+        worst_sense=int(at[1][worst]),
+        worst_arcmin=float(common[worst]),
+        moved=(amounts / scale)[:n],
+        error=(np.sqrt(np.diag(spread)) / scale)[:n],
+    )
+
+
+def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> Discrepancy:
+    """The discrepancy of a fit over cells (n_cells,), its parameters those of the effects, in their units.
+
+    Parameters
+    ----------
+    direction : (n_cells,) +1 where the torque rises, -1 where it falls.
+
+    Notes
+    -----
+    Calibrated numbers and tolerances vary about what is declared as their priors say.
+    """
+    data, now = fitter.problem.data, fit.unknowns
+    first, last = len(now.scales), len(now.scales) + len(now.shares)
+    spread = np.concatenate([fitter.problem.scale_spread, np.ones(len(now.modes))])
+    random = np.hstack([fit.jacobian[:, :first], fit.jacobian[:, last:]]) * spread
+    residual = data.angle - fit.predicted + random @ (np.concatenate([now.scales, now.modes]) / spread)
+    bounds = fitter.bounds(fit.model)
+    near = [mapped(bounds, now.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
+    shares_by_value = 2 * SHARE_STEP / (near[1] - near[0])
+    jacobian = fit.jacobian[:, first:last] * shares_by_value
+    return discrepancy(
+        data.torque[cells],
+        direction[cells].astype(float),
+        data.position[cells],
+        residual[cells],
+        data.sigma[cells],
+        jacobian[cells],
+        random[cells],
+    )
+
+
+def restricted_likelihood(covariance: Real, design: Real, values: Real) -> float:
+    """Logarithm of the likelihood of what of the values (n,) the columns of the design (n, k) do not explain.
+
+    But for a constant; -inf where the covariance (n, n) is not definite.
+    """
+    try:
+        factor = cho_factor(covariance, lower=True)
+    except LinAlgError:
+        return -np.inf
+    solved = cho_solve(factor, design)
+    information = design.T @ solved + 1e-12 * np.eye(design.shape[1])
+    amounts = np.linalg.solve(information, solved.T @ values)
+    rest = values - design @ amounts
+    _, size = np.linalg.slogdet(information)
+    return float(-0.5 * (2 * np.sum(np.log(np.diag(factor[0]))) + size + rest @ cho_solve(factor, rest)))
+
+
+def _averaged(
+    torque: Real, sense: Real, position: Whole, residual: Real, sigma: Real, jacobian: Real
+) -> tuple[tuple[Real, Real, Whole], Real, Real, Real]:
+    """Cells of one position, sense and interval of torque as one: place, residual, noise, columns."""
+    _, number = np.unique(position, return_inverse=True)
+    edges = np.linspace(torque.min(), torque.max(), TORQUE_BINS + 1)
+    interval = np.clip(np.searchsorted(edges, torque, side="right") - 1, 0, TORQUE_BINS - 1)
+    _, kind = np.unique((2 * number + (sense > 0)) * TORQUE_BINS + interval, return_inverse=True)
+    weight = 1 / sigma**2
+    total = np.bincount(kind, weight)
+
+    def mean(values: Real) -> Real:
+        return np.bincount(kind, weight * values) / total
+
+    place = mean(torque), np.sign(mean(sense)), np.rint(mean(number.astype(float))).astype(np.int64)
+    columns = np.column_stack([mean(column) for column in jacobian.T]) if jacobian.size else np.zeros((len(total), 0))
+    return place, mean(residual), 1 / np.sqrt(total), columns
+
+
+def _offsets(position: Whole) -> Real:
+    return (position[:, None] == np.unique(position)).astype(float)
+
+
+def _kernels(at: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:
+    """Correlation (n, n) of what all positions share, and of what each has by itself."""
+    torque, sense, position = at
+    alike = np.exp(-0.5 * ((torque[:, None] - torque) / reach) ** 2) * (sense[:, None] == sense)
+    return alike, alike * (position[:, None] == position)

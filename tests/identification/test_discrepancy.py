@@ -1,0 +1,72 @@
+"""The discrepancy term against processes of known size, and its likelihood against a density."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from pipeline.identification.selection.discrepancy import discrepancy, restricted_likelihood
+
+TORQUE = np.tile(np.linspace(-12, 12, 24), 6)
+SENSE = np.tile(np.repeat([1.0, -1.0], 24), 3)
+POSITION = np.repeat([0, 1, 2], 48)
+SLOPE = TORQUE[:, None]
+
+
+def drawn(seed: int, common: float, own: float, reach: float, noise: float = 0.1) -> np.ndarray:
+    """A process of known sizes [arcmin] and reach [N m], with noise."""
+    rng = np.random.default_rng(seed)
+    alike = np.exp(-0.5 * ((TORQUE[:, None] - TORQUE) / reach) ** 2) * (SENSE[:, None] == SENSE)
+    covariance = common**2 * alike + own**2 * alike * (POSITION[:, None] == POSITION)
+    values = rng.multivariate_normal(np.zeros(len(TORQUE)), covariance, method="eigh")
+    return values + noise * rng.standard_normal(len(TORQUE))
+
+
+def found(residual, sigma=0.1, jacobian=SLOPE):
+    return discrepancy(TORQUE, SENSE, POSITION, residual, np.full(len(TORQUE), sigma), jacobian)
+
+
+def test_sizes_and_reach_of_a_process_are_found():
+    many = [found(drawn(seed, 2.0, 0.7, 3.0), jacobian=np.zeros((len(TORQUE), 0))) for seed in range(5)]
+    assert np.median([one.reach_Nm for one in many]) == pytest.approx(3.0, rel=0.3)
+    assert np.median([one.common_arcmin for one in many]) == pytest.approx(2.0, rel=0.35)
+    assert np.median([one.own_arcmin for one in many]) == pytest.approx(0.7, rel=0.35)
+    assert min(one.structured for one in many) > 0.95
+
+
+def test_noise_alone_has_little_structure():
+    many = [found(drawn(seed, 0.0, 0.0, 3.0)) for seed in range(4)]
+    assert np.median([one.structured for one in many]) < 0.15
+    assert np.median([one.common_arcmin for one in many]) < 0.1
+
+
+def test_the_interval_of_a_parameter_holds_it_beside_structure_where_least_squares_does_not():
+    inside, plain = 0, 0
+    for seed in range(12):
+        residual = drawn(seed, 1.0, 0.5, 4.0) + 0.1 * TORQUE
+        slope = np.sum(TORQUE * residual) / np.sum(TORQUE**2)
+        plain += abs(slope - 0.1) < 2 * 0.1 / np.sqrt(np.sum(TORQUE**2))
+        one = found(residual - slope * TORQUE)
+        inside += abs(slope + one.moved[0] - 0.1) < 2 * one.error[0]
+    assert inside >= 9
+    assert plain <= 5
+
+
+def test_the_place_of_the_structure_is_found():
+    bump = 3.0 * np.exp(-0.5 * ((TORQUE - 6) / 1.5) ** 2) * (SENSE > 0)
+    one = found(drawn(1, 0.0, 0.0, 1.0) + bump)
+    assert one.worst_torque_Nm == pytest.approx(6.0, abs=1.1)
+    assert one.worst_sense == 1
+    assert one.worst_arcmin > 1.0
+
+
+def test_the_restricted_likelihood_is_the_density_of_contrasts():
+    rng = np.random.default_rng(3)
+    design, root = rng.standard_normal((9, 2)), rng.standard_normal((9, 9))
+    covariances = [root @ root.T + np.eye(9), np.diag(rng.uniform(1, 2, 9))]
+    values = rng.standard_normal(9)
+    contrasts = np.linalg.svd(design)[0][:, 2:]  # what the design does not reach
+    densities = [
+        stats.multivariate_normal(cov=contrasts.T @ one @ contrasts).logpdf(contrasts.T @ values) for one in covariances
+    ]
+    ours = [restricted_likelihood(one, design, values) for one in covariances]
+    assert ours[0] - ours[1] == pytest.approx(densities[0] - densities[1], rel=1e-9)
