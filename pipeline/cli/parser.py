@@ -60,6 +60,10 @@ def _studies(command: Commands) -> None:
     resolving.add_argument("--sample", required=True, type=int)
     _where(resolving)
 
+    turning = command("turn", "turn.turn_unit", "transmission error of a sample over an output turn, and its orders")
+    turning.add_argument("study", help="study file, or the stem of one in data/studies")
+    turning.add_argument("--sample", required=True, type=int)
+
     sparing = command("tails", "tails.find_tails", "units beyond the limits in parts per million, and far quantiles")
     _study(sparing)
     _where(sparing)

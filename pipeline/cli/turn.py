@@ -1,0 +1,109 @@
+"""The command of one unit over a turn of the output: transmission error without and under load, and its orders."""
+
+import argparse
+
+import numpy as np
+import pandas as pd
+
+from pipeline.cli import settings
+from pipeline.config import Study, load_study
+from pipeline.engine.store import write_atomic
+from pipeline.engine.table import Column, Table
+from pipeline.errors import InputError
+from pipeline.model.turn.orders import orders
+from pipeline.population.output_turn import OutputTurn, free_error, loaded_error, symmetric
+from pipeline.sampling import draw
+from stages.keys import CRANK
+from stages.transmission import SENSE, SENSES, TORQUE
+
+ASYMMETRIC = "a torque: holes, several disks and rigid ones are not condensed for all lobes"
+"""Said of reducers whose disk does not repeat from lobe to lobe."""
+SHOWN = 6
+"""Strongest orders that are printed."""
+ERROR = Table(
+    "error",
+    "sense, torque, crank of the output turn",
+    (SENSE, TORQUE, CRANK, Column("error_arcsec", "float64", "arcsec", "angle of the output less the nominal ratio's")),
+)
+ORDERS = Table(
+    "orders",
+    "sense, torque, order",
+    (
+        SENSE,
+        TORQUE,
+        Column("order_of_output", "int32", "1", "waves per turn of the output"),
+        Column("order_of_crank", "float64", "1", "waves per turn of the crank"),
+        Column("amplitude_arcsec", "float64", "arcsec", "amplitude a of a cos(order crank + phase)"),
+        Column("phase_deg", "float64", "deg", "phase, likewise"),
+    ),
+)
+
+
+def turn_unit(options: argparse.Namespace) -> None:
+    """Write the transmission error of one sample over a turn of the output, and its orders."""
+    study = load_study(options.study, settings.ROOT)
+    settings.check_sample(study, options.sample)
+    unit = draw(study, options.sample, options.sample + 1)
+    held = study.metrics.rigidity_percent[1] / 100 * study.design.cycloid.rated_torque_Nm
+    curves, reasons = {}, [] if symmetric(study) else [ASYMMETRIC]
+    for torque, error_of in ((0.0, free_error), *([(held, loaded_error)] if symmetric(study) else [])):
+        try:
+            curves[torque] = error_of(study, unit)
+        except ArithmeticError as error:
+            reasons.append(f"{torque:g} N m: {error}")
+    if not curves:
+        raise InputError([f"sample {options.sample} of study {study.name}: {reason}" for reason in reasons])
+    folder = settings.RUNS / study.name / "output_turn"
+    folder.mkdir(parents=True, exist_ok=True)
+    for table, rows in ((ERROR, _error_rows(curves)), (ORDERS, _order_rows(study, curves))):
+        columns = {name: rows[name].array if name == "sense" else rows[name].to_numpy() for name in rows}
+        write_atomic(folder / f"{table.name}-{options.sample}.parquet", table.part(columns).data)
+    _say(study, curves)
+    print(*(f"not known at {reason}" for reason in reasons), sep="\n", end="\n" if reasons else "")
+    print(f"tables: {settings.shown(folder)}")
+
+
+def _error_rows(curves: dict[float, OutputTurn]) -> pd.DataFrame:
+    return pd.concat(
+        pd.DataFrame(
+            {
+                "sense": pd.Categorical([SENSES[k]] * len(turn.crank), categories=list(SENSES)),
+                "torque_Nm": torque * (1 - 2 * k),
+                "crank_deg": np.degrees(turn.crank),
+                "error_arcsec": turn.error[k],
+            }
+        )
+        for torque, turn in curves.items()
+        for k in range(2)
+    )
+
+
+def _order_rows(study: Study, curves: dict[float, OutputTurn]) -> pd.DataFrame:
+    lobes, parts = study.design.cycloid.lobes, []
+    for torque, turn in curves.items():
+        harmonics = orders(turn.error, turns=lobes)
+        for k in range(2):
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "sense": pd.Categorical([SENSES[k]] * len(harmonics.order), categories=list(SENSES)),
+                        "torque_Nm": torque * (1 - 2 * k),
+                        "order_of_output": np.arange(1, len(harmonics.order) + 1),
+                        "order_of_crank": harmonics.order,
+                        "amplitude_arcsec": harmonics.amplitude[k],
+                        "phase_deg": np.degrees(harmonics.phase[k]),
+                    }
+                )
+            )
+    return pd.concat(parts)
+
+
+def _say(study: Study, curves: dict[float, OutputTurn]) -> None:
+    for torque, turn in curves.items():
+        what = f"{torque:g} N m held" if torque else "without load, at the ends of the play"
+        spans = " and ".join(f"{span:.2f}" for span in np.ptp(turn.error, axis=1))
+        print(f"{what}: {spans} arcsec peak to peak in the senses + and -, from {len(turn.crank)} crank angles")
+        harmonics = orders(turn.error, turns=study.design.cycloid.lobes)
+        strongest = np.argsort(-harmonics.amplitude[0], kind="stable")[:SHOWN]
+        shown = ", ".join(f"{harmonics.order[k]:.4g}: {harmonics.amplitude[0, k]:.3g}" for k in strongest)
+        print(f"  strongest waves per turn of the crank, sense + (arcsec): {shown}")

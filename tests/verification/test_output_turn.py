@@ -1,0 +1,84 @@
+"""One unit over a turn of the output: condensation by symmetry against fresh ones, and against the stages."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline import assembly, cli
+from pipeline.cli import settings
+from pipeline.config import Study, load_design, parse_study
+from pipeline.elastic import disk_patches, elastic_disk
+from pipeline.population import output_turn
+from pipeline.population.output_turn import PHASES, TurnedDisk, free_error, loaded_steps, rigid_cranks
+from pipeline.sampling import draw
+
+ROOT = Path(__file__).parents[2]
+
+
+def coarse(**cycle: object) -> Study:
+    data = tomllib.loads((ROOT / "data/studies/quick.toml").read_text(encoding="utf-8"))
+    data["samples"]["count"] = 2
+    data["cycle"] |= {"keep_contacts": [], **cycle}
+    data["reduce"] |= {"flank_edges_per_lobe": 12, "patch_half_width_mm": 0.3, "growth": 1.0, "largest_edge_mm": 3.0}
+    return parse_study(data, "turn", "turn.toml", lambda design: load_design(design, ROOT))
+
+
+def test_a_turn_by_symmetry_is_that_of_fresh_condensations(monkeypatch: pytest.MonkeyPatch) -> None:
+    study = coarse()
+    disk = elastic_disk(study)
+    turned = TurnedDisk.of(study, disk, phase=1)
+    for pitches in (1, 37, 80, 4001):
+        at = assembly.reducer(study.design, 360 * (1 / PHASES + pitches) / 80)
+        rows = assembly.disk_contacts(at)
+        fresh = disk.compliance(disk_patches(study, disk, at)).matrix
+        found = turned.compliance(pitches)[np.ix_(rows, rows)]
+        np.testing.assert_allclose(found, fresh, atol=1e-8 * np.abs(fresh).max(), rtol=0)
+
+
+def test_angles_of_the_output_turn_are_even_and_see_every_phase_alike() -> None:
+    study = coarse()
+    steps = loaded_steps(study)
+    assert len(np.unique(np.diff(steps))) == 1
+    assert len(steps) * np.diff(steps)[0] == 80 * 79 * PHASES
+    assert len(set(np.bincount(steps % PHASES))) == 1
+    cranks = rigid_cranks(study)
+    np.testing.assert_allclose(np.diff(cranks), 2 * np.pi / 161)
+    assert len(cranks) == 161 * 79
+
+
+def test_the_turn_of_a_unit_goes_through_the_angles_of_a_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of few angles: what the command writes is what the stages have at the same crank angles."""
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    monkeypatch.setattr(output_turn, "rigid_cranks", lambda study: 2 * np.pi * np.arange(10) / 10)
+    monkeypatch.setattr(output_turn, "loaded_steps", lambda study: np.arange(0, 240, 60))
+    file = tmp_path / "turn.toml"
+    text = (ROOT / "data/studies/quick.toml").read_text(encoding="utf-8")
+    text = text.replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0, 90.0]\nrigid_angles = 1")
+    for name, value in (("flank_edges_per_lobe", "12"), ("patch_half_width_mm", "0.3"), ("growth", "1.0")):
+        start = text.index(f"\n{name} = ") + 1
+        text = text[:start] + f"{name} = {value}\n" + text[text.index("\n", start) + 1 :]
+    file.write_text(text)
+    assert cli.main(["turn", str(file), "--sample", "3"]) == 0
+    assert "12 N m held" in capsys.readouterr().out
+    written = pd.read_parquet(tmp_path / "turn/output_turn/error-3.parquet")
+    orders = pd.read_parquet(tmp_path / "turn/output_turn/orders-3.parquet")
+    assert set(orders.columns) >= {"order_of_output", "order_of_crank", "amplitude_arcsec"}
+    assert cli.main(["run", "aggregate", "--study", str(file), "--jobs", "1"]) == 0
+    table = pd.read_parquet(tmp_path / "turn/aggregate/transmission.parquet").query("sample == 3")
+    table["crank_deg"], written["crank_deg"] = table["crank_deg"].round(6), written["crank_deg"].round(6)
+    both = table.merge(written, on=["sense", "torque_Nm", "crank_deg"], suffixes=("", "_of_turn"))
+    assert len(both) == 2 * 1 + 2 * 2  # the play at 0, under load at 0 and 90 degrees, both senses
+    np.testing.assert_allclose(both["error_arcsec_of_turn"], both["error_arcsec"], rtol=1e-7)
+
+
+def test_a_unit_that_interferes_has_no_play_to_look_at() -> None:
+    study = coarse()
+    unit = draw(study, 1, 2)
+    tight = type(unit)(**{**vars(unit), "pin_radius": unit.pin_radius + 50.0})
+    with pytest.raises(ArithmeticError, match="interfere"):
+        free_error(study, tight)
