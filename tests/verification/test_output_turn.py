@@ -49,6 +49,7 @@ def test_angles_of_the_output_turn_are_even_and_see_every_phase_alike() -> None:
     assert len(cranks) == 161 * 79
 
 
+@pytest.mark.attack
 def test_the_turn_of_a_unit_goes_through_the_angles_of_a_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

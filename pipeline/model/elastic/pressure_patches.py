@@ -50,7 +50,7 @@ class Patches:
         return len(self.direction)
 
     def some(self, rows: Index) -> "Patches":
-        """Some of the patches."""
+        """The patches (n_rows,) of these numbers."""
         parts = (self.points[rows], self.triangles[rows], self.barycentric[rows])
         return Patches(*parts, self.weights, self.direction[rows])
 
