@@ -9,7 +9,7 @@ import pytest
 
 from pipeline import cli
 from pipeline.cli import settings
-from pipeline.config import load_study
+from pipeline.config import load_study, parse_design
 from pipeline.config.writing import toml_of
 from pipeline.errors import InputError
 
@@ -79,3 +79,10 @@ def test_a_stiffness_that_is_missing_or_useless_is_refused(folder, springs, told
     with pytest.raises(InputError) as raised:
         load_study(folder / "refused.toml", ROOT)
     assert told in " | ".join(raised.value.problems)
+
+
+def test_several_disks_cannot_all_be_the_output(folder):
+    design = tomllib.loads((folder / "stiff.toml").read_text())
+    design["disk"]["count"] = 2
+    with pytest.raises(InputError, match='disk.count = 2; must be 1 with mechanism = "direct"'):
+        parse_design(design, "stiff.toml")

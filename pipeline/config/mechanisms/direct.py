@@ -44,8 +44,10 @@ class Direct(OutputMechanism):
         return inf
 
     def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
-        """Nothing that could not be built."""
-        yield from ()
+        """Several disks, which cannot all be the output: nothing would share the torque out among them."""
+        if disk and disk.count > 1:
+            allowed = 'must be 1 with mechanism = "direct": the disk is the output; take another mechanism'
+            yield Problem("disk.count", disk.count, allowed)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """None of its own: the torque acts on the disk's rotation."""
