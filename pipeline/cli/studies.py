@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.cli import settings
 from pipeline.config import Study, load_study, load_unit
+from pipeline.config.study import ALL_LIMITS
 from pipeline.engine.cache import Cache
 from pipeline.engine.lock import locked
 from pipeline.engine.runner import damages, plan, run, why
@@ -17,10 +18,15 @@ from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
+from pipeline.statistics.sample_size import units_for_yield
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.sample import SAMPLED, errors_of_columns
 
+HALF_WIDTHS = (0.02, 0.01, 0.005)
+"""Of the interval of a yield."""
+CONFIDENCE = 0.95
+"""Of that interval, as studies have it unless they say otherwise."""
 REASONS_SHOWN = 3
 """Of a stage in the answer of a dry run."""
 
@@ -61,6 +67,7 @@ def show_run(options: argparse.Namespace) -> None:
     if "aggregate" not in outputs:
         raise InputError(f"{settings.shown(folder)}: no results; run: python -m pipeline run --study {folder.name}")
     print("\n".join(summary(pd.DataFrame(outputs["aggregate"].read("distributions")), folder.name)))
+    print("\n".join(needed_units(pd.DataFrame(outputs["aggregate"].read("distributions")))))
     status = outputs["aggregate"].read("units")["status"]
     print(f"{len(status)} units, {np.count_nonzero(np.asarray(status) != 'ok')} with a remark in status")
     for name, output in outputs.items():
@@ -82,6 +89,16 @@ def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
             if (metric, statistic) in cells
         ]
         yield f"{metric}  {'  '.join(shown)}"
+
+
+def needed_units(distributions: pd.DataFrame) -> Iterator[str]:
+    """A line for each half width: how many independent units would know the yield against all limits as well."""
+    wanted = {"over": "worst", "statistic": "yield", "metric": ALL_LIMITS}
+    rows = np.logical_and.reduce([distributions[column] == name for column, name in wanted.items()])
+    for share in distributions.loc[rows, "value"]:
+        for half_width in HALF_WIDTHS:
+            units = units_for_yield(float(share), half_width, CONFIDENCE)
+            yield f"for +-{100 * half_width:g} % on the yield against all limits take {units:,} independent units"
 
 
 def reasons(options: argparse.Namespace) -> None:

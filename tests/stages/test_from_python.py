@@ -84,6 +84,7 @@ def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, cap
     assert "lost_motion_arcmin  mean 2." in said
     assert "all_limits  yield" in said
     assert "51 units" in said
+    assert "for +-1 % on the yield against all limits take " in said
     assert cli.main(["show", "nowhere"]) == 2
 
 

@@ -1,0 +1,42 @@
+"""How many independent units know a yield as well as is wanted."""
+
+import math
+
+from scipy import stats
+
+
+def units_for_yield(share: float, half_width: float, confidence: float) -> int:
+    """Fewest units whose Clopper-Pearson interval of a share, at the share itself, is at most 2 ``half_width`` wide.
+
+    Parameters
+    ----------
+    share : in [0, 1].
+    half_width : in (0, 0.5].
+    confidence : level of the interval, in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        If a number lies outside of its range.
+
+    Notes
+    -----
+    About z^2 share (1 - share)/half_width^2; at a share of 1 the interval is one-sided, ln(tail)/ln(1 - width).
+    """
+    if not (0 <= share <= 1 and 0 < half_width <= 0.5 and 0 < confidence < 1):
+        raise ValueError(f"share {share}, half width {half_width}, confidence {confidence}: outside of their ranges")
+    low, high = 1, 2
+    while _width(share, high, confidence) > 2 * half_width:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if _width(share, middle, confidence) <= 2 * half_width else (middle, high)
+    return high
+
+
+def _width(share: float, units: int, confidence: float) -> float:
+    """Width of the interval of ``units`` with the share; a count need not be a whole number."""
+    tail, passed = (1 - confidence) / 2, share * units
+    low = 0.0 if passed <= 0 else float(stats.beta.ppf(tail, passed, units - passed + 1))
+    high = 1.0 if math.isclose(passed, units) else float(stats.beta.isf(tail, passed + 1, units - passed))
+    return high - low
