@@ -51,6 +51,16 @@ def test_the_interval_of_a_parameter_holds_it_beside_structure_where_least_squar
     assert plain <= 5
 
 
+def test_one_position_parts_nothing_from_what_is_shared():
+    first = POSITION == 0
+    cells = (
+        part[first] for part in (TORQUE, SENSE, POSITION, drawn(1, 2.0, 0.0, 3.0), np.full(len(TORQUE), 0.1), SLOPE)
+    )
+    alone = discrepancy(*cells)
+    assert np.isnan(alone.own_arcmin)
+    assert alone.common_arcmin > 0.5
+
+
 def test_the_place_of_the_structure_is_found():
     bump = 3.0 * np.exp(-0.5 * ((TORQUE - 6) / 1.5) ** 2) * (SENSE > 0)
     one = found(drawn(1, 0.0, 0.0, 1.0) + bump)

@@ -42,7 +42,8 @@ class Discrepancy:
 
     Attributes
     ----------
-    common_arcmin, own_arcmin : standard deviations of what all positions share, and of what each has by itself.
+    common_arcmin, own_arcmin : standard deviations of what all positions share, and of what each has by itself; of a
+        single position both together, and NaN.
     reach_Nm : torque over which it is alike.
     structured : share of the mean square residual that is neither noise nor offset.
     worst_torque_Nm, worst_sense, worst_arcmin : where what all positions share is largest, and its size there.
@@ -114,9 +115,11 @@ def discrepancy(
     common, whole = shared @ weights, (shared + own) @ weights
     worst = int(np.argmax(np.abs(common)))
     centred = means - _offsets(at[2]) @ np.linalg.lstsq(_offsets(at[2]), means, rcond=None)[0]
+    sizes = unit * np.exp(best[:2])
+    alone = len(np.unique(at[2])) == 1
     return Discrepancy(
-        common_arcmin=unit * float(np.exp(best[0])),
-        own_arcmin=unit * float(np.exp(best[1])),
+        common_arcmin=float(np.hypot(*sizes) if alone else sizes[0]),
+        own_arcmin=float("nan") if alone else float(sizes[1]),
         reach_Nm=top * float(np.exp(best[2])),
         structured=float(np.clip(1 - np.mean((means - design @ amounts - whole) ** 2) / np.mean(centred**2), 0, 1)),
         worst_torque_Nm=float(at[0][worst]),
