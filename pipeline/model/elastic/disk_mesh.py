@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import Delaunay
 from skfem import MeshTri
 
 from pipeline.errors import ModelError
 from pipeline.model.elastic.polygon import ClosedPolygon, Index, arc_length, coordinates, cross
-from pipeline.model.elastic.triangulation import cyclic_triangulation
+from pipeline.model.elastic.triangulation import cyclic_triangulation, patch_centroids
 from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
 
 ROW_HEIGHT = np.sqrt(3) / 2  # of a row of equilateral triangles, in edge lengths
@@ -158,24 +157,9 @@ def _rows_below(lobe: Complex, inner_radius: float, size: _EdgeLength) -> Comple
 
 
 def _smoothed(inner: Complex, fixed: Complex, size: _EdgeLength) -> Complex:
-    """``inner`` nodes at the centroids of their patches of triangles, each triangle weighted by area / edge^2.
-
-    Source
-    ------
-    Chen and Holst, Comput. Methods Appl. Mech. Engrg. 200 (2011) 967: centroid of patch (CPT) smoothing.
-    """
+    """``inner`` nodes at the centroids of their patches, where these keep off the flank."""
     points = _turned(np.concatenate([inner, fixed]), size.pitch, [0, -1, 1, -2, 2])
-    triangles = Delaunay(coordinates(points)).simplices
-    triangles = triangles[(triangles < len(inner)).any(axis=1)]
-    a, b, c = points[triangles.T]
-    centroid = np.asarray((a + b + c) / 3, complex)
-    weight = np.abs(cross(b - a, c - a)) / size(centroid) ** 2
-    moment = np.zeros(len(points), complex)
-    total = np.zeros(len(points))
-    for corner in triangles.T:
-        np.add.at(moment, corner, weight * centroid)
-        np.add.at(total, corner, weight)
-    moved = np.asarray(moment[: len(inner)] / total[: len(inner)], complex)
+    moved = patch_centroids(points, len(inner), size)
     return np.where(size.flank_distance(moved) > CLEARANCE * size.at_flank, moved, inner)
 
 

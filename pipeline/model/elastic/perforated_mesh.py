@@ -8,13 +8,13 @@ that it takes. Points are complex numbers x + iy [mm] in the frame of the disk.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import Delaunay, KDTree
+from scipy.spatial import KDTree
 from skfem import MeshTri
 
 from pipeline.errors import ModelError
 from pipeline.model.elastic.disk_mesh import CLEARANCE, ROW_HEIGHT
-from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates, cross
-from pipeline.model.elastic.triangulation import triangles_between
+from pipeline.model.elastic.polygon import ClosedPolygon, Index, coordinates
+from pipeline.model.elastic.triangulation import patch_centroids, triangles_between
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 SPACING = 0.75  # in edge lengths: of two nodes that come closer, one of the disk and one of a hole's rings, one goes
@@ -180,24 +180,8 @@ def _settled(free: Complex, fixed: Complex, rings: Complex, size: _EdgeLength) -
 
 
 def _smoothed(moving: Complex, still: Complex, size: _EdgeLength) -> Complex:
-    """One pass of centroid-of-patch smoothing, each triangle weighted by area / edge^2.
-
-    Source
-    ------
-    Chen and Holst, Comput. Methods Appl. Mech. Engrg. 200 (2011) 967.
-    """
-    points = np.concatenate([moving, still])
-    triangles = Delaunay(coordinates(points)).simplices
-    triangles = triangles[(triangles < len(moving)).any(axis=1)]
-    a, b, c = points[triangles.T]
-    centroid = np.asarray((a + b + c) / 3, complex)
-    weight = np.abs(cross(b - a, c - a)) / size(centroid) ** 2
-    moment = np.zeros(len(points), complex)
-    total = np.zeros(len(points))
-    for corner in triangles.T:
-        np.add.at(moment, corner, weight * centroid)
-        np.add.at(total, corner, weight)
-    moved = moment[: len(moving)] / total[: len(moving)]
+    """``moving`` nodes at the centroids of their patches, where these keep off flank, bore and holes."""
+    moved = patch_centroids(np.concatenate([moving, still]), len(moving), size)
     edge = size(moved)
     good = size.inside(moved, edge) & (size.hole_distance(moved) > CLEARANCE * edge)
     return np.where(good, moved, moving)

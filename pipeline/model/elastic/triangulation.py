@@ -3,7 +3,7 @@
 Points are complex numbers x + iy [mm].
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.spatial import Delaunay
@@ -42,6 +42,32 @@ def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> I
     of_corner = cut[triangles]
     outside |= (of_corner[:, 0] >= 0) & (of_corner == of_corner[:, :1]).all(axis=1)
     return triangles[~outside]
+
+
+def patch_centroids(points: Complex, n_moving: int, edge_length: Callable[[Complex], Real]) -> Complex:
+    """Centroids (n_moving,) [mm] of the triangles at each of the first points, weighted by area / edge length^2.
+
+    Parameters
+    ----------
+    points
+        (n_points,) complex [mm]
+    edge_length
+        Wanted length [mm] of an edge at each place (n,) complex [mm].
+
+    Source
+    ------
+    Chen and Holst, Comput. Methods Appl. Mech. Engrg. 200 (2011) 967: centroid of patch (CPT) smoothing.
+    """
+    triangles = Delaunay(coordinates(points)).simplices
+    triangles = triangles[(triangles < n_moving).any(axis=1)]
+    a, b, c = points[triangles.T]
+    centroid = np.asarray((a + b + c) / 3, complex)
+    weight = np.abs(cross(b - a, c - a)) / edge_length(centroid) ** 2
+    moment, total = np.zeros(len(points), complex), np.zeros(len(points))
+    for corner in triangles.T:
+        np.add.at(moment, corner, weight * centroid)
+        np.add.at(total, corner, weight)
+    return np.asarray(moment[:n_moving] / total[:n_moving], complex)
 
 
 def cyclic_triangulation(lobe: Complex, inner: Complex, n_bore: int, n_sectors: int) -> tuple[Complex, Index]:
