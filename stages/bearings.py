@@ -1,4 +1,4 @@
-"""The forces on the input bearings over the turn: their table, its rows, and what is read back from them."""
+"""The forces on the input bearings over the turn, and the disks' shares of the torque: their table and its rows."""
 
 from collections.abc import Mapping
 
@@ -19,18 +19,20 @@ BEARINGS = Table(
         Column("torque_Nm", "float64", "N m", "torque held on the output: +- the higher one of the rigidity"),
         Column("force_x_N", "float64", "N", "force of the disk on its input bearing, housing frame"),
         Column("force_y_N", "float64", "N", "force of the disk on its input bearing, housing frame"),
+        Column("torque_share", "float64", "1", "share of the disk in the torque on the output"),
     ),
 )
 
 
-def bearing_rows(study: Study, samples: np.ndarray, thrust: np.ndarray) -> Columns:
-    """Rows of the table of bearings of ``samples`` (n,) with their forces (n, 2, n_angles, n_disks)."""
+def bearing_rows(study: Study, samples: np.ndarray, thrust: np.ndarray, shares: np.ndarray) -> Columns:
+    """Rows of the table of bearings of ``samples`` (n,) with forces and shares (n, 2, n_angles, n_disks)."""
     held = assembly.definitions(study).rigidity_high
     axes = samples, np.array(study.cycle.crank_deg), np.arange(thrust.shape[3]), np.array([held, -held])
     sample, crank, disk, torque = repeated(*axes)
     force = np.moveaxis(thrust, 1, 3).ravel()
     keys = {"sample": sample, "crank_deg": crank, "disk": disk, "torque_Nm": torque}
-    return {**keys, "force_x_N": force.real.copy(), "force_y_N": force.imag.copy()}
+    share = np.moveaxis(shares, 1, 3).ravel()
+    return {**keys, "force_x_N": force.real.copy(), "force_y_N": force.imag.copy(), "torque_share": share}
 
 
 def bearing_forces(columns: Mapping[str, np.ndarray], n_angles: int) -> np.ndarray:

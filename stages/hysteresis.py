@@ -18,7 +18,7 @@ from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.load_history.validity import beyond_limit_share, invalid_metrics
 from pipeline.model.metrics import library
-from pipeline.model.turn.held_torque import bearing_force
+from pipeline.model.turn.held_torque import bearing_force, torque_shares
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
@@ -49,6 +49,7 @@ READINGS = {
     "low_plus": _angle("low_plus", "on the way back to +T at the lower torque of the rigidity"),
     "high_plus": _angle("high_plus", "on the way back to +T at the higher torque of the rigidity"),
     "peak_pressure": Column("peak_pressure_MPa", "float64", "MPa", "largest Hertz pressure of any contact"),
+    "load_share": Column("load_share", "float64", "1", "largest share of a disk in the torque; 1 of one disk"),
 }
 """Columns of what the metrics are read from, by the field of `LoopReadings`."""
 
@@ -182,7 +183,8 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
     drive, response = solved.drive, solved.response
     states = response.equilibria
     peak = np.max(drive.laws.peak_pressure(states.force), axis=(1, 2))
-    readings = loop_readings(response, peak, assembly.definitions(study))
+    shares = torque_shares(drive, response, assembly.definitions(study))
+    readings = replace(loop_readings(response, peak, assembly.definitions(study)), load_share=shares.max(axis=(1, 2)))
     thrust = drive.reducer.thrust(states.force)
     return {
         "solved": response.converged,
@@ -325,11 +327,12 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
     keep = study.cycle.keep_contacts
     kept = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
-    loops, status, thrust, curves, contacts = [], [], [], [], []
+    loops, status, thrust, shares, curves, contacts = [], [], [], [], [], []
     for solved in solve_samples(shared, sampled):
         loops.append(loop_columns(study, solved))
         status.append(_status(solved))
         thrust.append(bearing_force(solved.drive, solved.response, assembly.definitions(study)))
+        shares.append(torque_shares(solved.drive, solved.response, assembly.definitions(study)))
         contacts.append(contacts_at_angle(study, solved.drive, solved.response, kept))
         if solved.crank_deg in study.cycle.curve_crank_deg:
             curves.append(solved)
@@ -341,7 +344,7 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
             **_by_sample(loops),
         },
         "turn_contacts": turn_contact_rows(study, samples[kept], contacts),
-        "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2)),
+        "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2), np.stack(shares, axis=2)),
         "curves": curve_rows(samples, curves),
         "contacts": contact_rows(samples[kept], [one.of(kept) for one in curves]) if len(kept) else CONTACTS.empty(),
         "status": {"sample": sample, "crank_deg": crank, "status": np.stack(status, axis=1).ravel()},

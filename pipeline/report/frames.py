@@ -111,9 +111,17 @@ class Frames:
 
     @cached_property
     def shown_metrics(self) -> list[str]:
-        """Metrics worth a row: without friction the zero-torque width is the backlash and the hysteresis loss nil."""
+        """Metrics worth a row: without friction the zero-torque width is the backlash and the hysteresis loss nil.
+
+        One disk carries all.
+        """
+        alone = self.study.design.disk.count == 1
         frictionless = not np.any(self.metrics["hysteresis_loss_arcmin"] > 0)
-        redundant = [name for name, metric in METRICS.items() if metric.needs_friction and frictionless]
+        redundant = [
+            name
+            for name, metric in METRICS.items()
+            if (metric.needs_friction and frictionless) or (metric.needs_disks and alone)
+        ]
         limits = self.limits
         return [name for name in METRICS if name not in redundant or name in limits]
 

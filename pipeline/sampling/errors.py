@@ -153,7 +153,10 @@ def _nominal(study: Study) -> Errors:
 def _errors(values: dict[str, Real], design: Design) -> Errors:
     """Errors from one array (n_samples, n_elements) per tolerance and phase."""
     library = dimension_library().values()
-    errors = {d.field: values[d.name] if d.elements else _alone(values[d.name]) for d in library}
+    disks = design.disk.count
+    errors = {
+        d.field: values[d.name] if d.elements else _alone(values[d.name], disks if d.of_disk else 1) for d in library
+    }
     errors |= {name: values[name][:, 0] for name in _directions()}
     for dimension in library:
         if dimension.shift:
@@ -163,11 +166,10 @@ def _errors(values: dict[str, Real], design: Design) -> Errors:
     return Errors(**errors)
 
 
-def _alone(values: Real) -> Real:
-    """Values (n_samples,) of what a reducer has once, zero of what none has; (n_samples, n_disks) of each disk."""
-    if values.shape[1] > 1:
-        return values
-    return values[:, 0] if values.shape[1] else np.zeros(len(values))
+def _alone(values: Real, disks: int) -> Real:
+    """Values (n_samples,) of what a reducer has once, (n_samples, disks) of what each disk has; zero where none can."""
+    values = values if values.shape[1] else np.zeros((len(values), disks))
+    return values if disks > 1 else values[:, 0]
 
 
 def _joined(*parts: Errors) -> Errors:

@@ -13,6 +13,7 @@ from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.balance import check_equilibrium
 from pipeline.checks.verify.condensation import check_disk_compliance
 from pipeline.checks.verify.cylinder import check_cylinder_between_flats
+from pipeline.checks.verify.disks import check_disks
 from pipeline.checks.verify.elasticity import check_elastic_bodies
 from pipeline.checks.verify.findings import Check, Finding
 from pipeline.checks.verify.flank import check_flank
@@ -38,6 +39,7 @@ CHECKS: Mapping[str, Check] = {
     "equilibrium": check_equilibrium,
     "linear springs": check_linear_share,
     "Li and Guan": check_li_guan,
+    "two disks": check_disks,
     "whole reducer, scikit-fem": check_unreduced,
     "whole reducer, CalculiX": check_calculix,
 }

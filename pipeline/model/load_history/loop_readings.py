@@ -63,6 +63,7 @@ def curve_readings(
         low_plus=reading("reloading+", at.rigidity_low),
         high_plus=reading("reloading+", at.rigidity_high),
         peak_pressure=peak_pressure,
+        load_share=np.ones(len(angle)),
     )
 
 

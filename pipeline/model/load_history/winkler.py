@@ -111,4 +111,5 @@ def winkler_readings(drive: Drive, compliance: Real, at: Definitions) -> LoopRea
         low_plus=plus[:, 1],
         high_plus=plus[:, 2],
         peak_pressure=peak,
+        load_share=np.ones(len(peak)),
     )

@@ -35,6 +35,7 @@ class LoopReadings:
     low_minus, high_minus : on the way to -T, at the lower and the higher torque of the rigidity.
     low_plus, high_plus : on the way back to +T, at the same torques.
     peak_pressure : (n,) [MPa] largest Hertz pressure of any contact at any torque.
+    load_share : (n,) largest share of a disk in the higher torque of the rigidity, in either sense; 1 of one disk.
     """
 
     limit_minus: Real
@@ -48,6 +49,7 @@ class LoopReadings:
     low_plus: Real
     high_plus: Real
     peak_pressure: Real
+    load_share: Real
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,7 @@ class Metric(Limited):
     value : readings of ``n`` loops and definitions to the metric (n,).
     headline : whether the page leads with it.
     needs_friction : whether it says nothing new of a loop without friction.
+    needs_disks : whether it says nothing of a reducer with one disk.
     turn_of_rigid_bodies : whether rigid bodies tell it at crank angles that are not loaded.
     largest_torque : definitions to the largest torque [N m] that it is read at: rotations up to there must be small.
     moves_at : definitions to a torque [N m] at which friction must let the output move, or None.
@@ -113,6 +116,7 @@ class Metric(Limited):
     value: Callable[[LoopReadings, Definitions], Real]
     headline: bool = False
     needs_friction: bool = False
+    needs_disks: bool = False
     turn_of_rigid_bodies: bool = False
     largest_torque: Callable[[Definitions], float] = lambda _: np.inf
     moves_at: Callable[[Definitions], float] | None = None

@@ -38,6 +38,21 @@ def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDA
     return resultant[..., 0] + 1j * resultant[..., 1]
 
 
+def torque_shares(drive: Drive, response: CycleResponse, at: Definitions) -> Real:
+    """Share of each disk in the torque on the output (n, 2, n_disks) [-], at plus and minus the torque held.
+
+    It is the moment of the disk's contacts with the output over that of all; raises as ``bearing_force``.
+    """
+    reducer = drive.reducer
+    if reducer.n_disks == 1:
+        return np.ones((len(drive.gap), 2, 1))
+    moment = held_forces(response, at) * reducer.contact_jacobian[:, reducer.output_motion]
+    of_disks = np.stack(
+        [moment[..., reducer.disk_of_contact == disk].sum(axis=2) for disk in range(reducer.n_disks)], axis=2
+    )
+    return of_disks / of_disks.sum(axis=2, keepdims=True)
+
+
 def input_torque(eccentricity: float, crank: Real, thrust: NDArray[np.complex128]) -> Real:
     """Torque on the input (n, 2, n_angles) [N mm] that balances the disks on their eccentrics, equally spaced.
 

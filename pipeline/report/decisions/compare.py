@@ -111,7 +111,7 @@ def _drivers(table: pd.DataFrame) -> list[dict[str, str]]:
     rows = []
     table = table[table["parameter"] != SUM]
     for (metric, kind), part in table.groupby(["metric", "kind"], sort=False):
-        if METRICS[metric].needs_friction:
+        if METRICS[metric].needs_friction or METRICS[metric].needs_disks:
             continue
         size = part[["index_a", "index_b"]].abs().max(axis=1).sort_values(ascending=False, kind="stable")
         for position in size.dropna().index[:LEADING]:
