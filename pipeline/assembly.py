@@ -107,6 +107,7 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
         disk=_material(design.materials[design.disk.material], design),
         thickness=design.disk.thickness_mm,
         eccentricity=design.cycloid.eccentricity_mm,
+        bearing=bearing(design),
         patch_half_width=reduce.roller_patch_half_width_mm,
     )
     radius, pin = design.cycloid.pin_radius_mm, inputs.materials[design.pins.material]

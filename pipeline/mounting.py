@@ -10,6 +10,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.effects import Conditions, library
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import OUTPUT
 from pipeline.model.load_history.drive import Drive, GapReading
 
 
@@ -28,11 +29,17 @@ def drive_of(
     compliance : of the disks between the contacts (n_contacts, n_contacts) [mm/N], to which that of the output's bodies
         is added; None where all bodies are rigid.
     errors : of ``n`` states.
-    clearance : (n,) of the input bearing [mm].
+    clearance : (n,) of the input bearing [mm], or of those of the cranks where an output mechanism carries the disk.
     laws : of the contacts; the study's where none are given.
     """
     reducer = assembly.reducer(study.design, crank_deg)
     contacts, behind = len(reducer.contacts), assembly.output_compliance(study.design, reducer)
+    shift = np.zeros((len(clearance), contacts))
+    if not reducer.centred:
+        output = np.flatnonzero(reducer.contacts.kind == OUTPUT)
+        opened = output[study.design.output.bearing_rows(reducer.contacts.some(output))]
+        shift[:, opened] = np.reshape(clearance, (len(clearance), -1))[:, :1]
+        clearance = np.full(len(clearance), study.design.cycloid.eccentricity_mm)  # no bearing is met within it
     drive = Drive(
         profile=assembly.profile(study.design),
         reducer=reducer,
@@ -42,7 +49,7 @@ def drive_of(
         rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
         errors=errors,
         reading=GapReading(**dict(study.clearance)),
-        shift=np.zeros((len(clearance), contacts)),
+        shift=shift,
         bearing_clearance=clearance,
     )
     return with_effects(drive, study.design.effects)

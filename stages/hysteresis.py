@@ -65,7 +65,7 @@ LOOPS = Table(
             Column(metric.valid_column, "bool", "", f"whether the {metric.inline} means what its definition says")
             for metric in library().values()
         ),
-        Column("bearing_force_N", "float64", "N", "largest force on the input bearing"),
+        Column("bearing_force_N", "float64", "N", "largest force on the input bearing; null without one"),
         *RUNNING,
         Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
     ),
@@ -190,7 +190,7 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
         "solved": response.converged,
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
         **{library()[name].valid_column: reason == "" for name, reason in solved.invalid.items()},
-        "bearing_force_N": np.max(thrust, axis=(1, 2)),
+        "bearing_force_N": np.where(drive.reducer.centred, np.max(thrust, axis=(1, 2)), np.nan),
         **running_columns(study, drive, response),
         "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
     }

@@ -76,6 +76,7 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     if design:
         problems += study_effect_problems(design.effects)
         problems += _readings(parts.get("clearance"), design)
+        problems += _diameters(raw, design)
     return problems
 
 
@@ -228,3 +229,19 @@ def _readings(clearance: Clearance | None, design: Design) -> Iterator[Problem]:
     if clearance and clearance.roller_reading not in allowed:
         meanings = " or ".join(f'"{reading}": {meaning}' for reading, meaning in allowed.items())
         yield Problem("clearance.roller_reading", clearance.roller_reading, f"must be {meanings}")
+
+
+def _diameters(raw: Mapping[str, Any], design: Design) -> Iterator[Problem]:
+    """Tolerances of diameters that no part of the output has, and an effect on a bearing that is not there."""
+    if design.output.carries_disks and "bearing_clearance" in design.effects:
+        allowed = "acts on a bearing of the disk, which is carried by the output; set bearing.clearance_um"
+        yield Problem("design.effects.bearing_clearance", None, allowed)
+    if design.output.toleranced_diameters:
+        return
+    cases = raw.get("cases", ())
+    sections = {"tolerances": raw.get("tolerances", {})}
+    sections |= {f"cases[{k}]": case for k, case in enumerate(cases if isinstance(cases, tuple) else ())}
+    for key, section in sections.items():
+        if isinstance(section, Mapping) and "roller_diameter" in section:
+            allowed = f"acts on nothing: a {design.output.name} has no part of toleranced diameter; delete it"
+            yield Problem(f"{key}.roller_diameter", None, allowed)

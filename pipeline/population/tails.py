@@ -60,10 +60,15 @@ def tails_of(study: Study) -> tuple[Tail, ...]:
     Raises
     ------
     InputError
-        If there is none, or the samples are listed cases.
+        If there is none, the samples are listed cases, or no bearing holds the disk's centre.
     """
     if study.samples.experiment == "cases":
         raise InputError(f"study {study.name}: listed cases are no sample of anything; tails need random samples")
+    if study.design.output.carries_disks:
+        raise InputError(
+            f"study {study.name}: the rough model of the tails holds the disk's centre, which a "
+            f"{study.design.output.name} does not; take more samples"
+        )
     tails = []
     for name, limit in study.limits.of_metrics.items():
         sign = -1.0 if library()[name].smaller_is_worse else 1.0

@@ -139,7 +139,7 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
         ("Rated torque", f"{plain(cycloid.rated_torque_Nm)} N m"),
         ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
         *([("Flank", flank_fact(design))] if design.flank else []),
-        ("Input bearing", f"radial spring, {law}"),
+        ("Bearing of each crank" if design.output.carries_disks else "Input bearing", f"radial spring, {law}"),
         ("Output", design.output.fact(design.cycloid, plain)),
         *([("Effects", _effects_fact(design))] if design.effects else []),
     ]

@@ -321,7 +321,7 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
 
 def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Path, runs: Path) -> None:
     refused = in_a_process(RUN, folder, runs, with_dogs(folder, 15.0, 5.0))
-    assert "output.mechanism = \"dogs\"; must be one of 'direct', 'pin_in_hole', 'roller_plate'" in refused.stderr
+    assert "output.mechanism = \"dogs\"; must be one of 'carrier', 'direct', 'pin_in_hole', " in refused.stderr
     install(folder, "coupling_of_dogs", DOGS, "dogs = MECHANISM", MECHANISMS)
     refused = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0))
     assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refused.stderr
@@ -338,7 +338,7 @@ def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Pa
     forces = pd.read_parquet(run / "hysteresis" / "contacts.parquet").merge(contacts)
     dogs = forces[forces["kind"] == "output"]
     assert set(dogs["label"]) == {f"dog {k}" for k in range(4)}
-    steps = dogs.assign(moment=1e-3 * dogs["force_N"] * dogs["arm_mm"]).groupby(["crank_deg", "step"])
+    steps = dogs.assign(moment=1e-3 * dogs["force_N"] * dogs["arm_mm"]).groupby(["sample", "step"])
     np.testing.assert_allclose(steps["moment"].sum(), -steps["torque_Nm"].first(), rtol=1e-6)
     page = (run / "report" / "report.html").read_text()
     for words in ("four dogs 15\u00a0mm off the axis", "Forces on the dogs", "Dogs are round."):

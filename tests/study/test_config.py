@@ -112,7 +112,7 @@ def test_nominal_sample_counts_as_a_row(study_data):
         ("output.inner_station_mm", 1.0, "output.inner_station_mm = 1.0; must be >= 1.5 mm"),
         ("output.face_offset_mm", 2.0, "output.face_offset_mm = 2.0; must be > 3 mm, the bore's radius"),
         ("output.roller_radius_um", 1500.0, "output.roller_radius_um = 1500.0; unknown key; did you mean"),
-        ("output.mechanism", "gears", "output.mechanism = \"gears\"; must be one of 'direct', 'pin_in_hole'"),
+        ("output.mechanism", "gears", "output.mechanism = \"gears\"; must be one of 'carrier', 'direct', 'pin_in"),
         ("output.mechanism", None, "output.mechanism is missing; add it"),
         ("output.mechanism", "pin_in_hole", "output.pin_radius_mm is missing; add it"),
         ("output", None, "output is missing; add it"),

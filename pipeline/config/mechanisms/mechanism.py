@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, get_args
 
+import numpy as np
+
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.section import Problem, Section
 from pipeline.model.contact.laws import ContactLaws, Material
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
-from pipeline.model.geometry.reducer import Contacts, DiskPose
+from pipeline.model.geometry.reducer import Bearing, Contacts, DiskPose
 from pipeline.model.registry import declarations
 
 if TYPE_CHECKING:
@@ -66,6 +68,7 @@ class LawInputs:
     disk : material of the disk.
     thickness : of the disk [mm].
     eccentricity : [mm]
+    bearing : the design's.
     patch_half_width : of a contact's pressure on the meshed disk [mm].
     """
 
@@ -74,6 +77,7 @@ class LawInputs:
     disk: Material
     thickness: float
     eccentricity: float
+    bearing: Bearing
     patch_half_width: float
 
 
@@ -91,6 +95,8 @@ class OutputMechanism(Section):
     material_keys : settings that name materials.
     interfaces : pairs of bodies in contact between a disk and the output.
     one_disk_because : why it takes no second disk; empty where it takes several.
+    toleranced_diameters : whether its contacts have rollers or pins whose diameters have tolerances.
+    carries_disks : whether it holds the disks' centres, in place of an input bearing.
     """
 
     name: ClassVar[str]
@@ -99,6 +105,8 @@ class OutputMechanism(Section):
     material_keys: ClassVar[tuple[str, ...]]
     interfaces: ClassVar[int]
     one_disk_because: ClassVar[str] = ""
+    toleranced_diameters: ClassVar[bool] = True
+    carries_disks: ClassVar[bool] = False
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
@@ -131,6 +139,14 @@ class OutputMechanism(Section):
     @abstractmethod
     def contacts_of(self, disk: DiskPose) -> Contacts:
         """The contacts between a disk and the output, nominal."""
+
+    def couplings_of(self, disk: DiskPose) -> Mapping[str, Real]:
+        """What further motions close (n_contacts,) of ``contacts_of``, by their names among those of ``motions_of``."""
+        return {}
+
+    def bearing_rows(self, contacts: Contacts) -> Index:
+        """Numbers of the ``contacts`` that a clearance of the design's bearing opens, where they carry the disks."""
+        return np.empty(0, int)
 
     @abstractmethod
     def laws(self, inputs: LawInputs) -> ContactLaws:

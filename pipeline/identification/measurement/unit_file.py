@@ -333,7 +333,14 @@ def _drive_problems(raw: Mapping[str, Any]) -> list[Problem]:
 
 
 def _output_problems(design: Design | None) -> list[Problem]:
-    if design is None or design.cycloid.fixed == "housing":
+    if design is None:
+        return []
+    if design.output.carries_disks:
+        allowed = (
+            f"a {design.output.name} is not identified: its disk has no bearing of its own to separate the play by"
+        )
+        return [Problem("design", None, allowed)]
+    if design.cycloid.fixed == "housing":
         return []
     allowed = 'its cycloid.fixed must be "housing": measured angles are read at the flange against the housing'
     return [Problem("design", None, allowed)]

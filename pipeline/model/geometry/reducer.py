@@ -5,6 +5,7 @@ Everything after this file (clearance, equilibrium, cycle) is generic in the lis
 first body against it, so its penetration is ``contact_jacobian @ q - gap`` for the small rigid motions q of the bodies.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -130,6 +131,7 @@ class Reducer:
     contacts : the pins of one disk after the other, then the output contacts of one after the other.
     motions : names of the free rigid motions (n_motions,), the translation of each disk first.
     contact_jacobian : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
+    centred : whether input bearings hold the disks' centres.
     flange_ratio : rotation of the flange, the crank held to the housing, per rotation of the output: 1 where the flange
         is the output.
     rolling : rotation of the disk about the pitch point, on the pins, per rotation of the output.
@@ -140,6 +142,7 @@ class Reducer:
     contacts: Contacts
     motions: tuple[str, ...]
     contact_jacobian: Real
+    centred: bool = True
     flange_ratio: float = 1.0
     rolling: float = 0.0
 
@@ -200,6 +203,13 @@ class OutputContacts(Protocol):
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """Names of the free rigid motions after the disk's: ``output_phi``, unless the disk is the output."""
+
+    def couplings_of(self, disk: DiskPose) -> Mapping[str, Real]:
+        """What further motions close of these contacts (n_contacts,), by the motions' names."""
+
+    @property
+    def carries_disks(self) -> bool:
+        """Whether it holds the disks' centres, in place of an input bearing."""
 
 
 def of_each_disk(values: Real, count: int) -> Real:
@@ -266,8 +276,9 @@ def _contact_jacobian(contacts: Contacts, motions: tuple[str, ...]) -> Real:
     for sign, bodies in ((1.0, contacts.body_a), (-1.0, contacts.body_b)):
         for column, motion in enumerate(motions):
             body, component = motion.rsplit("_", 1)
-            along = {"x": contacts.normal.real, "y": contacts.normal.imag, "phi": contacts.arm}[component]
-            jacobian[:, column] += np.where(bodies == body, sign * along, 0.0)
+            along = {"x": contacts.normal.real, "y": contacts.normal.imag, "phi": contacts.arm}.get(component)
+            if along is not None:  # else of no body in the list: ``couplings_of`` has it
+                jacobian[:, column] += np.where(bodies == body, sign * along, 0.0)
     return jacobian
 
 
@@ -323,5 +334,10 @@ def nominal_reducer(
     behind = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
     planar = [f"{pose.body}_{axis}" for pose in poses for axis in "xy"]
     motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *behind)
-    reducer = Reducer(crank, poses, contacts, motions, _contact_jacobian(contacts, motions))
+    jacobian = _contact_jacobian(contacts, motions)
+    of_poses = np.split(np.flatnonzero(contacts.kind == OUTPUT), len(poses))
+    for pose, rows in zip(poses, of_poses, strict=True):
+        for motion, closed in output.couplings_of(pose).items():
+            jacobian[rows, motions.index(motion)] += closed
+    reducer = Reducer(crank, poses, contacts, motions, jacobian, centred=not output.carries_disks)
     return reducer if fixed == HOUSING else with_fixed_flange(reducer, profile.lobes)

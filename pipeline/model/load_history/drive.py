@@ -16,6 +16,7 @@ from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 from pipeline.model.geometry.rigid_backlash import rigid_play, separated_play
+from pipeline.model.load_history.loaded_start import loaded_poses
 
 NO_LOAD = 1e-5
 """Share of the rated torque that stands for the limit of no torque on either side of the play: its twist is below 1e-4
@@ -220,6 +221,8 @@ def ladder(levels: int, reach: float) -> Real:
 def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     """Poses (n, n_motions) beyond an end of play: each rotation closes a contact that carries ``torque`` [N mm]."""
     reducer = drive.reducer
+    if not reducer.centred:
+        return loaded_poses(reducer, drive.laws, drive.compliance, drive.gap, pose, torque)
     arms = np.abs(reducer.contact_jacobian[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
     force = abs(torque) / arms[carrier]

@@ -53,6 +53,8 @@ def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
     steps = [_steps_of(response, "loading+", torque), _steps_of(response, "loading-", -torque)]
     carries = np.any(response.equilibria.force[:, response.state[steps]][:, :, of_pins] > 0, axis=1)
     closed = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
+    if not drive.reducer.centred:
+        return closed
     return np.maximum(closed, np.max(drive.clearance_of_disks, axis=1))
 
 

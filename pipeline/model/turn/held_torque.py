@@ -26,7 +26,7 @@ def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDA
     Notes
     -----
     The disk is in balance between its contacts and its bearing, so the bearing bears the contacts' resultant on the
-    disk: the penetrations ``contact_jacobian q`` grow against it.
+    disk: the penetrations ``contact_jacobian q`` grow against it. A disk that the output mechanism carries has none.
 
     Raises
     ------
@@ -35,6 +35,8 @@ def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDA
     """
     along = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions]
     resultant = -np.tensordot(held_forces(response, at), along, axes=1)
+    if not drive.reducer.centred:
+        resultant[:] = np.nan
     return resultant[..., 0] + 1j * resultant[..., 1]
 
 
