@@ -16,6 +16,8 @@ MODELS = {
     "recalibrated": ("calibrated numbers refitted", ALARM, "--"),
     "after": ("with what is named", ACCENT, "-"),
 }
+WRITTEN = {"written": ("written study", MUTED, "-.")}
+"""The study beside the page on the same load history, as ``MODELS``."""
 STAGES = {"recalibrated": "Before: calibrated numbers refitted", "after": "After: with what is named"}
 SENSES = {1: ("torque rising", ACCENT, "o"), -1: ("torque falling", ALARM, "v")}
 MOST_LOOPS = 6

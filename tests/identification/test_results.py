@@ -6,6 +6,7 @@ import json
 import tomllib
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -30,6 +31,10 @@ from pipeline.identification.results.residual_signatures import (
     _play,
     _rigidity,
 )
+from pipeline.identification.selection.held_out import AngleError
+from pipeline.identification.selection.remainder import Remainder
+from pipeline.identification.selection.verdict import Verdict
+from pipeline.report.unit.remainder_cards import remainder_cards
 
 ROOT = Path(__file__).parents[2]
 
@@ -168,9 +173,9 @@ def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
         schema = pq.read_schema(folder / f"{table.name}.parquet")
         assert schema.names == [column.name for column in table.columns]
         assert all(schema.field(name).metadata[b"meaning"] for name in schema.names)
-    page = (folder / "report.html").read_text()
-    assert verdict["verdict"] in page
-    assert 'src="http' not in page
+    text = (folder / "report.html").read_text()
+    assert verdict["verdict"] in text
+    assert 'src="http' not in text
     assert len(list((folder / "figures").glob("*.png"))) == len(list((folder / "figures").glob("*.svg"))) == 4
 
 
@@ -189,6 +194,26 @@ def test_residuals_and_errors_are_those_of_the_table(folder: Path) -> None:
         assert error["max_arcmin"] == pytest.approx(float(residual.abs().max()))
     errors = {stage: error["rms_arcmin"] for stage, error in verdict["held_out_errors"].items()}
     assert errors["after"] < errors["recalibrated"]
+
+
+def test_the_written_study_lies_on_the_data_as_the_page_says(folder: Path) -> None:
+    """Its friction and numbers come from the files alone; at equal torque it leaves little more than the fits."""
+    verdict = json.loads((folder / "verdict.json").read_text())
+    cells = pd.read_parquet(folder / "residual.parquet")
+    left = cells["angle_arcmin"] - cells["written_arcmin"]
+    rms = np.sqrt(np.average(left**2, weights=cells["rows"]))
+    assert verdict["written"] == {"study": f"corrected-{EXAMPLE}.toml", "rms_arcmin": pytest.approx(rms, rel=1e-9)}
+    assert rms < 0.25 * verdict["held_out_errors"]["recalibrated"]["rms_arcmin"]
+    assert f"leaves {rms:.4f} arcmin" in (folder / "report.html").read_text()
+
+
+def test_a_unit_that_is_mostly_explained_says_what_is_left_of_it() -> None:
+    rest = Remainder(3.0, 0.85, 22.0, 14.0, 18.0, 2.0)
+    baselines = {"replay": AngleError(25.0, 90.0, {}, 12.0, 1.0, 10), "line": AngleError(19.0, 90.0, {}, 9.0, 1.0, 10)}
+    cards = remainder_cards(SimpleNamespace(remainder=rest, baselines=baselines, verdict=Verdict("mostly explained")))
+    assert [card[1] for card in cards] == ["85%", "22.0", "14.0", "18.0", "19.0"]
+    assert "noise of 2.00 arcmin" in cards[1][3]
+    assert cards[-1][3] == "line"
 
 
 def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: Path) -> None:

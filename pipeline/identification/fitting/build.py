@@ -90,7 +90,7 @@ def _repeated(errors: Errors, n: int) -> Errors:
     return Errors(**{name: np.repeat(values[:1], n, axis=0) for name, values in vars(errors).items()})
 
 
-def _softness(design: Design) -> float:
+def softness(design: Design) -> float:
     """The compliance of the disk is in proportion to this."""
     return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
 
@@ -116,7 +116,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], seen: T
     @lru_cache(maxsize=64)
     def with_numbers(numbers: tuple[float, ...]) -> tuple[Drive, ...]:
         scaled = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
-        factor = _softness(scaled.design) / _softness(study.design)
+        factor = softness(scaled.design) / softness(study.design)
         return tuple(
             drive_of(
                 scaled,
@@ -156,6 +156,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], seen: T
             scale_range=ranges,
             modes=modes,
             influences=influences,
+            compliances=tuple(compliances),
             conditions=tuple(conditions),
             offered=_offered(measurement, training),
             rated_torque=rated,

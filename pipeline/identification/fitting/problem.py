@@ -94,6 +94,7 @@ class Problem:
         the calibrated numbers are of the force laws of pins and output.
     modes : patterns of gaps of the unmeasured tolerances per position (n_modes, n_contacts) [mm], of unit variance.
     influences : per position d angle / d gap along the frictionless curve (n_nodes, n_contacts) [rad/mm].
+    compliances : per position, of the disks between the contacts as condensed (n_contacts, n_contacts) [mm/N].
     conditions : of the states of the drives.
     offered : what the data have of what effects need (``effects.effect``).
     rated_torque : [N m]
@@ -109,6 +110,7 @@ class Problem:
     scale_range: Real
     modes: tuple[Real, ...]
     influences: tuple[Real, ...]
+    compliances: tuple[Real, ...]
     conditions: tuple[Conditions, ...]
     offered: frozenset[str]
     rated_torque: float

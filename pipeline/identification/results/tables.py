@@ -47,6 +47,12 @@ RESIDUAL = Table(
             Column(f"residual_{stage}_arcmin", "float64", "arcmin", f"measured less {title}")
             for stage, title in STAGE_TITLES.items()
         ),
+        Column(
+            "written_arcmin",
+            "float64",
+            "arcmin",
+            "angle by the written study on this load history, offset included; null where none is written",
+        ),
     ),
 )
 SIGNATURES = Table(
@@ -85,8 +91,8 @@ CANDIDATES = Table(
 NOT_SHORTLISTED = "screened only: its best misfit on a coarse grid is behind those that were fitted"
 
 
-def residual_rows(found: Identification) -> Columns:
-    """Columns of `RESIDUAL`."""
+def residual_rows(found: Identification, written: Real | None) -> Columns:
+    """Columns of `RESIDUAL`; ``written`` is the angle (n_cells,) [arcmin] of the written study, if there is one."""
     cells, data = found.measurement.cells, found.problem.data
     predictions = found.curves
     return {
@@ -104,6 +110,7 @@ def residual_rows(found: Identification) -> Columns:
         "held_out": found.folds.cells,
         **{f"{stage}_arcmin": angle for stage, angle in predictions.items()},
         **{f"residual_{stage}_arcmin": data.angle - angle for stage, angle in predictions.items()},
+        "written_arcmin": np.full(len(data), np.nan) if written is None else written,
     }
 
 

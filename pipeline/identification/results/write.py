@@ -20,6 +20,7 @@ from pipeline.identification.results.corrected_design import (
 )
 from pipeline.identification.results.prediction_errors import LoopError, loop_errors
 from pipeline.identification.results.residual_signatures import Signature, signatures
+from pipeline.identification.results.written_study import WrittenStudy, written_study
 from pipeline.identification.selection.held_out import STAGES
 
 VERDICT_FILE = "verdict.json"
@@ -66,17 +67,20 @@ def write(of: Findings | FaultyUnit, folder: Path) -> None:
     if isinstance(of, FaultyUnit):
         content = _common(of) | _untested() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
     else:
-        _write_tables(of, folder)
-        written = write_corrected(of.found, folder)
+        corrected, best = write_corrected(of.found, folder), write_best(of.found, folder)
+        paths = best.paths or corrected.paths
+        written = written_study(of.found, paths[-1]) if paths else None
+        _write_tables(of, written, folder)
         content = _common(of.found) | _tested(of)
-        content |= {"corrected": [path.name for path in written.paths], "not_corrected": written.why_not}
-        content |= {"best": [path.name for path in write_best(of.found, folder).paths]}
+        content |= {"corrected": [path.name for path in corrected.paths], "not_corrected": corrected.why_not}
+        content |= {"best": [path.name for path in best.paths]}
+        content |= {"written": {"study": written.study, "rms_arcmin": written.rms_arcmin} if written else None}
     write_json(folder / VERDICT_FILE, finite(content))
 
 
-def _write_tables(of: Findings, folder: Path) -> None:
+def _write_tables(of: Findings, written: WrittenStudy | None, folder: Path) -> None:
     for table, columns in (
-        (tables.RESIDUAL, tables.residual_rows(of.found)),
+        (tables.RESIDUAL, tables.residual_rows(of.found, None if written is None else written.angle)),
         (tables.SIGNATURES, tables.signature_rows(of.signatures)),
         (tables.CANDIDATES, tables.candidate_rows(of.found)),
     ):
@@ -112,6 +116,7 @@ def _untested() -> dict[str, Any]:
         "remainder": None,
         "discrepancy": None,
         "described": None,
+        "written": None,
         "could_hide": [],
         "in_sample": False,
         "models_of_folds": [],

@@ -11,7 +11,7 @@ from pipeline.figures.change import changes_figure, difference_figure
 from pipeline.figures.style import save
 from pipeline.identification.change.results import VERDICT_FILE, Answer
 from pipeline.report.rendering import Picture, rendered
-from pipeline.report.unit.page import digits, interval
+from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/change.html"
 CAPTIONS = {

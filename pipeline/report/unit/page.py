@@ -13,7 +13,7 @@ import pandas as pd
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.style import save
-from pipeline.figures.unit import candidates_figure, loops_figure, time_figure, torque_figure
+from pipeline.figures.unit import MODELS, WRITTEN, candidates_figure, loops_figure, time_figure, torque_figure
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
@@ -24,6 +24,8 @@ from pipeline.identification.selection.discrepancy import Discrepancy
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.statement import title_of
 from pipeline.report.rendering import Picture, rendered
+from pipeline.report.unit.numbers import capitalised, digits, interval, p_value, shown_unit
+from pipeline.report.unit.remainder_cards import remainder_cards, written_facts
 from pipeline.report.wording import NOTHING, counted, listed, plain
 
 TEMPLATE = "unit/unit.html"
@@ -35,8 +37,6 @@ LOOP_TITLES = {
     "branch_separation_arcmin": ("Separation of the branches under load", "arcmin"),
     "hysteresis_loss_arcmin": ("Hysteresis loss", "arcmin"),
 }
-SMALLEST_P = 1e-3
-"""Below it the page says so: the resamples tell no smaller one."""
 CAPTIONS = {
     "loops": (
         "Loops",
@@ -77,7 +77,7 @@ def _pictures(of: Findings, folder: Path) -> dict[str, Picture]:
     cells = pd.read_parquet(folder / "residual.parquet")
     tried = pd.read_parquet(folder / "candidates.parquet")
     figures = {
-        "loops": loops_figure(cells),
+        "loops": loops_figure(cells, MODELS | WRITTEN if cells["written_arcmin"].notna().any() else MODELS),
         "torque": torque_figure(cells),
         "time": time_figure(cells),
         "candidates": candidates_figure(tried, of.found.selection.base.rms),
@@ -101,7 +101,7 @@ def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], fold
         "traced": [title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
         "parameters": [_parameter(one) for one in verdict["parameters"]],
         "faults": found.measurement.faults,
-        "not_testable": [(_sentence(title_of(name)), why) for name, why in verdict["not_testable"].items()],
+        "not_testable": [(capitalised(title_of(name)), why) for name, why in verdict["not_testable"].items()],
         "corrected": verdict["corrected"],
         "not_corrected": verdict["not_corrected"],
         "best": verdict["best"],
@@ -133,15 +133,17 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
             )
             for stage in STAGES
         ],
+        "explained": remainder_cards(found),
+        "written": written_facts(verdict),
         "fitted": [_fitted(row) for row in fitted.to_dict("records")],
         "screened": list(screened["title"]),
         "signatures": [
-            {"title": _sentence(pair[0].title), "unit": pair[0].unit, "cells": [_signature(one) for one in pair]}
+            {"title": capitalised(pair[0].title), "unit": pair[0].unit, "cells": [_signature(one) for one in pair]}
             for pair in pairs
             if any(math.isfinite(one.value) for one in pair)
         ],
         "untested_signatures": [
-            (_sentence(pair[0].title), pair[0].why_not)
+            (capitalised(pair[0].title), pair[0].why_not)
             for pair in pairs
             if not any(math.isfinite(one.value) for one in pair)
         ],
@@ -190,7 +192,7 @@ def discrepancy_facts(left: Discrepancy, moved: Sequence[tuple[str, float, float
     for name, change, error, unit in moved:
         beyond = "by more than its uncertainty" if abs(change) > 2 * error else "within its uncertainty"
         text = f"moves by {digits(change)} {unit}".rstrip()
-        facts.append((_sentence(name), f"{text} when the term is allowed, {beyond} ({digits(2 * error)})"))
+        facts.append((capitalised(name), f"{text} when the term is allowed, {beyond} ({digits(2 * error)})"))
     return facts
 
 
@@ -200,13 +202,13 @@ def _left(found: Identification) -> list[tuple[str, str]]:
     if left is None:
         return []
     effects = found.selection.answer.fit.model.effects
-    parameters = [(f"{effect.title}, {p.meaning}", _unit(p.unit)) for effect in effects for p in effect.parameters]
+    parameters = [(f"{effect.title}, {p.meaning}", shown_unit(p.unit)) for effect in effects for p in effect.parameters]
     rows = zip(parameters, left.moved.tolist(), left.error.tolist(), strict=True)
     return discrepancy_facts(left, [(name, by, error, unit) for (name, unit), by, error in rows])
 
 
 def _baseline(title: str, error: AngleError) -> dict[str, str]:
-    return {"title": _sentence(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
+    return {"title": capitalised(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
 
 
 def _beside(found: Identification) -> dict[str, AngleError]:
@@ -219,8 +221,9 @@ def _beside(found: Identification) -> dict[str, AngleError]:
 def _limit(limit: DetectionLimit) -> tuple[str, str, str]:
     effect = candidates()[limit.effect]
     (parameter,) = (p for p in effect.parameters if p.name == limit.parameter)
-    shown = f"{digits(limit.value)} {_unit(limit.unit)}" if math.isfinite(limit.value) else "would not show at any size"
-    return _sentence(effect.title), parameter.meaning, shown.rstrip()
+    size = f"{digits(limit.value)} {shown_unit(limit.unit)}".rstrip()
+    shown = size if math.isfinite(limit.value) else "would not show at any size"
+    return capitalised(effect.title), parameter.meaning, shown
 
 
 def _compared(found: Identification) -> str:
@@ -241,44 +244,15 @@ def _judged_on(found: Identification) -> str:
     return f"On data that the fit had not seen.{chosen}"
 
 
-def digits(value: float | None, figures: int = 3) -> str:
-    """A number with three significant digits; an en dash for none."""
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    if value == 0:
-        return "0"
-    places = max(figures - 1 - math.floor(math.log10(abs(value))), 0)
-    text = f"{value:,.{places}f}" if places <= 6 else f"{value:.{figures - 1}e}"
-    return text.replace("-", "\u2212")
-
-
-def interval(low: float | None, high: float | None) -> str:
-    """Two ends; empty without one of them."""
-    ends = digits(low), digits(high)
-    return "" if NOTHING in ends else f"{ends[0]} to {ends[1]}"
-
-
-def _p(value: float) -> str:
-    return NOTHING if not math.isfinite(value) else f"< {SMALLEST_P:g}" if value < SMALLEST_P else f"{value:.3f}"
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def _unit(text: str) -> str:
-    return "" if text == "1" else text.replace("um", "µm")
-
-
 def _parameter(one: Mapping[str, Any]) -> dict[str, str]:
     effect = candidates()[one["effect"]]
     (parameter,) = [p for p in effect.parameters if p.name == one["name"]]
     return {
-        "effect": _sentence(effect.title),
+        "effect": capitalised(effect.title),
         "meaning": parameter.meaning,
         "value": digits(one["value"]),
         "interval": interval(one["ci_low"], one["ci_high"]) or "none",
-        "unit": _unit(one["unit"]),
+        "unit": shown_unit(one["unit"]),
         "note": one["note"],
     }
 
@@ -291,12 +265,12 @@ def _fitted(row: Mapping[str, Any]) -> dict[str, str]:
     else:
         judgement = row["why_not"] or "no significant gain"
     return {
-        "title": _sentence(row["title"]),
+        "title": capitalised(row["title"]),
         "parameters": _numbers(row["effect"], row["parameters"]),
         "before": digits(row["score_before"]),
         "after": digits(row["score_after"]),
         "t": f"{row['t']:.1f}".replace("-", "\u2212") if math.isfinite(row["t"]) else NOTHING,
-        "p": _p(row["p"]),
+        "p": p_value(row["p"]),
         "judgement": judgement,
     }
 
@@ -307,7 +281,7 @@ def _numbers(name: str, parameters: str) -> str:
     for effect in name.split("+"):
         for parameter in candidates()[effect].parameters:
             number = digits(values[effect][parameter.name])
-            texts.append(f"{parameter.meaning}: {number} {_unit(parameter.unit)}".rstrip())
+            texts.append(f"{parameter.meaning}: {number} {shown_unit(parameter.unit)}".rstrip())
     return "; ".join(texts)
 
 

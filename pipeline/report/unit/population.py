@@ -22,7 +22,7 @@ from pipeline.population.results import (
 )
 from pipeline.population.tolerance_shift import Closing
 from pipeline.report.rendering import Picture, rendered
-from pipeline.report.unit.page import digits
+from pipeline.report.unit.numbers import digits
 from pipeline.report.wording import NOTHING
 
 TEMPLATE = "unit/population.html"
