@@ -19,6 +19,10 @@ from pipeline.config.tolerances import Tolerances
 from pipeline.sampling import draw, oval_shift, replicates
 from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
+from pipeline.sampling.errors import dimensions
+from stages.sample import columns_of_errors, errors_of_columns
+
+ROOT = Path(__file__).parents[2]
 
 STUDY = load_study("quick", Path(__file__).parents[2])
 NAMES = [field.name for field in fields(draw(STUDY, 0, 0))]
@@ -230,3 +234,20 @@ def test_cases_are_drawn_as_listed():
     assert_equal(draw(listed, 2, 3), rows(errors, slice(2, 3)))
     with pytest.raises(ValueError, match="no random numbers"):
         uniforms(listed.samples, 3, 0, 1)
+
+
+def test_every_disk_has_draws_of_its_own_that_the_tables_keep_and_one_disk_draws_none_for_a_second():
+    study = load_study("two_disks", ROOT)
+    errors = draw(study, 1, 30)
+    for name, columns in {"eccentricity": 2, "disk_profile": 2, "eccentric_phase": 2, "lobe_profile": 2 * 39}.items():
+        values = getattr(errors, name)
+        assert values.shape == (29, columns), name
+        assert np.all(np.std(values, axis=0) > 0), name
+        assert abs(np.corrcoef(values[:, 0], values[:, -1])[0, 1]) < 0.6, name
+    assert errors.roller_diameter.shape == (29, 10)  # an output pin reaches through both disks
+    read = errors_of_columns(columns_of_errors(errors, 1, 1))
+    for name, values in vars(errors).items():
+        np.testing.assert_array_equal(getattr(read, name), values, err_msg=name)
+    alone = dimensions(load_study("pin_in_hole", ROOT).design)
+    assert alone["eccentric_phase"] == 0
+    assert (alone["eccentricity"], alone["lobe_profile"]) == (1, 39)
