@@ -61,9 +61,9 @@ def definitions(study: Study) -> Definitions:
 
 def errors(sampled: "SampledErrors") -> Errors:
     """Sampled errors [um] as the model takes them [mm]; a lobe's error is its disk's and its own."""
-    lobe = sampled.lobe_profile
+    lobe, pitch = sampled.lobe_profile, sampled.lobe_pitch
     if sampled.disk_profile.ndim == 2:
-        lobe = lobe.reshape(*sampled.disk_profile.shape, -1)
+        lobe, pitch = (values.reshape(*sampled.disk_profile.shape, -1) for values in (lobe, pitch))
     return Errors(
         pin_radial=MM_PER_UM * sampled.pin_radial,
         pin_tangential=MM_PER_UM * sampled.pin_tangential,
@@ -72,6 +72,7 @@ def errors(sampled: "SampledErrors") -> Errors:
         eccentricity=MM_PER_UM * sampled.eccentricity,
         roller_diameter=MM_PER_UM * sampled.roller_diameter,
         eccentric_phase=MM_PER_UM * sampled.eccentric_phase,
+        lobe_pitch=MM_PER_UM * pitch,
     )
 
 

@@ -113,8 +113,8 @@ def shared_draws(a: Study, b: Study) -> int:
     They share them where a draw has as many numbers for each tolerance and the numbers are equal; the first and the
     last are compared.
     """
-    sizes = dimensions(a.design)
-    if sizes != dimensions(b.design) or "cases" in (a.samples.experiment, b.samples.experiment):
+    sizes = dimensions(a)
+    if sizes != dimensions(b) or "cases" in (a.samples.experiment, b.samples.experiment):
         return 0
     if a.samples.replicated and a.samples.randomisations != b.samples.randomisations:
         return 0

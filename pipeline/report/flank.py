@@ -25,6 +25,7 @@ def nominal_gaps(design: Design, crank_deg: float) -> pd.DataFrame:
         np.zeros(1),
         np.zeros((1, len(at.contacts) - at.n_pins)),
         np.zeros(1),
+        np.zeros((1, profile.lobes)),
     )
     gaps = {
         name: UM_PER_MM * method(profile, at, nominal, "radial")[0]

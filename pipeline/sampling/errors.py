@@ -27,6 +27,7 @@ class _Errors:
         [um]; the clearance adds to the design's.
     pin_radial, pin_tangential, pin_radius : (n_samples, n_pins) [um], pins clockwise; radial with the ovalities added.
     lobe_profile : (n_samples, n_disks n_lobes) [um], beside disk_profile; lobes clockwise, disk after disk.
+    lobe_pitch : (n_samples, n_disks n_lobes) [um], in the same order.
     roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts.
 
     Every other dimension has an attribute of its name, (n_samples,) or (n_samples, n_elements) [um]. One with a
@@ -43,6 +44,7 @@ class _Errors:
     lobe_profile: Real
     roller_diameter: Real
     eccentric_phase: Real
+    lobe_pitch: Real
 
     def __len__(self) -> int:
         return len(self.eccentricity)
@@ -74,7 +76,8 @@ def draw(study: Study, start: int, stop: int) -> Errors:
     Notes
     -----
     Each error has its own dimension of the design of experiment, whether it varies or not: two studies that differ in
-    one tolerance have equal random numbers in all others and can be compared sample by sample.
+    one tolerance have equal random numbers in all others and can be compared sample by sample. Excepted are those
+    counted where they vary.
     """
     if not 0 <= start <= stop <= study.samples.rows:
         raise ValueError(f"samples {start} to {stop} asked of {study.samples.rows}")
@@ -87,11 +90,26 @@ def draw(study: Study, start: int, stop: int) -> Errors:
 
 
 def _random(study: Study, start: int, stop: int) -> Errors:
-    return errors_at(study, uniforms(study.samples, sum(dimensions(study.design).values()), start, stop))
+    return errors_at(study, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
 
 
-def dimensions(design: Design) -> dict[str, int]:
+def varies(study: Study, name: str) -> bool:
+    """Whether a tolerance varies from unit to unit; an ovality of fixed amplitude varies by its phase."""
+    tolerance = getattr(study.tolerances, name)
+    directed = bool(dimension_library()[name].direction)
+    return tolerance.varies or (directed and tolerance.allowance_um + tolerance.limits_um[0] > 0)
+
+
+def dimensions(study: Study) -> dict[str, int]:
     """Dimensions of the design of experiment that belong to each tolerance and phase, in their order."""
+    library = dimension_library().values()
+    absent = [d for d in library if d.counted_where_varied and not varies(study, d.name)]
+    names = {name for dimension in absent for name in (dimension.name, dimension.phase)}
+    return {name: count for name, count in _counts(study.design).items() if name not in names}
+
+
+def _counts(design: Design) -> dict[str, int]:
+    """Deviations and phases of a reducer by name, in the order of the design of experiment."""
     places: list[tuple[int, str, int]] = []
     for name, dimension in dimension_library().items():
         places.append((dimension.drawn[0], name, dimension.count(design)))
@@ -111,9 +129,10 @@ def errors_at(study: Study, numbers: Real) -> Errors:
 
 def deviations_at(study: Study, numbers: Real) -> dict[str, Real]:
     """Deviations [um] and directions [rad] (n_samples, n_elements) of each tolerance at points of the unit cube."""
-    sizes = dimensions(study.design)
+    sizes = dimensions(study)
     ends = np.cumsum(list(sizes.values()))
-    columns = dict(zip(sizes, np.split(numbers, ends[:-1], axis=1), strict=True))
+    fixed = {name: np.full((len(numbers), count), 0.5) for name, count in _counts(study.design).items()}
+    columns = fixed | dict(zip(sizes, np.split(numbers, ends[:-1], axis=1), strict=True))
     values = {name: 2 * np.pi * columns.pop(name) for name in _directions()}
     for name, probability in columns.items():
         tolerance = getattr(study.tolerances, name)
@@ -134,7 +153,7 @@ def _correlated(name: str, probability: Real, design: Design, length: float) -> 
 
 
 def _listed(study: Study, start: int, stop: int) -> Errors:
-    listed, counts = study.cases[start:stop], dimensions(study.design)
+    listed, counts = study.cases[start:stop], _counts(study.design)
     values = {
         name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in listed]).reshape(len(listed), n)
         for name, n in counts.items()
@@ -145,7 +164,7 @@ def _listed(study: Study, start: int, stop: int) -> Errors:
 
 def _nominal(study: Study) -> Errors:
     """The allowances without deviations, one sample."""
-    counts = dimensions(study.design)
+    counts = _counts(study.design)
     values = {name: np.full((1, counts[name]), tolerance.allowance_um) for name, tolerance in study.tolerances}
     return _errors({**values, **dict.fromkeys(_directions(), np.zeros((1, 1)))}, study.design)
 

@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.dimensions import dimension_library
 from pipeline.config.study import Study
 from pipeline.sampling.designs import independent_uniforms
-from pipeline.sampling.errors import Errors, dimensions, errors_at
+from pipeline.sampling.errors import Errors, dimensions, errors_at, varies
 
 SETS = 2
 """Base sets: the one whose errors are replaced, and the one that they are taken from."""
@@ -21,12 +20,7 @@ SETS = 2
 
 def error_groups(study: Study) -> tuple[str, ...]:
     """Tolerances that vary from unit to unit, by name; an ovality of fixed amplitude varies by its phase."""
-    return tuple(
-        name
-        for name, tolerance in study.tolerances
-        if tolerance.varies
-        or (dimension_library()[name].direction and tolerance.allowance_um + tolerance.limits_um[0] > 0)
-    )
+    return tuple(name for name, _ in study.tolerances if varies(study, name))
 
 
 def drawn_units(study: Study) -> int:
@@ -50,7 +44,7 @@ def draw_mixed(study: Study, start: int, stop: int) -> Errors:
     start, stop : first unit, and the one after the last. Units 0 to n - 1 are the base set, the next n the other set,
         then n units per group of `error_groups` in their order. Unit k is the same however the units are divided.
     """
-    n, sizes = study.drivers.base_samples, dimensions(study.design)
+    n, sizes = study.drivers.base_samples, dimensions(study)
     ends = dict(zip(sizes, np.cumsum(list(sizes.values())), strict=True))
     part, row = np.divmod(np.arange(start, stop), n)
     numbers = [np.empty((0, sum(sizes.values())))]

@@ -55,13 +55,15 @@ def searched_gaps(profile, crank, errors=None):
         1j * crank / profile.lobes
     )
     least = np.full(profile.pins, np.inf)
+    middle_radius = np.abs(written_flank(profile, 0, np.array([0, np.pi]))).mean()  # of root and tip
     for lobe in range(profile.lobes):
         middle = -(lobe + 0.5) * profile.lobe_pitch
         near = np.flatnonzero(np.abs(np.angle(centre * np.exp(-1j * middle))) < 1.2 * profile.lobe_pitch)
         low, high = np.zeros((len(near), 1)), np.full((len(near), 1), 2 * np.pi)
+        turn = 1 if errors is None else np.exp(1j * errors.lobe_pitch[0, lobe] / middle_radius)
         for points in (1001, *[21] * 7):
             beta = low + (high - low) * np.linspace(0, 1, points)
-            away = np.abs(centre[near, None] - written_flank(profile, lobe, beta))
+            away = np.abs(centre[near, None] - turn * written_flank(profile, lobe, beta))
             best = np.take_along_axis(beta, np.argmin(away, axis=1)[:, None], 1)
             step = (high - low) / (points - 1)
             low, high = np.maximum(best - step, 0), np.minimum(best + step, 2 * np.pi)
@@ -99,6 +101,35 @@ def test_exact_gap_is_the_distance_from_the_measured_flank(lobes, crank):
     gap = exact_gaps(drawn, at, errors_of(drawn, at), "radial")[0]
     np.testing.assert_allclose(gap, searched_gaps(drawn, crank), atol=1e-5)
     assert np.ptp(gap) > 2e-3
+
+
+@pytest.mark.parametrize("crank", [0.0, 0.02, 2.5])
+@pytest.mark.parametrize("rotation", [0.0, DELTA], ids=["cycloid", "turned flank"])
+def test_exact_gap_is_the_distance_from_lobes_with_pitch_errors(crank, rotation):
+    """Lobes turned counterclockwise about the disk's axis, with the pins in the roots and off them."""
+    drawn = modified(SMALL, rotation=rotation)
+    at = reducer_at(drawn, crank)
+    errors = random_errors(drawn, at, 1, 3e-3, np.random.default_rng(1), 0.0)
+    errors = replace(errors, lobe_pitch=np.random.default_rng(2).uniform(-20e-3, 20e-3, (1, SMALL.lobes)))
+    gap = exact_gaps(drawn, at, errors, "radial")[0]
+    np.testing.assert_allclose(gap, searched_gaps(drawn, crank, errors), atol=1e-9)
+
+
+@PROFILES
+def test_pitch_error_of_a_lobe_opens_a_gap_by_its_tangential_part(profile):
+    """A lobe moved by t along a circle of radius r moves at the contact by t |p| / r across p, from the disk's axis."""
+    at = reducer_at(profile, 0.9)
+    pitch = np.random.default_rng(3).uniform(-1, 1, (1, profile.lobes))
+    centre = profile.eccentricity * np.exp(0.9j)
+    radius, arm = profile.pin_circle_radius - profile.pin_radius, at.pins.point - centre
+    # The lobe of a pin by its angle in the disk's frame, clockwise from the root at 0.
+    lobe = np.floor(-np.angle(arm * np.exp(0.9j / profile.lobes)) / profile.lobe_pitch).astype(int) % profile.lobes
+    opened = pitch[0, lobe] / radius * np.real(np.conj(at.pins.normal) * 1j * arm)
+    away = np.abs(at.pins.phase) > np.radians(30)
+    for method, size, missed in ((first_order_gaps, 1.0, 1e-12), (exact_gaps, 1e-4, 2e-4)):
+        gap = method(profile, at, errors_of(profile, at, lobe_pitch=size * pitch), "radial")[0]
+        np.testing.assert_allclose((gap / size)[away], opened[away], atol=missed)
+    assert np.abs(opened[away]).max() > 0.3
 
 
 @PROFILES

@@ -16,10 +16,9 @@ from pipeline.config.distributions.normal import Normal
 from pipeline.config.distributions.triangular import Triangular
 from pipeline.config.distributions.uniform import Uniform
 from pipeline.config.tolerances import Tolerances
-from pipeline.sampling import draw, oval_shift, replicates
+from pipeline.sampling import dimensions, draw, oval_shift, replicates
 from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
-from pipeline.sampling.errors import dimensions
 from stages.sample import columns_of_errors, errors_of_columns
 
 ROOT = Path(__file__).parents[2]
@@ -75,6 +74,20 @@ def test_a_tolerance_leaves_the_random_numbers_of_the_others_alone(experiment):
     np.testing.assert_array_equal(others.pin_tangential[1:], 1.0)
     for name in set(NAMES) - {"pin_tangential", "bearing_clearance"}:
         np.testing.assert_array_equal(getattr(errors, name), getattr(others, name), err_msg=name)
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_pitch_errors_of_lobes_take_random_numbers_only_where_they_vary(experiment):
+    still = STUDY.tolerances.model_copy(update={"lobe_pitch": Fixed(distribution="fixed", value_um=2.0)})
+    varied = {"lobe_pitch": Uniform(distribution="uniform", lower_um=-2.0, upper_um=6.0)}
+    assert "lobe_pitch" not in dimensions(STUDY)
+    errors, shifted = draw(study(experiment), 0, 49), draw(study(experiment, tolerances=still), 0, 49)
+    np.testing.assert_array_equal(shifted.lobe_pitch[1:], 2.0)
+    for name in set(NAMES) - {"lobe_pitch"}:
+        np.testing.assert_array_equal(getattr(errors, name), getattr(shifted, name), err_msg=name)
+    drawn = draw(study(experiment, tolerances=STUDY.tolerances.model_copy(update=varied)), 1, 49).lobe_pitch
+    assert drawn.shape == (48, 79)
+    assert stats.kstest(drawn.ravel(), stats.uniform(-2, 8).cdf).pvalue > 0.01
 
 
 def test_no_samples_are_no_samples():
@@ -248,6 +261,6 @@ def test_every_disk_has_draws_of_its_own_that_the_tables_keep_and_one_disk_draws
     read = errors_of_columns(columns_of_errors(errors, 1, 1))
     for name, values in vars(errors).items():
         np.testing.assert_array_equal(getattr(read, name), values, err_msg=name)
-    alone = dimensions(load_study("pin_in_hole", ROOT).design)
+    alone = dimensions(load_study("pin_in_hole", ROOT))
     assert alone["eccentric_phase"] == 0
     assert (alone["eccentricity"], alone["lobe_profile"]) == (1, 39)

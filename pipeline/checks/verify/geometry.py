@@ -71,8 +71,8 @@ def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
 
 
 def _no_errors(profile: CycloidProfile, rollers: int) -> Errors:
-    zeros = np.zeros((1, profile.pins))
-    return Errors(zeros, zeros, zeros, np.zeros((1, profile.lobes)), np.zeros(1), np.zeros((1, rollers)), np.zeros(1))
+    pins, lobes, none = np.zeros((1, profile.pins)), np.zeros((1, profile.lobes)), np.zeros(1)
+    return Errors(pins, pins, pins, lobes, none, np.zeros((1, rollers)), none, lobes)
 
 
 def _envelope(specimen: Specimen) -> tuple[Real, Real]:

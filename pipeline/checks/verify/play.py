@@ -42,6 +42,7 @@ def random_gaps(design: Design, reducer: Reducer, allowance: float) -> Real:
         eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
         roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.contacts)),
         eccentric_phase=np.zeros(SAMPLES),
+        lobe_pitch=np.zeros((SAMPLES, profile.lobes)),
     )
     return gaps(profile, reducer, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
 

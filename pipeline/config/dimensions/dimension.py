@@ -66,6 +66,8 @@ class Dimension:
     size_um : nominal size that no deviation may use up, where it has one.
     measure : whether it is a diameter or a radius; empty if neither. A drawing may state the one for the other.
     acts_on : dimension of elements through which it acts, in place of a gap of its own.
+    counted_where_varied : whether it has places in the design of experiment only in studies that vary it, so that all
+        others draw what they drew before it was known.
     shift : deviations (n,), directions (n,) [rad] and design to what they add to ``acts_on`` (n, n_elements).
     """
 
@@ -84,6 +86,7 @@ class Dimension:
     size_um: Callable[[Design], float] | None = None
     measure: Literal["", "diameter", "radius"] = ""
     acts_on: str = ""
+    counted_where_varied: bool = False
     shift: Callable[[Real, Real, Design], Real] | None = None
 
     @property

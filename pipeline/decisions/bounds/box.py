@@ -60,7 +60,7 @@ class Box:
         if not varying:
             raise InputError(f"study {study.name}: no tolerance varies; give one two limits, as tolerances.pin_radial")
         sides = {name: _uniform(one) for name, one in varying.items()}
-        sizes = dimensions(study.design)
+        sizes = dimensions(study)
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())), strict=True))
         columns = {name: np.arange(ends[name] - size, ends[name]) for name, size in sizes.items()}
         directed = [name for name in varying if dimension_library()[name].direction]

@@ -119,7 +119,7 @@ def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.Da
     """
     box = Box.of(study)
     samples = study.samples.model_copy(update={"experiment": "monte_carlo", "count": UNITS})
-    numbers = uniforms(samples, sum(dimensions(study.design).values()), 0, UNITS)
+    numbers = uniforms(samples, sum(dimensions(study).values()), 0, UNITS)
     bounds, stacks, contributions = [], [], []
     for crank in cranks:
         rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]

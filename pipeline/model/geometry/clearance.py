@@ -34,6 +34,8 @@ class Errors:
     eccentricity : (n,) or (n, n_disks) larger positive.
     roller_diameter : (n, n_rollers) larger positive, in the order of the output contacts: rollers, or output pins,
         which reach through all disks.
+    lobe_pitch : (n, n_lobes) or (n, n_disks, n_lobes): way of each lobe around the disk's axis along the circle at half
+        of the lobes' height, counterclockwise positive.
     eccentric_phase : (n,) or (n, n_disks) way of the eccentric's centre around the crank, counterclockwise positive.
     """
 
@@ -44,20 +46,27 @@ class Errors:
     eccentricity: Real
     roller_diameter: Real
     eccentric_phase: Real
+    lobe_pitch: Real
 
     def of_disk(self, disk: int) -> "Errors":
         """The errors as one disk meets them: its own, and those of the parts that all disks share."""
         return replace(
             self,
-            lobe=self.lobe if self.lobe.ndim == 2 else np.ascontiguousarray(self.lobe[:, disk]),
+            lobe=_of_disk(self.lobe, disk, axes=2),
             eccentricity=_of_disk(self.eccentricity, disk),
             eccentric_phase=_of_disk(self.eccentric_phase, disk),
+            lobe_pitch=_of_disk(self.lobe_pitch, disk, axes=2),
         )
 
 
-def _of_disk(values: Real, disk: int) -> Real:
-    """Of one disk (n,), from values of all disks alike (n,) or of each (n, n_disks)."""
-    return values if values.ndim == 1 else np.ascontiguousarray(values[:, disk])
+def _of_disk(values: Real, disk: int, axes: int = 1) -> Real:
+    """Of one disk, with so many axes, from values of all disks alike or, with a second axis more, of each."""
+    return values if values.ndim == axes else np.ascontiguousarray(values[:, disk])
+
+
+def _lobe_turns(profile: CycloidProfile, errors: Errors) -> Real:
+    """Rotation of each lobe about the disk's axis by its pitch error (n, n_lobes) [rad], counterclockwise positive."""
+    return errors.lobe_pitch / (profile.pin_circle_radius - profile.pin_radius)
 
 
 def pin_lobes(profile: CycloidProfile, reducer: DiskPose | Reducer) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +85,8 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
 
     Notes
     -----
-    -n.dA - ds + w + n.u de, with w the material off the flank: of the errors, and of the drawing, dr + dR n.rho with
+    -n.dA - ds + w + n.u de + l t, with l the arm of the normal about the disk's axis and t the turn of the lobe by its
+    pitch error, and w the material off the flank: of the errors, and of the drawing, dr + dR n.rho with
     rho the radial direction, and what its rotation and a measured deviation take off. Fails at the roots, where the
     pin centre lies close to the evolute of the flank. Where a root separates unequal lobes the nearer flank counts.
     """
@@ -102,6 +112,7 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
         errors.eccentricity,
         eccentric,
     )
+    gap += pins.arm * _lobe_turns(profile, errors)[:, own]
     if profile.modification == NOMINAL:
         return gap
     modification = profile.modification
@@ -140,7 +151,7 @@ def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Err
     nominal = valleys(profile, reducer.crank)
     reading = DISK_READINGS[disk_reading]
     shares = (0.0, reading) if disk_reading == "normal" else (reading, 0.0)
-    moved = errors.pin_radial, errors.pin_tangential, errors.eccentricity
+    moved = errors.pin_radial, errors.pin_tangential, errors.eccentricity, _lobe_turns(profile, errors)
     if profile.modification.deviates:
         distance = deviating_distances(
             profile, nominal, deviation_table(profile), shares, errors.lobe, (before, behind), moved

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Index, Real
 from pipeline.model.geometry.drawn_flank import STEPS
-from pipeline.model.geometry.foot_points import Valleys
+from pipeline.model.geometry.foot_points import Valleys, _turned
 
 REACH = 800
 """Points of a side, at the ends of the cubics: a quarter of a lobe over its tip."""
@@ -126,7 +126,7 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, far):
 @entry
 def _distances(table, points, chords, eccentric, gear, radius, deviation, shares, lobe, before, behind, moved):
     pins, circle, nominal = gear
-    out, along, eccentricity = moved
+    out, along, eccentricity, turned = moved
     n, n_pins = out.shape
     rows, far = deviation.shape[0], np.empty(points.shape[1])
     distance = np.empty((n, n_pins))
@@ -141,7 +141,8 @@ def _distances(table, points, chords, eccentric, gear, radius, deviation, shares
                 error = lobe[s, beside]
                 shifted = (pins, circle - shares[0] * error, nominal)
                 off, cubics = radius + shares[1] * error, deviation[beside % rows]
-                side = _least_of_side(points, chords, shifted, off, cubics, sense, x, -sense * y, far)
+                px, py = _turned(x, y, -turned[s, beside])
+                side = _least_of_side(points, chords, shifted, off, cubics, sense, px, -sense * py, far)
                 nearest = min(nearest, side)
             distance[s, i] = nearest
     return distance
@@ -154,7 +155,7 @@ def deviating_distances(
     shares: tuple[float, float],
     lobe: Real,
     sides: tuple[Index, Index],
-    moved: tuple[Real, Real, Real],
+    moved: tuple[Real, Real, Real, Real],
 ) -> Real:
     """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
 
@@ -165,7 +166,8 @@ def deviating_distances(
     shares : what a lobe's error takes off the circle, and adds to the offset of its flank.
     lobe : (n, n_lobes) [mm]
     sides : the lobes before and behind the root of each pin's valley (n_pins,).
-    moved : error of the pins outward and counterclockwise (n, n_pins), of the eccentricity (n,) [mm].
+    moved : error of the pins outward and counterclockwise (n, n_pins), of the eccentricity (n,) [mm], and
+        rotation of the lobes about the disk's axis (n, n_lobes) [rad].
     """
     flank = profile.generating
     points = _scan_points(flank)

@@ -198,18 +198,20 @@ def _nearest(first, last, points, circle, offset, cx, cy, pins, squares):
 
 @entry
 def pin_distances(
-    table, points, eccentric, profile, shares, lobe, own, before, behind, radial, tangential, eccentricity
+    table, points, eccentric, profile, shares, lobe, own, before, behind, radial, tangential, eccentricity, turned
 ):
     """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
 
     ``profile``: pins, radius of their circle, radius of a pin; ``shares``: what a lobe's error takes off the circle and
-    adds to the offset of its flank; ``own``, ``before``, ``behind``: lobe of each pin, and the two beside its root.
+    adds to the offset of its flank; ``turned``: of each lobe about the disk's axis [rad], which is the pin about it the
+    other way; ``own``, ``before``, ``behind``: lobe of each pin, and the two beside its root.
     """
     pins, pin_circle, pin_radius = profile
     n, n_pins = radial.shape
     last = points.shape[1] - 1
     sx, sy, cx, cy = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
-    offset, allowed, turn = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
+    ox, oy, offset = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
+    allowed, turn = np.empty(n_pins), np.empty(n_pins)
     squares = np.empty(last + 1)
     distance = np.empty((n, n_pins))
     for s in range(n):
@@ -218,11 +220,13 @@ def pin_distances(
             sx[i], sy[i] = circle * table[0, i], circle * table[1, i]
             offset[i] = pin_radius + shares[1] * lobe[s, own[i]]
             step = (shares[0] + shares[1]) * abs(lobe[s, before[i]] - lobe[s, behind[i]])
+            step += pin_circle * abs(turned[s, before[i]] - turned[s, behind[i]])
             allowed[i] = min(table[10, i], 0.5 * (table[11, i] - step))
             out, along = radial[s, i], tangential[s, i]
             cx[i] = table[4, i] + table[6, i] * out - table[7, i] * along - eccentricity[s] * eccentric.real
             cy[i] = table[5, i] + table[7, i] * out + table[6, i] * along - eccentricity[s] * eccentric.imag
-        _single_distances(sx, sy, table[2], table[3], cx, cy, offset, allowed, pins, turn, distance[s])
+            ox[i], oy[i] = _turned(cx[i], cy[i], -turned[s, own[i]])
+        _single_distances(sx, sy, table[2], table[3], ox, oy, offset, allowed, pins, turn, distance[s])
         for i in range(n_pins):
             if distance[s, i] >= 0.0:
                 continue
@@ -231,6 +235,7 @@ def pin_distances(
             nearest = np.inf
             for beside, start, end in ((before[i], last // 2, last), (behind[i], 0, last // 2)):
                 around, parallel = pin_circle - shares[0] * lobe[s, beside], pin_radius + shares[1] * lobe[s, beside]
-                nearest = min(nearest, _nearest(start, end, points, around, parallel, x, y, pins, squares))
+                px, py = _turned(x, y, -turned[s, beside])
+                nearest = min(nearest, _nearest(start, end, points, around, parallel, px, py, pins, squares))
             distance[s, i] = nearest
     return distance
