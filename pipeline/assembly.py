@@ -64,6 +64,7 @@ def errors(sampled: "SampledErrors") -> Errors:
     lobe, pitch = sampled.lobe_profile, sampled.lobe_pitch
     if sampled.disk_profile.ndim == 2:
         lobe, pitch = (values.reshape(*sampled.disk_profile.shape, -1) for values in (lobe, pitch))
+    direction = np.stack([np.cos(sampled.bore_runout_phase), np.sin(sampled.bore_runout_phase)], axis=-1)
     return Errors(
         pin_radial=MM_PER_UM * sampled.pin_radial,
         pin_tangential=MM_PER_UM * sampled.pin_tangential,
@@ -73,6 +74,7 @@ def errors(sampled: "SampledErrors") -> Errors:
         roller_diameter=MM_PER_UM * sampled.roller_diameter,
         eccentric_phase=MM_PER_UM * sampled.eccentric_phase,
         lobe_pitch=MM_PER_UM * pitch,
+        bore_runout=MM_PER_UM * sampled.bore_runout_amplitude[:, None] * direction,
     )
 
 

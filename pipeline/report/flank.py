@@ -26,6 +26,7 @@ def nominal_gaps(design: Design, crank_deg: float) -> pd.DataFrame:
         np.zeros((1, len(at.contacts) - at.n_pins)),
         np.zeros(1),
         np.zeros((1, profile.lobes)),
+        np.zeros((1, 2)),
     )
     gaps = {
         name: UM_PER_MM * method(profile, at, nominal, "radial")[0]

@@ -28,6 +28,7 @@ class _Errors:
     pin_radial, pin_tangential, pin_radius : (n_samples, n_pins) [um], pins clockwise; radial with the ovalities added.
     lobe_profile : (n_samples, n_disks n_lobes) [um], beside disk_profile; lobes clockwise, disk after disk.
     lobe_pitch : (n_samples, n_disks n_lobes) [um], in the same order.
+    bore_runout_amplitude, bore_runout_phase : (n_samples,) [um] and [rad], counterclockwise in the disk's frame.
     roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts.
 
     Every other dimension has an attribute of its name, (n_samples,) or (n_samples, n_elements) [um]. One with a
@@ -45,6 +46,8 @@ class _Errors:
     roller_diameter: Real
     eccentric_phase: Real
     lobe_pitch: Real
+    bore_runout_amplitude: Real
+    bore_runout_phase: Real
 
     def __len__(self) -> int:
         return len(self.eccentricity)
@@ -55,7 +58,7 @@ if TYPE_CHECKING:
 else:
     _names = [n for d in dimension_library().values() for n in ((d.field, d.phase) if d.direction else (d.field,))]
     for _dimension in dimension_library().values():
-        if not (_dimension.shift or _dimension.name in _Errors.__dataclass_fields__):
+        if not (_dimension.shift or _dimension.field in _Errors.__dataclass_fields__):
             raise TypeError(f"dimension {_dimension.name} acts on nothing; give it a shift, or a gap in the model")
     _others = [(name, Real) for name in _names if name not in _Errors.__dataclass_fields__]
     Errors = make_dataclass("Errors", _others, bases=(_Errors,), frozen=True, namespace={"__module__": __name__})

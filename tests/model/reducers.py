@@ -49,6 +49,7 @@ def errors_of(profile, reducer, n=1, **given):
     shapes = dict.fromkeys(("pin_radial", "pin_tangential", "pin_radius"), profile.pins) | {
         "lobe": profile.lobes,
         "lobe_pitch": profile.lobes,
+        "bore_runout": 2,
         "roller_diameter": np.count_nonzero(reducer.contacts.kind == OUTPUT),
     }
     values = {name: np.zeros((n, length)) + given.pop(name, 0.0) for name, length in shapes.items()}
@@ -60,7 +61,7 @@ def random_errors(profile, reducer, n, scale, rng, lobe_scale=None):
     zero = errors_of(profile, reducer, n)
     drawn = {name: scale * rng.uniform(-1, 1, value.shape) for name, value in vars(zero).items()}
     drawn["eccentric_phase"][:] = 0.0  # of one disk it only turns the crank
-    drawn["lobe_pitch"][:] = 0.0
+    drawn["lobe_pitch"][:] = drawn["bore_runout"][:] = 0.0
     if lobe_scale is not None:
         drawn["lobe"] *= lobe_scale / scale
     return Errors(**drawn)

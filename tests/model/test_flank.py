@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reducers import MICROMETRE, PAPER, SMALL, errors_of, random_errors, reducer_at
 
-from pipeline.model.geometry.clearance import exact_gaps, first_order_gaps
+from pipeline.model.geometry.clearance import exact_gaps, first_order_gaps, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
 from pipeline.model.geometry.flank_modification import FlankModification, MeasuredFlank
@@ -113,6 +113,26 @@ def test_exact_gap_is_the_distance_from_lobes_with_pitch_errors(crank, rotation)
     errors = replace(errors, lobe_pitch=np.random.default_rng(2).uniform(-20e-3, 20e-3, (1, SMALL.lobes)))
     gap = exact_gaps(drawn, at, errors, "radial")[0]
     np.testing.assert_allclose(gap, searched_gaps(drawn, crank, errors), atol=1e-9)
+
+
+@pytest.mark.parametrize("crank", [0.02, 7.0, 40.0])
+def test_run_out_of_the_bore_shifts_the_flank_in_the_disk_which_turns_backwards(crank):
+    """Crank turns apart the disk has turned on: distances in its frame, from the flank shifted in it."""
+    at, runout = reducer_at(SMALL, crank), np.array([3e-3, -5e-3])
+    errors = errors_of(SMALL, at, bore_runout=runout)
+    reading = {"disk_reading": "radial", "roller_reading": "half_diameter"}
+    exact, first = (gaps(SMALL, at, errors, method=m, **reading)[0] for m in ("exact", "first_order"))
+    theta = -2 * np.pi * np.arange(SMALL.pins) / SMALL.pins
+    in_disk = (SMALL.pin_circle_radius * np.exp(1j * theta) - SMALL.eccentricity * np.exp(1j * crank)) * np.exp(
+        1j * crank / SMALL.lobes
+    )
+    beta = np.linspace(0, 2 * np.pi, 20001)
+    flank = np.concatenate([written_flank(SMALL, lobe, beta) for lobe in range(SMALL.lobes)]) + complex(*runout)
+    searched = np.array([np.abs(pin - flank).min() for pin in in_disk]) - SMALL.pin_radius
+    np.testing.assert_allclose(exact[: SMALL.pins], searched, atol=1e-7)
+    away = np.abs(at.pins.phase) > np.radians(30)
+    np.testing.assert_allclose(first[: SMALL.pins][away], searched[away], atol=1e-4)
+    np.testing.assert_array_equal(exact[SMALL.pins :], at.contacts.gap[SMALL.pins :])
 
 
 @PROFILES

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from pipeline.assembly import errors as errors_in_mm
 from pipeline.config import load_study
 from pipeline.config.cases import Case
 from pipeline.config.distributions.fixed import Fixed
@@ -77,7 +78,7 @@ def test_a_tolerance_leaves_the_random_numbers_of_the_others_alone(experiment):
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_pitch_errors_of_lobes_take_random_numbers_only_where_they_vary(experiment):
+def test_pitch_errors_of_lobes_and_run_out_take_random_numbers_only_where_they_vary(experiment):
     still = STUDY.tolerances.model_copy(update={"lobe_pitch": Fixed(distribution="fixed", value_um=2.0)})
     varied = {"lobe_pitch": Uniform(distribution="uniform", lower_um=-2.0, upper_um=6.0)}
     assert "lobe_pitch" not in dimensions(STUDY)
@@ -88,6 +89,11 @@ def test_pitch_errors_of_lobes_take_random_numbers_only_where_they_vary(experime
     drawn = draw(study(experiment, tolerances=STUDY.tolerances.model_copy(update=varied)), 1, 49).lobe_pitch
     assert drawn.shape == (48, 79)
     assert stats.kstest(drawn.ravel(), stats.uniform(-2, 8).cdf).pvalue > 0.01
+    off_centre = {"bore_runout": Fixed(distribution="fixed", value_um=3.0)}
+    turned = draw(study(experiment, tolerances=STUDY.tolerances.model_copy(update=off_centre)), 1, 49)
+    assert stats.kstest(turned.bore_runout_phase, stats.uniform(0, 2 * np.pi).cdf).pvalue > 0.01
+    np.testing.assert_allclose(np.hypot(*errors_in_mm(turned).bore_runout.T), 3e-3)
+    assert not np.any(errors_in_mm(errors).bore_runout)
 
 
 def test_no_samples_are_no_samples():

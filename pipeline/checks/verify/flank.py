@@ -44,6 +44,7 @@ def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> 
         np.zeros((1, len(at.contacts) - at.n_pins)),
         np.zeros(1),
         np.zeros((1, profile.lobes)),
+        np.zeros((1, 2)),
     )
     exact, first = (method(profile, at, no_errors, "radial")[0] for method in (exact_gaps, first_order_gaps))
     return at.pins.phase, at.pins.arm, exact, first

@@ -72,7 +72,7 @@ def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
 
 def _no_errors(profile: CycloidProfile, rollers: int) -> Errors:
     pins, lobes, none = np.zeros((1, profile.pins)), np.zeros((1, profile.lobes)), np.zeros(1)
-    return Errors(pins, pins, pins, lobes, none, np.zeros((1, rollers)), none, lobes)
+    return Errors(pins, pins, pins, lobes, none, np.zeros((1, rollers)), none, lobes, np.zeros((1, 2)))
 
 
 def _envelope(specimen: Specimen) -> tuple[Real, Real]:

@@ -69,7 +69,8 @@ def pin_forces(study: Study, phase_deg: Real, crank_deg: float = 0.0) -> Real:
     at, profile = assembly.reducer(study.design, crank_deg), assembly.profile(study.design)
     n = at.n_pins
     pins, lobes, none = np.zeros((1, n)), np.zeros((1, profile.lobes)), np.zeros(1)
-    nominal = Errors(pins, pins, pins, lobes, none, np.zeros((1, len(at.contacts) - n)), none, lobes)
+    rollers = np.zeros((1, len(at.contacts) - n))
+    nominal = Errors(pins, pins, pins, lobes, none, rollers, none, lobes, np.zeros((1, 2)))
     gap, loose = gaps(profile, at, nominal, **dict(study.clearance)), np.zeros(1)
     compliance = np.zeros((len(at.contacts), len(at.contacts)))
     if study.reduce.disk == "elastic":

@@ -43,6 +43,7 @@ def random_gaps(design: Design, reducer: Reducer, allowance: float) -> Real:
         roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.contacts)),
         eccentric_phase=np.zeros(SAMPLES),
         lobe_pitch=np.zeros((SAMPLES, profile.lobes)),
+        bore_runout=np.zeros((SAMPLES, 2)),
     )
     return gaps(profile, reducer, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
 

@@ -109,7 +109,7 @@ class Dimension:
         """Why a reducer of so many disks cannot have a deviation."""
         disks = f"[disk] count = {design.disk.count}"
         if design.disk.count > self.most_disks:
-            return f"is not solved with {disks}, whose bearings are tight; delete it"
+            return f"is not solved with {disks}; delete it"
         return f"acts on nothing with {disks}: it counts against another disk; delete it"
 
     @property

@@ -36,6 +36,7 @@ class Errors:
         which reach through all disks.
     lobe_pitch : (n, n_lobes) or (n, n_disks, n_lobes): way of each lobe around the disk's axis along the circle at half
         of the lobes' height, counterclockwise positive.
+    bore_runout : (n, 2) way of the flank's centre from the bore's in the disk's frame, of every disk alike.
     eccentric_phase : (n,) or (n, n_disks) way of the eccentric's centre around the crank, counterclockwise positive.
     """
 
@@ -47,6 +48,7 @@ class Errors:
     roller_diameter: Real
     eccentric_phase: Real
     lobe_pitch: Real
+    bore_runout: Real
 
     def of_disk(self, disk: int) -> "Errors":
         """The errors as one disk meets them: its own, and those of the parts that all disks share."""
@@ -202,6 +204,21 @@ def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
     return replace(errors, pin_radial=errors.pin_radial + along, pin_tangential=errors.pin_tangential + across)
 
 
+def _with_pins_off_centre(disk: DiskPose, errors: Errors) -> Errors:
+    """The errors of a disk with its flank centred on the bore, and the pins moved against the way of the flank.
+
+    Notes
+    -----
+    Exact: the way v is fixed in the disk, which turns by -crank / lobes; in the housing it is v exp(-i crank / lobes).
+    Holes are made from the bore and keep their gaps.
+    """
+    if not np.any(errors.bore_runout):
+        return errors
+    moved = (errors.bore_runout[:, 0] + 1j * errors.bore_runout[:, 1]) * np.exp(1j * disk.rotation)
+    way = -np.multiply.outer(moved, np.conj(disk.pins.centre / np.abs(disk.pins.centre)))
+    return replace(errors, pin_radial=errors.pin_radial + way.real, pin_tangential=errors.pin_tangential + way.imag)
+
+
 def gaps(
     profile: CycloidProfile,
     reducer: Reducer,
@@ -231,6 +248,7 @@ def gaps(
     parts = []
     for number, disk in enumerate(reducer.disks):
         of_disk = _with_pins_turned(disk, errors.of_disk(number))
+        of_disk = _with_pins_off_centre(disk, of_disk)
         parts.append(of_pins(profile, disk, of_disk, disk_reading))
     for number, rows in enumerate(of_outputs):
         contacts = reducer.contacts.some(rows)
