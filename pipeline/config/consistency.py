@@ -71,10 +71,8 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     if reduce and design:
         problems += _patches(reduce, design)
         problems += _mesh(reduce, design)
-    if design and design.disk.count > 1:
-        problems += _several_disks(design)
     if design:
-        problems += study_effect_problems(design.effects)
+        problems += study_effect_problems(design.effects, design.disk.count)
         problems += _readings(parts.get("clearance"), design)
         problems += _diameters(raw, design)
     return problems
@@ -152,13 +150,6 @@ def _size(samples: Samples, design: Design) -> Iterator[Problem]:
             f"with {contacts} contacts a unit must be <= {LARGEST_RUN // contacts}: the gaps alone of more would fill "
             "the disk; take fewer samples, whose intervals the report states",
         )
-
-
-def _several_disks(design: Design) -> Iterator[Problem]:
-    """Effects that are solved for one disk alone."""
-    for name in sorted({"bearing_clearance", "contact_friction"} & set(design.effects)):
-        allowed = f"is solved for one disk, not for {design.disk.count}; delete it from the design of the study"
-        yield Problem(f"design.effects.{name}", None, allowed)
 
 
 def _mesh(reduce: Reduce, design: Design) -> Iterator[Problem]:

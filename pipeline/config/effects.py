@@ -49,8 +49,8 @@ def effect_problems(effects: Effects) -> Iterator[Problem]:
                 yield Problem(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")
 
 
-def study_effect_problems(effects: Effects) -> Iterator[Problem]:
-    """Effects that a load cycle of equilibria cannot show."""
+def study_effect_problems(effects: Effects, disks: int) -> Iterator[Problem]:
+    """Effects that a load cycle of equilibria cannot show, or not of so many ``disks``."""
     if not effects:
         return
     from pipeline.model.effects import library  # the mechanics are slow to import
@@ -61,7 +61,12 @@ def study_effect_problems(effects: Effects) -> Iterator[Problem]:
         TEMPERATURE: "a study is at the temperature of the drawing, where it changes nothing",
     }
     for name in effects:
-        needs = library()[name].needs if name in library() else ()
+        if name not in library():
+            continue
+        effect = library()[name]
+        if effect.of_one_disk and disks > 1:
+            allowed = f"is solved for one disk, not for {disks}; delete it from the design of the study"
+            yield Problem(f"design.effects.{name}", None, allowed)
         for need, reason in absent.items():
-            if need in needs:
+            if need in effect.needs:
                 yield Problem(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")

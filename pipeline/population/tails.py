@@ -71,8 +71,9 @@ def tails_of(study: Study) -> tuple[Tail, ...]:
         )
     tails = []
     for name, limit in study.limits.of_metrics.items():
-        sign = -1.0 if library()[name].smaller_is_worse else 1.0
-        if not library()[name].turn_of_rigid_bodies:
+        metric = library().get(name)  # metrics of the turn have no rough model
+        if metric is not None and not metric.turn_of_rigid_bodies:
+            sign = -1.0 if metric.smaller_is_worse else 1.0
             tails.append(Tail(name, study.limits.over, sign, sign * limit))
     if not tails:
         raise InputError(f"study {study.name}: [limits] names no metric under load; set one, as lost_motion_arcmin")

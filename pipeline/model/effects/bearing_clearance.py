@@ -23,4 +23,5 @@ EFFECT = Effect(
     told_apart_by="the radial play of the input bearing with a dial gauge",
     bounds=lambda drive: ((0.0, 1e3 * drive.profile.eccentricity / 3),),
     apply=_apply,
+    of_one_disk=True,
 )

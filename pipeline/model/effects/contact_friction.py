@@ -27,4 +27,5 @@ EFFECT = Effect(
     bounds=lambda drive: ((0.0, 0.4),),
     apply=_apply,
     needs=frozenset({STILL}),
+    of_one_disk=True,
 )

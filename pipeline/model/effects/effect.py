@@ -75,6 +75,7 @@ class Effect:
     needs : what the data must offer; a study's load cycle has no ``TIME``.
     limit_case : name of the simpler effect that it becomes at a limit of its parameters, or "".
     starts : where its fit starts: from "secants" of its parameters, or from many "periods" of a ripple.
+    of_one_disk : whether it is solved for one disk alone.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Effect:
     needs: frozenset[str] = frozenset()
     limit_case: str = ""
     starts: str = "secants"
+    of_one_disk: bool = False
 
 
 SOFTEST = 100.0
