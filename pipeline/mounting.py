@@ -57,8 +57,8 @@ def drive_of(
 
 def with_effects(drive: Drive, effects: Mapping[str, Mapping[str, float]]) -> Drive:
     """The drive with effects of the library at their parameters, run in and at the temperature of the drawing."""
-    usual = Conditions.usual(len(drive.bearing_clearance))
+    conditions = Conditions.run_in(len(drive.bearing_clearance))
     for name, values in effects.items():
         effect = library()[name]
-        drive = effect.apply(drive, [values[parameter.name] for parameter in effect.parameters], usual)
+        drive = effect.apply(drive, [values[parameter.name] for parameter in effect.parameters], conditions)
     return drive

@@ -304,5 +304,5 @@ def test_a_pattern_that_no_measured_unit_has_is_an_effect_though_its_mean_gap_is
     assert known.within_tolerance(lobes, [0.1, 0.0])
     assert not known.within_tolerance(lobes, [-1.7, -1.2])
     nominal = known.nominal[0].first
-    moved = lobes.effects[0].apply(nominal, [-1.7, -1.2], Conditions.usual(1)).gap - nominal.gap
+    moved = lobes.effects[0].apply(nominal, [-1.7, -1.2], Conditions.run_in(1)).gap - nominal.gap
     assert 1e3 * np.mean(np.abs(moved[:, : nominal.reducer.n_pins])) < 1.5

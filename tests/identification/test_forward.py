@@ -66,7 +66,7 @@ def test_frictionless_reading_is_the_backbone_at_its_nodes(drive):
 
 @pytest.mark.parametrize("friction", [0.0, 0.8])
 def test_the_angle_of_a_cell_is_the_mean_over_its_rows(drive, friction):
-    rubbing = library()["coulomb"].apply(drive, [friction], Conditions.usual(1))
+    rubbing = library()["coulomb"].apply(drive, [friction], Conditions.run_in(1))
     fine = np.linspace(-0.45, 1.05, 4001)
     edges = np.array([[-0.45, 0.3, 1.05]])
     one = Course(TURNS, np.array([2]), np.zeros(4, np.int64), edges, np.zeros(1), 1.0, 0.0)
@@ -136,7 +136,7 @@ def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, tim
 
 
 def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive):
-    usual = Conditions.usual(1)
+    usual = Conditions.run_in(1)
     rubbing = library()["contact_friction"].apply(drive, [0.02], usual)
     reading = read(rubbing)
     assert reading.sound

@@ -10,15 +10,15 @@ from reducers import MICROMETRE
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history import drive as of_drive
-from pipeline.model.load_history.drive import NO_LOAD, backbone, first_poses, ladder
+from pipeline.model.load_history.drive import NO_LOAD, backbone, first_poses, torque_levels
 
-SHARES = ladder(40, 1.05)
+SHARES = torque_levels(40, 1.05)
 MIDDLE = len(SHARES)
 
 
 def test_ladder_ascends_from_no_load_to_its_reach():
     for levels, reach in ((11, 1.05), (22, 0.4), (40, 3.0)):
-        shares = ladder(levels, reach)
+        shares = torque_levels(levels, reach)
         assert len(shares) == levels + 1
         assert np.all(np.diff(shares) > 0)
         assert shares[0] == NO_LOAD
@@ -85,7 +85,7 @@ def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program
         asked.append(len(gap))
         return rigid_play(reducer, gap, clearance)
 
-    way = of_drive._way
+    way = of_drive._one_sense
 
     def failing(drive, pose, levels, preloaded):
         found = way(drive, pose, levels, preloaded)
@@ -94,13 +94,13 @@ def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program
 
     monkeypatch.setattr(of_drive, "rigid_play", asking)
     if falls_back:
-        monkeypatch.setattr(of_drive, "_way", failing)
+        monkeypatch.setattr(of_drive, "_one_sense", failing)
     curve = backbone(drive, SHARES)
     assert np.all(curve.states.converged)
     assert asked == [1] * falls_back  # only those that need it
     general = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     monkeypatch.setattr(of_drive, "separated_play", lambda reducer, gap: general)
-    monkeypatch.setattr(of_drive, "_way", raised)
+    monkeypatch.setattr(of_drive, "_one_sense", raised)
     from_general = backbone(drive, SHARES)
     assert np.all(from_general.states.converged)
     np.testing.assert_allclose(curve.angle, from_general.angle, rtol=0, atol=1e-9)
@@ -118,7 +118,7 @@ def test_preloaded_curve_is_the_same_from_either_end(depth, monkeypatch):
     drive = drive.shifted(np.random.default_rng(depth).uniform(-depth, depth, drive.gap.shape) * MICROMETRE)
     down = backbone(drive, SHARES)
     assert np.all(down.states.converged)
-    monkeypatch.setattr(of_drive, "_way", raised)
+    monkeypatch.setattr(of_drive, "_one_sense", raised)
     up = backbone(drive, SHARES)
     found = up.states.converged
     np.testing.assert_allclose(down.angle[found], up.angle[found], rtol=0, atol=1e-10)
@@ -230,7 +230,7 @@ CHANGES = {
 def test_small_change_of_springs_and_gaps_moves_the_curve_as_the_forces_say(name):
     drive = small_drive(3, seed=6, clearance=10 * MICROMETRE)
     near = replace(drive, **CHANGES[name](drive), known=None)
-    shares = ladder(160, 1.05)  # the slope of the forces is taken over the nodes
+    shares = torque_levels(160, 1.05)  # the slope of the forces is taken over the nodes
     curve = backbone(drive, shares)
     truth = backbone(near, shares).angle - curve.angle
     found = curve.change(drive, near)

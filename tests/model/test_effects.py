@@ -12,7 +12,7 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_backlash import general_play, separated_play
-from pipeline.model.load_history.drive import backbone, ladder
+from pipeline.model.load_history.drive import backbone, torque_levels
 from pipeline.model.load_history.output_path import Ripple, condensed_path
 
 LIBRARY = library()
@@ -28,13 +28,13 @@ UNITS = {
     "um/(m K)": "um_per_m_K",
     "arcmin/h": "arcmin_per_h",
 }
-SHARES = ladder(20, 1.05)
+SHARES = torque_levels(20, 1.05)
 MIDDLE = len(SHARES)
 
 
 def put(drive, name, *values, conditions=None):
     """The drive with an effect of the library."""
-    return LIBRARY[name].apply(drive, values, conditions or Conditions.usual(len(drive.gap)))
+    return LIBRARY[name].apply(drive, values, conditions or Conditions.run_in(len(drive.gap)))
 
 
 @pytest.mark.parametrize("name", ALL_NAMES)
@@ -254,7 +254,7 @@ def legs(*turns, steps=100):
 
 def test_coulomb_parts_the_branches_by_twice_its_torque():
     drive, torque = small_drive(), 0.7  # [N m]
-    nodes = ladder(60, 1.2)
+    nodes = torque_levels(60, 1.2)
     rubbing, torques = put(drive, "coulomb", torque), legs(0.0, RATED, -RATED, RATED)
     angle, curve = turned(rubbing, torques, nodes), backbone(drive, nodes)
     for part, sense in ((slice(120, 201), -1), (slice(220, 301), 1)):
@@ -276,7 +276,7 @@ def test_presliding_slides_in_full_beyond_its_distance():
 
 def test_load_friction_parts_the_branches_in_proportion_to_the_torque():
     drive, share = small_drive(), 0.15
-    nodes = ladder(60, 1.2)
+    nodes = torque_levels(60, 1.2)
     rubbing, torques = put(drive, "load_friction", share), legs(0.0, RATED, -RATED, RATED)
     angle, curve = turned(rubbing, torques, nodes), backbone(drive, nodes)
     loaded = np.abs(torques) > 0.01 * RATED

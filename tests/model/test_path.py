@@ -10,14 +10,14 @@ from reducers import MICROMETRE, SMALL
 from pipeline.model.contact.friction_elements import Sliders, load_slider, output_sliders, pin_sliders
 from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.reducer import Bearing
-from pipeline.model.load_history.drive import backbone, ladder
+from pipeline.model.load_history.drive import backbone, torque_levels
 from pipeline.model.load_history.incremental import solve_path
 from pipeline.model.load_history.output_path import Ripple, condensed_path
 
 
 def followed(drive, torques, sliders):
     """Motions, forces of the only state of a drive along a history."""
-    curve = backbone(drive, ladder(14, 1.1))
+    curve = backbone(drive, torque_levels(14, 1.1))
     motion, force, worst = solve_path(
         replace(drive, sliders=sliders),
         0,
@@ -76,7 +76,7 @@ def test_path_with_friction_on_the_output_is_the_condensed_one(kind, floats):
     sliders = ON_THE_OUTPUT[kind](drive.reducer)
     torques = history(0, RATED, -RATED, RATED, 0.2 * RATED, 0.5 * RATED, steps=20)
     motion, force = followed(drive, torques, sliders)
-    curve = backbone(drive, ladder(800, 1.2))
+    curve = backbone(drive, torque_levels(800, 1.2))
     angle, carried = condensed_path(torques, curve.torque, curve.angle[0], sliders, Ripple())
     start = curve.angle[0, 799:801].mean()  # the middle of the play, where the condensed path rests at first
     away = np.abs(torques) > 0

@@ -15,7 +15,7 @@ from pipeline.identification.bench.simulator import Instrument
 from pipeline.identification.fitting.build import drive_of, scaled_design
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.load_history.drive import Backbone, Drive, backbone, ladder
+from pipeline.model.load_history.drive import Backbone, Drive, backbone, torque_levels
 from pipeline.model.load_history.incremental import solve_path
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.output_path import condensed_path
@@ -127,7 +127,7 @@ def true_unit(
 
 def _fine(drive: Drive, top: float) -> Backbone:
     reach = BEYOND * NMM_PER_NM * top / drive.rated_torque
-    curve = backbone(drive.without_twist, ladder(STEPS, reach))
+    curve = backbone(drive.without_twist, torque_levels(STEPS, reach))
     if not np.all(curve.states.converged):
         raise UnsoundError("the frictionless curve")
     return curve

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.model.load_history.cell_means import means
-from pipeline.model.load_history.drive import Backbone, Drive, backbone, ladder
+from pipeline.model.load_history.drive import Backbone, Drive, backbone, torque_levels
 from pipeline.model.load_history.incremental import solve_path
 from pipeline.model.load_history.kelvin_voigt import crept
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -107,7 +107,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Way:
+class LoadPath:
     """What a position went through.
 
     Attributes
@@ -130,7 +130,7 @@ class Forward:
     def __init__(self, courses: list[Course], rated_torque: float):
         self.courses = courses
         reach = max(float(np.max(np.abs(course.torque))) for course in courses) * NMM_PER_NM / rated_torque
-        self.shares = ladder(LEVELS, BEYOND * reach)
+        self.shares = torque_levels(LEVELS, BEYOND * reach)
         self._kept: dict[tuple, Backbone] = {}
 
     def backbone(self, drive: Drive) -> Backbone:
@@ -154,14 +154,14 @@ class Forward:
         """Prediction at the cells of a position."""
         course = self.courses[position]
         curve = self.backbone(drive)
-        torque, at = instrument.true_torque(course.torque), instrument.true_torque(course.at)
+        torque, edges = instrument.true_torque(course.torque), instrument.true_torque(course.at)
         sound = float(np.mean(curve.states.residual > UNSOUND)) <= UNSOUND_SHARE
         if len(drive.sliders.acting) or instrument.ripple.amplitude:
-            way, found = self._along(drive, course, curve, instrument.ripple, torque, at)
-            sound = sound and found
+            path, followed = self._along(drive, course, curve, instrument.ripple, torque, edges)
+            sound = sound and followed
         else:
-            way = _unhindered(drive, course, curve, torque, at)
-        angle, slope, carried, at_turns = way.angle, way.slope, way.carried, way.at_turns
+            path = _unhindered(drive, course, curve, torque, edges)
+        angle, slope, carried, at_turns = path.angle, path.slope, path.carried, path.at_turns
         if drive.creep is not None:
             delayed = drive.creep.compliance, drive.creep.time_constant
             angle = angle + crept(carried, course.time, course.leg, at_turns, *delayed)
@@ -171,11 +171,11 @@ class Forward:
         return Reading(read, ARCMIN * NMM_PER_NM * slope, carried, sound)
 
     def _along(
-        self, drive: Drive, course: Course, curve: Backbone, ripple: Ripple, torque: Real, at: Real
-    ) -> tuple[Way, bool]:
+        self, drive: Drive, course: Course, curve: Backbone, ripple: Ripple, torque: Real, edges: Real
+    ) -> tuple[LoadPath, bool]:
         """The way with friction through turns (n_turns,) and cells (n_cells, n_edges) [N mm]; whether it is sound."""
         nodes, sound = curve.torque, True
-        way = Way(np.empty(len(at)), np.empty(len(at)), np.empty(len(at)), torque.copy())
+        path = LoadPath(np.empty(len(edges)), np.empty(len(edges)), np.empty(len(edges)), torque.copy())
         same = np.arange(len(torque) - 1)
         if drive.sliders.at_contacts:
             same = _repeats(torque)
@@ -191,28 +191,28 @@ class Forward:
                 corners, turns = walked(torque, nodes, alone, drive.sliders, ripple)
             for leg in np.flatnonzero(course.state == state):
                 part = corners[:, turns[same[leg]] : turns[same[leg] + 1] + 1]
-                x, turned, inside = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
+                x, turned, carried = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
                 cells = course.leg == leg
-                way.at_turns[leg : leg + 2] = part[2, [0, -1]]
+                path.at_turns[leg : leg + 2] = part[2, [0, -1]]
                 if np.any(cells):
-                    way.angle[cells], way.slope[cells] = means(at[cells], x, turned)
-                    way.carried[cells], _ = means(at[cells], x, inside)
-        return way, sound
+                    path.angle[cells], path.slope[cells] = means(edges[cells], x, turned)
+                    path.carried[cells], _ = means(edges[cells], x, carried)
+        return path, sound
 
     def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
         """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
         curve = self.backbone(drive)
         return self._at_cells(curve, position, carried, curve.influence @ modes.T)
 
-    def change(self, drive: Drive, near: Drive, position: int, carried: Real) -> Real | None:
+    def change(self, drive: Drive, neighbour: Drive, position: int, carried: Real) -> Real | None:
         """Change of the angle (n_cells,) [arcmin], to first order, from a drive to one with other gaps and springs.
 
         None where the two differ in more.
         """
-        if not _alike_but_for_springs(drive, near):
+        if not _alike_but_for_springs(drive, neighbour):
             return None
         curve = self.backbone(drive)
-        return self._at_cells(curve, position, carried, curve.change(drive, near)[..., None])[:, 0]
+        return self._at_cells(curve, position, carried, curve.change(drive, neighbour)[..., None])[:, 0]
 
     def _at_cells(self, curve: Backbone, position: int, carried: Real, values: Real) -> Real:
         """Values (n, n_nodes, k) [rad] of a backbone where it carries ``carried`` (n_cells,): (n_cells, k) [arcmin]."""
@@ -223,36 +223,36 @@ class Forward:
         return ARCMIN * ((1 - x) * values[state, j] + x * values[state, j + 1])
 
 
-def _alike_but_for_springs(drive: Drive, near: Drive) -> bool:
+def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:
     """Whether two drives have the same contacts, friction and creep."""
-    sliders = zip(vars(drive.sliders).values(), vars(near.sliders).values(), strict=True)
+    sliders = zip(vars(drive.sliders).values(), vars(neighbour.sliders).values(), strict=True)
     return (
-        drive.creep == near.creep
-        and np.array_equal(drive.reducer.contact_jacobian, near.reducer.contact_jacobian)
-        and all(np.array_equal(own, other) for own, other in sliders)
+        drive.creep == neighbour.creep
+        and np.array_equal(drive.reducer.contact_jacobian, neighbour.reducer.contact_jacobian)
+        and all(np.array_equal(values, neighbours) for values, neighbours in sliders)
     )
 
 
-def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, at: Real) -> Way:
+def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
     """The way without friction: the backbone, wherever it is."""
-    angle, slope = np.empty(len(at)), np.empty(len(at))
+    angle, slope = np.empty(len(edges)), np.empty(len(edges))
     state_of = course.state[course.leg]
     for state in np.unique(state_of):
         cells = state_of == state
         alone = curve.angle[state] + drive.twist(curve.torque)
-        angle[cells], slope[cells] = means(at[cells], curve.torque, alone)
-    return Way(angle, slope, (0.5 * (at[:, 1:] + at[:, :-1])).mean(axis=1), torque)
+        angle[cells], slope[cells] = means(edges[cells], curve.torque, alone)
+    return LoadPath(angle, slope, (0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1), torque)
 
 
 def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
     """Torques from turn to turn over the nodes, and the step at which each turn stands."""
-    parts, first, count = [torque[:1]], [0], 1
+    parts, starts, count = [torque[:1]], [0], 1
     for start, end in zip(torque[:-1], torque[1:], strict=True):
         between = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
         parts.append(np.append(between if end > start else between[::-1], end))
         count += len(parts[-1])
-        first.append(count - 1)
-    return np.concatenate(parts), np.array(first)
+        starts.append(count - 1)
+    return np.concatenate(parts), np.array(starts)
 
 
 def _repeats(torque: Real) -> Whole:
@@ -260,9 +260,9 @@ def _repeats(torque: Real) -> Whole:
     close = REPEATED * np.ptp(torque)
     same = np.arange(len(torque) - 1)
     for leg in range(3, len(same)):
-        known = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
+        repeated = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
         ends = np.sign(torque[leg + 1] - torque[leg]) * (torque[leg + 1] - torque[leg - 1])
-        if known and ends <= close:
+        if repeated and ends <= close:
             same[leg] = same[leg - 2]
         else:
             same[: leg + 1] = np.arange(leg + 1)  # its history must be followed

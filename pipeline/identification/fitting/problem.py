@@ -164,7 +164,7 @@ class Problem:
         for effect, own in model.split(values):
             if isinstance(effect, InstrumentEffect) or effect.needs & STATE_EFFECTS:
                 continue
-            gaps = [effect.apply(drive, own, Conditions.usual(1)).gap - drive.gap for drive in nominal]
+            gaps = [effect.apply(drive, own, Conditions.run_in(1)).gap - drive.gap for drive in nominal]
             if any(np.any(gap) for gap in gaps) and self._left_by_tolerances(gaps) < HIDDEN * self.data.noise:
                 return True
         return False

@@ -70,8 +70,8 @@ def cells(rows: Rows, usable: Truth, blocks: Blocks, levels: int = CELLS_PER_SEN
     for position in range(len(rows.cranks)):
         inside = usable & (rows.position == position)
         top = np.max(np.abs(rows.coordinate[inside]), initial=0.0)
-        ladder = top * (np.arange(levels + 1) / levels) ** CELL_POWER
-        edges = np.concatenate([-ladder[:0:-1], ladder])[1:-1]
+        levels_up = top * (np.arange(levels + 1) / levels) ** CELL_POWER
+        edges = np.concatenate([-levels_up[:0:-1], levels_up])[1:-1]
         for block in np.flatnonzero(blocks.position == position).tolist():
             kept = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
             if kept.size < FEWEST_ROWS:

@@ -39,19 +39,19 @@ def study_file(unit: str, kind: str = CORRECTED) -> str:
     return f"{kind}-{unit}.toml"
 
 
-def corrected_trial(found: Identification) -> Trial:
+def corrected_trial(identification: Identification) -> Trial:
     """The model that is written: with the named effect, the best of a class, or with refitted numbers alone."""
-    named = found.verdict.named
-    if found.verdict.verdict in (IDENTIFIED, EQUIVALENT, MOSTLY) and named:
-        best = found.selection.best
-        return found.selection.trials[best if best in named else named[0]]
-    return found.selection.base
+    named = identification.verdict.named
+    if identification.verdict.verdict in (IDENTIFIED, EQUIVALENT, MOSTLY) and named:
+        best = identification.selection.best
+        return identification.selection.trials[best if best in named else named[0]]
+    return identification.selection.base
 
 
-def best_trial(found: Identification) -> Trial | None:
+def best_trial(identification: Identification) -> Trial | None:
     """The model that describes an unexplained unit best; None where nothing but refitted numbers does."""
-    answer = found.selection.answer
-    return answer if found.verdict.verdict == UNEXPLAINED and answer.fit.model.effects else None
+    answer = identification.selection.answer
+    return answer if identification.verdict.verdict == UNEXPLAINED and answer.fit.model.effects else None
 
 
 @dataclass(frozen=True)
@@ -62,42 +62,44 @@ class Corrected:
     why_not: str = ""
 
 
-def write_corrected(found: Identification, folder: Path) -> Corrected:
+def write_corrected(identification: Identification, folder: Path) -> Corrected:
     """Write the corrected design and study into ``folder``, where it can be built."""
-    return _written(found, corrected_trial(found), CORRECTED, folder)
+    return _written(identification, corrected_trial(identification), CORRECTED, folder)
 
 
-def write_best(found: Identification, folder: Path) -> Corrected:
+def write_best(identification: Identification, folder: Path) -> Corrected:
     """Write the model that describes an unexplained unit best, marked as not claimed, and a study that runs it."""
-    trial = best_trial(found)
-    return _written(found, trial, BEST, folder) if trial else Corrected((), "the verdict's model is the best one")
+    trial = best_trial(identification)
+    return (
+        _written(identification, trial, BEST, folder) if trial else Corrected((), "the verdict's model is the best one")
+    )
 
 
-def _written(found: Identification, trial: Trial, kind: str, folder: Path) -> Corrected:
+def _written(identification: Identification, trial: Trial, kind: str, folder: Path) -> Corrected:
     try:
-        text = _design_text(found, trial, kind)
+        text = _design_text(identification, trial, kind)
     except InputError as error:
         return Corrected((), f"the refitted numbers make no reducer: {'; '.join(error.problems)}")
-    design, study = folder / DESIGN_FILES[kind], folder / study_file(found.measurement.unit.name, kind)
+    design, study = folder / DESIGN_FILES[kind], folder / study_file(identification.measurement.unit.name, kind)
     write_atomic(design, text.encode())
-    write_atomic(study, _study_text(found, kind).encode())
+    write_atomic(study, _study_text(identification, kind).encode())
     return Corrected((design, study))
 
 
-def _design_text(found: Identification, trial: Trial, kind: str) -> str:
-    unit, problem, fit = found.measurement.unit, found.problem, trial.fit
-    own = unit.study.design
+def _design_text(identification: Identification, trial: Trial, kind: str) -> str:
+    unit, problem, fit = identification.measurement.unit, identification.problem, trial.fit
+    design_before = unit.study.design
     content: dict[str, Any] = scaled_design(
-        own, problem.calibrated, np.exp(fit.unknowns.scales[: len(problem.calibrated)]).tolist()
+        design_before, problem.calibrated, np.exp(fit.unknowns.scales[: len(problem.calibrated)]).tolist()
     ).model_dump()
     of_best = "description of" if kind == BEST else "corrected for"
-    content["title"] = f"{own.title}, {of_best} the unit {unit.name}"
+    content["title"] = f"{design_before.title}, {of_best} the unit {unit.name}"
     provenance = content.pop("provenance")
     for key in problem.calibrated:
         _round(content, key)
-        provenance[key] = DESCRIBES if kind == BEST else _refitted(found, key)
-    intervals = {(p.effect, p.name): p for p in found.verdict.parameters}
-    comments = [_reading(found) if kind == CORRECTED else BEST_READING.format(unit=unit.name)]
+        provenance[key] = DESCRIBES if kind == BEST else _refitted(identification, key)
+    intervals = {(p.effect, p.name): p for p in identification.verdict.parameters}
+    comments = [_reading(identification) if kind == CORRECTED else BEST_READING.format(unit=unit.name)]
     for effect, values in fit.model.split(fit.values.tolist()):
         numbers = {p.name: float(f"{v:.{DIGITS}g}") for p, v in zip(effect.parameters, values, strict=True)}
         lost = _not_in_a_study(effect)
@@ -120,14 +122,16 @@ def _design_text(found: Identification, trial: Trial, kind: str) -> str:
     return "".join(f"# {line}\n" for line in comments) + toml_of(content)
 
 
-def _reading(found: Identification) -> str:
-    verdict, start = found.verdict.verdict, f"Verdict on {found.measurement.unit.name}"
+def _reading(identification: Identification) -> str:
+    verdict, start = identification.verdict.verdict, f"Verdict on {identification.measurement.unit.name}"
     if verdict == IDENTIFIED:
         return f"{start}: identified."
     if verdict == MOSTLY:
-        return f"{start}: mostly explained by {found.verdict.named[0]}; structure is left that nothing here describes."
+        named = identification.verdict.named[0]
+        return f"{start}: mostly explained by {named}; structure is left that nothing here describes."
     if verdict == EQUIVALENT:
-        return f"{start}: equivalent; the data do not tell apart {', '.join(found.verdict.named)}. The best is written."
+        names = ", ".join(identification.verdict.named)
+        return f"{start}: equivalent; the data do not tell apart {names}. The best is written."
     if verdict == ADEQUATE:
         return f"{start}: adequate; calibrated numbers are refitted, no effect is added."
     return f"{start}: {verdict}; calibrated numbers are refitted, nothing else is claimed."
@@ -142,11 +146,11 @@ def _not_in_a_study(effect: Effect | InstrumentEffect) -> str:
     return ""
 
 
-def _refitted(found: Identification, key: str) -> dict[str, str]:
+def _refitted(identification: Identification, key: str) -> dict[str, str]:
     """Provenance of a refitted number; marked where it stands at an end of its plausible range."""
-    reason = f"refitted to the measured unit {found.measurement.unit.name}"
-    (number,) = (one for one in found.verdict.calibrated if one.key == key)
-    declared = number_at(found.measurement.unit.study.design, key)
+    reason = f"refitted to the measured unit {identification.measurement.unit.name}"
+    (number,) = (calibrated for calibrated in identification.verdict.calibrated if calibrated.key == key)
+    declared = number_at(identification.measurement.unit.study.design, key)
     low, high = declared * number.plausible_low, declared * number.plausible_high
     mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not to be believed" if number.leaves else ""
     return {"status": "calibrated", "reason": reason + mark}
@@ -159,9 +163,9 @@ def _round(content: dict[str, Any], key: str) -> None:
     content[last] = float(f"{content[last]:.{DIGITS}g}")
 
 
-def _study_text(found: Identification, kind: str) -> str:
-    unit = found.measurement.unit
-    content = _study_content(unit.study, found, kind)
+def _study_text(identification: Identification, kind: str) -> str:
+    unit = identification.measurement.unit
+    content = _study_content(unit.study, identification, kind)
     name = study_file(unit.name, kind)
     parse_study(content, Path(name).stem, name, lambda _: unit.study.design)
     comment = (
@@ -171,13 +175,13 @@ def _study_text(found: Identification, kind: str) -> str:
     return comment + toml_of(content)
 
 
-def _study_content(study: Study, found: Identification, kind: str) -> Mapping[str, Any]:
-    unit = found.measurement.unit
+def _study_content(study: Study, identification: Identification, kind: str) -> Mapping[str, Any]:
+    unit = identification.measurement.unit
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design", "cases"})
     claim = ": it describes, nothing is claimed" if kind == BEST else ""
     content["title"] = f"{unit.settings.title}: {kind} model"
     content["description"] = f"The {kind} model of the measured unit {unit.name}{claim}."
-    cranks = tuple(dict.fromkeys(round(float(crank) % 360, 6) for crank in found.measurement.rows.cranks))
+    cranks = tuple(dict.fromkeys(round(float(crank) % 360, 6) for crank in identification.measurement.rows.cranks))
     content["cycle"] = {**content["cycle"], "crank_deg": cranks, "keep_contacts": (0,)}
     if unit.dimensions is not None:
         content.pop("tolerances", None)

@@ -34,7 +34,7 @@ class LoopError:
     why_not: str = ""
 
 
-def loop_errors(found: Identification) -> dict[str, LoopError]:
+def loop_errors(identification: Identification) -> dict[str, LoopError]:
     """Width, lost motion, rigidity and separation of the branches: measured, and of each curve.
 
     Notes
@@ -43,12 +43,12 @@ def loop_errors(found: Identification) -> dict[str, LoopError]:
     on that side, since the play may lie in the first. The separation is that of the branches at the lower torque of
     the rigidity, mean of both senses.
     """
-    curves = {"measured": found.problem.data.angle} | found.curves
+    curves = {"measured": identification.problem.data.angle} | identification.curves
     read: dict[str, list[dict[str, float]]] = {name: [] for name in METRICS}
-    for loop in _loops(found):
-        of_curves = {name: _read(found, loop, angle) for name, angle in curves.items()}
+    for loop in _loops(identification):
+        of_curves = {name: _read(identification, loop, angle) for name, angle in curves.items()}
         for metric in METRICS:
-            values = {name: one[metric] for name, one in of_curves.items()}
+            values = {name: numbers[metric] for name, numbers in of_curves.items()}
             if np.all(np.isfinite(list(values.values()))):
                 read[metric].append(values)
     errors = {}
@@ -57,14 +57,17 @@ def loop_errors(found: Identification) -> dict[str, LoopError]:
             mean = {name: float(np.mean([row[name] for row in rows])) for name in curves}
             errors[metric] = LoopError(mean.pop("measured"), mean, len(rows))
         else:
-            errors[metric] = LoopError(None, {}, 0, _why_not(found, metric))
+            errors[metric] = LoopError(None, {}, 0, _why_not(identification, metric))
     errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
     return errors
 
 
-def _why_not(found: Identification, metric: str) -> str:
-    metrics, rated = found.measurement.unit.study.metrics, found.measurement.unit.study.design.cycloid.rated_torque_Nm
-    reached = float(np.max(np.abs(found.problem.data.torque)))
+def _why_not(identification: Identification, metric: str) -> str:
+    metrics, rated = (
+        identification.measurement.unit.study.metrics,
+        identification.measurement.unit.study.design.cycloid.rated_torque_Nm,
+    )
+    reached = float(np.max(np.abs(identification.problem.data.torque)))
     asked = {
         "torsional_rigidity_Nm_per_arcmin": metrics.rigidity_percent[1],
         "branch_separation_arcmin": metrics.rigidity_percent[0],
@@ -74,12 +77,12 @@ def _why_not(found: Identification, metric: str) -> str:
     return f"asks for +-{needed:.3g} N m on both branches of a loop; the held-out loops reach {reached:.3g} at most"
 
 
-def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
+def _loops(identification: Identification) -> list[tuple[Numbers, Numbers]]:
     """Cells of each falling branch, and of the rising ones that close it to a loop.
 
     Under positive load a cycle 0, +T, -T, 0 rises before it falls, any other one after it.
     """
-    cells, torque, pairs = found.measurement.cells, found.measurement.cells.torque_mean, []
+    cells, torque, pairs = identification.measurement.cells, identification.measurement.cells.torque_mean, []
     blocks = [np.flatnonzero(cells.block == block) for block in np.unique(cells.block)]
     nothing = np.zeros(0, np.intp)
     for number, falling in enumerate(blocks):
@@ -95,14 +98,17 @@ def _loops(found: Identification) -> list[tuple[Numbers, Numbers]]:
             ]
             sides.append(next((part for part in parts if len(part)), nothing))
         rising = np.concatenate(sides)
-        if found.folds.cells[falling].all() and found.folds.cells[rising].all():
+        if identification.folds.cells[falling].all() and identification.folds.cells[rising].all():
             pairs.append((falling, rising))
     return pairs
 
 
-def _read(found: Identification, loop: tuple[Numbers, Numbers], angle: Real) -> dict[str, float]:
-    torque = found.problem.data.torque
-    metrics, rated = found.measurement.unit.study.metrics, found.measurement.unit.study.design.cycloid.rated_torque_Nm
+def _read(identification: Identification, loop: tuple[Numbers, Numbers], angle: Real) -> dict[str, float]:
+    torque = identification.problem.data.torque
+    metrics, rated = (
+        identification.measurement.unit.study.metrics,
+        identification.measurement.unit.study.design.cycloid.rated_torque_Nm,
+    )
     falling, rising = loop
 
     def at(branch: Numbers, level: float) -> float:
@@ -123,6 +129,6 @@ def _read(found: Identification, loop: tuple[Numbers, Numbers], angle: Real) -> 
     return {
         "zero_torque_width_arcmin": at(falling, tiny) - at(rising, -tiny),
         "lost_motion_arcmin": 0.5 * (at(falling, mark) + at(rising, mark) - at(falling, -mark) - at(rising, -mark)),
-        "torsional_rigidity_Nm_per_arcmin": 0.5 * (high - low) * sum(1 / one if one else np.nan for one in loading),
+        "torsional_rigidity_Nm_per_arcmin": 0.5 * (high - low) * sum(1 / rise if rise else np.nan for rise in loading),
         "branch_separation_arcmin": 0.5 * sum(at(falling, end) - at(rising, end) for end in (low, -low)),
     }

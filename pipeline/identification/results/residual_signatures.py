@@ -157,10 +157,12 @@ def not_testable(name: str, title: str, unit: str, why: str) -> Signature:
     return Signature(name, title, unit, np.nan, np.nan, np.nan, np.nan, False, why)
 
 
-def _friction(at: _Cells) -> tuple[Signature, ...]:
-    everywhere = np.ones(len(at.residual), bool)
-    columns = np.column_stack([at.falling, at.falling * np.abs(at.torque), at.torque, np.sign(at.torque)])
-    if len(np.unique(at.falling)) < 2:
+def _friction(cells: _Cells) -> tuple[Signature, ...]:
+    everywhere = np.ones(len(cells.residual), bool)
+    columns = np.column_stack(
+        [cells.falling, cells.falling * np.abs(cells.torque), cells.torque, np.sign(cells.torque)]
+    )
+    if len(np.unique(cells.falling)) < 2:
         why = "only one sense of the torque's change"
         return (
             not_testable("branch_half_difference", "half-difference of the branches at no load", "arcmin", why),
@@ -171,53 +173,55 @@ def _friction(at: _Cells) -> tuple[Signature, ...]:
             "branch_half_difference",
             "half-difference of the branches at no load",
             "arcmin",
-            _line(at, everywhere, columns, 0),
+            _line(cells, everywhere, columns, 0),
         ),
         _judged(
             "branch_growth",
             "half-difference of the branches, growth with the load",
             "arcmin/(N m)",
-            _line(at, everywhere, columns, 1),
+            _line(cells, everywhere, columns, 1),
         ),
     )
 
 
-def _play(at: _Cells) -> tuple[Signature, ...]:
-    near = at.near_zero()
-    columns = np.column_stack([0.5 * np.sign(at.torque), at.falling])
-    even = np.column_stack([np.abs(at.torque), at.torque, np.sign(at.torque), at.falling])
+def _play(cells: _Cells) -> tuple[Signature, ...]:
+    near_zero = cells.near_zero()
+    columns = np.column_stack([0.5 * np.sign(cells.torque), cells.falling])
+    even = np.column_stack([np.abs(cells.torque), cells.torque, np.sign(cells.torque), cells.falling])
     return (
-        _judged("play", "step of the branch mean across zero torque", "arcmin", _line(at, near, columns, 0)),
+        _judged("play", "step of the branch mean across zero torque", "arcmin", _line(cells, near_zero, columns, 0)),
         _judged(
             "asymmetry",
             "part of the branch mean that is equal in both senses of load, per torque",
             "arcmin/(N m)",
-            _line(at, np.ones(len(near), bool), even, 0),
+            _line(cells, np.ones(len(near_zero), bool), even, 0),
         ),
     )
 
 
-def _rigidity(at: _Cells) -> Signature:
-    columns = np.column_stack([at.torque, np.sign(at.torque), at.falling])
-    line = _line(at, at.loaded(), columns, 0)
+def _rigidity(cells: _Cells) -> Signature:
+    columns = np.column_stack([cells.torque, np.sign(cells.torque), cells.falling])
+    line = _line(cells, cells.loaded(), columns, 0)
     return _judged("compliance", "slope of the branch mean at high torque", "arcmin/(N m)", line)
 
 
-def _over_the_crank(at: _Cells, n_positions: int) -> list[Signature]:
-    found = []
-    near = at.near_zero()
-    step = 0.5 * np.sign(at.torque)
+def _over_the_crank(cells: _Cells, n_positions: int) -> list[Signature]:
+    signatures = []
+    near_zero = cells.near_zero()
+    step = 0.5 * np.sign(cells.torque)
     for order in range(1, HARMONICS + 1):
         needed = 2 * order + 1
-        for name, wave in (("cosine", np.cos(order * at.crank)), ("sine", np.sin(order * at.crank))):
+        for name, wave in (("cosine", np.cos(order * cells.crank)), ("sine", np.sin(order * cells.crank))):
             key, title = f"crank_{order}_{name}", f"play over the crank angle, harmonic {order}, {name}"
             if n_positions < needed:
-                found.append(not_testable(key, title, "arcmin", f"needs {needed} crank positions, has {n_positions}"))
+                signatures.append(
+                    not_testable(key, title, "arcmin", f"needs {needed} crank positions, has {n_positions}")
+                )
                 continue
-            other = np.sin(order * at.crank) if name == "cosine" else np.cos(order * at.crank)
-            columns = np.column_stack([step * wave, step * other, step, at.falling])
-            found.append(_judged(key, title, "arcmin", _line(at, near, columns, 0)))
-    return found
+            quadrature = np.sin(order * cells.crank) if name == "cosine" else np.cos(order * cells.crank)
+            columns = np.column_stack([step * wave, step * quadrature, step, cells.falling])
+            signatures.append(_judged(key, title, "arcmin", _line(cells, near_zero, columns, 0)))
+    return signatures
 
 
 def _over_the_angle(at: _Cells) -> tuple[Signature, ...]:
@@ -232,14 +236,16 @@ def _over_the_angle(at: _Cells) -> tuple[Signature, ...]:
     blocks, block = np.unique(at.block, return_inverse=True)
     residual = at.residual.copy()
     spans = []
-    for one in range(len(blocks)):
-        mine = block == one
-        spans.append(np.ptp(at.angle[mine]))
-        design = np.column_stack([np.ones(mine.sum()), at.torque[mine], at.torque[mine] ** 2, at.torque[mine] ** 3])
-        residual[mine] -= design @ np.linalg.lstsq(design, residual[mine], rcond=None)[0]
+    for number in range(len(blocks)):
+        of_block = block == number
+        spans.append(np.ptp(at.angle[of_block]))
+        design = np.column_stack(
+            [np.ones(of_block.sum()), at.torque[of_block], at.torque[of_block] ** 2, at.torque[of_block] ** 3]
+        )
+        residual[of_block] -= design @ np.linalg.lstsq(design, residual[of_block], rcond=None)[0]
     span, cells = float(np.median(spans)), len(residual) / len(blocks)
     if len(blocks) < FEWEST_BLOCKS or cells < 12 or span <= 0:
-        return tuple(not_testable(*one, "too few cells on a branch") for one in names)
+        return tuple(not_testable(*number, "too few cells on a branch") for number in names)
     period = np.geomspace(span / 2, 4 * span / cells, WAVES)
     turn = np.exp(2j * np.pi * at.angle[:, None] / period)
     parts = np.zeros((len(blocks), WAVES), complex)
@@ -259,42 +265,42 @@ def _over_the_angle(at: _Cells) -> tuple[Signature, ...]:
     )
 
 
-def _over_time(at: _Cells) -> list[Signature]:
-    near, step = at.near_zero(), 0.5 * np.sign(at.torque)
-    everywhere = np.ones(len(near), bool)
-    found = []
+def _over_time(cells: _Cells) -> list[Signature]:
+    near_zero, step = cells.near_zero(), 0.5 * np.sign(cells.torque)
+    everywhere = np.ones(len(near_zero), bool)
+    signatures = []
     for key, title, unit, rows, column in (
-        ("play_per_cycle", "growth of the play from cycle to cycle", "arcmin", near, step * at.cycle),
-        ("shift_per_cycle", "shift of the angle from cycle to cycle", "arcmin", everywhere, at.cycle),
+        ("play_per_cycle", "growth of the play from cycle to cycle", "arcmin", near_zero, step * cells.cycle),
+        ("shift_per_cycle", "shift of the angle from cycle to cycle", "arcmin", everywhere, cells.cycle),
     ):
-        if len(np.unique(at.cycle)) < 2:
-            found.append(not_testable(key, title, unit, "fewer than 2 cycles"))
+        if len(np.unique(cells.cycle)) < 2:
+            signatures.append(not_testable(key, title, unit, "fewer than 2 cycles"))
             continue
-        columns = np.column_stack([column, step, at.falling])
-        found.append(_judged(key, title, unit, _line(at, rows, columns, 0)))
+        columns = np.column_stack([column, step, cells.falling])
+        signatures.append(_judged(key, title, unit, _line(cells, rows, columns, 0)))
     title, unit = "drift of the angle with time", "arcmin/h"
-    if not np.all(np.isfinite(at.hours)) or np.ptp(at.hours) == 0:
-        return [*found, not_testable("drift", title, unit, "no time stamps")]
-    columns = np.column_stack([at.hours - at.hours.mean(), step, at.falling, at.torque])
-    return [*found, _judged("drift", title, unit, _line(at, everywhere, columns, 0))]
+    if not np.all(np.isfinite(cells.hours)) or np.ptp(cells.hours) == 0:
+        return [*signatures, not_testable("drift", title, unit, "no time stamps")]
+    columns = np.column_stack([cells.hours - cells.hours.mean(), step, cells.falling, cells.torque])
+    return [*signatures, _judged("drift", title, unit, _line(cells, everywhere, columns, 0))]
 
 
-def _over_temperature(at: _Cells) -> Signature:
+def _over_temperature(cells: _Cells) -> Signature:
     name, title, unit = "play_per_kelvin", "growth of the play with the temperature", "arcmin/K"
-    known = np.isfinite(at.warmer)
-    if not known.all() or np.ptp(at.warmer) < 0.2:
+    finite = np.isfinite(cells.warmer)
+    if not finite.all() or np.ptp(cells.warmer) < 0.2:
         return not_testable(name, title, unit, "no temperature that varies")
-    step = 0.5 * np.sign(at.torque)
-    columns = np.column_stack([step * (at.warmer - at.warmer.mean()), step, at.falling])
-    return _judged(name, title, unit, _line(at, at.near_zero(), columns, 0))
+    step = 0.5 * np.sign(cells.torque)
+    columns = np.column_stack([step * (cells.warmer - cells.warmer.mean()), step, cells.falling])
+    return _judged(name, title, unit, _line(cells, cells.near_zero(), columns, 0))
 
 
-def _shift(at: _Cells, data: Data) -> Signature:
+def _shift(cells: _Cells, data: Data) -> Signature:
     name, title, unit = "shift", "constant shift of the angle", "arcmin"
     if not data.common_offset:
         return not_testable(name, title, unit, "every position has its own zero of the angle")
-    columns = np.column_stack([np.ones(len(at.residual)), at.torque])
-    return _judged(name, title, unit, _line(at, np.ones(len(at.residual), bool), columns, 0, free_offset=False))
+    columns = np.column_stack([np.ones(len(cells.residual)), cells.torque])
+    return _judged(name, title, unit, _line(cells, np.ones(len(cells.residual), bool), columns, 0, free_offset=False))
 
 
 def _hold() -> Signature:

@@ -51,7 +51,7 @@ class Conditions:
     temperature_rise: Real
 
     @classmethod
-    def usual(cls, n: int) -> "Conditions":
+    def run_in(cls, n: int) -> "Conditions":
         """Run in for ever at the drawing's temperature."""
         return cls(np.full(n, np.inf), np.zeros(n))
 

@@ -138,14 +138,14 @@ class Drive:
         """The reducer alone, up to its output."""
         return replace(self, torsion=0.0, hardening=None, known=self.gap_of_errors)
 
-    def shifted(self, more: Real) -> "Drive":
+    def shifted(self, added_gap: Real) -> "Drive":
         """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
-        return replace(self, shift=self.shift + more, known=self.gap_of_errors)
+        return replace(self, shift=self.shift + added_gap, known=self.gap_of_errors)
 
     def moved(self, **errors: Real) -> "Drive":
         """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
         return self.with_errors(
-            replace(self.errors, **{name: getattr(self.errors, name) + more for name, more in errors.items()})
+            replace(self.errors, **{name: getattr(self.errors, name) + added for name, added in errors.items()})
         )
 
     def with_errors(self, errors: Errors) -> "Drive":
@@ -193,7 +193,7 @@ class Backbone:
         sides = (slice(None, middle), slice(middle, None))
         return np.concatenate([np.gradient(values[:, side], self.torque[side], axis=1) for side in sides], axis=1)
 
-    def change(self, drive: Drive, near: Drive) -> Real:
+    def change(self, drive: Drive, neighbour: Drive) -> Real:
         """Change of the angle (n, n_nodes) [rad], to first order, from the ``drive`` of this curve to a ``near`` one.
 
         Gaps, compliance, laws, bearing and twist may differ.
@@ -204,15 +204,20 @@ class Backbone:
         carry, times the slope of these over the torque.
         """
         force = self.states.force
-        given = [one.gap[:, None] + force @ one.compliance + one.laws.deflection(force) for one in (near, drive)]
+        given = [
+            of_drive.gap[:, None] + force @ of_drive.compliance + of_drive.laws.deflection(force)
+            for of_drive in (neighbour, drive)
+        ]
         change = np.sum(self._over_torque(force) * (given[0] - given[1]), axis=2)
         thrust = drive.reducer.thrust(force)
-        held = [one.bearing.depth(thrust) + one.clearance_of_disks[:, None] for one in (near, drive)]
-        twisted = near.twist(self.torque) - drive.twist(self.torque)
+        held = [
+            of_drive.bearing.depth(thrust) + of_drive.clearance_of_disks[:, None] for of_drive in (neighbour, drive)
+        ]
+        twisted = neighbour.twist(self.torque) - drive.twist(self.torque)
         return change + np.sum(self._over_torque(thrust) * (held[0] - held[1]), axis=2) + twisted
 
 
-def ladder(levels: int, reach: float) -> Real:
+def torque_levels(levels: int, reach: float) -> Real:
     """Shares of the rated torque up to ``reach`` (levels + 1,), quadratically denser towards zero, from ``NO_LOAD``."""
     steps = np.arange(1, levels) / (levels - 1)
     return np.concatenate([[NO_LOAD, 2 * NO_LOAD], reach * steps**2])
@@ -236,7 +241,7 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     return closed
 
 
-def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
+def _one_sense(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
     """Equilibria at torques [N mm] of one sense, the least first, from poses at an end of the play.
 
     Notes
@@ -244,15 +249,15 @@ def _way(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:
     Contacts that interfere (``preloaded``) are many at no load and few at the last torque, and a loose disk is easily
     found under load, from where one without clearance stands: both are solved from the last torque down.
     """
-    loose = drive.clearance_of_disks
+    clearance = drive.clearance_of_disks
     start = first_poses(drive, pose, levels[-1 if preloaded else 0])
-    if np.any(loose):
-        held = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(loose))
-        tight = _way(held, pose, levels, preloaded)
-        start = _loosened(drive.reducer, tight.motion[:, -1], tight.force[:, -1], loose)
-    down = preloaded or bool(np.any(loose))
-    found = drive.equilibria(start, levels[::-1] if down else levels)
-    return Equilibria(**{name: values[:, ::-1] for name, values in vars(found).items()}) if down else found
+    if np.any(clearance):
+        held = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(clearance))
+        without_clearance = _one_sense(held, pose, levels, preloaded)
+        start = _loosened(drive.reducer, without_clearance.motion[:, -1], without_clearance.force[:, -1], clearance)
+    down = preloaded or bool(np.any(clearance))
+    states = drive.equilibria(start, levels[::-1] if down else levels)
+    return Equilibria(**{name: values[:, ::-1] for name, values in vars(states).items()}) if down else states
 
 
 def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
@@ -262,17 +267,21 @@ def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> R
     """
     translations = 2 * reducer.n_disks
     planar, rotations = reducer.planar, reducer.contact_jacobian[:, translations:]
-    moved = motion.copy()
-    way = motion[:, :translations].reshape(len(motion), -1, 2)
+    poses = motion.copy()
+    shift = motion[:, :translations].reshape(len(motion), -1, 2)
     fall = (
-        way
-        * (of_each_disk(clearance, reducer.n_disks) / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-300))[..., None]
+        shift
+        * (of_each_disk(clearance, reducer.n_disks) / np.maximum(np.hypot(shift[..., 0], shift[..., 1]), 1e-300))[
+            ..., None
+        ]
     )
     fall = fall.reshape(len(motion), -1)
-    moved[:, :translations] += fall
-    for k, own in enumerate(np.sqrt(np.maximum(force, 0.0))):
-        moved[k, translations:] -= np.linalg.lstsq(own[:, None] * rotations, own * (planar @ fall[k]), rcond=None)[0]
-    return moved
+    poses[:, :translations] += fall
+    for k, weight in enumerate(np.sqrt(np.maximum(force, 0.0))):
+        poses[k, translations:] -= np.linalg.lstsq(
+            weight[:, None] * rotations, weight * (planar @ fall[k]), rcond=None
+        )[0]
+    return poses
 
 
 def backbone(drive: Drive, shares: Real) -> Backbone:
@@ -287,19 +296,19 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
     torque = drive.rated_torque * shares
     preloaded = bool(np.any(separated.preloaded))
     senses = [
-        _way(drive, pose, sense * torque, preloaded)
+        _one_sense(drive, pose, sense * torque, preloaded)
         for sense, pose in ((-1.0, separated.pose_minus), (1.0, separated.pose_plus))
     ]
     hard = np.any(drive.clearance_of_disks > 0, axis=1) & ~np.all(
-        [np.all(one.converged, axis=1) for one in senses], axis=0
+        [np.all(branch.converged, axis=1) for branch in senses], axis=0
     )
     if np.any(hard):
         left = drive.some(hard)
         coupled = rigid_play(drive.reducer, left.gap, left.bearing_clearance)
-        for one, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
+        for branch, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
             start = first_poses(left, pose, sense * torque[0])
             again = left.equilibria(start, sense * torque)
-            for name, values in vars(one).items():
+            for name, values in vars(branch).items():
                 values[hard] = getattr(again, name)
     falling, rising = senses
     states = Equilibria(

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.model.equilibrium.solve import ACCEPTED, Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.load_history.drive import NO_LOAD, Drive, ladder
+from pipeline.model.load_history.drive import NO_LOAD, Drive, torque_levels
 from pipeline.model.load_history.incremental import solve_path
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.output_path import Ripple, condensed_path
@@ -27,10 +27,10 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
     within = np.abs(carried) < end  # stuck within the play
     motion, force = np.empty((len(torque), motions.shape[1])), np.empty((len(torque), forces.shape[1]))
     worst = 0.0
-    for sense, first in ((1.0, above), (-1.0, above - 1)):
+    for sense, start in ((1.0, above), (-1.0, above - 1)):
         loads, rows = np.unique(carried[~within & (sense * carried > 0)], return_inverse=True)
         outwards = slice(None, None, int(sense))
-        solved = drive.some(slice(state, state + 1)).equilibria(motions[first : first + 1], loads[outwards])
+        solved = drive.some(slice(state, state + 1)).equilibria(motions[start : start + 1], loads[outwards])
         steps = np.flatnonzero(~within & (sense * carried > 0))
         motion[steps], force[steps] = solved.motion[0, outwards][rows], solved.force[0, outwards][rows]
         worst = max(worst, np.max(solved.residual, initial=0.0))
@@ -42,7 +42,7 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
 
 def refined(cycle: LoadCycle) -> LoadCycle:
     """The cycle with at least ``LEVELS`` torques on a branch, among them ``NO_LOAD``."""
-    return replace(cycle, fractions=np.union1d(ladder(LEVELS, float(cycle.fractions[-1])), cycle.fractions))
+    return replace(cycle, fractions=np.union1d(torque_levels(LEVELS, float(cycle.fractions[-1])), cycle.fractions))
 
 
 def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilibria) -> Equilibria:
@@ -64,8 +64,8 @@ def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilib
     torque = fine.state_torque[state]
     end = NO_LOAD * cycle.rated_torque
     path = np.where(torque == 0, np.where(state <= len(fine.fractions), end, -end), torque)
-    wanted = np.isin(torque, cycle.state_torque)
-    n, steps = len(drive.gap), int(wanted.sum())
+    of_cycle = np.isin(torque, cycle.state_torque)
+    n, steps = len(drive.gap), int(of_cycle.sum())
     motion = np.empty((n, steps, frictionless.motion.shape[2]))
     force = np.empty((n, steps, frictionless.force.shape[2]))
     worst = np.empty(n)
@@ -73,6 +73,6 @@ def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilib
     for k in range(n):
         nodes = fine.state_torque[order], frictionless.motion[k, order], frictionless.force[k, order]
         motions, forces, worst[k] = follow(drive, k, path, nodes)
-        motion[k], force[k] = motions[wanted], forces[wanted]
+        motion[k], force[k] = motions[of_cycle], forces[of_cycle]
     residual = np.repeat(worst[:, None], steps, axis=1)
     return Equilibria(motion, force, np.zeros((n, steps), np.int64), residual, residual <= ACCEPTED)

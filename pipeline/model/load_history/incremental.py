@@ -68,7 +68,7 @@ def _nearest(states, torque):
 
 
 @algebraic_part
-def _attempt(system, friction, goal, gap, clearance, seeds, reached, last, work):
+def _attempt(system, friction, goal, gap, clearance, seeds, reached, final, work):
     """Residual of the step to a torque, from the state before or from a seed: across the play that leads nowhere."""
     across = goal * reached.torque[0] <= 0.0
     residual = np.inf
@@ -80,7 +80,7 @@ def _attempt(system, friction, goal, gap, clearance, seeds, reached, last, work)
         _, residual = converge(system, friction, goal, gap, clearance, work)
         if residual <= ACCEPTED:
             break
-    if not residual <= ACCEPTED and last:
+    if not residual <= ACCEPTED and final:
         start_within(system, friction, goal, gap, clearance, work)
         _, residual = settle(system, friction, goal, gap, clearance, work)
     return residual
@@ -115,9 +115,9 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, reached, pat
 
 def _off_zero(torques: Real, least: float) -> Real:
     """The torques, those of less than ``least`` after a larger one at ``least`` on its side."""
-    last = np.maximum.accumulate(np.where(np.abs(torques) >= least, np.arange(len(torques)), -1))
-    small = (np.abs(torques) < least) & (last >= 0)
-    return np.where(small, np.copysign(least, torques[np.maximum(last, 0)]), torques)
+    latest = np.maximum.accumulate(np.where(np.abs(torques) >= least, np.arange(len(torques)), -1))
+    small = (np.abs(torques) < least) & (latest >= 0)
+    return np.where(small, np.copysign(least, torques[np.maximum(latest, 0)]), torques)
 
 
 def _states(torque: Real, motion: Real, force: Real, thrust: Real) -> States:
@@ -152,7 +152,7 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     friction = friction_of(drive.sliders.acting)
     system = system_of(drive.reducer, drive.bearing, drive.laws, drive.compliance)
     path = _states(steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty(len(steps)))
-    rest = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros(1))
+    unloaded = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros(1))
     worst = _follow(
         system,
         friction,
@@ -161,7 +161,7 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
         np.ascontiguousarray(drive.gap[state]),
         float(drive.bearing_clearance[state]),
         _states(*seeds, np.zeros(len(seeds[0]))),
-        rest,
+        unloaded,
         path,
     )
     return path.motion, path.force, worst

@@ -7,34 +7,34 @@ from pipeline.model.geometry.cycloid_profile import Real
 
 
 @part
-def _on(now, passed, before, after, constant, compliance):
+def _on(twist, passed, before, after, constant, compliance):
     """Delayed rotation after a time in which the torque went linearly from ``before`` to ``after``."""
     share = max(passed, 0.0) / constant
-    left = np.exp(-share)
+    remaining = np.exp(-share)
     mean = -np.expm1(-share) / share if share > 0.0 else 1.0
-    return now * left + compliance * (after * (1.0 - mean) + before * (mean - left))
+    return twist * remaining + compliance * (after * (1.0 - mean) + before * (mean - remaining))
 
 
 @entry
 def _crept(torque, time, leg, turns, begun, constant, compliance, crept):
     """See ``crept``."""
-    now, here, torque_here, on = 0.0, begun, turns[leg[0]], leg[0]
+    twist, since, torque_here, on = 0.0, begun, turns[leg[0]], leg[0]
     for k in range(torque.shape[0]):
-        way, last = 0.0, torque_here
+        travel, torque_before = 0.0, torque_here
         for turn in range(on + 1, leg[k] + 1):
-            way += abs(turns[turn] - last)
-            last = turns[turn]
-        way += abs(torque[k] - last)
-        gone, start, began, last = 0.0, here, torque_here, torque_here
+            travel += abs(turns[turn] - torque_before)
+            torque_before = turns[turn]
+        travel += abs(torque[k] - torque_before)
+        gone, start, began, torque_before = 0.0, since, torque_here, torque_here
         for turn in range(on + 1, leg[k] + 1):
-            gone += abs(turns[turn] - last)
-            last = turns[turn]
-            when = start + gone / way * (time[k] - start) if way > 0.0 else time[k]
-            now = _on(now, when - here, began, last, constant, compliance)
-            here, began = when, last
-        now = _on(now, time[k] - here, began, torque[k], constant, compliance)
-        here, torque_here, on = time[k], torque[k], leg[k]
-        crept[k] = now
+            gone += abs(turns[turn] - torque_before)
+            torque_before = turns[turn]
+            when = start + gone / travel * (time[k] - start) if travel > 0.0 else time[k]
+            twist = _on(twist, when - since, began, torque_before, constant, compliance)
+            since, began = when, torque_before
+        twist = _on(twist, time[k] - since, began, torque[k], constant, compliance)
+        since, torque_here, on = time[k], torque[k], leg[k]
+        crept[k] = twist
 
 
 def crept(torque: Real, time: Real, leg: np.ndarray, turns: Real, compliance: float, time_constant: float) -> Real:

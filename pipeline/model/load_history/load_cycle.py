@@ -45,22 +45,22 @@ class LoadCycle:
         if max(marks) > top * (1 + 1e-12):
             raise ValueError(f"a metric asks for {max(marks):g} of the rated torque, the cycle ends at {top:g}")
         steps = top * np.arange(1, levels + 1) / max(levels, 1)
-        kept = steps[np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top]  # none if levels is 0
-        return cls(rated_torque, np.unique(np.concatenate([kept, marks])))
+        even = steps[np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top]  # none if levels is 0
+        return cls(rated_torque, np.unique(np.concatenate([even, marks])))
 
     @property
     def state_torque(self) -> Real:
         """Torque of every state (n_states,) [N mm]: 0+, the positive levels, 0-, the negative levels."""
-        ladder = np.concatenate([[0.0], self.rated_torque * self.fractions])
-        return np.concatenate([ladder, -ladder])
+        levels = np.concatenate([[0.0], self.rated_torque * self.fractions])
+        return np.concatenate([levels, -levels])
 
     @property
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Branch number and state of every step of the cycle, (n_steps,) each."""
         up = np.arange(len(self.fractions) + 1)
         down = up[-2::-1]
-        other = len(up)
-        visits = [up, down, up + other, down + other, up]
+        negative = len(up)
+        visits = [up, down, up + negative, down + negative, up]
         branch = np.repeat(np.arange(len(visits)), [len(v) for v in visits])
         return branch, np.concatenate(visits)
 
@@ -80,24 +80,24 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
         start = first_poses(drive, pose, levels[0])
         senses.append(_with_end(drive.equilibria(start, levels), pose))
         if np.any(play.preloaded):
-            tight = play.preloaded
+            preloaded = play.preloaded
             limit = sense * np.array([LIMIT_TORQUE * cycle.rated_torque])
-            end = drive.some(tight).equilibria(start[tight], limit)
+            end = drive.some(preloaded).equilibria(start[preloaded], limit)
             for name, values in vars(senses[-1]).items():
-                values[tight, 0] = getattr(end, name)[:, 0]
+                values[preloaded, 0] = getattr(end, name)[:, 0]
     return Equilibria(
-        **{name: np.concatenate([getattr(one, name) for one in senses], axis=1) for name in vars(senses[0])}
+        **{name: np.concatenate([getattr(branch, name) for branch in senses], axis=1) for name in vars(senses[0])}
     )
 
 
 def _with_end(loaded: Equilibria, pose: Real) -> Equilibria:
     """The loaded states of one sense behind the force-free end of play."""
     n = len(pose)
-    first = {
+    ends = {
         "motion": pose[:, None],
         "force": np.zeros((n, 1, loaded.force.shape[2])),
         "iterations": np.zeros((n, 1), np.int64),
         "residual": np.zeros((n, 1)),
         "converged": np.ones((n, 1), bool),
     }
-    return Equilibria(**{name: np.concatenate([end, getattr(loaded, name)], axis=1) for name, end in first.items()})
+    return Equilibria(**{name: np.concatenate([end, getattr(loaded, name)], axis=1) for name, end in ends.items()})

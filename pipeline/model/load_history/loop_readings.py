@@ -9,7 +9,7 @@ from pipeline.model.metrics import Definitions, LoopReadings
 from pipeline.model.units import NMM_PER_NM
 
 
-def _level(torque: Real, wanted: float, steps: np.ndarray) -> int:
+def _level(torque: Real, target: float, steps: np.ndarray) -> int:
     """Step among ``steps`` at the torque ``wanted``.
 
     Raises
@@ -17,14 +17,14 @@ def _level(torque: Real, wanted: float, steps: np.ndarray) -> int:
     ValueError
         If no step has that torque.
     """
-    nearest = int(np.argmin(np.abs(torque[steps] - wanted)))
-    if abs(torque[steps][nearest] - wanted) > 1e-9 * np.max(np.abs(torque)):
-        raise ValueError(f"the curve has no point at {wanted:g}, the nearest is {torque[steps][nearest]:g}")
+    nearest = int(np.argmin(np.abs(torque[steps] - target)))
+    if abs(torque[steps][nearest] - target) > 1e-9 * np.max(np.abs(torque)):
+        raise ValueError(f"the curve has no point at {target:g}, the nearest is {torque[steps][nearest]:g}")
     return int(steps[nearest])
 
 
 def curve_readings(
-    branch: np.ndarray, torque: Real, angle: Real, limits: Real, peak_pressure: Real, at: Definitions
+    branch: np.ndarray, torque: Real, angle: Real, limits: Real, peak_pressure: Real, definitions: Definitions
 ) -> LoopReadings:
     """Readings of cycles 0 -> +T -> -T -> +T.
 
@@ -56,28 +56,30 @@ def curve_readings(
         limit_plus=limits[:, 1],
         zero_falling=reading("unloading+", 0.0),
         zero_rising=reading("unloading-", 0.0),
-        lost_motion_minus=0.5 * (reading("loading-", -at.lost_motion) + reading("unloading-", -at.lost_motion)),
-        lost_motion_plus=0.5 * (reading("unloading+", at.lost_motion) + reading("reloading+", at.lost_motion)),
-        low_minus=reading("loading-", -at.rigidity_low),
-        high_minus=reading("loading-", -at.rigidity_high),
-        low_plus=reading("reloading+", at.rigidity_low),
-        high_plus=reading("reloading+", at.rigidity_high),
+        lost_motion_minus=0.5
+        * (reading("loading-", -definitions.lost_motion) + reading("unloading-", -definitions.lost_motion)),
+        lost_motion_plus=0.5
+        * (reading("unloading+", definitions.lost_motion) + reading("reloading+", definitions.lost_motion)),
+        low_minus=reading("loading-", -definitions.rigidity_low),
+        high_minus=reading("loading-", -definitions.rigidity_high),
+        low_plus=reading("reloading+", definitions.rigidity_low),
+        high_plus=reading("reloading+", definitions.rigidity_high),
         peak_pressure=peak_pressure,
         load_share=np.ones(len(angle)),
     )
 
 
-def held_states(response: CycleResponse, at: Definitions) -> np.ndarray:
+def held_states(response: CycleResponse, definitions: Definitions) -> np.ndarray:
     """Equilibria (2,) of a drive at plus and minus the higher torque of the rigidity, each held on its way up.
 
     Their angles are ``high_plus`` and ``high_minus`` of the readings; raises as ``curve_readings``.
     """
     branch, torque = np.asarray(BRANCHES)[response.branch], response.torque / NMM_PER_NM
-    levels = (("reloading+", at.rigidity_high), ("loading-", -at.rigidity_high))
+    levels = (("reloading+", definitions.rigidity_high), ("loading-", -definitions.rigidity_high))
     return response.state[[_level(torque, level, np.flatnonzero(branch == name)) for name, level in levels]]
 
 
-def loop_readings(response: CycleResponse, peak_pressure: Real, at: Definitions) -> LoopReadings:
+def loop_readings(response: CycleResponse, peak_pressure: Real, definitions: Definitions) -> LoopReadings:
     """Readings of a drive's loops; ``peak_pressure`` (n,) [MPa]; raises as ``curve_readings``."""
     return curve_readings(
         np.asarray(BRANCHES)[response.branch],
@@ -85,5 +87,5 @@ def loop_readings(response: CycleResponse, peak_pressure: Real, at: Definitions)
         ARCMIN * response.angle,
         ARCMIN * response.play,
         peak_pressure,
-        at,
+        definitions,
     )

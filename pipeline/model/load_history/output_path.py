@@ -34,12 +34,12 @@ class Ripple:
 
 
 @part
-def _resistance(place, curve, slides, ripple, anchor):
+def _resistance(position, curve, slides, ripple, anchor):
     """Angle, torque of the backbone and all that sliders and ripple add, at a place along the backbone's nodes."""
     nodes, angles = curve
     stiffness, limit, coefficient = slides
-    j = min(max(int(place), 0), nodes.shape[0] - 2)
-    x = place - j
+    j = min(max(int(position), 0), nodes.shape[0] - 2)
+    x = position - j
     angle = angles[j] + x * (angles[j + 1] - angles[j])
     carried = nodes[j] + x * (nodes[j + 1] - nodes[j])
     amplitude, waves, phase = ripple
@@ -51,15 +51,15 @@ def _resistance(place, curve, slides, ripple, anchor):
 
 
 @part
-def _beyond(place, sense, angles, ripple):
+def _beyond(position, sense, angles, ripple):
     """Where the first balance is looked for next: the next node, or nearer where a ripple is shorter."""
-    node = np.floor(place) + 1.0 if sense > 0.0 else np.ceil(place) - 1.0
-    j = min(max(int(np.floor(0.5 * (place + node))), 0), angles.shape[0] - 2)
+    node = np.floor(position) + 1.0 if sense > 0.0 else np.ceil(position) - 1.0
+    j = min(max(int(np.floor(0.5 * (position + node))), 0), angles.shape[0] - 2)
     width = abs(angles[j + 1] - angles[j])
     if ripple[0] == 0.0 or width == 0.0:
         return node
     stride = 2.0 * np.pi / (abs(ripple[1]) * RIPPLE_SCAN * width)
-    return place + sense * stride if stride < abs(node - place) else node
+    return position + sense * stride if stride < abs(node - position) else node
 
 
 @entry
@@ -68,38 +68,38 @@ def _balanced(torques, curve, slides, ripple, angle_out, carried_out):
     nodes, angles = curve
     stiffness, limit, coefficient = slides
     anchor = np.zeros(stiffness.shape[0])
-    place = 0.5 * (nodes.shape[0] - 1)
-    anchor[:], _, _ = _resistance(place, curve, slides, (0.0, 1.0, 0.0), anchor)
+    position = 0.5 * (nodes.shape[0] - 1)
+    anchor[:], _, _ = _resistance(position, curve, slides, (0.0, 1.0, 0.0), anchor)
     small = ROOT_SHARE * (nodes[-1] - nodes[0])
     for t in range(torques.shape[0]):
-        angle, carried, added = _resistance(place, curve, slides, ripple, anchor)
-        here = carried + added - torques[t]
-        low, high, below, above, looks = place, place, here, here, 0
+        angle, carried, added = _resistance(position, curve, slides, ripple, anchor)
+        excess = carried + added - torques[t]
+        low, high, below, above, evaluations = position, position, excess, excess, 0
         # on to the first balance in the sense of the excess
-        while above < 0.0 and looks < MOST_LOOKS and high < FAR * nodes.shape[0]:
-            low, below, looks = high, above, looks + 1
+        while above < 0.0 and evaluations < MOST_LOOKS and high < FAR * nodes.shape[0]:
+            low, below, evaluations = high, above, evaluations + 1
             high = _beyond(high, 1.0, angles, ripple)
             angle, carried, added = _resistance(high, curve, slides, ripple, anchor)
             above = carried + added - torques[t]
-        while below > 0.0 and looks < MOST_LOOKS and low > -FAR * nodes.shape[0]:
-            high, above, looks = low, below, looks + 1
+        while below > 0.0 and evaluations < MOST_LOOKS and low > -FAR * nodes.shape[0]:
+            high, above, evaluations = low, below, evaluations + 1
             low = _beyond(low, -1.0, angles, ripple)
             angle, carried, added = _resistance(low, curve, slides, ripple, anchor)
             below = carried + added - torques[t]
         for _ in range(ROOT_STEPS):
             if above <= below or high - low <= 1e-14:
                 break
-            place = low - below * (high - low) / (above - below)
-            if not low < place < high:
-                place = 0.5 * (low + high)
-            angle, carried, added = _resistance(place, curve, slides, ripple, anchor)
+            position = low - below * (high - low) / (above - below)
+            if not low < position < high:
+                position = 0.5 * (low + high)
+            angle, carried, added = _resistance(position, curve, slides, ripple, anchor)
             value = carried + added - torques[t]
             if abs(value) <= small:
                 break
             if value < 0.0:
-                low, below, above = place, value, 0.5 * above
+                low, below, above = position, value, 0.5 * above
             else:
-                high, above, below = place, value, 0.5 * below
+                high, above, below = position, value, 0.5 * below
         for s in range(stiffness.shape[0]):
             reach = (limit[s] + coefficient[s] * abs(carried)) / stiffness[s]
             anchor[s] = min(max(anchor[s], angle - reach), angle + reach)

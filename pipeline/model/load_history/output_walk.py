@@ -47,16 +47,16 @@ def _follow_on(angle, carried, slides, anchor):
 def _free_way(sense, angle, carried, width, height, slides, ripple, anchor):
     """Angle up to the next bend of the resistance on a segment of the backbone of some width and height."""
     stiffness, limit, coefficient = slides
-    way = np.inf
+    length = np.inf
     if ripple[0] != 0.0:
-        way = 2.0 * np.pi / (abs(ripple[1]) * WAVE)
+        length = 2.0 * np.pi / (abs(ripple[1]) * WAVE)
     for s in range(stiffness.shape[0]):
         grows = coefficient[s] * height / width * sense * (1.0 if carried >= 0.0 else -1.0)
         largest = limit[s] + coefficient[s] * abs(carried)
-        left = (largest - sense * stiffness[s] * (angle - anchor[s])) / max(stiffness[s] - grows, 1e-300)
-        if left > STARTED * max(largest / stiffness[s], width):
-            way = min(way, left)
-    return way
+        to_slip = (largest - sense * stiffness[s] * (angle - anchor[s])) / max(stiffness[s] - grows, 1e-300)
+        if to_slip > STARTED * max(largest / stiffness[s], width):
+            length = min(length, to_slip)
+    return length
 
 
 @part
@@ -73,14 +73,14 @@ def _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor):
         step = 1.0  # beyond the end
     if width > 0.0:
         step = min(step, _free_way(sense, angle, carried, width, height, slides, ripple, anchor) / width)
-    there = x + sense * step
-    if abs(there - np.rint(there)) < 1e-14:
-        there = np.rint(there)
-    return j, x, there
+    end = x + sense * step
+    if abs(end - np.rint(end)) < 1e-14:
+        end = np.rint(end)
+    return j, x, end
 
 
 @entry
-def _walked(turns, curve, slides, ripple, corners, first):
+def _walked(turns, curve, slides, ripple, corners, starts):
     """Corners (torque, angle, carried) of the way from turn to turn, and the first of each; -1 if there is no room."""
     nodes, angles = curve
     anchor = np.empty(slides[0].shape[0])
@@ -92,39 +92,39 @@ def _walked(turns, curve, slides, ripple, corners, first):
     count, steps = 0, 0
     for t in range(turns.shape[0]):
         sense = 1.0 if turns[t] >= total else -1.0
-        most, goal = sense * total, sense * turns[t]
+        largest_torque, goal = sense * total, sense * turns[t]
         while sense * total < goal and -FAR < x < 1 + FAR:
-            j, x, there = _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor)
+            j, x, end = _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor)
             width, height = angles[j + 1] - angles[j], nodes[j + 1] - nodes[j]
-            next_angle, next_carried = angles[j] + there * width, nodes[j] + there * height
+            next_angle, next_carried = angles[j] + end * width, nodes[j] + end * height
             after = next_carried + _resists(next_angle, next_carried, slides, ripple, anchor)
             low, high = sense * total, sense * after
             steps += 1
             if count + 3 > corners.shape[1] or steps > MOST_STEPS:
                 return -1
-            if low < most < high:  # thrown back before: the jump ends here
-                share = (most - low) / (high - low)
-                corners[0, count] = sense * most
+            if low < largest_torque < high:  # thrown back before: the jump ends here
+                share = (largest_torque - low) / (high - low)
+                corners[0, count] = sense * largest_torque
                 corners[1, count] = angle + share * (next_angle - angle)
                 corners[2, count] = carried + share * (next_carried - carried)
                 count += 1
             if high >= goal:
                 share = (goal - low) / (high - low)
-                there = x + share * (there - x)
+                end = x + share * (end - x)
                 next_angle, next_carried = (
                     angle + share * (next_angle - angle),
                     carried + share * (next_carried - carried),
                 )
                 after = turns[t]
-            elif high > most:
+            elif high > largest_torque:
                 corners[0, count], corners[1, count], corners[2, count] = after, next_angle, next_carried
                 count += 1
-            most = max(most, high)
-            x, angle, carried, total = there, next_angle, next_carried, after
+            largest_torque = max(largest_torque, high)
+            x, angle, carried, total = end, next_angle, next_carried, after
             _follow_on(angle, carried, slides, anchor)
         if count == corners.shape[1]:
             return -1
-        first[t] = count
+        starts[t] = count
         corners[0, count], corners[1, count], corners[2, count] = turns[t], angle, carried
         count += 1
     return count
@@ -152,7 +152,7 @@ def walked(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Rip
         return nowhere
     waves = WAVE * np.ptp(rising) * abs(ripple.waves) / (2 * np.pi) if ripple.amplitude else 0.0
     room = int(min(len(turns) * (2 * len(nodes) + 4 * len(sliders) + 2 * waves + 8), MOST_STEPS))
-    first = np.empty(len(turns), np.int64)
+    starts = np.empty(len(turns), np.int64)
     while room <= MOST_STEPS:
         corners = np.empty((3, room))
         count = _walked(
@@ -161,9 +161,9 @@ def walked(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Rip
             (sliders.stiffness, sliders.limit, sliders.coefficient),
             (ripple.amplitude, ripple.waves, ripple.phase),
             corners,
-            first,
+            starts,
         )
         if count >= 0:
-            return corners[:, :count], first
+            return corners[:, :count], starts
         room *= 2
     return nowhere

@@ -66,17 +66,19 @@ def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:
     return (rising <= response.play[:, 1]) | (falling >= response.play[:, 0])
 
 
-def _reason(drive: Drive, response: CycleResponse, metric: Metric, at: Definitions) -> Iterator[tuple[np.ndarray, str]]:
+def _reason(
+    drive: Drive, response: CycleResponse, metric: Metric, definitions: Definitions
+) -> Iterator[tuple[np.ndarray, str]]:
     """States (n,) in which the metric does not hold, and why, the first reason first."""
-    rotation = _rotation(drive, response, NMM_PER_NM * metric.largest_torque(at))
+    rotation = _rotation(drive, response, NMM_PER_NM * metric.largest_torque(definitions))
     yield rotation > LARGEST_ROTATION * drive.profile.lobe_pitch, ROTATION
     if len(drive.sliders.acting) and metric.moves_at is not None:
-        yield _stuck(drive, response, NMM_PER_NM * metric.moves_at(at)), STUCK
+        yield _stuck(drive, response, NMM_PER_NM * metric.moves_at(definitions)), STUCK
     if len(drive.sliders.acting) and metric.not_negative:
         yield response.hysteresis_loss < 0, SHORT_OF_PLAY
 
 
-def invalid_metrics(drive: Drive, response: CycleResponse, at: Definitions) -> Mapping[str, np.ndarray]:
+def invalid_metrics(drive: Drive, response: CycleResponse, definitions: Definitions) -> Mapping[str, np.ndarray]:
     """Reason (n,) why a metric does not hold in a state, ``""`` where it does, by the metric's name.
 
     Parameters
@@ -94,11 +96,11 @@ def invalid_metrics(drive: Drive, response: CycleResponse, at: Definitions) -> M
     """
     height = float(np.ptp(np.abs(drive.profile.flank(np.linspace(0, drive.profile.lobe_pitch, 201)))))
     largest = LARGEST_CLEARANCE * min(drive.profile.eccentricity, height)
-    loose = _clearance(drive, response, NMM_PER_NM * at.lost_motion) > largest
+    displaced = _clearance(drive, response, NMM_PER_NM * definitions.lost_motion) > largest
     reasons = {}
     for name, metric in library().items():
-        reason = np.where(loose, CLEARANCE, "").astype(object)
-        for states, text in _reason(drive, response, metric, at):
+        reason = np.where(displaced, CLEARANCE, "").astype(object)
+        for states, text in _reason(drive, response, metric, definitions):
             reason[states & (reason == "")] = text
         reasons[name] = reason
     return reasons
@@ -110,6 +112,6 @@ def beyond_limit_share(drive: Drive, states: Equilibria) -> np.ndarray:
     of_pins = contacts.kind == PIN
     force = states.force[..., of_pins]
     moment = np.abs(contacts.arm[of_pins]) * force
-    beyond = np.sum(moment, axis=2, where=force > drive.laws.force_limit[of_pins])
-    whole = np.sum(moment, axis=2)
-    return np.divide(beyond, whole, out=np.zeros_like(whole), where=whole > 0)
+    beyond_law = np.sum(moment, axis=2, where=force > drive.laws.force_limit[of_pins])
+    total = np.sum(moment, axis=2)
+    return np.divide(beyond_law, total, out=np.zeros_like(total), where=total > 0)

@@ -70,7 +70,7 @@ def _turn(gap, arm, compliance, pressure, torques, angle, peak):
                     peak[s] = max(peak[s], pressure[k] * np.sqrt(force))
 
 
-def _way(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: Real) -> Real:
+def _one_sense(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: Real) -> Real:
     """Angle of the output (n, n_torques) [rad] at ascending torques of one sense, from poses at its end of play."""
     contacts, reducer = drive.reducer.contacts, drive.reducer
     room = drive.gap - pose @ reducer.contact_jacobian.T
@@ -84,7 +84,7 @@ def _way(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: Real) 
     return np.asarray(angle)
 
 
-def winkler_readings(drive: Drive, compliance: Real, at: Definitions) -> LoopReadings:
+def winkler_readings(drive: Drive, compliance: Real, definitions: Definitions) -> LoopReadings:
     """Readings of the frictionless loops of ``n`` states up to the torques of the definitions.
 
     Parameters
@@ -93,11 +93,11 @@ def winkler_readings(drive: Drive, compliance: Real, at: Definitions) -> LoopRea
     at : torques of the definitions.
     """
     play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
-    levels = NMM_PER_NM * np.array([at.lost_motion, at.rigidity_low, at.rigidity_high])
+    levels = NMM_PER_NM * np.array([definitions.lost_motion, definitions.rigidity_low, definitions.rigidity_high])
     order, peak = np.argsort(levels), np.zeros(len(drive.gap))
     plus, minus = np.empty((2, len(peak), len(levels)))
-    plus[:, order] = ARCMIN * _way(drive, compliance, play.pose_plus, levels[order], peak)
-    minus[:, order[::-1]] = ARCMIN * _way(drive, compliance, play.pose_minus, -levels[order[::-1]], peak)
+    plus[:, order] = ARCMIN * _one_sense(drive, compliance, play.pose_plus, levels[order], peak)
+    minus[:, order[::-1]] = ARCMIN * _one_sense(drive, compliance, play.pose_minus, -levels[order[::-1]], peak)
     limits = [ARCMIN * pose[:, drive.reducer.output_motion] for pose in (play.pose_minus, play.pose_plus)]
     return LoopReadings(
         limit_minus=limits[0],
