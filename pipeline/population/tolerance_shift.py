@@ -117,10 +117,12 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
 
 
 def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Mean deviation [um] of each tolerance of every sample, from the tables of the stage sample."""
+    """Mean deviation [um] of each tolerance that the samples have, of every sample, from the tables of `sample`."""
     columns = {}
     for dimension in sorted(dimension_library().values(), key=lambda dimension: dimension.drawn):
-        columns[dimension.name] = tables[dimension.table].groupby("sample")[dimension.column].mean()
+        table = tables[dimension.table]
+        if dimension.column in table:  # a reducer of one disk has no phase of its eccentrics
+            columns[dimension.name] = table.groupby("sample")[dimension.column].mean()
     return pd.DataFrame(columns)
 
 
