@@ -27,7 +27,8 @@ class WrittenStudy:
     Attributes
     ----------
     study : name of its file.
-    angle : (n_cells,) [arcmin] of its first sample on the measured torques, the offset of each position included.
+    angle : (n_cells,) [arcmin] of the unit as measured, else of the nominal one, on the measured torques, with
+        the offset of each position.
     rms_arcmin : of what it leaves, each cell counted by its rows.
     """
 
@@ -36,7 +37,7 @@ class WrittenStudy:
     rms_arcmin: float
 
 
-def written_study(found: Identification, path: Path) -> WrittenStudy:
+def written_study(identification: Identification, path: Path) -> WrittenStudy:
     """The study of a file, with its design, on the load history of the unit.
 
     Nothing is taken from the fits: numbers, effects and tolerances are those of the files, run in and at the
@@ -47,13 +48,14 @@ def written_study(found: Identification, path: Path) -> WrittenStudy:
     ------
     InputError : as ``load_study``.
     """
-    study, problem = load_study(path, path.parent), found.problem
-    sample = draw(study, 0, 1)
-    factor = softness(study.design) / softness(found.measurement.unit.study.design)
+    study, problem = load_study(path, path.parent), identification.problem
+    unit = int(bool(study.cases) and study.samples.nominal_first)  # the unit as measured, else the nominal one
+    sample = draw(study, unit, unit + 1)
+    factor = softness(study.design) / softness(identification.measurement.unit.study.design)
     clearance = assembly.bearing_clearance(study.design, sample.bearing_clearance)
     angle = np.full(len(problem.data), np.nan)
     for position, compliance in enumerate(problem.compliances):
-        crank = float(found.measurement.rows.cranks[position])
+        crank = float(identification.measurement.rows.cranks[position])
         drive = drive_of(study, crank, factor * compliance, assembly.errors(sample), clearance)
         angle[problem.data.position == position] = problem.forward.read(drive, position, Instrument()).angle
     angle += Fitter(problem).offsets(angle, np.ones(len(angle), bool), problem.data.sigma)
