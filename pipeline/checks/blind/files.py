@@ -21,10 +21,14 @@ Real = NDArray[np.float64]
 
 DIMENSION_STEP_UM = 0.1
 """Step of a dimension as a measuring report states it [um]."""
-_INSPECTED = [one for one in dimension_library().values() if not one.acts_on and one.fewest_disks <= 1]
+_INSPECTED = [
+    dimension
+    for dimension in dimension_library().values()
+    if not (dimension.acts_on or dimension.counted_where_varied) and dimension.fewest_disks <= 1
+]
 DIMENSIONS = tuple(dimension.name for dimension in sorted(_INSPECTED, key=lambda dimension: dimension.elements is None))
 """What an inspection of a reducer with one disk measures, elements before the rest; what acts through another dimension
-is part of that."""
+is part of that, and what no blind unit varies is left out."""
 
 
 def write_unit(

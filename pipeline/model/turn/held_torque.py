@@ -34,7 +34,8 @@ def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDA
         If the cycle lacks the torque.
     """
     along = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions]
-    resultant = -np.tensordot(held_forces(response, at), along, axes=1)
+    forces = held_forces(response, at)  # one product a sample: the digits do not depend on how many there are
+    resultant = -(forces @ along.reshape(len(along), -1)).reshape(*forces.shape[:2], *along.shape[1:])
     if not drive.reducer.centred:
         resultant[:] = np.nan
     return resultant[..., 0] + 1j * resultant[..., 1]
