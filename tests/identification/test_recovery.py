@@ -37,13 +37,17 @@ CASES = {
     "load_friction": ((0.1,), replace(TWO, cycles=1), 0.05),
     "motor_cogging": ((0.3, 0.2, 4.6), replace(THREE, rows=400, noise=0.03), 0.1),
 }
+LONG = {"contact_friction"}
+"""Every state of its path is solved by itself: half a minute; `make attack`."""
 
 
 def test_every_effect_has_a_case():
     assert set(CASES) == set(candidates())
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.attack) if name in LONG else name for name in CASES]
+)
 def test_an_effect_is_found_again(name, tmp_path, condensed):
     values, bench, within = CASES[name]
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
