@@ -16,16 +16,16 @@ deflection there); above, its slope at the disk is no longer small against the d
 
 def _flexibility(length: float, bending: float, shear: float) -> Real:
     """Deflection and slope (2,) of a cantilever's end by a unit force and moment (2,) there."""
-    own = length**3 / (3 * bending) + length / shear
-    return np.array([[own, length**2 / (2 * bending)], [length**2 / (2 * bending), length / bending]])
+    flexibility = length**3 / (3 * bending) + length / shear
+    return np.array([[flexibility, length**2 / (2 * bending)], [length**2 / (2 * bending), length / bending]])
 
 
-def _carried(loaded: float, seen: float, bending: float, shear: float) -> Real:
-    """Deflection and slope (2,) of a cantilever at ``seen`` by a unit force and moment (2,) at ``loaded``."""
-    near = _flexibility(min(loaded, seen), bending, shear)
-    if seen <= loaded:  # the load beyond is its force and its moment here
-        return near @ np.array([[1.0, 0.0], [loaded - seen, 1.0]])
-    return np.array([[1.0, seen - loaded], [0.0, 1.0]]) @ near
+def _carried(loaded: float, observed: float, bending: float, shear: float) -> Real:
+    """Deflection and slope (2,) of a cantilever at ``observed`` by a unit force and moment (2,) at ``loaded``."""
+    nearer = _flexibility(min(loaded, observed), bending, shear)
+    if observed <= loaded:  # the load beyond is its force and its moment here
+        return nearer @ np.array([[1.0, 0.0], [loaded - observed, 1.0]])
+    return np.array([[1.0, observed - loaded], [0.0, 1.0]]) @ nearer
 
 
 def pin_flexibility(planes: Real, diameter: float, material: Material, span: float | None) -> Real:
@@ -40,9 +40,11 @@ def pin_flexibility(planes: Real, diameter: float, material: Material, span: flo
     bending = material.youngs_modulus * np.pi * diameter**4 / 64
     nu = material.poisson_ratio
     shear = material.youngs_modulus / (2 * (1 + nu)) * np.pi * diameter**2 / 4 * 6 * (1 + nu) / (7 + 6 * nu)
-    at = np.asarray(planes, float)
-    free = np.array([[_carried(b, a, bending, shear)[0, 0] for b in at] for a in at])
+    plane_positions = np.asarray(planes, float)
+    free = np.array([[_carried(b, a, bending, shear)[0, 0] for b in plane_positions] for a in plane_positions])
     if span is None:
         return free
-    end = np.array([_carried(b, span, bending, shear)[:, 0] for b in at])  # what the clamp at the end takes back
+    end = np.array(
+        [_carried(b, span, bending, shear)[:, 0] for b in plane_positions]
+    )  # what the clamp at the end takes back
     return free - end @ np.linalg.solve(_flexibility(span, bending, shear), end.T)

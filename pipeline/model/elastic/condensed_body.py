@@ -140,10 +140,15 @@ class ElasticBody:
         """
         loads = self.loads(patches)
         raw = self._cyclic.compliance(loads) if self.sectors > 1 else self._direct_compliance(loads)
-        asymmetry = float(np.abs(raw - raw.T).max() / np.abs(raw).max())
-        if not asymmetry < ASYMMETRY_LIMIT:
-            raise ArithmeticError(f"compliance asymmetric by {asymmetry:.2g} of its largest entry; the mesh is unsound")
-        return Compliance((raw + raw.T) / 2, asymmetry)
+        return _sound(raw)
+
+    def turned_compliance(self, patches: Patches, turning: Index) -> Real:
+        """Compliance (n_sectors, n_patches, n_patches) [mm/N], some patches turned back by 0, 1, ... sectors.
+
+        Of a body of equal sectors; ``turning`` are the numbers of the patches that turn.
+        """
+        matrices = self._cyclic.turned_compliance(self.loads(patches), turning)
+        return np.array([_sound(matrix).matrix for matrix in matrices])
 
     def _direct_compliance(self, loads: csc_array) -> Real:
         resultant = (loads.T @ self.rigid_motions).T
@@ -159,6 +164,14 @@ class ElasticBody:
             return patch_loads.T @ (displacement - motions @ (reference.T @ displacement))
 
         return np.hstack([columns(start) for start in range(0, loads.shape[1], COLUMNS_AT_ONCE)])
+
+
+def _sound(raw: Real) -> Compliance:
+    """A computed compliance, made symmetric."""
+    asymmetry = float(np.abs(raw - raw.T).max() / np.abs(raw).max())
+    if not asymmetry < ASYMMETRY_LIMIT:
+        raise ArithmeticError(f"compliance asymmetric by {asymmetry:.2g} of its largest entry; the mesh is unsound")
+    return Compliance((raw + raw.T) / 2, asymmetry)
 
 
 def elastic_body(
@@ -183,8 +196,8 @@ def elastic_body(
     sectors
         Number of equal sectors of ``lobed_disk_mesh``; 1 makes no use of a symmetry.
     """
-    held = FacetBasis(mesh, ELEMENT, facets=mesh.boundaries[reference])
-    freedoms = np.hstack([held.nodal_dofs, held.facet_dofs]).T
+    reference_basis = FacetBasis(mesh, ELEMENT, facets=mesh.boundaries[reference])
+    freedoms = np.hstack([reference_basis.nodal_dofs, reference_basis.facet_dofs]).T
     vertices = mesh.p[0] + 1j * mesh.p[1]
     nodes = np.concatenate([vertices, vertices[mesh.facets].mean(axis=0)])
     rigid_motions = _rigid_motions(nodes, freedoms)
@@ -199,7 +212,7 @@ def elastic_body(
         triangles=np.vstack([mesh.t, mesh.nvertices + mesh.t2f]).T,
         freedoms=freedoms,
         rigid_motions=rigid_motions,
-        reference=_rigid_fit(held, rigid_motions),
+        reference=_rigid_fit(reference_basis, rigid_motions),
     )
 
 
@@ -231,8 +244,10 @@ def _factorised(stiffness: csc_array, nodes: Complex, freedoms: Index) -> Callab
     clamped = [*freedoms[corner], freedoms[second, int(abs(across.imag) > abs(across.real))]]
     free = np.ones(freedoms.size)
     free[clamped] = 0
-    held = csc_array(diags_array(free) @ stiffness @ diags_array(free) + diags_array((1 - free) * stiffness.diagonal()))
-    factors = splu(held, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    supported = csc_array(
+        diags_array(free) @ stiffness @ diags_array(free) + diags_array((1 - free) * stiffness.diagonal())
+    )
+    factors = splu(supported, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
     def solve(loads: Real) -> Real:
         held_back = np.array(loads, order="F")

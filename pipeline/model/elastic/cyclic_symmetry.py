@@ -135,10 +135,13 @@ class CyclicBody:
         ends = sector[cuts][:, cuts].toarray() - coupling.T @ yielding
         reaction = np.fft.fft(_own(reference, sectors, freedoms), axis=1)[:, [0, 1], [2, 0]].T
         reaction *= np.abs(ends).max() / np.abs(reaction).max()  # its unit is free: one that suits the inverse
-        held = factors.solve(np.vstack([reaction.real, reaction.imag])[:, n_cut:].T.copy(order="F")).T
-        held, yielding = held[:2] + 1j * held[2:], np.stack([yielding[:, :n_cut], yielding[:, n_cut:]])
-        bordered = _bordered(ends, yielding, reaction, held, _phases(len(sectors.nodes)))
-        return cls(sectors, freedoms, factors.solve, yielding, held, np.linalg.inv(bordered))
+        constrained = factors.solve(np.vstack([reaction.real, reaction.imag])[:, n_cut:].T.copy(order="F")).T
+        constrained, yielding = (
+            constrained[:2] + 1j * constrained[2:],
+            np.stack([yielding[:, :n_cut], yielding[:, n_cut:]]),
+        )
+        bordered = _bordered(ends, yielding, reaction, constrained, _phases(len(sectors.nodes)))
+        return cls(sectors, freedoms, factors.solve, yielding, constrained, np.linalg.inv(bordered))
 
     def compliance(self, loads: csc_array) -> Real:
         """Work of each load on the displacement by each other, the reference held (n_loads, n_loads) [mm/N].
@@ -160,6 +163,34 @@ class CyclicBody:
         return (forces.real.T @ displacement.real + forces.imag.T @ displacement.imag) / n_sectors + sums @ (
             sums @ within.T
         ).T
+
+    def turned_compliance(self, loads: csc_array, turning: Index) -> Real:
+        """As ``compliance``, some loads turned back by every number of sectors (n_sectors, n_loads, n_loads) [mm/N].
+
+        Parameters
+        ----------
+        turning
+            Numbers of the loads that turn, each keeping its place in the frames of the sectors; the others stay.
+
+        Notes
+        -----
+        A load that turns back by k sectors has its harmonic h times exp(2 pi i h k / n_sectors): what it works on the
+        others is the Fourier sum of what the harmonics work. Within a sector it meets those whose parts lie k before.
+        """
+        n_sectors, n_loads = len(self.sectors.nodes), loads.shape[1]
+        parts, sector, load = _parts(loads, self.sectors, self.freedoms)
+        inner = parts[2 * self.sectors.n_cut :]
+        within = inner.T @ self.inner_solve(inner.toarray(order="F"))
+        forces = np.add.reduceat(self._on_cuts(parts, sector), np.flatnonzero(np.diff(load, prepend=-1)), axis=2)
+        work = np.conj(np.swapaxes(forces, 1, 2)) @ (self.flexibility @ forces)
+        matrices = np.fft.irfft(work, n_sectors, axis=0)
+        sectors_on = (sector - sector[:, None]) % n_sectors
+        np.add.at(matrices, (sectors_on, load[:, None], load), within)
+        turns = np.isin(np.arange(n_loads), turning)
+        matrices[:, turns[:, None] == turns] = matrices[0, turns[:, None] == turns]
+        backward = np.ix_(np.arange(n_sectors), np.flatnonzero(turns), np.flatnonzero(~turns))
+        matrices[backward] = np.swapaxes(matrices[:, ~turns][:, :, turns], 1, 2)
+        return matrices
 
     def displacement(self, loads: Real) -> Real:
         """Displacement of ``loads`` in balance, the reference held: (n_freedoms, k) [N] to (n_freedoms, k) [mm]."""

@@ -49,17 +49,6 @@ class Patches:
     def __len__(self) -> int:
         return len(self.direction)
 
-    def some(self, rows: Index) -> "Patches":
-        """The patches (n_rows,) of these numbers."""
-        parts = (self.points[rows], self.triangles[rows], self.barycentric[rows])
-        return Patches(*parts, self.weights, self.direction[rows])
-
-
-def turned(mesh: MeshTri, patches: Patches, turn: complex) -> Patches:
-    """The patches of a body turned about the origin by ``turn``, of length 1, within the same mesh."""
-    points = patches.points * turn
-    return Patches(points, *_located(mesh, points), patches.weights, patches.direction * turn)
-
 
 def joined(*patches: Patches) -> Patches:
     """All ``patches`` of one body in one, in their order."""

@@ -32,8 +32,8 @@ def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> I
     a, b, c = points[triangles.T]
     clockwise = cross(b - a, c - a) < 0
     triangles[clockwise] = triangles[clockwise][:, [0, 2, 1]]
-    least = np.argmin(triangles, axis=1)
-    ordered = np.take_along_axis(triangles, (least[:, None] + np.arange(3)) % 3, axis=1)
+    smallest = np.argmin(triangles, axis=1)
+    ordered = np.take_along_axis(triangles, (smallest[:, None] + np.arange(3)) % 3, axis=1)
     # Three corners of a simple polygon follow counterclockwise in their own order inside it, in reverse outside.
     outside = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
     cut = np.full(len(points), -1)

@@ -3,7 +3,8 @@
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part
-from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, reset, share_of_a_turn
+from pipeline.model.equilibrium.blocks import count, part_of
+from pipeline.model.equilibrium.newton import activate, include_all, move, newton_step, renew, reset, share_of_a_turn
 from pipeline.model.equilibrium.residual import deflect, force_at_penetration, law, residuals
 from pipeline.model.equilibrium.return_mapping import share_of_braking
 
@@ -15,20 +16,6 @@ CENTRING = 0.1
 """Share of the complementarity that an interior-point step aims at."""
 WITHIN = 0.95
 """Share of the way to the nearest force or slack of zero that a step may go."""
-
-
-@algebraic_part
-def _stride(system, torque, gap):
-    """Largest sensible move of a contact [mm]: the widest gap and the deflection of one that carries all the load."""
-    widest, deepest = 0.0, 0.0
-    for i in range(gap.shape[0]):
-        widest = max(widest, abs(gap[i]))
-        arm = abs(system.contact_jacobian[system.output, i])
-        if arm > 0.0:
-            force = min(abs(torque) / arm, system.limit[i])
-            local, _ = law(system, i, force)
-            deepest = max(deepest, local + system.compliance[i, i] * force)
-    return widest + deepest
 
 
 @algebraic_part
@@ -46,15 +33,94 @@ def _loads(system, torque, gap):
 
 
 @algebraic_part
-def _length(work):
+def _stride(system, torque, load, gap):
+    """Largest sensible move of a contact [mm]: the widest gap and the deflection of one that carries all the load.
+
+    A law that has no limit bears the ``load`` of the longest arm: at the arm's rounding it would have no bounds.
+    """
+    widest, deepest = 0.0, 0.0
+    for i in range(gap.shape[0]):
+        widest = max(widest, abs(gap[i]))
+        arm = abs(system.contact_jacobian[system.output, i])
+        if arm > 0.0:
+            force = min(abs(torque) / arm, system.limit[i])
+            force = load if np.isinf(system.limit[i]) else force
+            local, _ = law(system, i, force)
+            deepest = max(deepest, local + system.own[i] * force)
+    return widest + deepest
+
+
+@algebraic_part
+def _length(system, work):
     """Share of the step that keeps forces and slacks positive; their steps stand in ``miss`` and ``slope``."""
     length = 1.0
-    for j in range(work.slack.shape[0]):
-        if work.miss[j] < 0.0:
-            length = min(length, -WITHIN * work.force[work.active[j]] / work.miss[j])
-        if work.slope[j] < 0.0:
-            length = min(length, -WITHIN * work.slack[j] / work.slope[j])
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        for j in range(work.sizes[b, 0]):
+            force = work.force[part.active[j]]
+            if part.miss[j] < 0.0:
+                length = min(length, -WITHIN * force / part.miss[j])
+            if part.slope[j] < 0.0:
+                length = min(length, -WITHIN * part.slack[j] / part.slope[j])
     return length
+
+
+@algebraic_part
+def _aim(system, complementarity, work):
+    """Let the contacts' tangents and misfits aim at a share of the complementarity."""
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        active, slack, miss, slope = part.active, part.slack, part.miss, part.slope
+        for j in range(work.sizes[b, 0]):
+            slope[j] += slack[j] / work.force[active[j]]
+            miss[j] -= CENTRING * complementarity / work.force[active[j]]
+
+
+@algebraic_part
+def _step_of_slacks(system, complementarity, work):
+    """Steps of the slacks into ``slope`` from those of the forces in ``miss``."""
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        active, slack, miss, slope = part.active, part.slack, part.miss, part.slope
+        for j in range(work.sizes[b, 0]):
+            slope[j] = (CENTRING * complementarity - slack[j] * miss[j]) / work.force[active[j]] - slack[j]
+
+
+@algebraic_part
+def _go(system, length, work):
+    """Add a share of the step to forces and slacks."""
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        for j in range(work.sizes[b, 0]):
+            work.force[part.active[j]] += length * part.miss[j]
+            part.slack[j] += length * part.slope[j]
+
+
+@algebraic_part
+def _complementarity(system, work):
+    """Mean of force times slack [N mm]."""
+    total = 0.0
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        for j in range(work.sizes[b, 0]):
+            total += work.force[part.active[j]] * part.slack[j] / work.force.shape[0]
+    return total
+
+
+@algebraic_part
+def _keep_closed(system, load, stride, work):
+    """Leave those contacts active whose force, over the load, is larger than their slack over the stride."""
+    slack = work.depth
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        for j in range(work.sizes[b, 0]):
+            slack[part.active[j]] = part.slack[j]
+    reset(work)
+    for i in range(slack.shape[0]):
+        if work.force[i] * stride > slack[i] * load:
+            activate(system, i, work)
+        else:
+            work.force[i] = 0.0
 
 
 @algebraic_part
@@ -65,22 +131,19 @@ def start_within(system, friction, torque, gap, clearance, work):
     A disk that its bearing lets go is held where it is by a spring that vanishes with them (a proximal term: it slows
     the disk down and moves no solution).
     """
-    active, force, miss, slope, slack = work.active, work.force, work.miss, work.slope, work.slack
-    n = gap.shape[0]
-    stride = _stride(system, torque, gap)
     load, largest = _loads(system, torque, gap)
+    stride = _stride(system, torque, load, gap)
     work.thrust[0] = 0.0
     for d in range(work.motion.shape[0]):
         work.motion[d] = 0.0
     reset(work)
-    for i in range(n):
+    for i in range(gap.shape[0]):
         activate(system, i, work)
-        force[i], slack[i] = largest, stride
+        work.force[i] = largest
+    work.slack[:] = stride
     for _ in range(INTERIOR_STEPS):
         deflect(system, gap, work)
-        complementarity = 0.0
-        for j in range(n):
-            complementarity += force[active[j]] * slack[j] / n
+        complementarity = _complementarity(system, work)
         residuals(system, friction, torque, clearance, work)
         if system.planar:
             hold = np.sqrt(complementarity * largest / stride) / (stride + clearance)
@@ -88,27 +151,15 @@ def start_within(system, friction, torque, gap, clearance, work):
             work.spring[4] += hold
         if complementarity < INTERIOR_END * load * stride:
             break
-        for j in range(n):
-            slope[j] += slack[j] / force[active[j]]
-            miss[j] -= CENTRING * complementarity / force[active[j]]
-        work.counts[2] = 0
+        _aim(system, complementarity, work)
+        renew(work)
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
         longest = share_of_a_turn(system, work)
         if friction is not None:
             longest = min(longest, share_of_braking(system, friction, work))
-        for j in range(n):
-            slope[j] = (CENTRING * complementarity - slack[j] * miss[j]) / force[active[j]] - slack[j]
-        length = min(_length(work), longest)
+        _step_of_slacks(system, complementarity, work)
+        length = min(_length(system, work), longest)
         move(system, length, work)
-        for j in range(n):
-            force[active[j]] += length * miss[j]
-            slack[j] += length * slope[j]
-    for j in range(n):
-        slope[active[j]] = slack[j]
-    reset(work)
-    for i in range(n):
-        if force[i] * stride > slope[i] * load:
-            activate(system, i, work)
-        else:
-            force[i] = 0.0
+        _go(system, length, work)
+    _keep_closed(system, load, stride, work)

@@ -1,4 +1,4 @@
-"""The inverse of H = law' + C over the active contacts, which grows and shrinks with them (compiled parts).
+"""The inverse of H = law' + C over the active contacts of a block, which grows and shrinks with them (compiled parts).
 
 At 10 to 30 contacts a product with the inverse takes a fifth of the time of two triangular solves, whose rows wait for
 each other (30 ns against 200 at 16), and a contact that opens leaves it by one update. Its rounding errors only slow
@@ -8,6 +8,7 @@ Newton down: the residual is formed without it.
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.blocks import first_of, moves, part_of
 
 
 @algebraic_part
@@ -22,18 +23,20 @@ def product(inverse, n, x, y):
 
 
 @algebraic_part
-def include(system, p, work):
-    """Grow the inverse by the active contact at position p, the number of those in it; false if not positive."""
-    inverse, projected, held, right, column = work.inverse, work.projected, work.held, work.inside, work.column
-    active, step, jacobian = work.active, work.step, system.contact_jacobian
+def include(system, b, work):
+    """Grow the inverse of a block by the first of its active contacts that is not in it; false if not positive."""
+    part = part_of(work.active, work, b)
+    first, p = first_of(work.active, system.blocks[b]), work.sizes[b, 2]
+    inverse, held_rows, right, column = part.inverse, work.held, part.inside, work.column
+    active, step, jacobian = part.active, work.step, system.contact_jacobian
     i = active[p]
     row = system.compliance[i]
-    for other in range(p):
-        right[other] = row[active[other]]
+    for row_number in range(p):
+        right[row_number] = row[active[row_number] - first]
     product(inverse, p, right, column)
-    pivot = row[i] + work.slope[p]
-    for other in range(p):
-        pivot -= right[other] * column[other]
+    pivot = row[i - first] + part.slope[p]
+    for row_number in range(p):
+        pivot -= right[row_number] * column[row_number]
     if not pivot > 0.0:
         return False
     share = 1.0 / pivot
@@ -45,32 +48,40 @@ def include(system, p, work):
         scaled, target = share * column[r], inverse[r]
         for k in range(p + 1):
             target[k] += scaled * column[k]
-    for d in range(held.shape[0]):
-        pull, target = jacobian[d, i], projected[d]
-        for other in range(p):
-            pull -= right[other] * target[other]
+    for d in range(held_rows.shape[0]):
+        if not moves(work.active, system.moving[b], d):
+            continue
+        pull, target = jacobian[d, i], part.projected[d]
+        for row_number in range(p):
+            pull -= right[row_number] * target[row_number]
         target[p] = 0.0
         step[d] = pull
         pull *= share
         for r in range(p + 1):
             target[r] -= pull * column[r]
         for e in range(d + 1):
-            held[d, e] += pull * step[e]
+            if moves(work.active, system.moving[b], e):
+                held_rows[d, e] += pull * step[e]
+    work.sizes[b, 2] += 1
     return True
 
 
 @algebraic_part
-def exclude(p, work):
-    """Shrink the inverse by the contact at position p of those in it; the last one takes its place."""
-    inverse, projected, held, column = work.inverse, work.projected, work.held, work.column
-    last = work.counts[2] - 1
+def exclude(system, b, p, work):
+    """Shrink the inverse of a block by the contact at position p of those in it; the last one takes its place."""
+    part = part_of(work.active, work, b)
+    inverse, projected, held_rows, column = part.inverse, part.projected, work.held, work.column
+    last = work.sizes[b, 2] - 1
     share = 1.0 / inverse[p, p]
-    for d in range(held.shape[0]):
+    for d in range(held_rows.shape[0]):
+        if not moves(work.active, system.moving[b], d):
+            continue
         for e in range(d + 1):
-            held[d, e] -= share * projected[d, p] * projected[e, p]
+            if moves(work.active, system.moving[b], e):
+                held_rows[d, e] -= share * projected[d, p] * projected[e, p]
     for r in range(last + 1):
         column[r] = inverse[p, r]
-    for d in range(held.shape[0]):
+    for d in range(held_rows.shape[0]):
         scaled, target = share * projected[d, p], projected[d]
         for r in range(last + 1):
             target[r] -= scaled * column[r]
@@ -82,7 +93,7 @@ def exclude(p, work):
         target[p] = target[last]
     for k in range(last):
         inverse[p, k] = inverse[last, k]
-    work.counts[2] = last
+    work.sizes[b, 2] = last
 
 
 @algebraic_part

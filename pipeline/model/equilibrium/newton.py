@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.blocks import count, moves, part_of
 from pipeline.model.equilibrium.inverse_update import (
     exclude,
     include,
@@ -41,37 +42,44 @@ OPEN = 1e-13
 @algebraic_part
 def reset(work):
     """Leave no contact active."""
-    for k in range(work.counts.shape[0]):
-        work.counts[k] = 0
+    work.counts[:] = 0
+    work.sizes[:] = 0
 
 
 @algebraic_part
 def activate(system, i, work):
-    """Make contact i active: the last of those that elastic bodies couple, or the last of all."""
-    counts, active = work.counts, work.active
-    place = counts[0]
-    if system.compliance[i, i] > 0.0:
-        active[counts[0]] = active[counts[1]]
-        place = counts[1]
-        counts[1] += 1
-    active[place] = i
-    counts[0] += 1
+    """Make contact i active: the last of those of its block that elastic bodies couple, or the last of all of them."""
+    b = system.block[i]
+    sizes, active = work.sizes[b], part_of(work.active, work, b).active
+    slot = sizes[0]
+    if system.own[i] > 0.0:
+        active[sizes[0]] = active[sizes[1]]
+        slot = sizes[1]
+        sizes[1] += 1
+    active[slot] = i
+    sizes[0] += 1
 
 
 @algebraic_part
-def _deactivate(p, work):
-    """Take the active contact at position p out; the last one of its kind takes its place."""
-    counts, active = work.counts, work.active
-    if p < counts[2]:
-        exclude(p, work)
-        active[p] = active[counts[2]]
-        p = counts[2]
-    if p < counts[1]:
-        counts[1] -= 1
-        active[p] = active[counts[1]]
-        p = counts[1]
-    counts[0] -= 1
-    active[p] = active[counts[0]]
+def _deactivate(system, b, p, work):
+    """Take the active contact at position p of a block out; the last one of its kind takes its place."""
+    sizes, active = work.sizes[b], part_of(work.active, work, b).active
+    if p < sizes[2]:
+        exclude(system, b, p, work)
+        active[p] = active[sizes[2]]
+        p = sizes[2]
+    if p < sizes[1]:
+        sizes[1] -= 1
+        active[p] = active[sizes[1]]
+        p = sizes[1]
+    sizes[0] -= 1
+    active[p] = active[sizes[0]]
+
+
+@algebraic_part
+def renew(work):
+    """Leave no contact in the inverse."""
+    work.sizes[:, 2] = 0
 
 
 @algebraic_part
@@ -90,20 +98,71 @@ def _close_penetrated(system, work):
         if closed[i] > OPEN and force[i] == 0.0:
             force[i] = force_at_penetration(system, i, closed[i])
             activate(system, i, work)
-            if system.compliance[i, i] > 0.0:
+            if system.own[i] > 0.0:
                 add_deflection(system, i, work)
     return penetrated
 
 
 @algebraic_part
-def advance(length, work):
+def advance(system, length, work):
     """Add a share of the step to the active forces; a contact that would pull opens, and closes again if penetrated."""
-    active, force, miss = work.active, work.force, work.miss
-    for j in range(work.counts[0]):
-        force[active[j]] = max(force[active[j]] + length * miss[j], 0.0)
-    for p in range(work.counts[0] - 1, -1, -1):
-        if force[active[p]] == 0.0:
-            _deactivate(p, work)
+    force = work.force
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        active, miss = part.active, part.miss
+        for j in range(work.sizes[b, 0]):
+            force[active[j]] = max(force[active[j]] + length * miss[j], 0.0)
+        for p in range(work.sizes[b, 0] - 1, -1, -1):
+            if force[active[p]] == 0.0:
+                _deactivate(system, b, p, work)
+
+
+@algebraic_part
+def _condense(system, b, work):
+    """Add what the active contacts of a block push on the motions to ``step``, and hold of them to ``tangent``.
+
+    H^-1 miss of the coupled ones into ``inside``.
+    """
+    part = part_of(work.active, work, b)
+    active, miss, slope = part.active, part.miss, part.slope
+    jacobian, step, tangent = system.contact_jacobian, work.step, work.tangent
+    n, coupled = work.sizes[b, 0], work.sizes[b, 1]
+    product(part.inverse, coupled, miss, part.inside)
+    for d in range(step.shape[0]):
+        if not moves(work.active, system.moving[b], d):
+            continue
+        row, pull = part.projected[d], jacobian[d]
+        total = step[d]
+        for p in range(coupled):
+            total += row[p] * miss[p]
+        for j in range(coupled, n):
+            total += pull[active[j]] * miss[j] / slope[j]
+        step[d] = total
+        for e in range(d + 1):
+            total = tangent[d, e]
+            for j in range(coupled, n):
+                total += pull[active[j]] * jacobian[e, active[j]] / slope[j]
+            tangent[d, e] = total
+
+
+@algebraic_part
+def _expand(system, b, work):
+    """Steps of the active forces of a block into ``miss``, once those of the motions are known."""
+    part = part_of(work.active, work, b)
+    active, miss, slope = part.active, part.miss, part.slope
+    n, coupled, right = work.sizes[b, 0], work.sizes[b, 1], part.inside
+    for p in range(coupled):
+        miss[p] = -right[p]
+    for j in range(coupled, n):
+        miss[j] = -miss[j] / slope[j]
+    for d in range(work.step.shape[0]):
+        if not moves(work.active, system.moving[b], d):
+            continue
+        row, pull, q = part.projected[d], system.contact_jacobian[d], work.step[d]
+        for p in range(coupled):
+            miss[p] += row[p] * q
+        for j in range(coupled, n):
+            miss[j] += pull[active[j]] * q / slope[j]
 
 
 @algebraic_part
@@ -113,24 +172,13 @@ def newton_step(system, friction, work):
     (jacobian^T H^-1 jacobian + bearing) dq = jacobian^T H^-1 miss - balance;  H dF = jacobian dq - miss. Friction adds
     its own: see ``add_friction``.
     """
-    active, miss, step, tangent, right = work.active, work.miss, work.step, work.tangent, work.inside
-    jacobian, projected, held = system.contact_jacobian, work.projected, work.held
-    balance, slope = work.balance, work.slope
-    n, coupled = work.counts[0], work.counts[1]
-    product(work.inverse, coupled, miss, right)
+    step, tangent, balance, held_rows = work.step, work.tangent, work.balance, work.held
     for d in range(step.shape[0]):
-        row, pull = projected[d], jacobian[d]
-        total = -balance[d]
-        for p in range(coupled):
-            total += row[p] * miss[p]
-        for j in range(coupled, n):
-            total += pull[active[j]] * miss[j] / slope[j]
-        step[d] = total
+        step[d] = -balance[d]
         for e in range(d + 1):
-            total = held[d, e]
-            for j in range(coupled, n):
-                total += pull[active[j]] * jacobian[e, active[j]] / slope[j]
-            tangent[d, e] = total
+            tangent[d, e] = held_rows[d, e]
+    for b in range(count(work.active)):
+        _condense(system, b, work)
     if system.planar:
         tangent[0, 0] += work.spring[2]
         tangent[1, 0] += work.spring[3]
@@ -144,16 +192,8 @@ def newton_step(system, friction, work):
         tangent[d, d] += REGULAR * stiffest
     if not (solve_positive_tangent(tangent, step) if friction is None else solve_tangent(tangent, step)):
         return False
-    for p in range(coupled):
-        miss[p] = -right[p]
-    for j in range(coupled, n):
-        miss[j] = -miss[j] / slope[j]
-    for d in range(step.shape[0]):
-        row, pull, q = projected[d], jacobian[d], step[d]
-        for p in range(coupled):
-            miss[p] += row[p] * q
-        for j in range(coupled, n):
-            miss[j] += pull[active[j]] * q / slope[j]
+    for b in range(count(work.active)):
+        _expand(system, b, work)
     return True
 
 
@@ -202,16 +242,19 @@ def move(system, length, work):
 @algebraic_part
 def include_all(system, work):
     """Bring every coupled active contact into the inverse; false if nothing holds the bodies, or not positive."""
-    counts = work.counts
-    if counts[2] == 0:
-        for d in range(work.held.shape[0]):
-            for e in range(d + 1):
-                work.held[d, e] = 0.0
-    positive = counts[0] + counts[4] > 0
-    while positive and counts[2] < counts[1]:
-        positive = include(system, counts[2], work)
-        counts[2] += 1
-    return positive
+    sizes, holding, included = work.sizes, work.counts[1], 0
+    for b in range(sizes.shape[0]):
+        holding += sizes[b, 0]
+        included += sizes[b, 2]
+    if included == 0:
+        work.held[:] = 0.0
+    if holding == 0:
+        return False
+    for b in range(sizes.shape[0]):
+        while sizes[b, 2] < sizes[b, 1]:
+            if not include(system, b, work):
+                return False
+    return True
 
 
 @algebraic_part
@@ -223,20 +266,19 @@ def _worth_renewing(residual, previous):
 @algebraic_part
 def converge(system, friction, torque, gap, clearance, work):
     """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
-    counts = work.counts
     previous, residual, changes = np.inf, np.inf, 0
     for iteration in range(STEP_LIMIT):
         deflect(system, gap, work)
         closed = _close_penetrated(system, work)
         pushed = work.thrust[0] > 0.0
-        off, unbalanced = residuals(system, friction, torque, clearance, work)
-        residual = max(off, unbalanced)
-        if closed == 0 and off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
+        deviation, unbalanced = residuals(system, friction, torque, clearance, work)
+        residual = max(deviation, unbalanced)
+        if closed == 0 and deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
             return iteration, residual
         if closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED:
             return iteration, residual
         if closed == 0 and _worth_renewing(residual, previous):
-            counts[2] = 0
+            renew(work)
         previous = residual
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
@@ -249,6 +291,6 @@ def converge(system, friction, torque, gap, clearance, work):
                 break
             length = 0.5 * length if changes > ALTERNATING else length
         move(system, length, work)
-        advance(length, work)
-    counts[2] = 0
+        advance(system, length, work)
+    renew(work)
     return STEP_LIMIT, max(residual, 2 * ACCEPTED)

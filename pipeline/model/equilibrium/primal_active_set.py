@@ -10,6 +10,7 @@ time, so it wants a start near the solution.
 """
 
 from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.blocks import count, part_of
 from pipeline.model.equilibrium.newton import (
     ACCEPTED,
     BALANCE_TOLERANCE,
@@ -21,6 +22,7 @@ from pipeline.model.equilibrium.newton import (
     include_all,
     move,
     newton_step,
+    renew,
     share_of_a_turn,
 )
 from pipeline.model.equilibrium.residual import deflect, force_at_penetration, residuals
@@ -44,30 +46,36 @@ def _most_penetrated(work):
 
 
 @algebraic_part
-def _step_to_the_first_zero(longest, work):
+def _step_to_the_first_zero(system, longest, work):
     """Share of the step, at most ``longest``, at which the first active force vanishes; it becomes exactly 0."""
-    active, force, miss = work.active, work.force, work.miss
-    length = longest
-    for j in range(work.counts[0]):
-        if force[active[j]] + miss[j] < 0.0:
-            length = min(length, -force[active[j]] / miss[j])
-    for j in range(work.counts[0]):
-        if force[active[j]] + length * miss[j] <= 1e-14 * force[active[j]]:
-            force[active[j]], miss[j] = 0.0, 0.0
+    force, length = work.force, longest
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        active, miss = part.active, part.miss
+        for j in range(work.sizes[b, 0]):
+            if force[active[j]] + miss[j] < 0.0:
+                length = min(length, -force[active[j]] / miss[j])
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        active, miss = part.active, part.miss
+        for j in range(work.sizes[b, 0]):
+            if force[active[j]] + length * miss[j] <= 1e-14 * force[active[j]]:
+                force[active[j]], miss[j] = 0.0, 0.0
     return length
 
 
 @algebraic_part
 def settle(system, friction, torque, gap, clearance, work):
     """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
-    counts = work.counts
     residual, since = 1.0, 0
     for iteration in range(SETTLING_STEPS):
         deflect(system, gap, work)
-        off, unbalanced = residuals(system, friction, torque, clearance, work)
-        residual = max(off, unbalanced)
+        deviation, unbalanced = residuals(system, friction, torque, clearance, work)
+        residual = max(deviation, unbalanced)
         since += 1
-        if (off <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE) or (since > ROUNDING and residual <= ACCEPTED):
+        if (deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE) or (
+            since > ROUNDING and residual <= ACCEPTED
+        ):
             contact = _most_penetrated(work)
             if contact < 0:
                 return iteration, residual
@@ -75,14 +83,14 @@ def settle(system, friction, torque, gap, clearance, work):
             activate(system, contact, work)
             since = 0
             continue
-        counts[2] = 0
+        renew(work)
         if not include_all(system, work) or not newton_step(system, friction, work):
             break
         length = share_of_a_turn(system, work)
         if friction is not None:
             length = min(length, share_of_braking(system, friction, work))
-        length = _step_to_the_first_zero(length, work)
+        length = _step_to_the_first_zero(system, length, work)
         move(system, length, work)
-        advance(length, work)
-    counts[2] = 0
+        advance(system, length, work)
+    renew(work)
     return SETTLING_STEPS, max(residual, 2 * ACCEPTED)

@@ -1,6 +1,7 @@
 """The equations of a load step, and what is off in them at given forces and motions (compiled parts).
 
-Active contacts are those that may carry force; those that elastic bodies couple stand first in ``Work.active``.
+Active contacts are those that may carry force. Contacts that elastic bodies couple form a block (``blocks``): each has
+its own range of the contacts, and in ``Work.active`` its own list of them, the coupled ones first.
 """
 
 from typing import NamedTuple
@@ -8,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.blocks import count, deflections_of, part_of
 from pipeline.model.equilibrium.return_mapping import resist
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.cycloid_profile import Index, Real
 
 EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
 """Place and bias of the exponent in a double (IEEE 754)."""
@@ -31,40 +33,45 @@ class System(NamedTuple):
     """What every sample shares: arms, compliance, force laws and the bearing of one crank angle."""
 
     contact_jacobian: Real  # (n_motions, n_contacts)
-    compliance: Real  # (n_contacts, n_contacts) [mm/N]
+    compliance: Real  # (n_contacts, longest block) [mm/N] between a contact and each of its block
+    own: Real  # (n_contacts,) [mm/N] of a contact under its own force
+    blocks: Index  # (n_blocks, 2) first contact of a block, and the first beyond
+    block: np.ndarray  # (n_contacts,) to which a contact belongs
+    moving: np.ndarray  # (n_blocks, n_motions) whether a motion moves any contact of a block
     linear: Real  # the laws' numbers (n_contacts,), see contact.ContactLaws
     logarithmic: Real
     power: Real
     exponent: Real
     limit: Real
     output: int  # motion on which the torque acts
-    planar: bool  # whether the disk's translation is among the motions
+    planar: bool  # whether a bearing holds the disk's translation, which is among the motions
     stiffness: float  # the bearing's, and its exponent
     bearing_exponent: float
 
 
 class Work(NamedTuple):
-    """Room for one sample's solve. Active contacts and the first of them are in the order of ``active``."""
+    """Room for one sample's solve. Active contacts of a block and the first of them are in the order of ``active``."""
 
-    counts: np.ndarray  # active contacts, coupled ones of them, those in the inverse, solved steps with them, sliders
-    active: np.ndarray  # (n_contacts,)
+    counts: np.ndarray  # solved steps with the same active contacts, sliders that resist
+    sizes: Index  # (n_blocks, 3) active contacts of a block, coupled ones of them, those in the inverse
+    active: Index  # (n_blocks, longest block), here and below without the first axis where there is one block
     motion: Real  # (n_motions,) [mm, rad]
     force: Real  # (n_contacts,) [N]
     elastic: Real  # (n_contacts,) deflection of the elastic bodies [mm]
     depth: Real  # (n_contacts,) local deflection that is left [mm]
-    miss: Real  # of the active contacts' deflection [mm], then the step of their forces [N]
-    slope: Real  # compliance of the active contacts' laws [mm/N]
+    miss: Real  # (n_blocks, longest block) of the active contacts' deflection [mm], then the step of their forces [N]
+    slope: Real  # (n_blocks, longest block) compliance of the active contacts' laws [mm/N]
     balance: Real  # (n_motions,) what is unbalanced
     step: Real  # (n_motions,)
     tangent: Real  # (n_motions, n_motions)
     held: Real  # (n_motions, n_motions) jacobian^T H^-1 jacobian of the contacts in the inverse
-    inverse: Real  # of H = law' + C over the first active contacts
-    projected: Real  # (n_motions, n_contacts) H^-1 jacobian of them
+    inverse: Real  # (n_blocks, longest, longest block) of H = law' + C over the first active contacts
+    projected: Real  # (n_blocks, n_motions, longest block) H^-1 jacobian of them
     column: Real  # (n_contacts,)
-    inside: Real  # active forces, held to the laws' range, and their logarithms
+    inside: Real  # (n_blocks, longest block) active forces, held to the laws' range, and their logarithms
     logarithm: Real
     bits: np.ndarray  # the memory of ``logarithm`` as integers
-    slack: Real  # of the active contacts, in the interior-point iteration [mm]
+    slack: Real  # (n_blocks, longest block) of the active contacts, in the interior-point iteration [mm]
     thrust: Real  # (1,) force of the bearing
     spring: Real  # (8,) see bearing_spring
     anchor: Real  # (n_sliders,) slip of every slider without resistance [mm, rad]
@@ -76,34 +83,38 @@ class Work(NamedTuple):
     slip_step: Real  # changes of its slip and of what presses on it within the step
     press_step: Real
     resisting: np.ndarray  # sliders that resist
-    position: np.ndarray  # (n_contacts,) of the active contacts in ``active``
+    position: np.ndarray  # (n_contacts,) of the active contacts in the list of their block
     row: Real  # (n_motions,)
 
 
-def workspace(n_motions: int, n_contacts: int, n_sliders: int) -> Work:
-    """Arrays for solves of ``n_contacts`` contacts."""
+def workspace(system: System, n_sliders: int) -> Work:
+    """Arrays for solves of a system."""
+    (n_motions, n_contacts), longest = system.contact_jacobian.shape, system.compliance.shape[1]
     motions, contacts, sliders = (n_motions,), (n_contacts,), (n_sliders,)
-    logarithm = np.zeros(contacts)
+    blocks = (len(system.blocks),) if len(system.blocks) > 1 else ()
+    lists = (*blocks, longest)
+    logarithm = np.zeros(lists)
     return Work(
-        counts=np.zeros(5, np.int64),
-        active=np.zeros(contacts, np.int64),
+        counts=np.zeros(2, np.int64),
+        sizes=np.zeros((len(system.blocks), 3), np.int64),
+        active=np.zeros(lists, np.int64),
         motion=np.zeros(motions),
         force=np.zeros(contacts),
         elastic=np.zeros(contacts),
         depth=np.zeros(contacts),
-        miss=np.zeros(contacts),
-        slope=np.zeros(contacts),
+        miss=np.zeros(lists),
+        slope=np.zeros(lists),
         balance=np.zeros(motions),
         step=np.zeros(motions),
         tangent=np.zeros(motions * 2),
         held=np.zeros(motions * 2),
-        inverse=np.zeros(contacts * 2),
-        projected=np.zeros(motions + contacts),
+        inverse=np.zeros((*lists, longest)),
+        projected=np.zeros((*blocks, n_motions, longest)),
         column=np.zeros(contacts),
-        inside=np.zeros(contacts),
+        inside=np.zeros(lists),
         logarithm=logarithm,
         bits=logarithm.view(np.int64),
-        slack=np.zeros(contacts),
+        slack=np.zeros(lists),
         thrust=np.zeros(1),
         spring=np.zeros(8),
         anchor=np.zeros(sliders),
@@ -137,11 +148,13 @@ def law(system, i, force):
 @algebraic_part
 def force_at_penetration(system, i, penetration):
     """Force of contact i alone, with law(F) + C_ii F = penetration, to a few per cent: a start for Newton."""
-    own = system.compliance[i, i]
-    force = penetration / (own + abs(system.linear[i]) + system.logarithmic[i] + system.power[i])
+    self_compliance = system.own[i]
+    force = penetration / (self_compliance + abs(system.linear[i]) + system.logarithmic[i] + system.power[i])
     for _ in range(6):
         deflection, slope = law(system, i, force)
-        force = max(0.1 * force, force + (penetration - deflection - own * force) / (slope + own))
+        force = max(
+            0.1 * force, force + (penetration - deflection - self_compliance * force) / (slope + self_compliance)
+        )
     return force
 
 
@@ -182,31 +195,41 @@ def bearing_spring(system, clearance, work):
 
 @algebraic_part
 def add_deflection(system, i, work):
-    """Add the elastic deflection by contact i alone to that of every contact."""
-    row, f, elastic, depth = system.compliance[i], work.force[i], work.elastic, work.depth
-    for other in range(row.shape[0]):
-        elastic[other] += row[other] * f
-    for other in range(row.shape[0]):
-        depth[other] -= row[other] * f
+    """Add the elastic deflection by contact i alone to that of every contact of its block."""
+    b = system.block[i]
+    row, f = system.compliance[i], work.force[i]
+    elastic, depth = deflections_of(work.active, work, system.blocks[b])
+    for k in range(elastic.shape[0]):
+        elastic[k] += row[k] * f
+    for k in range(elastic.shape[0]):
+        depth[k] -= row[k] * f
+
+
+@algebraic_part
+def _bend(system, b, work):
+    """Elastic deflection of the contacts of a block by its active ones."""
+    part = part_of(work.active, work, b)
+    compliance, force, active, coupled = system.compliance, work.force, part.active, work.sizes[b, 1]
+    elastic = deflections_of(work.active, work, system.blocks[b]).elastic
+    for k in range(elastic.shape[0]):
+        elastic[k] = 0.0
+    for p in range(0, coupled - 1, 2):  # two at once save half of the stores
+        row, f = compliance[active[p]], force[active[p]]
+        contact, g = compliance[active[p + 1]], force[active[p + 1]]
+        for k in range(elastic.shape[0]):
+            elastic[k] += row[k] * f + contact[k] * g
+    if coupled % 2 == 1:
+        row, f = compliance[active[coupled - 1]], force[active[coupled - 1]]
+        for k in range(elastic.shape[0]):
+            elastic[k] += row[k] * f
 
 
 @algebraic_part
 def deflect(system, gap, work):
     """Elastic deflection of every contact, and the local one that is left: approach - gap - elastic."""
-    compliance, jacobian, motion = system.compliance, system.contact_jacobian, work.motion
-    elastic, depth, active, force = work.elastic, work.depth, work.active, work.force
-    for i in range(gap.shape[0]):
-        elastic[i] = 0.0
-    coupled = work.counts[1]
-    for p in range(0, coupled - 1, 2):  # two at once save half of the stores
-        row, f = compliance[active[p]], force[active[p]]
-        other, g = compliance[active[p + 1]], force[active[p + 1]]
-        for i in range(gap.shape[0]):
-            elastic[i] += row[i] * f + other[i] * g
-    if coupled % 2 == 1:
-        row, f = compliance[active[coupled - 1]], force[active[coupled - 1]]
-        for i in range(gap.shape[0]):
-            elastic[i] += row[i] * f
+    jacobian, motion, elastic, depth = system.contact_jacobian, work.motion, work.elastic, work.depth
+    for b in range(count(work.active)):
+        _bend(system, b, work)
     for i in range(gap.shape[0]):
         depth[i] = -gap[i] - elastic[i]
     for d in range(motion.shape[0]):
@@ -216,9 +239,8 @@ def deflect(system, gap, work):
 
 
 @algebraic_part
-def _logarithms(n, work):
+def _logarithms(n, inside, bits, logarithm, exponent):
     """Natural logarithms of the first n of ``inside`` to the last digits, several at once."""
-    inside, bits, logarithm, exponent = work.inside, work.bits, work.logarithm, work.column
     for j in range(n):
         logarithm[j] = inside[j]
     for j in range(n):
@@ -237,14 +259,15 @@ def _logarithms(n, work):
 
 
 @algebraic_part
-def misfit(system, work):
-    """Misfit of the deflection of every active contact, and the laws' tangents; returns the relative misfit."""
-    n, active, force, elastic, depth = work.counts[0], work.active, work.force, work.elastic, work.depth
-    inside, logarithm, miss, slope = work.inside, work.logarithm, work.miss, work.slope
+def _misfit_of_block(system, b, work):
+    """Misfits and tangents of the active contacts of a block; returns the largest misfit and deflection."""
+    part = part_of(work.active, work, b)
+    n, active, force, elastic, depth = work.sizes[b, 0], part.active, work.force, work.elastic, work.depth
+    inside, logarithm, miss, slope = part.inside, part.logarithm, part.miss, part.slope
     linear, logarithmic, power, limit = system.linear, system.logarithmic, system.power, system.limit
     for j in range(n):
         inside[j] = min(force[active[j]], limit[active[j]])
-    _logarithms(n, work)
+    _logarithms(n, inside, part.bits, logarithm, work.column)
     for j in range(n):
         miss[j] = inside[j] * (linear[active[j]] - logarithmic[active[j]] * logarithm[j])
     for j in range(n):
@@ -255,33 +278,44 @@ def misfit(system, work):
             powered = power[i] * inside[j] ** (system.exponent[i] - 1.0)
             miss[j] += inside[j] * powered
             slope[j] += system.exponent[i] * powered
-    largest, off = 1e-300, 0.0
+    largest, worst = 1e-300, 0.0
     for j in range(n):
         i = active[j]
         local = miss[j] + (force[i] - inside[j]) * slope[j]
         miss[j] = local - depth[i]
         largest = max(largest, local + elastic[i])
-        off = max(off, abs(miss[j]))
-    return off / largest
+        worst = max(worst, abs(miss[j]))
+    return worst, largest
+
+
+@algebraic_part
+def misfit(system, work):
+    """Misfit of the deflection of every active contact, and the laws' tangents; returns the relative misfit."""
+    deviation, largest = 0.0, 1e-300
+    for b in range(count(work.active)):
+        missing, deflection = _misfit_of_block(system, b, work)
+        deviation, largest = max(deviation, missing), max(largest, deflection)
+    return deviation / largest
 
 
 @algebraic_part
 def imbalance(system, friction, torque, work):
     """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms."""
-    n, active, force, balance = work.counts[0], work.active, work.force, work.balance
-    jacobian, relative = system.contact_jacobian, 0.0
+    force, balance, relative = work.force, work.balance, 0.0
     for d in range(balance.shape[0]):
         total = -torque if d == system.output else 0.0
         if system.planar and d < 2:
             total += work.spring[d]
         scale = abs(total)
-        row = jacobian[d]
-        for j in range(n):
-            term = row[active[j]] * force[active[j]]
-            total += term
-            scale += abs(term)
+        row = system.contact_jacobian[d]
+        for b in range(count(work.active)):
+            active = part_of(work.active, work, b).active
+            for j in range(work.sizes[b, 0]):
+                term = row[active[j]] * force[active[j]]
+                total += term
+                scale += abs(term)
         if friction is not None:
-            for k in range(work.counts[4]):
+            for k in range(work.counts[1]):
                 s = work.resisting[k]
                 term = friction.direction[s, d] * work.resistance[s]
                 total += term

@@ -7,6 +7,7 @@ Source: Simo, Hughes, Computational Inelasticity (1998), ch. 1.
 """
 
 from pipeline.model.compiled import algebraic_part
+from pipeline.model.equilibrium.blocks import count, part_of
 
 BRAKED = 0.1
 """A step ends where the power along it has fallen to this share of the one at its start."""
@@ -18,8 +19,10 @@ BRAKING_STEPS = 12
 def _carried(system, work):
     """Torque that the contacts carry to the output."""
     arm, total = system.contact_jacobian[system.output], 0.0
-    for j in range(work.counts[0]):
-        total += arm[work.active[j]] * work.force[work.active[j]]
+    for b in range(count(work.active)):
+        active = part_of(work.active, work, b).active
+        for j in range(work.sizes[b, 0]):
+            total += arm[active[j]] * work.force[active[j]]
     return total
 
 
@@ -48,7 +51,7 @@ def resist(system, friction, work):
         work.grip[s] = toward * friction.coefficient[s] if slips else 0.0
         work.resisting[resisting] = s
         resisting += 1
-    work.counts[4] = resisting
+    work.counts[1] = resisting
 
 
 @algebraic_part
@@ -59,20 +62,23 @@ def add_friction(system, friction, work):
     follows a contact's force or the torque carried, they belong to the balance as much as the contact's own push.
     """
     jacobian, tangent, step = system.contact_jacobian, work.tangent, work.step
-    active, position, output = work.active, work.position, system.output
+    position, output = work.position, system.output
     n_motions = step.shape[0]
     for d in range(n_motions):
         for e in range(d):
             tangent[e, d] = tangent[d, e]
-    for j in range(work.counts[0]):
-        position[active[j]] = j
+    for b in range(count(work.active)):
+        active = part_of(work.active, work, b).active
+        for j in range(work.sizes[b, 0]):
+            position[active[j]] = j
     carried, row = step[output] + work.balance[output], work.row
     for e in range(n_motions):
         row[e] = tangent[output, e]
-    for k in range(work.counts[4]):
+    for k in range(work.counts[1]):
         s = work.resisting[k]
         direction, stick, grip, i = friction.direction[s], work.stick[s], work.grip[s], friction.contact[s]
-        p = position[i] if i >= 0 else 0
+        p, b = (position[i], system.block[i]) if i >= 0 else (0, 0)
+        part = part_of(work.active, work, b)
         for d in range(n_motions):
             along = direction[d]
             if along == 0.0:
@@ -85,21 +91,21 @@ def add_friction(system, friction, work):
                 step[d] += along * grip * carried
                 for e in range(n_motions):
                     tangent[d, e] += along * grip * row[e]
-            elif p < work.counts[1]:
-                step[d] += along * grip * work.inside[p]
+            elif system.own[i] > 0.0:
+                step[d] += along * grip * part.inside[p]
                 for e in range(n_motions):
-                    tangent[d, e] += along * grip * work.projected[e, p]
+                    tangent[d, e] += along * grip * part.projected[e, p]
             else:
-                step[d] += along * grip * work.miss[p] / work.slope[p]
+                step[d] += along * grip * part.miss[p] / part.slope[p]
                 for e in range(n_motions):
-                    tangent[d, e] += along * grip * jacobian[e, i] / work.slope[p]
+                    tangent[d, e] += along * grip * jacobian[e, i] / part.slope[p]
 
 
 @algebraic_part
 def _work_rate(friction, length, work):
     """Power of the sliders along a share of the step, less that at its start."""
     rate = 0.0
-    for k in range(work.counts[4]):
+    for k in range(work.counts[1]):
         s = work.resisting[k]
         limit = friction.limit[s] + friction.coefficient[s] * abs(work.pressed[s] + length * work.press_step[s])
         trial = work.trial[s] + length * friction.stiffness[s] * work.slip_step[s]
@@ -114,21 +120,26 @@ def share_of_braking(system, friction, work):
     Along the step everything but the sliders is taken for linear. Sticking sliders that slip at its end, or slip back,
     make it overshoot; it ends where the power of all forces along it vanishes.
     """
-    if work.counts[4] == 0:
+    if work.counts[1] == 0:
         return 1.0
     jacobian, step, spring = system.contact_jacobian, work.step, work.spring
     start, slope, carried = 0.0, 0.0, 0.0
-    for j in range(work.counts[0]):
-        carried += jacobian[system.output, work.active[j]] * work.miss[j]
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        for j in range(work.sizes[b, 0]):
+            carried += jacobian[system.output, part.active[j]] * part.miss[j]
     for d in range(step.shape[0]):
         start += work.balance[d] * step[d]
-        for j in range(work.counts[0]):
-            slope += step[d] * jacobian[d, work.active[j]] * work.miss[j]
+        for b in range(count(work.active)):
+            part = part_of(work.active, work, b)
+            for j in range(work.sizes[b, 0]):
+                slope += step[d] * jacobian[d, part.active[j]] * part.miss[j]
     if system.planar:
         slope += step[0] * (spring[2] * step[0] + 2.0 * spring[3] * step[1]) + step[1] * spring[4] * step[1]
-    for k in range(work.counts[4]):
+    for k in range(work.counts[1]):
         s, i = work.resisting[k], friction.contact[work.resisting[k]]
-        work.press_step[s] = carried if i < 0 else work.miss[work.position[i]]
+        part = part_of(work.active, work, system.block[max(i, 0)])
+        work.press_step[s] = carried if i < 0 else part.miss[work.position[i]]
         work.slip_step[s] = 0.0
         for d in range(step.shape[0]):
             work.slip_step[s] += friction.direction[s, d] * step[d]

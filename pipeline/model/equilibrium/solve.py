@@ -26,11 +26,12 @@ import numpy as np
 from pipeline.model.compiled import algebraic_part, borrowing_entry
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
 from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
 from pipeline.model.equilibrium.primal_active_set import settle
 from pipeline.model.equilibrium.residual import Friction, System, workspace
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
 LARGEST_RISE = 2.5
@@ -59,32 +60,34 @@ class Equilibria:
 
 
 @algebraic_part
-def _extrapolate(torques, t, motions, forces, work):
+def _extrapolate(system, torques, t, motions, forces, work):
     """Start of step t: the two or three steps before with the same contacts, continued to its torque.
 
-    ``motions``, ``forces`` hold the solved steps; ``counts[3]`` of them, up to the last, have the contacts of that one.
+    ``motions``, ``forces`` hold the solved steps; ``counts[0]`` of them, up to the last, have the contacts of that one.
     """
-    points = min(work.counts[3], 3, t)
+    points = min(work.counts[0], 3, t)
     if points < 2:
         return
     weight = work.column
     for p in range(points):
         weight[p] = 1.0
-        for other in range(points):
-            if other != p:
-                weight[p] *= (torques[t] - torques[t - 1 - other]) / (torques[t - 1 - p] - torques[t - 1 - other])
+        for point in range(points):
+            if point != p:
+                weight[p] *= (torques[t] - torques[t - 1 - point]) / (torques[t - 1 - p] - torques[t - 1 - point])
     for d in range(work.motion.shape[0]):
         total = 0.0
         for p in range(points):
             total += weight[p] * motions[t - 1 - p, d]
         work.motion[d] = total
-    for j in range(work.counts[0]):
-        i = work.active[j]
-        total = 0.0
-        for p in range(points):
-            total += weight[p] * forces[t - 1 - p, i]
-        if total > 0.0:
-            work.force[i] = total
+    for b in range(count(work.active)):
+        part = part_of(work.active, work, b)
+        for j in range(work.sizes[b, 0]):
+            i = part.active[j]
+            total = 0.0
+            for p in range(points):
+                total += weight[p] * forces[t - 1 - p, i]
+            if total > 0.0:
+                work.force[i] = total
 
 
 @borrowing_entry
@@ -98,20 +101,20 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
         work.thrust[0] = 0.0
         reset(work)
         for t in range(torques.shape[0]):
-            _extrapolate(torques, t, motion[s], force[s], work)
+            _extrapolate(system, torques, t, motion[s], force[s], work)
             rise = torques[t] / torques[t - 1] if t > 0 else 1.0
-            between = int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0
+            interval = int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0
             iterations[s, t] = 0
-            for station in range(between + 1):  # on the way to a far torque, and it
+            for station in range(interval + 1):  # on the way to a far torque, and it
                 torque = torques[t]
-                if station < between:
-                    torque = torques[t - 1] * rise ** ((station + 1.0) / (between + 1.0))
-                taken, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
-                iterations[s, t] += taken
+                if station < interval:
+                    torque = torques[t - 1] * rise ** ((station + 1.0) / (interval + 1.0))
+                drawn, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
+                iterations[s, t] += drawn
                 if not residual[s, t] <= ACCEPTED:
                     start_within(system, None, torque, gap[s], clearance[s], work)
-                    taken, residual[s, t] = settle(system, None, torque, gap[s], clearance[s], work)
-                    iterations[s, t] += taken + INTERIOR_STEPS
+                    drawn, residual[s, t] = settle(system, None, torque, gap[s], clearance[s], work)
+                    iterations[s, t] += drawn + INTERIOR_STEPS
             for d in range(motion.shape[2]):
                 motion[s, t, d] = work.motion[d]
             for i in range(force.shape[2]):
@@ -120,35 +123,49 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
             if t > 0:
                 for i in range(gap.shape[1]):
                     changed += (force[s, t, i] > 0.0) != (force[s, t - 1, i] > 0.0)
-            work.counts[3] = work.counts[3] + 1 if changed == 0 else 1
+            work.counts[0] = work.counts[0] + 1 if changed == 0 else 1
 
 
-def system_of(reducer: Reducer, bearing: Bearing, laws: ContactLaws, compliance: Real, linear: bool = False) -> System:
-    """The equations' numbers, ``compliance`` (n_contacts, n_contacts) [mm/N] among them.
+def system_of(
+    reducer: Reducer, bearing: Bearing, laws: ContactLaws, compliance: Real, linear: bool = False
+) -> tuple[System, Index]:
+    """The equations' numbers, ``compliance`` (n_contacts, n_contacts) [mm/N] among them, and the order of its contacts.
 
     Of ``linear`` bearings without clearance the disks' translations are eliminated.
 
     Their give is then a compliance like the bodies'. Friction resists the translations, so that it leaves them in.
     """
     planar, eliminated = reducer.planar, 2 * reducer.n_disks if linear else 0
-    return System(
-        np.ascontiguousarray(reducer.contact_jacobian[:, eliminated:].T),
-        np.ascontiguousarray(compliance + planar @ planar.T / bearing.stiffness if linear else compliance),
-        *(laws.linear, laws.logarithmic, laws.power, laws.exponent, laws.force_limit),
+    blocks = coupled_blocks(compliance + planar @ planar.T / bearing.stiffness if linear else compliance)
+    jacobian = np.ascontiguousarray(reducer.contact_jacobian[blocks.order, eliminated:].T)
+    ordered = laws[blocks.order]
+    system = System(
+        jacobian,
+        blocks.compliance,
+        blocks.own,
+        blocks.ranges,
+        np.repeat(np.arange(len(blocks.ranges)), np.diff(blocks.ranges)[:, 0]),
+        np.array([np.any(jacobian[:, first:end], axis=1) for first, end in blocks.ranges]),
+        *(ordered.linear, ordered.logarithmic, ordered.power, ordered.exponent, ordered.force_limit),
         reducer.output_motion - eliminated,
-        not linear,
+        reducer.centred and not linear,
         float(bearing.stiffness),
         float(bearing.exponent),
     )
+    return system, blocks.order
 
 
-def friction_of(sliders: Sliders) -> Friction:
-    """The sliders' numbers, (n_sliders,) each but for their directions (n_sliders, n_motions)."""
+def friction_of(sliders: Sliders, place: Index) -> Friction:
+    """The sliders' numbers, (n_sliders,) each but for their directions (n_sliders, n_motions).
+
+    ``place`` (n_contacts,) of each contact in the system.
+    """
     direction, stiffness, limit, coefficient = (
         np.ascontiguousarray(values, dtype=float)
         for values in (sliders.direction, sliders.stiffness, sliders.limit, sliders.coefficient)
     )
-    return Friction(direction, stiffness, limit, coefficient, np.asarray(sliders.contact))
+    contact = np.asarray(sliders.contact)
+    return Friction(direction, stiffness, limit, coefficient, np.where(contact >= 0, place[contact], contact))
 
 
 def solve(
@@ -184,20 +201,20 @@ def solve(
     A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
     """
     clearance = of_each_disk(bearing_clearance, reducer.n_disks)
-    linear = bearing.exponent == 1 and not np.any(clearance)
-    if not linear and reducer.n_disks > 1:
+    linear = reducer.centred and bearing.exponent == 1 and not np.any(clearance)
+    if reducer.centred and not linear and reducer.n_disks > 1:
         raise ValueError(f"{reducer.n_disks} disks on bearings that are not linear or have a clearance")
     eliminated = 2 * reducer.n_disks if linear else 0
     n, n_contacts = gap.shape
     shape, n_motions = (n, len(torque)), len(reducer.motions) - eliminated
-    system = system_of(reducer, bearing, laws, compliance, linear)
+    system, order = system_of(reducer, bearing, laws, compliance, linear)
     motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
     _solve_batch(
         system,
-        workspace(n_motions, n_contacts, 0),
+        workspace(system, 0),
         np.asarray(torque, float),
-        np.ascontiguousarray(gap),
+        np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order]),
         np.ascontiguousarray(clearance[:, 0], dtype=float),
         np.ascontiguousarray(start[:, eliminated:]),
         motion,
@@ -205,6 +222,8 @@ def solve(
         iterations,
         residual,
     )
+    if len(system.blocks) > 1:
+        force = force[..., np.argsort(order)]
     if linear:
         motion = np.concatenate([-force @ reducer.planar / bearing.stiffness, motion], axis=2)
     residual[~np.all(np.isfinite(gap), axis=1)] = np.inf
