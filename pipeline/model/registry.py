@@ -7,7 +7,7 @@ from typing import Any
 
 
 def declarations(package: str, attribute: str, group: str) -> dict[str, Any]:
-    """The object ``attribute`` of every file of a package and of every entry point, by its ``name``.
+    """The object ``attribute`` of every file of a package, its rooms' too, and of every entry point, by its ``name``.
 
     Parameters
     ----------
@@ -21,8 +21,8 @@ def declarations(package: str, attribute: str, group: str) -> dict[str, Any]:
         If a registered object has the name of another one.
     """
     paths = importlib.import_module(package).__path__
-    names = sorted(file.name for file in pkgutil.iter_modules(paths) if not file.name.startswith("_"))
-    modules = [importlib.import_module(f"{package}.{name}") for name in names]
+    names = sorted(file.name for file in pkgutil.walk_packages(paths, f"{package}."))
+    modules = [importlib.import_module(name) for name in names if not name.rpartition(".")[2].startswith("_")]
     objects = {declared.name: declared for module in modules if (declared := getattr(module, attribute, None))}
     for entry in sorted(importlib.metadata.entry_points(group=group), key=lambda entry: entry.name):
         declared = entry.load()

@@ -46,22 +46,19 @@ def reducer_at(profile, crank, *, floats=False, slide_angle=0.5 * np.pi):
 
 def errors_of(profile, reducer, n=1, **given):
     """Zero errors but for those ``given`` [mm]: scalars or arrays."""
-    shapes = dict.fromkeys(("pin_radial", "pin_tangential", "pin_radius"), profile.pins) | {
-        "lobe": profile.lobes,
-        "lobe_pitch": profile.lobes,
-        "bore_runout": 2,
-        "roller_diameter": np.count_nonzero(reducer.contacts.kind == OUTPUT),
+    zero = Errors.zero(profile.pins, profile.lobes, np.count_nonzero(reducer.contacts.kind == OUTPUT), n)
+    shapes = {
+        name: np.broadcast_shapes(value.shape, np.shape(given.get(name, 0.0))) for name, value in vars(zero).items()
     }
-    values = {name: np.zeros((n, length)) + given.pop(name, 0.0) for name, length in shapes.items()}
-    values |= {name: np.zeros(n) + given.pop(name, 0.0) for name in ("eccentricity", "eccentric_phase")}
-    return Errors(**values, **given)
+    return Errors(**{name: np.zeros(shapes[name]) + given.get(name, 0.0) for name in shapes})
 
 
 def random_errors(profile, reducer, n, scale, rng, lobe_scale=None):
     zero = errors_of(profile, reducer, n)
     drawn = {name: scale * rng.uniform(-1, 1, value.shape) for name, value in vars(zero).items()}
     drawn["eccentric_phase"][:] = 0.0  # of one disk it only turns the crank
-    drawn["lobe_pitch"][:] = drawn["bore_runout"][:] = 0.0
+    for name in ("lobe_pitch", "bore_runout", "hole_diameter", "pin_off_hole", "pin_roundness"):
+        drawn[name][:] = 0.0  # each has tests of its own
     if lobe_scale is not None:
         drawn["lobe"] *= lobe_scale / scale
     return Errors(**drawn)

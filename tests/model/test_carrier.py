@@ -37,7 +37,7 @@ def carrier(cranks=2, backlash=0.0, rollers=16):
 def laws_of(mechanism, at, exponent=1.0):
     inputs = LawInputs(library()["hertz"], {}, STEEL, 15.0, 1.5, Bearing(K, exponent), 0.5)
     pins = LineContact(1 / (1 / 4.0 + at.pins.flank_curvature), 15.0, STEEL, STEEL)
-    return concatenated([inputs.law.on_mesh(pins, 4.0, 0.5), mechanism.laws(inputs)])
+    return concatenated([inputs.law.on_mesh(pins, 4.0, 0.5), mechanism.laws(inputs), mechanism.laws_behind()])
 
 
 @pytest.mark.parametrize("cranks", [2, 3])
@@ -90,10 +90,9 @@ def test_bearings_of_two_perfect_disks_carry_the_closed_form(cranks):
     load = np.eye(len(at.motions))[at.output_motion] * torque
     motion = np.linalg.solve(at.contact_jacobian.T @ (stiffness[:, None] * at.contact_jacobian), load)
     force = stiffness * (at.contact_jacobian @ motion)
-    of_disks = np.split(np.flatnonzero(at.contacts.kind == OUTPUT), 2)
     tangential = torque * PLANET * LOBES / (SUN + PLANET * 40) / (2 * cranks * 45.0)
     centres = mechanism.centres() * np.exp(1j * at.disks[0].rotation) / 45.0
-    for k, rows in enumerate(of_disks):
+    for k, rows in enumerate(at.output_rows):
         pins = at.disk_of_contact == k
         pins &= at.contacts.kind != OUTPUT
         on_pins = np.sum(force[pins] * at.contacts.normal[pins])

@@ -183,13 +183,16 @@ def test_influence_of_a_gap_is_the_difference_of_curves(bearing, clearance):
     drive = small_drive(2, seed=6, bearing=bearing, clearance=clearance)
     curve = backbone(drive, SHARES)
     influence, closed = curve.influence, curve.states.force > 0
-    same = np.all(closed[:, 1:] == closed[:, :-1], axis=2)
-    smooth = np.abs(curve.torque) > 0.05 * RATED
-    smooth = smooth & np.pad(same, ((0, 0), (1, 0))) & np.pad(same, ((0, 0), (0, 1)))
+    changes = np.any(closed[:, 1:] != closed[:, :-1], axis=2)
+    smooth = np.broadcast_to(np.abs(curve.torque) > 0.05 * RATED, curve.angle.shape).copy()
+    smooth[:, [0, -1]] = False  # where the slope is one-sided
+    for sample, interval in zip(*np.nonzero(changes), strict=True):
+        # the slope of a force that a contact just took over is steep: two nodes on either side are left out
+        smooth[sample, max(interval - 2, 0) : interval + 4] = False
     assert np.all(smooth.sum(axis=1) > 30)
     for contact in np.argsort(-curve.states.force.max(axis=(0, 1)))[:8]:
         misfit = influence[..., contact] - difference(drive, contact, 1e-3 * MICROMETRE)
-        assert np.max(np.abs(misfit[smooth])) < 1e-3 * np.abs(influence).max()
+        assert np.max(np.abs(misfit[smooth])) < 3e-4 * np.abs(influence).max()
 
 
 def test_influence_at_the_ends_of_play_is_that_of_the_first_pin():

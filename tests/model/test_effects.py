@@ -9,11 +9,12 @@ from reducers import ARCMIN, MICROMETRE, PAPER, SMALL
 
 from pipeline.identification.bench.instrument_effects import instrument_effects
 from pipeline.model.effects import Conditions, library
-from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_backlash import general_play, separated_play
 from pipeline.model.load_history.drive import backbone, torque_levels
 from pipeline.model.load_history.output_path import Ripple, condensed_path
+from pipeline.model.load_history.rayleigh import rayleigh_twist
 
 LIBRARY = library()
 EVERY = pytest.mark.parametrize("name", LIBRARY)
@@ -27,6 +28,8 @@ UNITS = {
     "s": "s",
     "um/(m K)": "um_per_m_K",
     "arcmin/h": "arcmin_per_h",
+    "arcmin/(N m)2": "arcmin_per_Nm2",
+    "1/K": "per_K",
 }
 SHARES = torque_levels(20, 1.05)
 MIDDLE = len(SHARES)
@@ -53,7 +56,7 @@ def test_texts_are_complete_and_names_are_known(name):
     assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
     assert effect.limit_case in {"", *ALL_NAMES}
     assert effect.starts in ("secants", "periods")
-    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL}
+    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE}
 
 
 @EVERY
@@ -329,3 +332,68 @@ def test_preload_closes_every_gap_of_the_pins():
     np.testing.assert_array_equal(more[:, n:], 0.0)
     thicker = put(drive, "pin_radius_error", 3.0).gap - drive.gap  # the same to the pins' gaps
     np.testing.assert_allclose(more[:, :n], thicker[:, :n], atol=1e-12)
+
+
+def test_rayleigh_loops_have_their_closed_area_and_forget_inner_loops():
+    """Area 4/3 eta T^3 (Rayleigh 1887); a minor loop closes and leaves no trace; the remanent twist is eta T^2 / 2."""
+    eta, top = 3e-9, 12e3
+    ramp = np.linspace(0.0, top, 4001)
+    cycle = np.concatenate([ramp, ramp[-2::-1], -ramp[1:], -ramp[-2::-1], ramp[1:]])
+    twist = rayleigh_twist(cycle, eta)
+    loop = slice(len(ramp) - 1, None)
+    area = abs(np.trapezoid(twist[loop], cycle[loop]))
+    assert area == pytest.approx(4 / 3 * eta * top**3, rel=1e-6)
+    assert twist[len(ramp) - 1] == twist[-1] == pytest.approx(eta * top**2)
+    assert twist[2 * len(ramp) - 2] == pytest.approx(0.5 * eta * top**2)
+    inner = rayleigh_twist(
+        np.array([0.0, top, -0.5 * top, 0.3 * top, -0.2 * top, 0.3 * top, -0.5 * top, 0.8 * top]), eta
+    )
+    direct = rayleigh_twist(np.array([0.0, top, -0.5 * top, 0.8 * top]), eta)
+    assert inner[-1] == pytest.approx(direct[-1], rel=1e-12)
+
+
+def test_rayleigh_is_the_sum_of_plays_of_every_width():
+    """Preisach's model of constant density, along random torques, by brute force."""
+    eta, torque = 2e-9, np.cumsum(np.random.default_rng(3).normal(0, 4e3, 60))
+    half = np.max(np.abs(torque)) * (np.arange(4000) + 0.5) / 4000
+    inside, summed = np.zeros(4000), []
+    for load in torque:
+        inside = np.clip(inside, load - half, load + half)
+        summed.append(2 * eta * (half[1] - half[0]) * inside.sum())
+    np.testing.assert_allclose(rayleigh_twist(torque, eta), summed, rtol=1e-4, atol=1e-5 * np.max(np.abs(summed)))
+
+
+def test_a_softer_modulus_is_that_of_the_parts():
+    """The curve with compliance and contact laws of the softer material, solved anew, at the same torques."""
+    drive, loss, warm = small_drive(), 0.01, 30.0
+    made = put(drive, "modulus_temperature", loss, conditions=Conditions(np.zeros(1), np.array([warm])))
+    factor = made.stiffening(0)
+    assert factor == pytest.approx(1 - loss * warm)
+    laws = drive.laws
+    soft = replace(
+        laws,
+        linear=laws.linear / factor + laws.logarithmic * np.log(factor) / factor,
+        logarithmic=laws.logarithmic / factor,
+        power=laws.power / factor**laws.exponent,
+    )
+    bearing = replace(drive.bearing, stiffness=drive.bearing.stiffness * factor)
+    parts = replace(drive, laws=soft, compliance=drive.compliance / factor, bearing=bearing)
+    ours, theirs = backbone(drive, SHARES), backbone(parts, factor * SHARES)
+    np.testing.assert_allclose(theirs.angle, ours.angle, rtol=1e-6, atol=1e-9)
+
+
+def test_friction_of_drive_and_backdrive_is_that_of_the_walk_row_by_row():
+    """While the load rises T = (1 + a) carried, while it falls (1 - b) carried; alike, it is load_friction."""
+    drive, loading, unloading = small_drive(play=0.0), 0.3, 0.1
+    made = put(drive, "directional_load_friction", loading, unloading)
+    leaning = 1 + made.lean
+    nodes, angles = np.linspace(-2, 2, 41) * RATED, np.linspace(-2, 2, 41) * 1e-3
+    torque = RATED * np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0.2, 50)])
+    _, taken = condensed_path(torque, leaning * nodes, angles, made.sliders.of_scaled_load(leaning), Ripple())
+    carried = taken / leaning
+    assert carried[49] == pytest.approx(RATED / (1 + loading), rel=1e-2)
+    assert carried[-1] == pytest.approx(0.2 * RATED / (1 - unloading), rel=1e-2)
+    alike = put(drive, "directional_load_friction", 0.2, 0.2)
+    plain = put(drive, "load_friction", 0.2)
+    assert alike.lean == 0.0
+    np.testing.assert_array_equal(alike.sliders.coefficient, plain.sliders.coefficient)

@@ -1,11 +1,18 @@
 """Output pins in holes of the disk: geometry, gaps, rigid play and balance against circles and closed forms."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from drives import drive_with
 from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
 
-from pipeline.config.mechanisms.pin_in_hole import PinInHole
+from pipeline import assembly
+from pipeline.config import load_study
+from pipeline.config.cases import Case
+from pipeline.config.distributions import library
+from pipeline.config.mechanisms.pin_in_hole import Bush, PinInHole
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import exact_gaps, gaps
@@ -13,6 +20,9 @@ from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import OUTPUT, Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
+from pipeline.sampling import draw
+
+ROOT = Path(__file__).parents[2]
 
 EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
 CLEARANCE = 4e-3
@@ -165,3 +175,71 @@ def test_output_pins_balance_the_torque_and_their_resultant_loads_the_bearing_al
     spring = 1e5 * (states.motion[..., 0] + 1j * states.motion[..., 1])
     np.testing.assert_allclose(on_disk, spring, atol=1e-5 * np.abs(spring).max())
     assert np.ptp(ARCMIN * states.motion[..., at.output_motion]) > 1
+
+
+@CASES
+def test_errors_of_holes_and_places_of_pins_are_those_of_the_circles(profile, pins, crank):
+    mechanism, at = reducer_at(profile, pins, crank)
+    rng = np.random.default_rng(7)
+    shape = (3, pins)
+    way = 1e-2 * (rng.uniform(-1, 1, shape) + 1j * rng.uniform(-1, 1, shape))
+    diameter, eccentricity = 1e-2 * rng.uniform(-1, 1, shape), 1e-2 * rng.uniform(-1, 1, 3)
+    errors = errors_of(profile, at, 3, pin_off_hole=way, hole_diameter=diameter, eccentricity=eccentricity)
+    reading = {"disk_reading": "radial", "roller_reading": "half_diameter"}
+    exact = gaps(profile, at, errors, method="exact", **reading)[:, profile.pins :]
+    first = gaps(profile, at, errors, method="first_order", **reading)[:, profile.pins :]
+    turn = np.exp(-1j * crank / profile.lobes)
+    for k in range(3):
+        shift = eccentricity[k] * np.exp(1j * crank)
+        holes, centres = hole_and_pin(profile, mechanism, crank, (shift.real, shift.imag, 0, 0))
+        room = mechanism.hole_radius(profile.eccentricity) + diameter[k] / 2 - mechanism.pin_radius_mm
+        np.testing.assert_allclose(exact[k], room - np.abs(holes - centres - turn * way[k]), atol=1e-14)
+    across = np.abs(way) ** 2 / (2 * (profile.eccentricity - 0.02))
+    assert np.all(np.abs(exact - first) <= across)
+    assert np.abs(exact - first).max() > 0.1 * across.max()
+
+
+def test_holes_of_each_disk_are_its_own_and_pins_are_shared():
+    study = load_study("two_disks", ROOT)
+    names = ("output_pin_position", "hole_position")
+    zone = {"distribution": "uniform_in_disc", "radius_um": 10.0}
+    wide = {name: library()["uniform_in_disc"].model_validate(zone) for name in names}
+    wide["hole_diameter"] = library()["uniform"](distribution="uniform", lower_um=0.0, upper_um=18.0)
+    study = study.model_copy(update={"tolerances": study.tolerances.model_copy(update=wide)})
+    sampled = draw(study, 1, 4)
+    pins, holes = (
+        getattr(sampled, f"{name}_amplitude") * np.exp(1j * getattr(sampled, f"{name}_phase")) for name in names
+    )
+    errors, n = assembly.errors(sampled), study.design.output.pins
+    assert (pins.shape, holes.shape) == ((3, n), (3, 2 * n))
+    assert len(np.unique(np.abs(holes))) == 6 * n
+    for disk in (0, 1):
+        of_disk = errors.of_disk(disk)
+        np.testing.assert_allclose(of_disk.pin_off_hole, 1e-3 * (pins - holes[:, disk * n : (disk + 1) * n]))
+        np.testing.assert_allclose(of_disk.hole_diameter, 1e-3 * sampled.hole_diameter[:, disk * n : (disk + 1) * n])
+    at = assembly.reducer(study.design, 40.0)
+    gap = gaps(assembly.profile(study.design), at, errors, **dict(study.clearance))
+    narrow = replace(errors, pin_off_hole=0 * errors.pin_off_hole, hole_diameter=0 * errors.hole_diameter)
+    added = gap - gaps(assembly.profile(study.design), at, narrow, **dict(study.clearance))
+    for disk, rows in enumerate(at.output_rows):
+        along = np.conj(at.contacts.normal[rows]) * np.exp(1j * at.disks[disk].rotation)
+        expected = np.real(along * errors.pin_off_hole[:, disk]) + errors.hole_diameter[:, disk] / 2
+        np.testing.assert_allclose(added[:, rows], expected, atol=4e-4 * 0.5)
+        assert np.abs(added[:, rows] - expected).max() > 1e-8
+
+
+def test_a_bush_that_fits_looser_counts_as_a_smaller_one():
+    study = load_study("pin_in_hole", ROOT)
+    bush = Bush(outer_radius_mm=study.design.output.pin_radius_mm, clearance_um=20.0, material="steel")
+    thinner = {"bush": bush, "pin_radius_mm": bush.outer_radius_mm - 2.0}
+    design = study.design.model_copy(update={"output": study.design.output.model_copy(update=thinner)})
+    case = {"bush_bore": 6.0, "output_pin_diameter": -4.0, "roller_diameter": -1.0}
+    samples = study.samples.model_copy(update={"experiment": "cases", "count": 1, "nominal_first": False})
+    listed = study.model_copy(
+        update={"design": design, "cases": (Case.model_validate({"label": "loose", **case}),), "samples": samples}
+    )
+    errors = assembly.errors(draw(listed, 0, 1))
+    np.testing.assert_allclose(errors.roller_diameter, -11e-3)
+    at = assembly.reducer(design, 0.0)
+    gap = gaps(assembly.profile(design), at, errors, **dict(study.clearance))[0, at.output_rows[0]]
+    np.testing.assert_allclose(gap, at.contacts.gap[at.output_rows[0]] + 5.5e-3, atol=1e-14)

@@ -8,7 +8,7 @@ the slider has none; where it is held, the anchor follows. Sliders in parallel w
 Source: Jenkins' element and Iwan's parallel arrangement (J. Appl. Mech. 33 (1966) 893).
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -58,6 +58,10 @@ class Sliders:
         """Those that can resist at all."""
         able = (self.limit > 0) | (self.coefficient > 0)
         return Sliders(*(getattr(self, f.name)[able] for f in fields(Sliders)))
+
+    def of_scaled_load(self, factor: float) -> "Sliders":
+        """The sliders where the load that presses on them is written ``factor`` times as large."""
+        return self if factor == 1.0 else replace(self, coefficient=self.coefficient / factor)
 
     def joined(self, other: "Sliders") -> "Sliders":
         """These and the others."""

@@ -162,8 +162,8 @@ def in_series(first: ContactLaws, second: ContactLaws) -> ContactLaws:
     ValueError
         If both have a power of the force, and not the same.
     """
-    both = (first.power > 0) & (second.power > 0)
-    if np.any(both & (first.exponent != second.exponent)):
+    pair = (first.power > 0) & (second.power > 0)
+    if np.any(pair & (first.exponent != second.exponent)):
         raise ValueError("laws of two different powers of the force are no such law in series")
     return ContactLaws(
         linear=first.linear + second.linear,
@@ -184,6 +184,11 @@ def scaled(laws: ContactLaws, factor: float) -> ContactLaws:
 def concatenated(laws: list[ContactLaws]) -> ContactLaws:
     """The laws of several groups of contacts in one record, in the order given."""
     return ContactLaws(*(np.concatenate([getattr(group, f.name) for group in laws]) for f in fields(ContactLaws)))
+
+
+def no_laws() -> ContactLaws:
+    """The laws of no contacts."""
+    return ContactLaws(*(np.zeros(0) for _ in fields(ContactLaws)))
 
 
 @dataclass(frozen=True)

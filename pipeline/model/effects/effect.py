@@ -11,9 +11,9 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.registry import declarations
 
-CRANKS, CYCLES, TIME, TEMPERATURE, STILL = "cranks", "cycles", "time", "temperature", "still"
+CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE = "cranks", "cycles", "time", "temperature", "still", "rate"
 """What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
-varies, a crank that stays within half a pitch of the pins."""
+varies, a crank that stays within half a pitch of the pins, a rate of the torque that changes (or a dwell)."""
 
 ENTRY_POINTS = "cycloid_effects"
 """Group in which an installed package registers effects of its own (name = "module:EFFECT")."""

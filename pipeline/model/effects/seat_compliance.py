@@ -17,8 +17,8 @@ def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Dri
 
 def _bounds(drive: Drive) -> tuple[tuple[float, float], ...]:
     share = drive.rated_torque / (0.25 * np.sum(np.abs(drive.reducer.pins.arm)))
-    own = drive.laws.compliance(np.full(len(drive.laws), share))[0]
-    return ((0.0, 2e4 * own),)
+    specific = drive.laws.compliance(np.full(len(drive.laws), share))[0]
+    return ((0.0, 2e4 * specific),)
 
 
 EFFECT = Effect(

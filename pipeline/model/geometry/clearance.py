@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.model.compiled import entry
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
 from pipeline.model.geometry.deviating_distances import deviating_distances
 from pipeline.model.geometry.drawn_flank import deviation_table, material_off
 from pipeline.model.geometry.flank_modification import NOMINAL
 from pipeline.model.geometry.foot_points import pin_distances, valleys
-from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose, Reducer
+from pipeline.model.geometry.out_of_round import ORDERS, exact_closing, first_order_closing
+from pipeline.model.geometry.reducer import Contacts, DiskPose, Reducer
 
 DISK_READINGS = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}
 """What a disk profile error of 1 is at the flank: a shift of the pin circle that generates it (radial; half of
@@ -38,6 +39,11 @@ class Errors:
         of the lobes' height, counterclockwise positive.
     bore_runout : (n, 2) way of the flank's centre from the bore's in the disk's frame, of every disk alike.
     eccentric_phase : (n,) or (n, n_disks) way of the eccentric's centre around the crank, counterclockwise positive.
+    hole_diameter : (n, n_outputs) or (n, n_disks, n_outputs) of the hole about each output contact, larger positive.
+    pin_off_hole : (n, n_outputs) or (n, n_disks, n_outputs) complex, way of each output pin's axis from its true place
+        against that of its hole, in the frame that turns with the output.
+    pin_roundness : (n, n_pins, 2) complex, waves of order 2 and 3 around each pin: its radius in the direction theta is
+        larger by the real part of the first times exp(2 i theta) and of the second times exp(3 i theta).
     """
 
     pin_radial: Real
@@ -49,6 +55,23 @@ class Errors:
     eccentric_phase: Real
     lobe_pitch: Real
     bore_runout: Real
+    hole_diameter: Real
+    pin_off_hole: Complex
+    pin_roundness: Complex
+
+    @classmethod
+    def zero(cls, pins: int, lobes: int, outputs: int, n: int = 1) -> "Errors":
+        """No errors in ``n`` samples, of so many pins, lobes and output contacts of a disk."""
+        widths = {"pin_radial": pins, "pin_tangential": pins, "pin_radius": pins, "lobe": lobes, "lobe_pitch": lobes}
+        widths |= {"roller_diameter": outputs, "bore_runout": 2, "hole_diameter": outputs}
+        values = {name: np.zeros((n, width)) for name, width in widths.items()}
+        return cls(
+            **values,
+            eccentricity=np.zeros(n),
+            eccentric_phase=np.zeros(n),
+            pin_off_hole=np.zeros((n, outputs), complex),
+            pin_roundness=np.zeros((n, pins, len(ORDERS)), complex),
+        )
 
     def of_disk(self, disk: int) -> "Errors":
         """The errors as one disk meets them: its own, and those of the parts that all disks share."""
@@ -58,7 +81,27 @@ class Errors:
             eccentricity=_of_disk(self.eccentricity, disk),
             eccentric_phase=_of_disk(self.eccentric_phase, disk),
             lobe_pitch=_of_disk(self.lobe_pitch, disk, axes=2),
+            hole_diameter=_of_disk(self.hole_diameter, disk, axes=2),
+            pin_off_hole=_of_disk(self.pin_off_hole, disk, axes=2),
         )
+
+
+def after_turns(errors: Errors, lobes: int) -> Errors:
+    """One unit after 0, 1, ... turns of the crank as ``lobes`` units at the same crank angle, one disk in each.
+
+    Notes
+    -----
+    With every turn the disk goes on by a lobe, clockwise, as its lobes are numbered: a pin meets the lobe before the
+    last one, and the flank's run-out has turned with the disk.
+    """
+    repeated = {name: np.repeat(values, lobes, axis=0) for name, values in vars(errors).items()}
+    rolled = {name: np.stack([np.roll(getattr(errors, name)[0], k) for k in range(lobes)]) for name in _OF_LOBES}
+    turned = (errors.bore_runout @ np.array([1, 1j])) * np.exp(-2j * np.pi * np.arange(lobes) / lobes)
+    return Errors(**(repeated | rolled | {"bore_runout": np.stack([turned.real, turned.imag], axis=1)}))
+
+
+_OF_LOBES = ("lobe", "lobe_pitch")
+"""Errors of each lobe."""
 
 
 def _of_disk(values: Real, disk: int, axes: int = 1) -> Real:
@@ -99,12 +142,12 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
     eccentric = np.real(np.conj(pins.normal) * np.exp(1j * reducer.crank))
     before, behind = pin_lobes(profile, reducer)
     at_root = np.isclose(pins.phase, 0.0, atol=1e-9)
-    own = np.where(pins.phase < 0, before, behind)
+    met_flank = np.where(pins.phase < 0, before, behind)
     gap = _first_order_gaps(
         DISK_READINGS[disk_reading],
         errors.lobe,
-        np.where(at_root, before, own),
-        np.where(at_root, behind, own),
+        np.where(at_root, before, met_flank),
+        np.where(at_root, behind, met_flank),
         np.ones(len(along)) if disk_reading == "normal" else -along,
         errors.pin_radial,
         along,
@@ -114,24 +157,24 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
         errors.eccentricity,
         eccentric,
     )
-    gap += pins.arm * _lobe_turns(profile, errors)[:, own]
+    gap += pins.arm * _lobe_turns(profile, errors)[:, met_flank]
     if profile.modification == NOMINAL:
         return gap
     modification = profile.modification
-    deviation = material_off(profile, own, pins.phase)
+    deviation = material_off(profile, met_flank, pins.phase)
     return gap + (modification.equidistant + modification.moved_distance * along + deviation)
 
 
 @entry
 def _first_order_gaps(
-    reading, lobe, one, other, off, radial, along, tangential, across, radius, eccentricity, eccentric
+    reading, lobe, lobe_before, other, lobe_error, radial, along, tangential, across, radius, eccentricity, eccentric
 ):
-    """See ``first_order_gaps``; lobes ``one`` and ``other`` of every pin, by which the nearer flank counts."""
+    """See ``first_order_gaps``; lobes ``lobe_before`` and ``other`` of every pin, by which the nearer flank counts."""
     n, n_pins = radial.shape
     gap = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
-            shared = reading * min(lobe[s, one[i]], lobe[s, other[i]]) * off[i]
+            shared = reading * min(lobe[s, lobe_before[i]], lobe[s, other[i]]) * lobe_error[i]
             placed = shared - along[i] * radial[s, i] - across[i] * tangential[s, i]
             gap[s, i] = placed - radius[s, i] + eccentric[i] * eccentricity[s]
     return gap
@@ -190,6 +233,31 @@ def output_gaps(contacts: Contacts, eccentricity: float, errors: Errors, roller_
     return contacts.gap - share * errors.roller_diameter + farther
 
 
+def hole_gaps(contacts: Contacts, disk: DiskPose, errors: Errors, method: str) -> Real:
+    """What errors of holes and of the output pins' places add to the gaps (n, n_output_contacts) [mm].
+
+    Parameters
+    ----------
+    contacts : of the disk with the output, pins in its holes.
+    disk : where it stands.
+    errors : of the disk.
+    method : ``"exact"`` or ``"first_order"``.
+
+    Notes
+    -----
+    A hole's axis stands off its pin's by the eccentricity e along the contact's normal u; with the pin moved by v
+    against the hole it is |e u - v|, to first order e - u.v. The normal turns by some v/e, which changes arms to second
+    order and is left out.
+    """
+    travel = errors.pin_off_hole * np.exp(1j * disk.rotation) * np.conj(contacts.normal)
+    if method == "exact":
+        radius = np.hypot(disk.eccentricity + errors.eccentricity, errors.eccentric_phase)[:, None]
+        farther = radius - np.abs(radius - travel)
+    else:
+        farther = travel.real
+    return farther + 0.5 * errors.hole_diameter
+
+
 def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
     """The errors of a disk with its eccentric where it belongs, and the pins moved against the way that it went.
 
@@ -199,8 +267,8 @@ def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
     """
     if not np.any(errors.eccentric_phase):
         return errors
-    way = np.conj(disk.pins.centre / np.abs(disk.pins.centre)) * -1j * np.exp(1j * disk.crank)
-    along, across = (np.multiply.outer(errors.eccentric_phase, part) for part in (way.real, way.imag))
+    travel = np.conj(disk.pins.centre / np.abs(disk.pins.centre)) * -1j * np.exp(1j * disk.crank)
+    along, across = (np.multiply.outer(errors.eccentric_phase, part) for part in (travel.real, travel.imag))
     return replace(errors, pin_radial=errors.pin_radial + along, pin_tangential=errors.pin_tangential + across)
 
 
@@ -215,8 +283,18 @@ def _with_pins_off_centre(disk: DiskPose, errors: Errors) -> Errors:
     if not np.any(errors.bore_runout):
         return errors
     moved = (errors.bore_runout[:, 0] + 1j * errors.bore_runout[:, 1]) * np.exp(1j * disk.rotation)
-    way = -np.multiply.outer(moved, np.conj(disk.pins.centre / np.abs(disk.pins.centre)))
-    return replace(errors, pin_radial=errors.pin_radial + way.real, pin_tangential=errors.pin_tangential + way.imag)
+    travel = -np.multiply.outer(moved, np.conj(disk.pins.centre / np.abs(disk.pins.centre)))
+    return replace(
+        errors, pin_radial=errors.pin_radial + travel.real, pin_tangential=errors.pin_tangential + travel.imag
+    )
+
+
+def _closing(profile: CycloidProfile, disk: DiskPose, errors: Errors, method: str) -> Real:
+    """What pins out of round take of their gaps (n, n_pins) [mm]; ``errors`` of the disk, the pins moved."""
+    if method == "first_order":
+        return first_order_closing(disk, errors.pin_roundness)
+    moved = errors.pin_radial, errors.pin_tangential, errors.eccentricity
+    return exact_closing(profile, disk, moved, errors.pin_roundness)
 
 
 def gaps(
@@ -239,18 +317,26 @@ def gaps(
     Raises
     ------
     ValueError
-        If there is not one roller error for each contact of the output.
+        If there is not one roller error for each contact of the output with a disk, and for each behind all disks.
     """
     of_pins = {"exact": exact_gaps, "first_order": first_order_gaps}[method]
-    of_outputs = np.split(np.flatnonzero(reducer.contacts.kind == OUTPUT), reducer.n_disks)
-    if errors.roller_diameter.shape[1] != len(of_outputs[0]):
-        raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {len(of_outputs[0])} rollers")
+    rollers = len(reducer.output_rows[0]), reducer.n_behind
+    if errors.roller_diameter.shape[1] != sum(rollers):
+        raise ValueError(f"{errors.roller_diameter.shape[1]} roller errors for {sum(rollers)} rollers")
+    of_rollers, of_behind = np.split(errors.roller_diameter, rollers[:1], axis=1)
     parts = []
     for number, disk in enumerate(reducer.disks):
         of_disk = _with_pins_turned(disk, errors.of_disk(number))
         of_disk = _with_pins_off_centre(disk, of_disk)
-        parts.append(of_pins(profile, disk, of_disk, disk_reading))
-    for number, rows in enumerate(of_outputs):
+        gap = of_pins(profile, disk, of_disk, disk_reading)
+        parts.append(gap - _closing(profile, disk, of_disk, method) if np.any(errors.pin_roundness) else gap)
+    behind = np.arange(len(reducer.contacts) - reducer.n_behind, len(reducer.contacts))
+    groups = [*((number, rows, of_rollers) for number, rows in enumerate(reducer.output_rows)), (0, behind, of_behind)]
+    for number, rows, diameters in groups:
+        of_disk = replace(errors.of_disk(number), roller_diameter=diameters)
         contacts = reducer.contacts.some(rows)
-        parts.append(output_gaps(contacts, profile.eccentricity, errors.of_disk(number), roller_reading))
+        gap = output_gaps(contacts, profile.eccentricity, of_disk, roller_reading)
+        if len(rows) and (np.any(of_disk.pin_off_hole) or np.any(of_disk.hole_diameter)):
+            gap = gap + hole_gaps(contacts, reducer.disks[number], of_disk, method)
+        parts.append(gap)
     return np.hstack(parts)

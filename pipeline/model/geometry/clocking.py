@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.model.geometry.cycloid_profile import Complex, Index
 
 COINCIDENT = 1e-9
-"""Distance of holes that coincide, over the radius of their circle."""
+"""Distance of holes or contacts that coincide, over the radius of their circle."""
 
 
 @dataclass(frozen=True)
@@ -18,12 +18,10 @@ class Clocking:
     ----------
     turned : rotation of its holes [rad] from those of the first disk.
     lobes : whole lobes by which the first disk, turned on, has its holes there too; None where no turn does.
-    holes : hole of the first disk, turned by the lobes, that is in the place of each of its own (n_holes,).
     """
 
     turned: float
     lobes: int | None
-    holes: Index
 
     @property
     def first_part(self) -> bool:
@@ -41,9 +39,22 @@ def clocking(centres: Complex, lobes: int, disk: int, count: int) -> Clocking:
     """
     pitch = 2 * np.pi / lobes
     turned = pitch * disk / count
-    for whole in range(lobes):
-        places = centres * np.exp(1j * (turned + pitch * whole))
+    for lobes_turned in range(lobes):
+        places = centres * np.exp(1j * (turned + pitch * lobes_turned))
         distance = np.abs(places[:, None] - centres)
         if np.all(np.min(distance, axis=1, initial=np.inf) <= COINCIDENT * np.max(np.abs(centres), initial=0.0)):
-            return Clocking(turned, whole, np.argmin(distance, axis=1) if len(centres) else np.zeros(0, int))
-    return Clocking(turned, None, np.arange(len(centres)))
+            return Clocking(turned, lobes_turned)
+    return Clocking(turned, None)
+
+
+def same_places(points: Complex, of_first: Complex) -> Index | None:
+    """Which of the first disk's contacts stands where each of a disk's does; None where some stand elsewhere.
+
+    Parameters
+    ----------
+    points, of_first : (n,) of both disks' contacts [mm], each from its disk's centre.
+    """
+    distance = np.abs(points[:, None] - of_first)
+    places = np.argmin(distance, axis=1)
+    nearest_distance = distance[np.arange(len(points)), places]
+    return places if np.all(nearest_distance <= COINCIDENT * np.max(np.abs(points))) else None

@@ -46,11 +46,11 @@ def _half_slope(psi, gear, offset, cubics, sense, cx, cy):
     pins, circle, eccentricity = gear
     steps = cubics.shape[0]
     per_psi = sense * (pins - 1) * steps / (2 * np.pi)
-    place = per_psi * psi if sense > 0 else steps + per_psi * psi
-    step = int(min(max(np.floor(place), 0), steps - 1))
-    t = place - step
+    station = per_psi * psi if sense > 0 else steps + per_psi * psi
+    step = int(min(max(np.floor(station), 0), steps - 1))
+    t = station - step
     b, c, d = cubics[step, 1], cubics[step, 2], cubics[step, 3]
-    off = offset + cubics[step, 0] + t * (b + t * (c + t * d))
+    deviation = offset + cubics[step, 0] + t * (b + t * (c + t * d))
     sx, sy = circle * np.cos(psi), circle * np.sin(psi)
     fx, fy = eccentricity * np.cos(pins * psi), eccentricity * np.sin(pins * psi)
     mx, my = pins * fx - sx, pins * fy - sy
@@ -58,8 +58,8 @@ def _half_slope(psi, gear, offset, cubics, sense, cx, cy):
     nx, ny = mx / length, my / length
     # The derivative of m is i (N^2 f - s); its part across m turns the normal.
     turning = (nx * (pins * pins * fx - sx) + ny * (pins * pins * fy - sy)) / length
-    along, across = per_psi * (b + t * (2 * c + 3 * t * d)), off * turning - length
-    x, y = sx - fx + off * nx - cx, sy - fy + off * ny - cy
+    along, across = per_psi * (b + t * (2 * c + 3 * t * d)), deviation * turning - length
+    x, y = sx - fx + deviation * nx - cx, sy - fy + deviation * ny - cy
     return along * (x * nx + y * ny) + across * (y * nx - x * ny), np.sqrt(x * x + y * y)
 
 
@@ -68,57 +68,59 @@ def _least(low, high, gear, offset, cubics, sense, cx, cy):
     """Least distance of c from the flank between psi = low and high, about a single minimum."""
     falling, near_low = _half_slope(low, gear, offset, cubics, sense, cx, cy)
     rising, near_high = _half_slope(high, gear, offset, cubics, sense, cx, cy)
-    least = min(near_low, near_high)
+    smallest = min(near_low, near_high)
     if falling >= 0.0 or rising <= 0.0:
-        return least
+        return smallest
     for step in range(SECANTS + BISECTIONS):
         middle = (low * rising - high * falling) / (rising - falling) if step < SECANTS else 0.5 * (low + high)
         slope, distance = _half_slope(middle, gear, offset, cubics, sense, cx, cy)
-        least = min(least, distance)
+        smallest = min(smallest, distance)
         if slope == 0.0 or high - low <= SETTLED:
             break
         if slope < 0.0:
             low, falling, rising = middle, slope, 0.5 * rising
         else:
             high, rising, falling = middle, slope, 0.5 * falling
-    return least
+    return smallest
 
 
 @part
-def _scanned(first, last, by, points, circle, offset, cubics, sense, cx, cy, far):
-    """Fill ``far`` with the distance of c from the points ``first`` to ``last`` of the scan; the least."""
-    steps, least = cubics.shape[0], np.inf
+def _scanned(first, last, by, points, circle, offset, cubics, sense, cx, cy, distances):
+    """Fill ``distances`` with the distance of c from the points ``first`` to ``last`` of the scan; the least."""
+    steps, smallest = cubics.shape[0], np.inf
     for k in range(first, last + 1, by):
         # The deviation at the end of a cubic; that of the lobe's end is its first one's of the next lobe.
         step = k if sense > 0 else steps - k
         if step < steps:
-            off = offset + cubics[step, 0]
+            deviation = offset + cubics[step, 0]
         else:
-            off = offset + cubics[steps - 1, 0] + cubics[steps - 1, 1] + cubics[steps - 1, 2] + cubics[steps - 1, 3]
-        x = circle * points[1, k] - points[3, k] + off * points[5, k] - cx
-        y = circle * points[2, k] - points[4, k] + off * points[6, k] - cy
-        far[k] = np.sqrt(x * x + y * y)
-        least = min(least, far[k])
-    return least
+            deviation = (
+                offset + cubics[steps - 1, 0] + cubics[steps - 1, 1] + cubics[steps - 1, 2] + cubics[steps - 1, 3]
+            )
+        x = circle * points[1, k] - points[3, k] + deviation * points[5, k] - cx
+        y = circle * points[2, k] - points[4, k] + deviation * points[6, k] - cy
+        distances[k] = np.sqrt(x * x + y * y)
+        smallest = min(smallest, distances[k])
+    return smallest
 
 
 @part
-def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, far):
+def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distances):
     """Least distance of c from one side of a valley."""
     last, circle = points.shape[1] - 1, gear[1]
-    best = _scanned(0, last, COARSE, points, circle, offset, cubics, sense, cx, cy, far)
+    best = _scanned(0, last, COARSE, points, circle, offset, cubics, sense, cx, cy, distances)
     for block in range(chords.shape[0]):
         first, end = block * COARSE, (block + 1) * COARSE
-        if 0.5 * (far[first] + far[end] - chords[block]) > best:
+        if 0.5 * (distances[first] + distances[end] - chords[block]) > best:
             continue
         from_k, to_k = max(first - 1, 0), min(end + 1, last)
-        best = min(best, _scanned(from_k, to_k, 1, points, circle, offset, cubics, sense, cx, cy, far))
+        best = min(best, _scanned(from_k, to_k, 1, points, circle, offset, cubics, sense, cx, cy, distances))
         for k in range(first, end + 1):
-            falls = k == 0 or far[k] <= far[k - 1]
-            if falls and (k == last or far[k] <= far[k + 1]):
+            falls = k == 0 or distances[k] <= distances[k - 1]
+            if falls and (k == last or distances[k] <= distances[k + 1]):
                 # On either side of the least point, apart: it may be a kink.
-                for left in range(max(k - 1, 0), min(k, last - 1) + 1):
-                    low, high = points[0, left], points[0, left + 1]
+                for chord in range(max(k - 1, 0), min(k, last - 1) + 1):
+                    low, high = points[0, chord], points[0, chord + 1]
                     best = min(best, _least(low, high, gear, offset, cubics, sense, cx, cy))
     return best
 
@@ -126,14 +128,14 @@ def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, far):
 @entry
 def _distances(table, points, chords, eccentric, gear, radius, deviation, shares, lobe, before, behind, moved):
     pins, circle, nominal = gear
-    out, along, eccentricity, turned = moved
-    n, n_pins = out.shape
-    rows, far = deviation.shape[0], np.empty(points.shape[1])
+    radial, along, eccentricity, turned = moved
+    n, n_pins = radial.shape
+    rows, distances = deviation.shape[0], np.empty(points.shape[1])
     distance = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
-            cx = table[4, i] + table[6, i] * out[s, i] - table[7, i] * along[s, i] - eccentricity[s] * eccentric.real
-            cy = table[5, i] + table[7, i] * out[s, i] + table[6, i] * along[s, i] - eccentricity[s] * eccentric.imag
+            cx = table[4, i] + table[6, i] * radial[s, i] - table[7, i] * along[s, i] - eccentricity[s] * eccentric.real
+            cy = table[5, i] + table[7, i] * radial[s, i] + table[6, i] * along[s, i] - eccentricity[s] * eccentric.imag
             x = cx * table[8, i] + cy * table[9, i]
             y = cy * table[8, i] - cx * table[9, i]
             nearest = np.inf
@@ -142,7 +144,7 @@ def _distances(table, points, chords, eccentric, gear, radius, deviation, shares
                 shifted = (pins, circle - shares[0] * error, nominal)
                 off, cubics = radius + shares[1] * error, deviation[beside % rows]
                 px, py = _turned(x, y, -turned[s, beside])
-                side = _least_of_side(points, chords, shifted, off, cubics, sense, px, -sense * py, far)
+                side = _least_of_side(points, chords, shifted, off, cubics, sense, px, -sense * py, distances)
                 nearest = min(nearest, side)
             distance[s, i] = nearest
     return distance

@@ -90,10 +90,10 @@ def cut_program(objective: Real, rows: Real, limits: Real, radii: Real) -> np.nd
         optimum = _program(objective, np.vstack([rows, tangents.normals]), bounded, radii)
         if optimum is None:
             return None
-        beyond = _overshooting(optimum, radii)
-        if not len(beyond):
+        overshoot = _overshooting(optimum, radii)
+        if not len(overshoot):
             return optimum
-        tangents = _with_tangents(tangents, optimum, radii, beyond)
+        tangents = _with_tangents(tangents, optimum, radii, overshoot)
         if len(tangents.radii) > AMONG_MANY * len(radii):
             optimal = np.vstack([rows, -objective]), np.append(limits, PROGRAM_TOLERANCE - objective @ optimum)
             nearest, tangents = _nearest_to_the_centres(*optimal, tangents, radii)
@@ -119,8 +119,8 @@ def _nearest_to_the_centres(
         point = _program(shares, np.vstack([fixed, measured]), within, radii)
         if point is None or np.any((point[n:] - 1 - CONE_TOLERANCE) * radii > PROGRAM_TOLERANCE):
             break
-        beyond = _overshooting(point, radii)
-        if not len(beyond):
+        overshoot = _overshooting(point, radii)
+        if not len(overshoot):
             return point[:n], tangents
-        tangents = _with_tangents(tangents, point, radii, beyond)
+        tangents = _with_tangents(tangents, point, radii, overshoot)
     return None, tangents

@@ -74,10 +74,10 @@ def material_off(profile: CycloidProfile, lobe: ArrayLike, beta: ArrayLike) -> R
     if not profile.modification.deviates:
         return np.zeros(beta.shape)
     table = deviation_table(profile)
-    place = np.where(beta < 0, beta + TURN, beta) / TURN * STEPS
-    step = np.minimum(place.astype(np.int64), STEPS - 1)
+    station = np.where(beta < 0, beta + TURN, beta) / TURN * STEPS
+    step = np.minimum(station.astype(np.int64), STEPS - 1)
     cubic = table[np.asarray(lobe) % len(table), step]
-    return np.sum(cubic * (place - step)[..., None] ** np.arange(4), axis=-1)
+    return np.sum(cubic * (station - step)[..., None] ** np.arange(4), axis=-1)
 
 
 def drawn_flank(profile: CycloidProfile, lobe: ArrayLike, beta: ArrayLike) -> Complex:

@@ -71,8 +71,10 @@ def valleys(profile: CycloidProfile, crank: float) -> Valleys:
     psi = valley_points(profile, VALLEY_SCAN)
     along = (profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), flank.normal(psi))
     return Valleys(
-        np.vstack([*(row for one in directions for row in (one.real, one.imag)), *_rooms(flank, pins.phase)]),
-        np.vstack([psi, *(row for one in along for row in (one.real, one.imag))]),
+        np.vstack(
+            [*(row for direction in directions for row in (direction.real, direction.imag)), *_rooms(flank, pins.phase)]
+        ),
+        np.vstack([psi, *(row for direction in along for row in (direction.real, direction.imag))]),
         complex(np.exp(1j * crank) * turn),
     )
 
@@ -91,12 +93,12 @@ def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
     """
     psi = valley_points(profile, VALLEY_SCAN)
     flank, normal = profile.flank(psi), profile.normal(psi)
-    place = -phase / profile.lobes
-    gap = np.abs(profile.locus(place)[:, None] - flank) - profile.pin_radius
-    turned = np.abs(profile.normal(place)[:, None] - normal)
-    least = np.min(gap / np.maximum(turned, OTHER_NORMAL), axis=1, where=turned > OTHER_NORMAL, initial=np.inf)
-    room = np.min(gap, axis=1, where=psi * place[:, None] <= 0, initial=np.inf)
-    return np.minimum(least, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
+    lobe_position = -phase / profile.lobes
+    gap = np.abs(profile.locus(lobe_position)[:, None] - flank) - profile.pin_radius
+    turned = np.abs(profile.normal(lobe_position)[:, None] - normal)
+    smallest = np.min(gap / np.maximum(turned, OTHER_NORMAL), axis=1, where=turned > OTHER_NORMAL, initial=np.inf)
+    room = np.min(gap, axis=1, where=psi * lobe_position[:, None] <= 0, initial=np.inf)
+    return np.minimum(smallest, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
 
 
 @part
@@ -142,8 +144,8 @@ def _single_distances(sx, sy, fx, fy, cx, cy, offset, allowed, pins, turn, dista
         tx, ty = _turned(sx[i], sy[i], turn[i])
         ux, uy = _turned(fx[i], fy[i], pins * turn[i])
         slope, _, length, x, y, dx, dy = _foot_terms(tx, ty, ux, uy, cx[i], cy[i], pins)
-        found = (abs(pins * turn[i]) <= SMALL_TURN) & (abs(slope) <= FOOT_TOLERANCE * length)
-        distance[i] = offset[i] + (y * dx - x * dy) / np.sqrt(length) if found else -1.0
+        converged = (abs(pins * turn[i]) <= SMALL_TURN) & (abs(slope) <= FOOT_TOLERANCE * length)
+        distance[i] = offset[i] + (y * dx - x * dy) / np.sqrt(length) if converged else -1.0
 
 
 @part
@@ -198,13 +200,13 @@ def _nearest(first, last, points, circle, offset, cx, cy, pins, squares):
 
 @entry
 def pin_distances(
-    table, points, eccentric, profile, shares, lobe, own, before, behind, radial, tangential, eccentricity, turned
+    table, points, eccentric, profile, shares, lobe, met_lobe, before, behind, radial, tangential, eccentricity, turned
 ):
     """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
 
     ``profile``: pins, radius of their circle, radius of a pin; ``shares``: what a lobe's error takes off the circle and
     adds to the offset of its flank; ``turned``: of each lobe about the disk's axis [rad], which is the pin about it the
-    other way; ``own``, ``before``, ``behind``: lobe of each pin, and the two beside its root.
+    other way; ``met_lobe``, ``before``, ``behind``: lobe of each pin, and the two beside its root.
     """
     pins, pin_circle, pin_radius = profile
     n, n_pins = radial.shape
@@ -216,16 +218,16 @@ def pin_distances(
     distance = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
-            circle = pin_circle - shares[0] * lobe[s, own[i]]
+            circle = pin_circle - shares[0] * lobe[s, met_lobe[i]]
             sx[i], sy[i] = circle * table[0, i], circle * table[1, i]
-            offset[i] = pin_radius + shares[1] * lobe[s, own[i]]
+            offset[i] = pin_radius + shares[1] * lobe[s, met_lobe[i]]
             step = (shares[0] + shares[1]) * abs(lobe[s, before[i]] - lobe[s, behind[i]])
             step += pin_circle * abs(turned[s, before[i]] - turned[s, behind[i]])
             allowed[i] = min(table[10, i], 0.5 * (table[11, i] - step))
-            out, along = radial[s, i], tangential[s, i]
-            cx[i] = table[4, i] + table[6, i] * out - table[7, i] * along - eccentricity[s] * eccentric.real
-            cy[i] = table[5, i] + table[7, i] * out + table[6, i] * along - eccentricity[s] * eccentric.imag
-            ox[i], oy[i] = _turned(cx[i], cy[i], -turned[s, own[i]])
+            radial_shift, along = radial[s, i], tangential[s, i]
+            cx[i] = table[4, i] + table[6, i] * radial_shift - table[7, i] * along - eccentricity[s] * eccentric.real
+            cy[i] = table[5, i] + table[7, i] * radial_shift + table[6, i] * along - eccentricity[s] * eccentric.imag
+            ox[i], oy[i] = _turned(cx[i], cy[i], -turned[s, met_lobe[i]])
         _single_distances(sx, sy, table[2], table[3], ox, oy, offset, allowed, pins, turn, distance[s])
         for i in range(n_pins):
             if distance[s, i] >= 0.0:

@@ -128,13 +128,15 @@ class Reducer:
     ----------
     crank : against the housing [rad].
     disks : where each disk stands, (n_disks,).
-    contacts : the pins of one disk after the other, then the output contacts of one after the other.
+    contacts : the pins of one disk after the other, then the output contacts of one after the other, then those behind
+        all disks.
     motions : names of the free rigid motions (n_motions,), the translation of each disk first.
     contact_jacobian : d penetration / d q (n_contacts, n_motions) [-] for translations, [mm] for rotations.
     centred : whether input bearings hold the disks' centres.
     flange_ratio : rotation of the flange, the crank held to the housing, per rotation of the output: 1 where the flange
         is the output.
     rolling : rotation of the disk about the pitch point, on the pins, per rotation of the output.
+    n_behind : number of the last contacts, which lie behind all disks and touch none.
     """
 
     crank: float
@@ -145,6 +147,12 @@ class Reducer:
     centred: bool = True
     flange_ratio: float = 1.0
     rolling: float = 0.0
+    n_behind: int = 0
+
+    @cached_property
+    def output_rows(self) -> list[Index]:
+        """Numbers (n,) of the contacts between each disk and the output, disk after disk."""
+        return np.split(np.arange(self.n_pins, len(self.contacts) - self.n_behind), self.n_disks)
 
     @cached_property
     def pins(self) -> PinContacts:
@@ -204,8 +212,11 @@ class OutputContacts(Protocol):
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """Names of the free rigid motions after the disk's: ``output_phi``, unless the disk is the output."""
 
-    def couplings_of(self, disk: DiskPose) -> Mapping[str, Real]:
-        """What further motions close of these contacts (n_contacts,), by the motions' names."""
+    def contacts_behind(self, disk: DiskPose) -> Contacts:
+        """The contacts behind all disks, nominal; ``disk`` is the first one."""
+
+    def couplings_of(self, disk: DiskPose, contacts: Contacts) -> Mapping[str, Real]:
+        """What further motions close of some ``contacts`` of these (n_contacts,), by the motions' names."""
 
     @property
     def carries_disks(self) -> bool:
@@ -242,16 +253,16 @@ def _pin_list(disk: DiskPose) -> Contacts:
 
 def no_contacts() -> Contacts:
     """A list without contacts."""
-    text, whole, real, point = np.full(0, ""), np.zeros(0, int), np.zeros(0), np.zeros(0, complex)
+    text, integer, real, point = np.full(0, ""), np.zeros(0, int), np.zeros(0), np.zeros(0, complex)
     return Contacts(
         kind=text,
         body_a=text,
         body_b=text,
-        interface=whole,
-        face=whole,
-        end=whole,
-        station=whole,
-        hole=whole,
+        interface=integer,
+        face=integer,
+        end=integer,
+        station=integer,
+        hole=integer,
         label=text,
         gap=real,
         two_sided=np.zeros(0, bool),
@@ -330,14 +341,18 @@ def nominal_reducer(
     ``fixed`` is the body that is held, ``"housing"`` or the output's ``"flange"``.
     """
     poses = disk_poses(profile, crank, disks)
-    contacts = joined([_labelled(part(pose), pose) for part in (_pin_list, output.contacts_of) for pose in poses])
+    behind_disks = output.contacts_behind(poses[0])
+    of_disks = [_labelled(part(pose), pose) for part in (_pin_list, output.contacts_of) for pose in poses]
+    contacts = joined([*of_disks, behind_disks])
     behind = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
     planar = [f"{pose.body}_{axis}" for pose in poses for axis in "xy"]
     motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *behind)
     jacobian = _contact_jacobian(contacts, motions)
-    of_poses = np.split(np.flatnonzero(contacts.kind == OUTPUT), len(poses))
-    for pose, rows in zip(poses, of_poses, strict=True):
-        for motion, closed in output.couplings_of(pose).items():
+    reducer = Reducer(
+        crank, poses, contacts, motions, jacobian, centred=not output.carries_disks, n_behind=len(behind_disks)
+    )
+    last = np.arange(len(contacts) - len(behind_disks), len(contacts))
+    for pose, rows in zip((*poses, poses[0]), (*reducer.output_rows, last), strict=True):
+        for motion, closed in output.couplings_of(pose, contacts.some(rows)).items():
             jacobian[rows, motions.index(motion)] += closed
-    reducer = Reducer(crank, poses, contacts, motions, jacobian, centred=not output.carries_disks)
     return reducer if fixed == HOUSING else with_fixed_flange(reducer, profile.lobes)

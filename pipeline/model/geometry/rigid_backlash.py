@@ -93,9 +93,9 @@ def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Re
     plus, minus, tight = _rotation_ends(gap, contact, arm)
     overlap = np.zeros(len(gap))
     if np.any(tight):
-        plus[tight], least = _least_penetration(gap[tight][:, contact], arm, plus[tight], minus[tight])
+        plus[tight], least_penetration = _least_penetration(gap[tight][:, contact], arm, plus[tight], minus[tight])
         minus[tight] = plus[tight]
-        overlap[tight] = np.where(least > TOUCHING, least, 0.0)
+        overlap[tight] = np.where(least_penetration > TOUCHING, least_penetration, 0.0)
     return plus, minus, overlap
 
 
@@ -145,7 +145,8 @@ def _disk_contacts(reducer: Reducer) -> list[tuple[Index, Index]]:
     contacts = reducer.contacts
     disks = (reducer.disk_of_contact == disk for disk in range(reducer.n_disks))
     return [
-        (np.flatnonzero(own & (contacts.kind == PIN)), np.flatnonzero(own & (contacts.kind != PIN))) for own in disks
+        (np.flatnonzero(of_disk & (contacts.kind == PIN)), np.flatnonzero(of_disk & (contacts.kind != PIN)))
+        for of_disk in disks
     ]
 
 
@@ -163,10 +164,10 @@ def _parallel_play(reducer: Reducer, gap: Real) -> RigidPlay:
     overlap = np.maximum(pins[2], output[2]).max(axis=1)
     against = plus < minus
     if np.any(against):
-        plus[against], least = _meeting(reducer, gap[against])
+        plus[against], least_penetration = _meeting(reducer, gap[against])
         minus[against] = plus[against]
-        overlap[against] = np.where(least > TOUCHING, least, 0.0)
-        pins[:, against], output[:, against] = _parts(reducer, gap[against] + least[:, None])
+        overlap[against] = np.where(least_penetration > TOUCHING, least_penetration, 0.0)
+        pins[:, against], output[:, against] = _parts(reducer, gap[against] + least_penetration[:, None])
     motions = reducer.motions
     turning = [motions.index(f"{disk.body}_phi") for disk in reducer.disks]
     poses = []
@@ -233,8 +234,8 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
         arm, normal, body = contacts.arm[rows], contacts.normal[rows], contacts.body_b[rows[0]]
         floats = any(f"{b}_x" in motions for b in (body, contacts.body_a[rows[0]]) if b != "disk")
         if floats:
-            own, side = gap[:, rows], np.where(np.real(np.conj(normal[0]) * normal) > 0, 1, -1)
-            plus, minus, part = _floating_play(own, side, arm)
+            gaps_of_disk, side = gap[:, rows], np.where(np.real(np.conj(normal[0]) * normal) > 0, 1, -1)
+            plus, minus, part = _floating_play(gaps_of_disk, side, arm)
         else:
             plus, minus, part = _rotation_play(gap, rows, arm)
         overlap = np.maximum(overlap, part)
@@ -242,7 +243,7 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
             turned[end] = turned[end] + phi
             poses[end][:, motions.index(f"{body}_phi")] = turned[end]
             if floats:
-                shift = _centring_shift(own, side, arm, phi) * (1 if f"{body}_x" in motions else -1)
+                shift = _centring_shift(gaps_of_disk, side, arm, phi) * (1 if f"{body}_x" in motions else -1)
                 mover = body if f"{body}_x" in motions else contacts.body_a[rows[0]]
                 poses[end][:, motions.index(f"{mover}_x")] += shift * normal[0].real
                 poses[end][:, motions.index(f"{mover}_y")] += shift * normal[0].imag
@@ -263,8 +264,8 @@ def _general_ends(jacobian: Real, gap: Real, radii: Real, output: int) -> tuple[
     pose = cut_program(np.append(np.zeros(n), -1.0), lifted, gap, radii)
     if pose is None:
         raise ArithmeticError("no pose of least penetration found")
-    least = float(pose[n])
-    return pose[:n], pose[:n], least if least > UM_PER_MM * TOUCHING else 0.0
+    clearance = float(pose[n])
+    return pose[:n], pose[:n], clearance if clearance > UM_PER_MM * TOUCHING else 0.0
 
 
 def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:
@@ -305,10 +306,10 @@ def rigid_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPla
     if not np.any(loose):
         return play
     coupled = general_play(reducer, gap[loose], bearing_clearance[loose])
-    for whole, part in (
+    for full, part in (
         (play.pose_plus, coupled.pose_plus),
         (play.pose_minus, coupled.pose_minus),
         (play.overlap, coupled.overlap),
     ):
-        whole[loose] = part
+        full[loose] = part
     return play

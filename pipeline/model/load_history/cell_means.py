@@ -31,23 +31,23 @@ def _means(at, x, y, mean, slope):
         width = max(x[j + 1] - x[j], 1e-12)
         rise[j] = (y[j + 1] - y[j]) / width
         area[j + 1] = area[j] + 0.5 * width * (y[j + 1] + y[j])
-    least = APART * (x[-1] - x[0])
+    smallest_step = APART * (x[-1] - x[0])
     for cell in range(at.shape[0]):
         total, value, under, first_value, first_rise = 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(at.shape[1]):
             j = _corner(x, at[cell, k])
             along = at[cell, k] - x[j]
-            here = y[j] + rise[j] * along
+            value_here = y[j] + rise[j] * along
             below = area[j] + along * (y[j] + 0.5 * rise[j] * along)
             if k == 0:
-                first_value, first_rise = here, rise[j]
+                first_value, first_rise = value_here, rise[j]
             else:
                 step = at[cell, k] - at[cell, k - 1]
-                total += (below - under) / step if step > least else 0.5 * (here + value)
-            value, under = here, below
-        whole = at[cell, -1] - at[cell, 0]
+                total += (below - under) / step if step > smallest_step else 0.5 * (value_here + value)
+            value, under = value_here, below
+        cell_width = at[cell, -1] - at[cell, 0]
         mean[cell] = total / (at.shape[1] - 1)
-        slope[cell] = (value - first_value) / whole if whole > least else first_rise
+        slope[cell] = (value - first_value) / cell_width if cell_width > smallest_step else first_rise
 
 
 def means(at: Real, x: Real, y: Real) -> tuple[Real, Real]:

@@ -74,9 +74,13 @@ class Drive:
     bearing_clearance : (n,) of all bearings alike, or (n, n_disks) [mm].
     compliance : of the elastic bodies between the contacts (n_contacts, n_contacts) [mm/N].
     sliders : friction.
+    lean : torque beyond the one carried, over it, that the turning end takes in either sense of motion: half of what
+        friction in proportion to the load resists more with the load than against it.
     torsion : compliance between the reducer's output and the torque [rad/(N mm)].
     hardening : further spring there, which stiffens with its torque, or None.
     creep : delayed part of the torsion, or None.
+    rayleigh : coefficient of a twist in series with hysteresis [rad/(N mm)^2]; see ``rayleigh.rayleigh_twist``.
+    modulus : (n,) factor of the modulus of all elastic parts in each state, or None for 1.
     known : gap of the errors alone (n, n_contacts) [mm], where it was found before.
     """
 
@@ -91,9 +95,12 @@ class Drive:
     shift: Real
     bearing_clearance: Real
     sliders: Sliders = field(default_factory=Sliders.none)
+    lean: float = 0.0
     torsion: float = 0.0
     hardening: HardeningSpring | None = None
     creep: Creep | None = None
+    rayleigh: float = 0.0
+    modulus: Real | None = None
     known: Real | None = None
 
     @cached_property
@@ -120,8 +127,16 @@ class Drive:
             errors=Errors(**{name: values[states] for name, values in vars(self.errors).items()}),
             shift=self.shift[states],
             bearing_clearance=self.bearing_clearance[states],
+            modulus=None if self.modulus is None else self.modulus[states],
             known=self.gap_of_errors[states],
         )
+
+    def stiffening(self, state: int) -> float:
+        """Torque over that which turns the reducer as far with the modulus of the drawing, in a state.
+
+        Forces on elastic parts that follow Hooke and Hertz enter as force over modulus alone.
+        """
+        return 1.0 if self.modulus is None else float(self.modulus[state])
 
     def twist(self, torque: Real) -> Real:
         """Rotation [rad] between the reducer's output and a torque [N mm], at once."""
@@ -204,17 +219,17 @@ class Backbone:
         carry, times the slope of these over the torque.
         """
         force = self.states.force
-        given = [
+        forces_of_samples = [
             of_drive.gap[:, None] + force @ of_drive.compliance + of_drive.laws.deflection(force)
             for of_drive in (neighbour, drive)
         ]
-        change = np.sum(self._over_torque(force) * (given[0] - given[1]), axis=2)
+        change = np.sum(self._over_torque(force) * (forces_of_samples[0] - forces_of_samples[1]), axis=2)
         thrust = drive.reducer.thrust(force)
-        held = [
+        held_drives = [
             of_drive.bearing.depth(thrust) + of_drive.clearance_of_disks[:, None] for of_drive in (neighbour, drive)
         ]
         twisted = neighbour.twist(self.torque) - drive.twist(self.torque)
-        return change + np.sum(self._over_torque(thrust) * (held[0] - held[1]), axis=2) + twisted
+        return change + np.sum(self._over_torque(thrust) * (held_drives[0] - held_drives[1]), axis=2) + twisted
 
 
 def torque_levels(levels: int, reach: float) -> Real:
@@ -249,15 +264,15 @@ def _one_sense(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equil
     Contacts that interfere (``preloaded``) are many at no load and few at the last torque, and a loose disk is easily
     found under load, from where one without clearance stands: both are solved from the last torque down.
     """
-    clearance = drive.clearance_of_disks
+    clearance, loose = drive.clearance_of_disks, bool(np.any(drive.clearance_of_disks))
     start = first_poses(drive, pose, levels[-1 if preloaded else 0])
-    if np.any(clearance):
-        held = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(clearance))
-        without_clearance = _one_sense(held, pose, levels, preloaded)
+    if loose and drive.reducer.centred:
+        one_sided = replace(drive, known=drive.gap_of_errors, bearing_clearance=np.zeros_like(clearance))
+        without_clearance = _one_sense(one_sided, pose, levels, preloaded)
         start = _loosened(drive.reducer, without_clearance.motion[:, -1], without_clearance.force[:, -1], clearance)
-    down = preloaded or bool(np.any(clearance))
-    states = drive.equilibria(start, levels[::-1] if down else levels)
-    return Equilibria(**{name: values[:, ::-1] for name, values in vars(states).items()}) if down else states
+    downward = preloaded or loose
+    states = drive.equilibria(start, levels[::-1] if downward else levels)
+    return Equilibria(**{name: values[:, ::-1] for name, values in vars(states).items()}) if downward else states
 
 
 def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
@@ -303,13 +318,13 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
         [np.all(branch.converged, axis=1) for branch in senses], axis=0
     )
     if np.any(hard):
-        left = drive.some(hard)
-        coupled = rigid_play(drive.reducer, left.gap, left.bearing_clearance)
+        remaining = drive.some(hard)
+        coupled = rigid_play(drive.reducer, remaining.gap, remaining.bearing_clearance)
         for branch, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
-            start = first_poses(left, pose, sense * torque[0])
-            again = left.equilibria(start, sense * torque)
+            start = first_poses(remaining, pose, sense * torque[0])
+            repeated = remaining.equilibria(start, sense * torque)
             for name, values in vars(branch).items():
-                values[hard] = getattr(again, name)
+                values[hard] = getattr(repeated, name)
     falling, rising = senses
     states = Equilibria(
         **{
@@ -317,5 +332,5 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
             for name in vars(falling)
         }
     )
-    both = np.concatenate([-torque[::-1], torque])
-    return Backbone(both, states.motion[..., drive.reducer.output_motion] + drive.twist(both), states)
+    torques = np.concatenate([-torque[::-1], torque])
+    return Backbone(torques, states.motion[..., drive.reducer.output_motion] + drive.twist(torques), states)

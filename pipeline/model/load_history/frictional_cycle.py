@@ -21,7 +21,10 @@ Nodes = tuple[Real, Real, Real]
 def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) -> tuple[Real, Real, float]:
     """As ``solve_path`` where friction acts on the output alone: frictionless states at the torque that it leaves."""
     levels, motions, forces = nodes
-    _, carried = condensed_path(torque, levels, motions[:, drive.reducer.output_motion], drive.sliders, Ripple())
+    leaning = 1 + drive.lean
+    sliders = drive.sliders.of_scaled_load(leaning)
+    _, rubbed = condensed_path(torque, leaning * levels, motions[:, drive.reducer.output_motion], sliders, Ripple())
+    carried = rubbed / leaning
     above = int(np.searchsorted(levels, 0.0))
     end = levels[above]
     within = np.abs(carried) < end  # stuck within the play

@@ -113,11 +113,11 @@ def _follow(system, friction, work, torques, gap, clearance, seeds, reached, pat
     return worst
 
 
-def _off_zero(torques: Real, least: float) -> Real:
-    """The torques, those of less than ``least`` after a larger one at ``least`` on its side."""
-    latest = np.maximum.accumulate(np.where(np.abs(torques) >= least, np.arange(len(torques)), -1))
-    small = (np.abs(torques) < least) & (latest >= 0)
-    return np.where(small, np.copysign(least, torques[np.maximum(latest, 0)]), torques)
+def _off_zero(torques: Real, smallest: float) -> Real:
+    """The torques, those of less than ``smallest`` after a larger one at ``smallest`` on its side."""
+    latest = np.maximum.accumulate(np.where(np.abs(torques) >= smallest, np.arange(len(torques)), -1))
+    small = (np.abs(torques) < smallest) & (latest >= 0)
+    return np.where(small, np.copysign(smallest, torques[np.maximum(latest, 0)]), torques)
 
 
 def _states(torque: Real, motion: Real, force: Real, thrust: Real) -> States:
@@ -138,7 +138,7 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     Raises
     ------
     ValueError
-        If there are several disks.
+        If there are several disks, or the drive leans.
 
     Notes
     -----
@@ -147,21 +147,25 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     """
     if drive.reducer.n_disks > 1:
         raise ValueError(f"{drive.reducer.n_disks} disks with friction at contacts: the path knows one bearing")
+    if drive.lean:
+        raise ValueError("friction that differs between drive and backdrive is not followed with friction at contacts")
     n_motions, n_contacts = drive.reducer.contact_jacobian.shape[::-1]
     steps = _off_zero(np.asarray(torques, float), NO_TORQUE * float(np.max(np.abs(seeds[0]))))
-    friction = friction_of(drive.sliders.acting)
-    system = system_of(drive.reducer, drive.bearing, drive.laws, drive.compliance)
+    system, order = system_of(drive.reducer, drive.bearing, drive.laws, drive.compliance)
+    position_of_contact = np.argsort(order)  # of each contact in the system
+    friction = friction_of(drive.sliders.acting, position_of_contact)
+    torque_of_seeds, motion_of_seeds, force_of_seeds = seeds
     path = _states(steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty(len(steps)))
     unloaded = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros(1))
     worst = _follow(
         system,
         friction,
-        workspace(n_motions, n_contacts, len(friction.stiffness)),
+        workspace(system, len(friction.stiffness)),
         steps,
-        np.ascontiguousarray(drive.gap[state]),
+        np.ascontiguousarray(drive.gap[state, order]),
         float(drive.bearing_clearance[state]),
-        _states(*seeds, np.zeros(len(seeds[0]))),
+        _states(torque_of_seeds, motion_of_seeds, force_of_seeds[:, order], np.zeros(len(torque_of_seeds))),
         unloaded,
         path,
     )
-    return path.motion, path.force, worst
+    return path.motion, path.force[:, position_of_contact], worst

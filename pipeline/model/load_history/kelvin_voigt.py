@@ -29,9 +29,9 @@ def _crept(torque, time, leg, turns, begun, constant, compliance, crept):
         for turn in range(on + 1, leg[k] + 1):
             gone += abs(turns[turn] - torque_before)
             torque_before = turns[turn]
-            when = start + gone / travel * (time[k] - start) if travel > 0.0 else time[k]
-            twist = _on(twist, when - since, began, torque_before, constant, compliance)
-            since, began = when, torque_before
+            instant = start + gone / travel * (time[k] - start) if travel > 0.0 else time[k]
+            twist = _on(twist, instant - since, began, torque_before, constant, compliance)
+            since, began = instant, torque_before
         twist = _on(twist, time[k] - since, began, torque[k], constant, compliance)
         since, torque_here, on = time[k], torque[k], leg[k]
         crept[k] = twist
@@ -53,9 +53,9 @@ def crept(torque: Real, time: Real, leg: np.ndarray, turns: Real, compliance: fl
     Kelvin-Voigt element under piecewise linear load; Findley, Lai, Onaran, Creep and Relaxation of Nonlinear
     Viscoelastic Materials (1976), ch. 5.
     """
-    out = np.empty(len(torque))
-    _crept(torque, time, leg, turns, _begun(torque, time, leg, turns), time_constant, compliance, out)
-    return out
+    twist = np.empty(len(torque))
+    _crept(torque, time, leg, turns, _begun(torque, time, leg, turns), time_constant, compliance, twist)
+    return twist
 
 
 def _begun(torque: Real, time: Real, leg: np.ndarray, turns: Real) -> float:

@@ -57,10 +57,10 @@ class LoadCycle:
     @property
     def steps(self) -> tuple[np.ndarray, np.ndarray]:
         """Branch number and state of every step of the cycle, (n_steps,) each."""
-        up = np.arange(len(self.fractions) + 1)
-        down = up[-2::-1]
-        negative = len(up)
-        visits = [up, down, up + negative, down + negative, up]
+        upward = np.arange(len(self.fractions) + 1)
+        downward = upward[-2::-1]
+        negative = len(upward)
+        visits = [upward, downward, upward + negative, downward + negative, upward]
         branch = np.repeat(np.arange(len(visits)), [len(v) for v in visits])
         return branch, np.concatenate(visits)
 

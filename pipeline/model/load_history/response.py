@@ -19,6 +19,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle
+from pipeline.model.load_history.rayleigh import rayleigh_twist
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ class CycleResponse:
     @property
     def zero_torque_width(self) -> Real:
         """(n,) [rad] angle on the way down from +T less that on the way up from -T, both at zero torque."""
-        down, up = (self._zero_of(name) for name in ("unloading+", "unloading-"))
-        return self.angle[:, down] - self.angle[:, up]
+        downward, upward = (self._zero_of(name) for name in ("unloading+", "unloading-"))
+        return self.angle[:, downward] - self.angle[:, upward]
 
     @property
     def hysteresis_loss(self) -> Real:
@@ -92,7 +93,7 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     return CycleResponse(
         branch,
         torque,
-        equilibria.motion[:, state, motion] + drive.twist(torque),
+        equilibria.motion[:, state, motion] + drive.twist(torque) + rayleigh_twist(torque, drive.rayleigh),
         state,
         equilibria,
         frictionless.motion[:, limits, motion],

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import HOUSING, Reducer
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.loop_readings import held_states
 from pipeline.model.load_history.response import CycleResponse
@@ -27,18 +28,28 @@ def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDA
     -----
     The disk is in balance between its contacts and its bearing, so the bearing bears the contacts' resultant on the
     disk: the penetrations ``contact_jacobian q`` grow against it. A disk that the output mechanism carries has none.
+    A body between disk and output that only rotates is held from aside by nothing real: what its contacts push the disk
+    aside counts for the bearing, which then bears the pins alone, as it does where that body floats.
 
     Raises
     ------
     ValueError
         If the cycle lacks the torque.
     """
-    along = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions]
+    along = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions].copy()
+    along[_with_held_between(drive.reducer)] = 0.0
     forces = held_forces(response, at)  # one product a sample: the digits do not depend on how many there are
     resultant = -(forces @ along.reshape(len(along), -1)).reshape(*forces.shape[:2], *along.shape[1:])
     if not drive.reducer.centred:
         resultant[:] = np.nan
     return resultant[..., 0] + 1j * resultant[..., 1]
+
+
+def _with_held_between(reducer: Reducer) -> NDArray[np.bool_]:
+    """Contacts (n_contacts,) with a body between disk and output that only rotates in the model."""
+    movable = {motion.rsplit("_", 1)[0] for motion in reducer.motions if motion.endswith(("_x", "_y"))}
+    fixed = np.array([*movable, HOUSING, "output"])
+    return ~(np.isin(reducer.contacts.body_a, fixed) & np.isin(reducer.contacts.body_b, fixed))
 
 
 def torque_shares(drive: Drive, response: CycleResponse, at: Definitions) -> Real:
@@ -68,8 +79,7 @@ def input_torque(eccentricity: float, crank: Real, thrust: NDArray[np.complex128
     Notes
     -----
     Without friction it is the torque on the output over the ratio, at every crank angle and whatever the errors: all
-    normals of the pins pass through the pitch point, about which the disk turns. A part of the chain that is guided by
-    nothing real (a plate that only rotates) takes a share of it.
+    normals of the pins pass through the pitch point, about which the disk turns.
     """
     n_disks = thrust.shape[3]
     eccentric = np.exp(1j * np.add.outer(crank, 2 * np.pi * np.arange(n_disks) / n_disks))

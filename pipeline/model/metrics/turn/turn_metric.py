@@ -22,7 +22,7 @@ TURN, BALANCE, SPEED, RATING, FRICTION = "turn", "balance", "speed", "rating", "
 NEEDS = {
     TURN: f"{FEWEST_ANGLES} crank angles evenly over the turn or more",
     BALANCE: "forces on the input bearings that balance the torque on the output over the ratio within "
-    f"{100 * LARGEST_IMBALANCE:g} %; a plate that only rotates takes a share of them, one that floats does not",
+    f"{100 * LARGEST_IMBALANCE:g} %; disks that stand on the cranks of a carrier have no bearing of that kind",
     SPEED: "the speed of the input ([operation] input_speed_rpm of the design)",
     RATING: "the load rating of the input bearing ([operation.rating] of the design), at least twice the load",
     FRICTION: "coefficients of friction ([operation.friction] of the design) by which less than a fifth of the input "
