@@ -12,7 +12,8 @@ from pipeline.config.contact_laws import stiffness_problems
 from pipeline.config.design import Design
 from pipeline.config.effects import study_effect_problems
 from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name
-from pipeline.config.study import FEWEST_BASE_SAMPLES, Clearance, Cycle, Drivers, Metrics, Reduce, Samples
+from pipeline.config.study import FEWEST_BASE_SAMPLES, Clearance, Cycle, Drivers, Limits, Metrics, Reduce, Samples
+from pipeline.config.tails import Tails, without_tails
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""
@@ -33,6 +34,7 @@ RESERVED_NAMES = (
     "allocate",
     "bounds",
     "joints",
+    "reweigh",
 )
 """Run folders of the targets that are no study."""
 
@@ -57,10 +59,13 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
         )
     if samples:
         problems += _samples(samples, raw)
+        problems += _until(samples, parts.get("limits"))
     if samples and design:
         problems += _size(samples, design)
     if samples and parts.get("drivers"):
         problems += _drivers(parts["drivers"], samples)
+    if samples and design and parts.get("limits") and parts.get("tails"):
+        problems += _tails(parts["tails"], samples, parts["limits"], design)
     if cycle:
         problems += _cycle(cycle, samples, raw)
         problems += _phases(cycle, design)
@@ -133,6 +138,31 @@ def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Problem]:
         )
 
 
+def _until(samples: Samples, limits: Limits | None) -> Iterator[Problem]:
+    key, stop_rule = "samples.until", samples.until
+    if stop_rule is None:
+        return
+    if samples.experiment != "monte_carlo":
+        yield Problem(
+            f"{key} with experiment", samples.experiment, 'must be "monte_carlo", whose samples are independent'
+        )
+    if stop_rule.at_most < samples.count:
+        yield Problem(
+            f"{key}.at_most",
+            stop_rule.at_most,
+            f"must be >= samples.count = {samples.count}, which the study begins with",
+        )
+    if limits is not None and not limits.of_metrics:
+        yield Problem(key, None, "asks for a yield, and [limits] sets no limit; set one, as lost_motion_arcmin = 2.8")
+
+
+def _tails(tails: Tails, samples: Samples, limits: Limits, design: Design) -> Iterator[Problem]:
+    if reason := without_tails(samples, limits, design):
+        yield Problem("tails", None, reason)
+    if tails.solve > tails.units:
+        yield Problem("tails.solve", tails.solve, f"must be <= tails.units = {tails.units}, of which they are taken")
+
+
 def _drivers(drivers: Drivers, samples: Samples) -> Iterator[Problem]:
     key, count = "drivers.base_samples", drivers.base_samples
     if 0 < count < FEWEST_BASE_SAMPLES:
@@ -143,10 +173,11 @@ def _drivers(drivers: Drivers, samples: Samples) -> Iterator[Problem]:
 
 def _size(samples: Samples, design: Design) -> Iterator[Problem]:
     contacts = design.disk.count * (design.cycloid.pins + design.output.contacts)
-    if samples.count * contacts > LARGEST_RUN:
+    key, count = ("samples.until.at_most", samples.until.at_most) if samples.until else ("samples.count", samples.count)
+    if count * contacts > LARGEST_RUN:
         yield Problem(
-            "samples.count",
-            samples.count,
+            key,
+            count,
             f"with {contacts} contacts a unit must be <= {LARGEST_RUN // contacts}: the gaps alone of more would fill "
             "the disk; take fewer samples, whose intervals the report states",
         )
@@ -196,8 +227,8 @@ def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Problem]:
     if low >= high:
         yield Problem("metrics.rigidity_percent", metrics.rigidity_percent, "must rise: [lower, upper]")
     reached = 100 * cycle.torque_fraction
-    for name, needed in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
-        if needed > reached:
+    for name, percent in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
+        if percent > reached:
             yield Problem(
                 f"metrics.{name}",
                 getattr(metrics, name),

@@ -24,9 +24,9 @@ def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Problem]:
     """A stiffness that the law asks for and is missing, or one that it derives."""
     from pipeline.model.contact.line_laws import library
 
-    asked = library()[law].of_stiffness is not None
-    if asked and stiffness is None:
+    takes_stiffness = library()[law].of_stiffness is not None
+    if takes_stiffness and stiffness is None:
         yield Problem("springs.stiffness_N_per_mm", MISSING, f'law = "{law}" needs the stiffness of a contact')
-    elif stiffness is not None and not asked:
+    elif stiffness is not None and not takes_stiffness:
         allowed = f'law = "{law}" derives it from geometry and material; delete it, or take law = "linear"'
         yield Problem("springs.stiffness_N_per_mm", stiffness, allowed)

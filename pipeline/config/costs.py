@@ -12,9 +12,14 @@ from pydantic import Field, create_model
 
 from pipeline.config.design import Design
 from pipeline.config.dimensions import dimension_library
+from pipeline.config.notation.iso286 import TOLERANCES_UM, UP_TO_MM, grade_width_um
 from pipeline.config.section import NotNegative, Positive, Problem, Section
 
 Real = NDArray[np.float64]
+EXAMPLE_COSTS = {str(grade): 10 ** ((6 - grade) / 5) for grade in TOLERANCES_UM}
+"""Relative cost by grade, that of grade 6 being 1: an EXAMPLE, no measurement. From grade 6 on the zones of ISO
+286-1:2010 step by the preferred numbers R5 (10, 16, 25, 40, 64, 100 tolerance units), a factor 10^(1/5); by the
+reciprocal law of Chase and Greenwood (1988) costs step by its inverse, and finer grades are taken to go on so."""
 Width = Annotated[float, Field(gt=0, le=2000)]
 """Width of a tolerance zone, upper less lower limit [um]."""
 
@@ -23,6 +28,11 @@ class Cost(Section):
     """Cost of a tolerance, in any currency, alike for all dimensions; `per` element or for all elements together."""
 
     per: Literal["element", "ring"] = "ring"
+
+    @property
+    def example(self) -> bool:
+        """Whether a number of it is the program's example and not the maker's own."""
+        return False
 
     @abstractmethod
     def of_one(self, width_um: Real) -> Real:
@@ -109,7 +119,68 @@ class CostTable(Cost):
             yield Problem(f"{key}.costs", list(self.costs), "must descend: a wider zone costs less")
 
 
-AnyCost = Annotated[Reciprocal | Power | CostTable, Field(discriminator="law")]
+class IsoGrade(Cost):
+    """cost times the relative cost of a grade of ISO 286-1 whose zone at `size_mm` is as wide, that of `grade` being 1.
+
+    A dimension whose micrometres are `of` a radius has half the zone of the diameter that the grades are of. Without
+    `relative_costs` of the maker's own, by grade, those of `EXAMPLE_COSTS` stand, which are an example. Between grades
+    straight in the logarithms, beyond them nothing.
+    """
+
+    law: Literal["iso_grade"]
+    cost: Positive
+    grade: Annotated[int, Field(ge=min(TOLERANCES_UM), le=max(TOLERANCES_UM))]
+    size_mm: Annotated[float, Field(gt=0, le=UP_TO_MM[-1])]
+    of: Literal["diameter", "radius"] = "diameter"
+    relative_costs: dict[str, Positive] | None = None
+
+    @property
+    def example(self) -> bool:
+        """Whether the relative costs are those of the example."""
+        return self.relative_costs is None
+
+    def _width_um(self, grade: int) -> float:
+        """Width of the dimension's zone at a grade, which is one of the diameter."""
+        return grade_width_um(grade, self.size_mm) / (2.0 if self.of == "radius" else 1.0)
+
+    @property
+    def _steps(self) -> tuple[Real, Real]:
+        """Widths [um], ascending, and relative costs of the grades; of grades of equal width the finest."""
+        costs = {int(name): cost for name, cost in (self.relative_costs or EXAMPLE_COSTS).items()}
+        by_width: dict[float, float] = {}
+        for grade in sorted(costs):
+            by_width.setdefault(self._width_um(grade), costs[grade])
+        return np.array(list(by_width)), np.array(list(by_width.values()))
+
+    @property
+    def widths_um(self) -> tuple[float, float]:
+        """Widths of the finest and of the coarsest grade [um]."""
+        widths, _ = self._steps
+        return float(widths[0]), float(widths[-1])
+
+    def of_one(self, width_um: Real) -> Real:
+        """See `Cost`; missing beyond the grades."""
+        widths, costs = self._steps
+        asked = np.append(np.asarray(width_um, float), self._width_um(self.grade))
+        logs = np.interp(np.log(asked), np.log(widths), np.log(costs), left=np.nan, right=np.nan)
+        return self.cost * np.exp(logs[:-1] - logs[-1]).reshape(np.shape(width_um))
+
+    def problems(self, key: str) -> Iterator[Problem]:
+        """Grades that are none, or that do not cost the less the coarser they are."""
+        known = {str(grade) for grade in TOLERANCES_UM}
+        relative_costs = self.relative_costs or EXAMPLE_COSTS
+        if set(relative_costs) - known or len(relative_costs) < 2:
+            allowed = f"must have two or more of the grades {min(TOLERANCES_UM)} to {max(TOLERANCES_UM)}, as 5 = 1.6"
+            yield Problem(f"{key}.relative_costs", sorted(relative_costs), allowed)
+        elif np.any(np.diff([relative_costs[name] for name in sorted(relative_costs, key=int)]) >= 0):
+            yield Problem(
+                f"{key}.relative_costs", list(relative_costs.values()), "must descend: a coarser grade costs less"
+            )
+        elif not min(map(int, relative_costs)) <= self.grade <= max(map(int, relative_costs)):
+            yield Problem(f"{key}.grade", self.grade, "must lie among the grades of relative_costs")
+
+
+AnyCost = Annotated[Reciprocal | Power | CostTable | IsoGrade, Field(discriminator="law")]
 
 
 class _Costs(Section):

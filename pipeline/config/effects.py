@@ -15,7 +15,9 @@ PHYSICAL_RANGE = {
     "N m": (0.0, 1e7),
     "1": (0.0, 1e6),
     "arcmin/(N m)": (0.0, 1e6),
+    "arcmin/(N m)2": (0.0, 1e6),
     "arcmin": (0.0, 1e4),
+    "1/K": (-0.1, 0.1),
     "s": (0.0, 1e9),
     "um/N": (0.0, 1e6),
     "um/(m K)": (-1000.0, 1000.0),
@@ -56,6 +58,9 @@ def study_effect_problems(effects: Effects, disks: int) -> Iterator[Problem]:
     from pipeline.model.effects import library  # the mechanics are slow to import
     from pipeline.model.effects.effect import TEMPERATURE, TIME
 
+    if {"contact_friction", "directional_load_friction"} <= set(effects):
+        allowed = "is not solved beside contact_friction; delete one of both from the design of the study"
+        yield Problem("design.effects.directional_load_friction", None, allowed)
     absent = {
         TIME: "a study's load cycle has no time",
         TEMPERATURE: "a study is at the temperature of the drawing, where it changes nothing",

@@ -185,8 +185,8 @@ def _fold(profile: CycloidProfile) -> tuple[int, float] | None:
     lobes = np.arange(1 if measured is None else len(measured.material))[:, None]
     phase = np.linspace(0, 2 * np.pi, CHECKED_POINTS)
     points = drawn_flank(profile, lobes, phase)
-    back = np.imag(np.conj(points[:, :-1]) * points[:, 1:]) >= 0
-    if not back.any():
+    backward = np.imag(np.conj(points[:, :-1]) * points[:, 1:]) >= 0
+    if not backward.any():
         return None
-    lobe, place = np.argwhere(back)[0]
-    return int(lobe), float(np.degrees(phase[place]))
+    lobe, point_index = np.argwhere(backward)[0]
+    return int(lobe), float(np.degrees(phase[point_index]))

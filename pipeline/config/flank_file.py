@@ -32,9 +32,9 @@ def with_flank_file(raw: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         return dict(raw)
     path = folder / flank["measured"]
     if path.suffix.lower() != ".csv" or not path.is_file():
-        what = "is no CSV file" if path.is_file() else "no such file beside the design"
+        reason = "is no CSV file" if path.is_file() else "no such file beside the design"
         shown = shown_value(flank["measured"])
-        raise InputError([f"flank.measured = {shown}; {what}; name a CSV file, its path from the design's folder"])
+        raise InputError([f"flank.measured = {shown}; {reason}; name a CSV file, its path from the design's folder"])
     return {**raw, "flank": {**flank, "measured": flank_table(path)}}
 
 
@@ -54,7 +54,7 @@ def flank_table(path: Path) -> dict[str, Any]:
     except (ValueError, UnicodeError) as error:  # no columns, ragged rows, other encodings
         raise InputError([f"{name}: not a CSV table: {error}; give columns {_columns()}"]) from None
     table.columns = pd.Index(header(table.columns, name))
-    place = _checked_columns(list(table.columns), name)
+    station_column = _checked_columns(list(table.columns), name)
     if not 0 < len(table) <= LARGEST_TABLE:
         raise InputError([f"{name}: {len(table) or 'no'} rows; must be 1 to {LARGEST_TABLE} measured points"])
     numbers = table.apply(pd.to_numeric, errors="coerce")
@@ -62,10 +62,10 @@ def flank_table(path: Path) -> dict[str, Any]:
         if len(wrong := np.flatnonzero(~np.isfinite(numbers[column].to_numpy(float)))):
             rows = ", ".join(str(row + 2) for row in wrong[:SHOWN_ROWS])
             shown = shown_value(table[column].iloc[wrong[0]])
-            more = " and more" if len(wrong) > SHOWN_ROWS else ""
-            raise InputError([f"{name}: {column} = {shown}; must be a number; correct row {rows}{more}"])
-    lists = _lobes(numbers, place, name)
-    return {place: lists[0][0], DEVIATION: tuple(deviation for _, deviation in lists), "file": name}
+            remainder_text = " and more" if len(wrong) > SHOWN_ROWS else ""
+            raise InputError([f"{name}: {column} = {shown}; must be a number; correct row {rows}{remainder_text}"])
+    lists = _lobes(numbers, station_column, name)
+    return {station_column: lists[0][0], DEVIATION: tuple(deviation for _, deviation in lists), "file": name}
 
 
 def _columns() -> str:
@@ -102,9 +102,12 @@ def _lobes(numbers: pd.DataFrame, place: str, name: str) -> list[tuple[tuple[flo
     if not values:
         raise InputError([f"{name}: the last lobe has {len(lobe) % count} rows; must have {count} as the first"])
     places, deviations = values
-    if len(other := np.argwhere(places != places[0])):
-        k, point = other[0]
+    if len(differing := np.argwhere(places != places[0])):
+        k, point = differing[0]
         shown = f"{place} = {places[k, point]:g} in row {2 + k * count + point}"
         allowed = f"must be {places[0, point]:g} as in row {2 + point}: all lobes are measured at the same points"
         raise InputError([f"{name}: {shown}; {allowed}"])
-    return [(tuple(at.tolist()), tuple(off.tolist())) for at, off in zip(places, deviations, strict=True)]
+    return [
+        (tuple(stations.tolist()), tuple(deviations_of_lobe.tolist()))
+        for stations, deviations_of_lobe in zip(places, deviations, strict=True)
+    ]

@@ -47,7 +47,8 @@ def _several_disks(
     if output and output.one_disk_because:
         allowed = f"must be 1 with the output {output.name}: {output.one_disk_because}; take pin_in_hole"
         yield Problem("disk.count", disk.count, allowed)
-    if bearing and (bearing.exponent != 1 or bearing.clearance_um > 0):
+    carried = output is not None and output.carries_disks
+    if bearing and not carried and (bearing.exponent != 1 or bearing.clearance_um > 0):
         key = "exponent" if bearing.exponent != 1 else "clearance_um"
         allowed = (
             f"must be {1 if key == 'exponent' else 0} with {disk.count} disks: their bearings are linear and tight"
@@ -55,8 +56,8 @@ def _several_disks(
         yield Problem(f"bearing.{key}", getattr(bearing, key), allowed)
     holes = output.holes(cycloid) if output and cycloid else None
     if disk.clocking == "same_part" and cycloid and holes:
-        made = (clocking(holes.centres, cycloid.lobes, number, disk.count) for number in range(disk.count))
-        if any(one.lobes is None for one in made):
+        clockings = (clocking(holes.centres, cycloid.lobes, number, disk.count) for number in range(disk.count))
+        if any(clocking_of_disk.lobes is None for clocking_of_disk in clockings):
             yield Problem(
                 "disk.clocking",
                 disk.clocking,

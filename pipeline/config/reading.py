@@ -132,7 +132,7 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     InputError : with every problem found in both files.
     """
     raw = with_tuples(data)
-    design, others = _referred(raw.get("design"), read_design)
+    design, design_problems = _referred(raw.get("design"), read_design)
     unreadable: list[Problem] = []
     if "tolerances" in raw:
         raw["tolerances"], unreadable = with_notation(raw["tolerances"], design)
@@ -144,14 +144,14 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     problems, parts = validated(Study, {**raw, "name": name, "design": design})
     problems = unreadable + [problem for problem in problems if problem.key != "design"]
     problems += study_problems(parts, raw)
-    if "design" not in raw or not (design or others):
+    if "design" not in raw or not (design or design_problems):
         problems.append(Problem("design", raw.get("design", MISSING), "must be the name of a design file"))
     if "name" in raw:
         problems.append(Problem("name", raw["name"], "unknown key; a study has the name of its file"))
     problems += tolerance_problems(_valid_fields(Tolerances, raw.get("tolerances", {})), design)
     problems += cost_problems(_valid_fields(Costs, raw.get("costs", {})))
     problems += case_problems(_valid_cases(cases), design)
-    raise_if(problems, file, others)
+    raise_if(problems, file, design_problems)
     return Study.model_validate({**raw, "name": name, "design": design})
 
 
@@ -159,25 +159,25 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
     """The study and its design at the temperatures that it states, if any; without the section."""
     if "temperature" not in raw:
         return raw, design, []
-    others = {name: value for name, value in raw.items() if name != "temperature"}
+    remaining = {name: value for name, value in raw.items() if name != "temperature"}
     try:
         temperature = Temperature.model_validate(raw["temperature"])
     except ValidationError as error:
         wrong = problems_of(error, Temperature)
-        return others, design, [Problem(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]
+        return remaining, design, [Problem(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]
     if design is None:
-        return others, design, []
+        return remaining, design, []
     if wrong := temperature_problems(temperature, design):
-        return others, design, wrong
+        return remaining, design, wrong
     warm = warmed(temperature, design)
-    listed = others.get("cases")
+    listed = remaining.get("cases")
     if isinstance(listed, tuple) and listed:
         cases = (warm_case(warm, case, design) if isinstance(case, Mapping) else case for case in listed)
-        others["cases"] = tuple(cases)
-    elif isinstance(others.get("tolerances", {}), Mapping):
-        others["tolerances"] = warm_tolerances(warm, others.get("tolerances", {}), design)
-    others["description"] = f"{others.get('description', '')} {told(temperature)}".strip()
-    return others, warm_design(warm, design), []
+        remaining["cases"] = tuple(cases)
+    elif isinstance(remaining.get("tolerances", {}), Mapping):
+        remaining["tolerances"] = warm_tolerances(warm, remaining.get("tolerances", {}), design)
+    remaining["description"] = f"{remaining.get('description', '')} {told(temperature)}".strip()
+    return remaining, warm_design(warm, design), []
 
 
 def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Design | None, Sequence[str]]:

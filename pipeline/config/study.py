@@ -14,12 +14,23 @@ from pipeline.config.contact_laws import LawName
 from pipeline.config.costs import Costs
 from pipeline.config.design import Design
 from pipeline.config.section import Millimetres, NotNegative, Section
+from pipeline.config.tails import Tails
 from pipeline.config.tolerances import Tolerances
 from pipeline.model.metrics import Limited
 from pipeline.model.metrics import library as metric_library
 from pipeline.model.metrics.turn import turn_library
 
 Percent = Annotated[float, Field(gt=0, le=100)]
+
+
+class Until(Section):
+    """When a study has samples enough: when the interval of the yield against all limits is so narrow.
+
+    It has `samples.count` to begin with, grows by multiples of it, and ends at `at_most` whether it is or not.
+    """
+
+    yield_half_width: Annotated[float, Field(gt=0, le=0.5)]
+    at_most: Annotated[int, Field(ge=1, le=10**9)] = 100_000
 
 
 class Samples(Section):
@@ -34,6 +45,7 @@ class Samples(Section):
     experiment: Literal["monte_carlo", "sobol", "latin_hypercube", "cases"]
     nominal_first: bool = True
     randomisations: Annotated[int, Field(ge=8)] = 8
+    until: Until | None = None
 
     @property
     def rows(self) -> int:
@@ -152,8 +164,8 @@ class _Limits(Section):
         """Whether each value (n,) keeps each limit that is set on one of the ``values``, and `ALL_LIMITS` of them."""
         metrics: Mapping[str, Limited] = {**metric_library(), **turn_library()}
         limits = {name: limit for name, limit in self.of_metrics.items() if name in values}
-        kept = {name: metrics[name].keeps(np.asarray(values[name]), limit) for name, limit in limits.items()}
-        return {**kept, ALL_LIMITS: np.logical_and.reduce(list(kept.values()))} if kept else {}
+        kept_samples = {name: metrics[name].keeps(np.asarray(values[name]), limit) for name, limit in limits.items()}
+        return {**kept_samples, ALL_LIMITS: np.logical_and.reduce(list(kept_samples.values()))} if kept_samples else {}
 
     def limited(self, name: str, values: Container[str]) -> list[str]:
         """Metrics of the ``values`` whose limits a yield of this name counts."""
@@ -205,4 +217,5 @@ class Study(Section):
     limits: Limits = Limits()
     costs: Costs = Costs()
     drivers: Drivers = Drivers()
+    tails: Tails | None = None
     run: Run = Run()

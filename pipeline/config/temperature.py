@@ -28,6 +28,8 @@ PART_OF = {
     "ovality_2": "housing",
     "ovality_3": "housing",
     "pin_radius": "pins",
+    "pin_roundness_2": "pins",
+    "pin_roundness_3": "pins",
     "eccentricity": "crank",
 }
 """Part with which a toleranced dimension grows; all others grow with the disk."""

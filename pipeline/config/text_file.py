@@ -42,12 +42,12 @@ def check_text(path: Path, name: str) -> None:
     """
     with path.open("rb") as file:
         beginning = file.read(8)
-        packed = next((what for magic, what in _PACKED.items() if beginning.startswith(magic)), "")
+        packed = next((kind for magic, kind in _PACKED.items() if beginning.startswith(magic)), "")
         if packed or path.suffix.lower() in _PACKED_ENDINGS:
             raise InputError(f"{name}: is {packed or 'an archive by its name'}; unpack it to a CSV file, or use gzip")
         if (path.suffix.lower() == ".gz") != beginning.startswith(_GZIP):
-            what = "no gzip file" if path.suffix.lower() == ".gz" else "packed with gzip"
-            raise InputError(f"{name}: is {what}; name a gzip file .csv.gz and a text .csv")
+            kind = "no gzip file" if path.suffix.lower() == ".gz" else "packed with gzip"
+            raise InputError(f"{name}: is {kind}; name a gzip file .csv.gz and a text .csv")
         file.seek(0)
         try:
             _check_content(gzip.GzipFile(fileobj=file) if path.suffix.lower() == ".gz" else file, name)
@@ -68,8 +68,8 @@ def _check_content(file: BinaryIO | gzip.GzipFile, name: str) -> None:
 def header(columns: Iterable[object], name: str) -> list[str]:
     """Names of columns without blanks around them; raises InputError where two are then equal."""
     stripped = [str(column).strip() for column in columns]
-    twice = sorted({column for column in stripped if stripped.count(column) > 1})
-    if twice:
-        shown = ", ".join(map(shown_value, twice))
+    doubled = sorted({column for column in stripped if stripped.count(column) > 1})
+    if doubled:
+        shown = ", ".join(map(shown_value, doubled))
         raise InputError(f"{name}: more than one column {shown}, blanks aside; rename one")
     return stripped

@@ -50,6 +50,7 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
         if length is not None and name not in correlated:
             allowed = f"only {', '.join(correlated)} lie along a machined circle; delete it"
             yield Problem(f"{key}.correlation_length_mm", length, allowed)
+        yield from _zone_problems(dimensions[name], tolerance)
         if dimensions[name].one_sided and tolerance.least_um < 0:
             allowed = "must be >= 0, and with allowance_um added too"
             yield Problem(f"{key}.{tolerance.lowest_key}", tolerance.limits_um[0], allowed)
@@ -57,9 +58,21 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
             yield from _size_problems(dimensions[name], tolerance, design)
 
 
+def _zone_problems(dimension: Dimension, tolerance: Distribution) -> Iterator[Problem]:
+    key = f"tolerances.{dimension.name}.distribution"
+    if dimension.zone and tolerance.varies and not tolerance.in_disc:
+        allowed = 'is of a number, and this is a point in a zone: write position = "dia 0.02" (mm) in place of limits'
+        yield Problem(key, tolerance.name, allowed)
+    if tolerance.in_disc and not dimension.zone:
+        allowed = f"is of a point in a zone, and {dimension.title} is a number; take one with limits"
+        yield Problem(key, tolerance.name, allowed)
+
+
 def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design) -> Iterator[Problem]:
-    if dimension.count(design) == 0 and tolerance != _NONE:
-        yield Problem(f"tolerances.{dimension.name}", None, dimension.refusal(design))
+    if dimension.count(design) == 0:
+        if tolerance != _NONE:
+            yield Problem(f"tolerances.{dimension.name}", None, dimension.refusal(design))
+        return
     if dimension.size_um is None:
         return
     size = dimension.size_um(design)

@@ -10,7 +10,9 @@ import pytest
 from pipeline.config import load_design, load_study, parse_design, parse_study
 from pipeline.config.consistency import number_keys
 from pipeline.config.design import Design
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.geometry import geometry_problems
+from pipeline.config.operation import Operation
 from pipeline.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -196,6 +198,7 @@ def test_disks_that_collide_or_are_not_solved_are_refused(design, key, value, li
     [
         ("pin_in_hole_39", "eccentric_phase", "tolerances.eccentric_phase; acts on nothing with [disk] count = 1"),
         ("two_disks_39", "bearing_clearance", "tolerances.bearing_clearance; is not solved with [disk] count = 2"),
+        ("pham2017", "hole_diameter", "tolerances.hole_diameter; acts on nothing: it needs pins in holes"),
     ],
 )
 def test_tolerances_of_reducers_that_cannot_have_them_are_refused(study_data, design, name, line):
@@ -203,6 +206,17 @@ def test_tolerances_of_reducers_that_cannot_have_them_are_refused(study_data, de
     wide = {"distribution": "uniform", "lower_um": 0.0, "upper_um": 3.0}
     problems = study_problems(changed(data, f"tolerances.{name}", wide))
     assert any(problem.startswith(f"s.toml: {line}") for problem in problems), problems
+
+
+def test_pins_that_roll_have_no_roundness(study_data):
+    wide = {"distribution": "uniform", "lower_um": 0.0, "upper_um": 1.0}
+    data = changed(study_data, "tolerances.pin_roundness_3", wide)
+    design = parse_study(data, "s", "s.toml", read_design).design
+    rolling = design.model_copy(update={"operation": Operation(input_speed_rpm=1000.0, pins="rolling")})
+    known = dimension_library()["pin_roundness_3"]
+    assert known.count(design) == design.cycloid.pins
+    assert known.count(rolling) == 0
+    assert known.refusal(rolling).startswith('acts on nothing: it needs pins held, [operation] pins = "fixed"')
 
 
 def test_pins_in_holes_leave_no_choice_of_the_reading_of_their_diameter(study_data):

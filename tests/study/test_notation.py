@@ -127,6 +127,32 @@ def test_what_no_drawing_says_is_refused(settings, told):
     assert told in refused(settings)
 
 
+@pytest.mark.parametrize("text", ["dia 0.02", "⌀0.02", "ø .02"])
+def test_a_position_is_a_circular_zone(text):
+    for name, kind in (("uniform", "uniform_in_disc"), ("normal", "normal_in_disc")):
+        zone = tolerances(output_pin_position={"distribution": name, "position": text}).output_pin_position
+        assert (zone.name, zone.limits_um, zone.radius_um) == (kind, (0.0, 10.0), 10.0)
+    bore = tolerances(hole_diameter={"distribution": "uniform", "iso": "H7"}).hole_diameter
+    assert bore.limits_um == (0.0, 18.0)  # 14.4 mm: pins of 6, eccentricity of 1.2, both sides
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "told"),
+    [
+        ("output_pin_position", {"position": "0.02"}, 'position = "0.02"; must be as "dia 0.02"'),
+        ("output_pin_position", {"position": "dia 0"}, "above 0"),
+        ("output_pin_position", {"position": "dia 0.02", "upper_um": 3.0}, "stands beside position"),
+        ("output_pin_position", {"position": "dia 0.02", "distribution": "triangular"}, "must be uniform or normal"),
+        ("output_pin_position", {"lower_um": 0.0, "upper_um": 3.0}, 'write position = "dia 0.02"'),
+        ("pin_radial", {"position": "dia 0.02"}, "is no point in a zone; take limits_mm"),
+        ("pin_radial", {"distribution": "uniform_in_disc", "radius_um": 3.0}, "is a number; take one with limits"),
+        ("bush_bore", {"lower_um": 0.0, "upper_um": 3.0}, "acts on nothing: it needs bushes"),
+    ],
+)
+def test_what_is_no_zone_is_refused(name, settings, told):
+    assert told in refused(settings, name)
+
+
 def test_a_position_has_no_code_and_is_no_radius():
     assert "has no nominal size" in refused({"iso": "6h5"}, "pin_radial")
     assert "neither a diameter nor a radius" in refused({"limits_mm": "±0.01", "of": "radius"}, "pin_radial")

@@ -12,6 +12,7 @@ from scipy import stats
 from pipeline.assembly import errors as errors_in_mm
 from pipeline.config import load_study
 from pipeline.config.cases import Case
+from pipeline.config.distributions import library
 from pipeline.config.distributions.fixed import Fixed
 from pipeline.config.distributions.normal import Normal
 from pipeline.config.distributions.triangular import Triangular
@@ -270,3 +271,36 @@ def test_every_disk_has_draws_of_its_own_that_the_tables_keep_and_one_disk_draws
     alone = dimensions(load_study("pin_in_hole", ROOT))
     assert alone["eccentric_phase"] == 0
     assert (alone["eccentricity"], alone["lobe_profile"]) == (1, 39)
+
+
+def test_zones_and_pins_out_of_round_have_a_direction_of_each_element():
+    study = load_study("pin_in_hole", ROOT)
+    zone = {"distribution": "uniform_in_disc", "radius_um": 10.0}
+    more = {
+        "output_pin_position": library()["uniform_in_disc"].model_validate(zone),
+        "hole_position": library()["normal_in_disc"].model_validate({**zone, "distribution": "normal_in_disc"}),
+        "pin_roundness_2": Uniform(distribution="uniform", lower_um=0.0, upper_um=1.0),
+    }
+    still = {"hole_diameter": Fixed(distribution="fixed", value_um=2.0)}
+    plain, shifted, errors = (
+        draw(study.model_copy(update={"tolerances": study.tolerances.model_copy(update=update)}), 1, 401)
+        for update in ({}, still, more)
+    )
+    for name in {field.name for field in fields(plain)} - {"hole_diameter"}:
+        np.testing.assert_array_equal(getattr(shifted, name), getattr(plain, name), err_msg=name)
+    rayleigh = stats.rayleigh(scale=10 / 3)
+    of_radius = {
+        "output_pin_position": lambda radius: (radius / 10) ** 2,
+        "hole_position": lambda radius: rayleigh.cdf(radius) / rayleigh.cdf(10.0),
+    }
+    for name, within in of_radius.items():
+        way = getattr(errors, f"{name}_amplitude") * np.exp(1j * getattr(errors, f"{name}_phase"))
+        assert way.shape == (400, 10)
+        assert stats.kstest(np.abs(way).ravel(), within).pvalue > 0.01
+        assert stats.kstest(np.angle(way).ravel(), stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > 0.01
+        assert abs(np.corrcoef(way[:, 0].real, way[:, 1].real)[0, 1]) < 0.2
+    assert errors.pin_roundness_2_phase.shape == (400, 40)
+    assert stats.kstest(errors.pin_roundness_2_phase.ravel(), stats.uniform(0, 2 * np.pi).cdf).pvalue > 0.01
+    read = errors_of_columns(columns_of_errors(errors, 1, 1))
+    for name, values in vars(errors).items():
+        np.testing.assert_array_equal(getattr(read, name), values, err_msg=name)

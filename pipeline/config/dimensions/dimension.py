@@ -26,14 +26,21 @@ class Elements:
 
     Attributes
     ----------
-    name : of one; their table is its plural.
+    name : of one.
     count : number of them in a design, of a disk's elements on each disk.
     radius_mm : of the circle along which they are machined one after the other, None where they are made apart.
+    listed_with : elements whose table has their columns, one row for either; "" if the table is their own.
     """
 
     name: str
     count: Callable[[Design], int]
     radius_mm: Callable[[Design], float] | None
+    listed_with: str = ""
+
+    @property
+    def table(self) -> str:
+        """Table of the stage ``sample`` that has a row for each."""
+        return f"{self.listed_with or self.name}s"
 
 
 PINS = Elements("pin", lambda design: design.cycloid.pins, lambda design: design.cycloid.pin_circle_radius_mm)
@@ -44,6 +51,28 @@ LOBES = Elements(
 )
 """Along the disk at half of the lobes' height."""
 ROLLERS = Elements("roller", lambda design: design.output.contacts, None)
+OUTPUT_PINS = Elements("output_pin", lambda design: design.output.contacts, None, listed_with="roller")
+"""Pins of the flange in holes of the disks, which are all that such an output's contacts have."""
+HOLES = Elements("hole", lambda design: design.output.pins_in_holes, None)
+"""Holes of a disk, each about one output pin."""
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a reducer must have for a dimension to act on anything.
+
+    Attributes
+    ----------
+    of : whether a design has it.
+    told : in words, after "needs".
+    """
+
+    of: Callable[[Design], bool]
+    told: str
+
+
+PINS_IN_HOLES = Need(lambda design: design.output.pins_in_holes > 0, 'pins in holes, mechanism = "pin_in_hole"')
+BUSHES = Need(lambda design: design.output.has_bushes, "bushes on the output pins, [output.bush]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +91,10 @@ class Dimension:
     of_disk : whether every disk has deviations of its own.
     fewest_disks, most_disks : disks of a reducer below which it acts on nothing, and above which it is not solved.
     one_sided : whether the total cannot be negative: a clearance, an amplitude.
-    direction : meaning of its random direction, which makes the deviation an amplitude; empty without one.
+    direction : meaning of its random direction, of each element its own, which makes the deviation an amplitude; empty
+        without one.
+    zone : whether amplitude and direction are a point in a circular zone, whose diameter the drawing states.
+    need : what a reducer must have for it, None where all have it.
     size_um : nominal size that no deviation may use up, where it has one.
     measure : whether it is a diameter or a radius; empty if neither. A drawing may state the one for the other.
     acts_on : dimension of elements through which it acts, in place of a gap of its own.
@@ -83,6 +115,8 @@ class Dimension:
     most_disks: int = 3
     one_sided: bool = False
     direction: str = ""
+    zone: bool = False
+    need: Need | None = None
     size_um: Callable[[Design], float] | None = None
     measure: Literal["", "diameter", "radius"] = ""
     acts_on: str = ""
@@ -103,10 +137,13 @@ class Dimension:
         """Number of deviations of a reducer, disk after disk; 0 of a reducer that cannot have them."""
         disks = design.disk.count if self.of_disk else 1
         per_disk = self.elements.count(design) if self.elements else 1
-        return disks * per_disk if self.fewest_disks <= design.disk.count <= self.most_disks else 0
+        solved = self.fewest_disks <= design.disk.count <= self.most_disks
+        return disks * per_disk if solved and (self.need is None or self.need.of(design)) else 0
 
     def refusal(self, design: Design) -> str:
-        """Why a reducer of so many disks cannot have a deviation."""
+        """Why a reducer cannot have a deviation."""
+        if self.need and not self.need.of(design):
+            return f"acts on nothing: it needs {self.need.told}; delete it"
         disks = f"[disk] count = {design.disk.count}"
         if design.disk.count > self.most_disks:
             return f"is not solved with {disks}; delete it"
@@ -115,12 +152,20 @@ class Dimension:
     @property
     def table(self) -> str:
         """Table of the stage ``sample`` that has its column."""
-        return f"{self.elements.name}s" if self.elements else REDUCER
+        return self.elements.table if self.elements else REDUCER
 
     @property
     def column(self) -> str:
         """Column in ``table``."""
-        return f"{self.field.removeprefix(f'{self.elements.name}_') if self.elements else self.field}_um"
+        return f"{self._in_table(self.field)}_um"
+
+    @property
+    def phase_column(self) -> str:
+        """Column of the direction in ``table``."""
+        return f"{self._in_table(self.phase)}_rad"
+
+    def _in_table(self, field: str) -> str:
+        return field.removeprefix(f"{self.table.removesuffix('s')}_") if self.elements else field
 
 
 @cache

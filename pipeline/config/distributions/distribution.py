@@ -28,12 +28,14 @@ class Distribution(Section):
     name : as the file has it.
     varies : whether the deviation differs from sample to sample.
     lowest_key : the setting that is its lower limit.
+    in_disc : whether it is the way of a point in a circular zone from the zone's centre.
     allowance_um : added to every deviation.
     """
 
     name: ClassVar[str]
     varies: ClassVar[bool] = True
     lowest_key: ClassVar[str] = "lower_um"
+    in_disc: ClassVar[bool] = False
 
     allowance_um: Micrometres = 0.0
 
@@ -55,6 +57,16 @@ class Distribution(Section):
     @abstractmethod
     def deviation(self, probability: Real) -> Real:
         """Deviation [um] within the limits whose distribution function is `probability` (any shape), in [0, 1]."""
+
+    def density(self, deviation: Real) -> Real:
+        """Probability density [1/um] at deviations (any shape) [um]; 0 beyond the limits.
+
+        Raises
+        ------
+        TypeError
+            If the distribution has none.
+        """
+        raise TypeError(f"{self.name} has no density")
 
     def scaled(self, factor: float) -> Distribution:
         """The same distribution, all but its allowance times ``factor``."""

@@ -38,6 +38,17 @@ class Normal(Spread):
         below, above = ndtr((limits - location) / scale)
         return np.clip(location + scale * ndtri(below + (above - below) * probability), *limits)
 
+    def density(self, deviation: Real) -> Real:
+        """Probability density [1/um] at deviations (any shape) [um]."""
+        from scipy.special import ndtr  # slow to import, and reading a study draws nothing
+
+        location, scale, (lower, upper) = self.location_um, self.scale_um, self.limits_um
+        if scale == 0:
+            return super().density(deviation)
+        below, above = ndtr((np.array([lower, upper]) - location) / scale)
+        bell = np.exp(-0.5 * ((deviation - location) / scale) ** 2) / (np.sqrt(2 * np.pi) * scale * (above - below))
+        return np.where((deviation >= lower) & (deviation <= upper), bell, 0.0)
+
     def details(self, plain: Callable[[float], str]) -> Iterator[str]:
         """Standard deviation, and the mean where it is stated."""
         yield f"σ {self.scale_um:.3g} µm, truncated at the limits"

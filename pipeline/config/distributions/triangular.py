@@ -30,6 +30,16 @@ class Triangular(Spread):
         falling = upper - np.sqrt(width * (upper - peak) * (1 - probability))
         return np.where(probability * width < peak - lower, rising, falling)
 
+    def density(self, deviation: Real) -> Real:
+        """Probability density [1/um] at deviations (any shape) [um]."""
+        (lower, upper), peak = self.limits_um, self.peak_um
+        top = 2 / (upper - lower)
+        sides = [
+            np.divide(top * distance, width, out=np.full_like(distance, top), where=width > 0)
+            for distance, width in ((deviation - lower, peak - lower), (upper - deviation, upper - peak))
+        ]
+        return np.where((deviation >= lower) & (deviation <= upper), np.minimum(*sides), 0.0)
+
     def details(self, plain: Callable[[float], str]) -> Iterator[str]:
         """The mode."""
         yield f"mode {plain(self.peak_um)} µm"

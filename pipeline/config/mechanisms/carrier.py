@@ -12,7 +12,7 @@ from pydantic import Field
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.config.section import Clearance, Millimetres, Problem, Section
-from pipeline.model.contact.laws import ContactLaws, concatenated
+from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose, joined
 
@@ -49,13 +49,14 @@ class Carrier(OutputMechanism):
         station="roller of the crank bearing, and flank of the tooth",
         drawing="Cranks are counted clockwise from the first; dots are the rollers of their bearings.",
         loads="each line is the bearing of one crank; a pair of points is the mesh of its planet.",
+        without_pressure="Rollers of the crank bearings and teeth of the first stage have none: a peak pressure, and "
+        "the shear below it, are those of the pins alone.",
     )
     diameter_readings = {"half_diameter": "no diameter of the output has a tolerance"}
     material_keys = ()
     interfaces = 1
     toleranced_diameters = False
     carries_disks = True
-    one_disk_because = "the disks would share the cranks and the planets' meshes"
 
     mechanism: Literal["carrier"]
     cranks: Annotated[int, Field(ge=2, le=3)]
@@ -121,16 +122,15 @@ class Carrier(OutputMechanism):
         return ("output_phi", *(f"crank {j}_psi" for j in range(self.cranks)))
 
     def contacts_of(self, disk: DiskPose) -> Contacts:
-        """The rollers of each crank's bearing, from crank to crank, then both flanks of each planet with the sun.
+        """The rollers of each crank's bearing, from crank to crank.
 
         Notes
         -----
         The hole of crank j moves by q + phi_disk z x c_j and the eccentric in it by phi z x c_j + e psi_j z x u: a
-        roller in the direction n carries what is left of their difference. When the carrier turns by phi, the planet on
-        the held sun has psi = (1 + z1/z2) phi, and r2 (psi - (1 + z1/z2) phi) = r2 psi - r_c phi is what the mesh
-        yields to either side. What an error of the eccentricity shifts, the disk follows.
+        roller in the direction n carries what is left of their difference. What an error of the eccentricity shifts,
+        the disk follows.
         """
-        return joined([self._bearing(j, disk) for j in range(self.cranks)] + [self._mesh(disk)])
+        return joined([self._bearing(j, disk) for j in range(self.cranks)])
 
     def _bearing(self, crank: int, disk: DiskPose) -> Contacts:
         n = self.bearing_rollers
@@ -155,7 +155,14 @@ class Carrier(OutputMechanism):
             arm=np.imag(np.conj(centre) * -outwards),
         )
 
-    def _mesh(self, disk: DiskPose) -> Contacts:
+    def contacts_behind(self, disk: DiskPose) -> Contacts:
+        """Both flanks of each planet with the sun: the cranks turn all disks.
+
+        Notes
+        -----
+        When the carrier turns by phi, the planet on the held sun has psi = (1 + z1/z2) phi, and
+        r2 (psi - (1 + z1/z2) phi) = r2 psi - r_c phi is what the mesh yields to either side.
+        """
         n = 2 * self.cranks
         crank, flank = np.repeat(np.arange(self.cranks), 2), np.tile([0, 1], self.cranks)
         along = self.centres()[crank] / self.crank_circle_radius_mm * np.exp(1j * disk.rotation)
@@ -179,9 +186,8 @@ class Carrier(OutputMechanism):
             arm=side * self.crank_circle_radius_mm,
         )
 
-    def couplings_of(self, disk: DiskPose) -> Mapping[str, Real]:
-        """What the contacts close by the rotation of each crank, its eccentric and its planet."""
-        contacts = self.contacts_of(disk)
+    def couplings_of(self, disk: DiskPose, contacts: Contacts) -> Mapping[str, Real]:
+        """What the contacts close by the rotation of each crank, its eccentrics and its planet."""
         eccentric = -np.imag(np.conj(disk.eccentric) * contacts.normal)
         planet = self.planet_pitch_radius_mm * (1 - 2 * contacts.face)
         lever = np.where(contacts.interface == 0, eccentric, planet)
@@ -192,7 +198,7 @@ class Carrier(OutputMechanism):
         return np.flatnonzero(contacts.hole >= 0)
 
     def laws(self, inputs: LawInputs) -> ContactLaws:
-        """Rollers that together have the bearing's law, and the mesh, linear; neither has a Hertz pressure here.
+        """Rollers that together have the bearing's law; they have no Hertz pressure here.
 
         Notes
         -----
@@ -202,10 +208,14 @@ class Carrier(OutputMechanism):
         exponent = inputs.bearing.exponent
         mean = gamma(exponent / 2 + 1) / (2 * sqrt(pi) * gamma((exponent + 3) / 2))
         roller = inputs.bearing.stiffness / (self.bearing_rollers * mean)
-        n, meshes = self.cranks * self.bearing_rollers, 2 * self.cranks
-        linear = exponent == 1
-        rollers = _law(n, 1 / roller if linear else 0.0, 0.0 if linear else roller ** (-1 / exponent), 1 / exponent)
-        return concatenated([rollers, _law(meshes, 1 / self.first_stage.mesh_stiffness_N_per_mm, 0.0, 1.0)])
+        n = self.cranks * self.bearing_rollers
+        if exponent == 1:
+            return _law(n, 1 / roller, 0.0, 1.0)
+        return _law(n, 0.0, roller ** (-1 / exponent), 1 / exponent)
+
+    def laws_behind(self) -> ContactLaws:
+        """The planets' meshes, linear, without a Hertz pressure."""
+        return _law(2 * self.cranks, 1 / self.first_stage.mesh_stiffness_N_per_mm, 0.0, 1.0)
 
     def holes(self, cycloid: Cycloid) -> Holes:
         """One hole for each crank."""

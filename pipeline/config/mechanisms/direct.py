@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
 from pipeline.config.section import Problem
-from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.contact.laws import ContactLaws, no_laws
 from pipeline.model.geometry.cycloid_profile import Index
 from pipeline.model.geometry.reducer import Contacts, DiskPose, no_contacts
 
@@ -59,7 +57,7 @@ class Direct(OutputMechanism):
 
     def laws(self, inputs: LawInputs) -> ContactLaws:
         """No laws."""
-        return ContactLaws(*(np.zeros(0) for _ in ContactLaws.__dataclass_fields__))
+        return no_laws()
 
     def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
         """The coupling in words."""

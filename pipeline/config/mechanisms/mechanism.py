@@ -12,9 +12,9 @@ import numpy as np
 
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.section import Problem, Section
-from pipeline.model.contact.laws import ContactLaws, Material
+from pipeline.model.contact.laws import ContactLaws, Material, no_laws
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
-from pipeline.model.geometry.reducer import Bearing, Contacts, DiskPose
+from pipeline.model.geometry.reducer import Bearing, Contacts, DiskPose, no_contacts
 from pipeline.model.registry import declarations
 
 if TYPE_CHECKING:
@@ -35,12 +35,14 @@ class Words:
     contact : one output contact.
     station : axis of the contacts of one row in a figure.
     drawing, loads : captions of the drawing and of the figure of the contact forces, after what all have in common.
+    without_pressure : which of its contacts have no Hertz pressure, said among the limits of the model.
     """
 
     contact: str
     station: str
     drawing: str
     loads: str
+    without_pressure: str = ""
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ class OutputMechanism(Section):
     @property
     @abstractmethod
     def contacts(self) -> int:
-        """Number of output contacts of a disk."""
+        """Number of output contacts of a disk, and of those behind all disks."""
 
     @property
     @abstractmethod
@@ -140,8 +142,12 @@ class OutputMechanism(Section):
     def contacts_of(self, disk: DiskPose) -> Contacts:
         """The contacts between a disk and the output, nominal."""
 
-    def couplings_of(self, disk: DiskPose) -> Mapping[str, Real]:
-        """What further motions close (n_contacts,) of ``contacts_of``, by their names among those of ``motions_of``."""
+    def contacts_behind(self, disk: DiskPose) -> Contacts:
+        """Contacts behind all disks, once for them all; ``disk`` is the first one."""
+        return no_contacts()
+
+    def couplings_of(self, disk: DiskPose, contacts: Contacts) -> Mapping[str, Real]:
+        """What further motions close (n_contacts,) of some ``contacts`` of the output, by their names."""
         return {}
 
     def bearing_rows(self, contacts: Contacts) -> Index:
@@ -151,6 +157,10 @@ class OutputMechanism(Section):
     @abstractmethod
     def laws(self, inputs: LawInputs) -> ContactLaws:
         """Laws of the contacts in the order of ``contacts_of``."""
+
+    def laws_behind(self) -> ContactLaws:
+        """Laws of the contacts in the order of ``contacts_behind``."""
+        return no_laws()
 
     def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
         """What bodies behind the disks give way (n, n) [mm/N] between output contacts (n,) of these disks (n,).
@@ -163,6 +173,21 @@ class OutputMechanism(Section):
     def seat_radius_mm(self) -> float:
         """Radius of the seat in which a contact's body turns that rolls on the disk."""
         return self.contact_radius_mm
+
+    @property
+    def pins_in_holes(self) -> int:
+        """Pins of the flange that reach into holes of the disks, one for each output contact; 0 without any."""
+        return 0
+
+    def hole_radius(self, eccentricity: float) -> float:
+        """Radius of the holes about these pins [mm]; asked where there are some.
+
+        Raises
+        ------
+        NotImplementedError
+            If it has no pins in holes.
+        """
+        raise NotImplementedError(f"{self.name} has no pins in holes")
 
     @property
     def has_bushes(self) -> bool:

@@ -121,6 +121,11 @@ class PinInHole(OutputMechanism):
         return self.pins
 
     @property
+    def pins_in_holes(self) -> int:
+        """All output pins."""
+        return self.pins
+
+    @property
     def contact_radius_mm(self) -> float:
         """Radius of the smaller body of a contact, the output pin or its bush."""
         return self.outer_radius_mm
@@ -159,13 +164,13 @@ class PinInHole(OutputMechanism):
 
     def _hole_problems(self, cycloid: Cycloid, disk: Disk | None) -> Iterator[Problem]:
         hole, circle = self.hole_radius(cycloid.eccentricity_mm), self.pin_circle_radius_mm
-        what = f"a hole's radius is {hole:.4g} mm: pin, eccentricity and clearance"
+        size = f"a hole's radius is {hole:.4g} mm: pin, eccentricity and clearance"
         pitch = 2 * circle * sin(pi / self.pins)
         if pitch <= 2 * hole:
             yield Problem(
                 "output.pin_radius_mm",
                 self.pin_radius_mm,
-                f"{what}; must be < {pitch / 2:.4g} mm, half the distance between the {self.pins} holes, which overlap "
+                f"{size}; must be < {pitch / 2:.4g} mm, half the distance between the {self.pins} holes, which overlap "
                 "each other; take thinner or fewer output pins, or a larger circle",
             )
         root = cycloid.root_radius_mm
@@ -173,14 +178,14 @@ class PinInHole(OutputMechanism):
             yield Problem(
                 "output.pin_circle_radius_mm",
                 circle,
-                f"{what}; the holes reach {circle + hole:.4g} mm from the disk's centre, must be < {root:.4g} mm, the "
+                f"{size}; the holes reach {circle + hole:.4g} mm from the disk's centre, must be < {root:.4g} mm, the "
                 "radius at the lobes' roots; move them inwards or take thinner output pins",
             )
         if disk and circle - hole <= disk.bore_radius_mm:
             yield Problem(
                 "output.pin_circle_radius_mm",
                 circle,
-                f"{what}; the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "
+                f"{size}; the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "
                 f"{disk.bore_radius_mm:g} mm, the bore's radius; move them outwards, or take thinner output pins or a "
                 "smaller bore",
             )
@@ -247,8 +252,8 @@ class PinInHole(OutputMechanism):
         within = LineContact(
             np.full(self.pins, relative), inputs.thickness, inputs.materials[self.pin_material], material
         )
-        twice = inputs.law.between_flats((within, within), self.pin_radius_mm, middle)
-        return in_series(outer, scaled(twice, 0.5))
+        doubled = inputs.law.between_flats((within, within), self.pin_radius_mm, middle)
+        return in_series(outer, scaled(doubled, 0.5))
 
     def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
         """Bending of each pin by the forces of all disks on it, along their own normals."""

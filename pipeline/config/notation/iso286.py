@@ -39,6 +39,11 @@ LARGEST_DELTA_GRADE = {"k": 8, "m": 8, "n": 8, "p": 7}
 """Up to these grades a hole is moved by the difference of two grades, so that it fits as the shaft does."""
 
 
+def grade_width_um(grade: int, size_mm: float) -> float:
+    """Width [um] of the tolerance zone of a grade at a nominal size, above 0 and up to 500 mm."""
+    return float(TOLERANCES_UM[grade][bisect_left(UP_TO_MM, size_mm)])
+
+
 def limit_deviations(letter: str, grade: int, size_mm: float) -> tuple[float, float]:
     """Lower and upper limit deviation [um] of a diameter.
 
@@ -58,17 +63,17 @@ def limit_deviations(letter: str, grade: int, size_mm: float) -> tuple[float, fl
         raise ValueError(f"grades are {min(TOLERANCES_UM)} to {max(TOLERANCES_UM)}")
     if not 0 < size_mm <= UP_TO_MM[-1]:
         raise ValueError(f"sizes are above 0 and up to {UP_TO_MM[-1]} mm")
-    place = bisect_left(UP_TO_MM, size_mm)
-    width = float(TOLERANCES_UM[grade][place])
+    size_range = bisect_left(UP_TO_MM, size_mm)
+    width = grade_width_um(grade, size_mm)
     if letter.lower() == "js":
         return -width / 2, width / 2
     if letter.islower():
-        nearest = _shaft(letter, grade, place)
+        nearest = _shaft(letter, grade, size_range)
         return (nearest - width, nearest) if letter <= "h" else (nearest, nearest + width)
     if letter <= "H":
-        nearest = -float(DEVIATIONS_UM[letter.lower()][place])
+        nearest = -float(DEVIATIONS_UM[letter.lower()][size_range])
         return nearest, nearest + width
-    upper = _hole(letter, grade, place)
+    upper = _hole(letter, grade, size_range)
     return upper - width, upper
 
 

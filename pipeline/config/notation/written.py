@@ -10,15 +10,19 @@ from typing import Any
 from pipeline.config.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.notation.iso286 import limit_deviations
-from pipeline.config.section import Problem
+from pipeline.config.section import MISSING, Problem
 from pipeline.model.units import UM_PER_MM
 
-LIMITS, ISO, OF = "limits_mm", "iso", "of"
+LIMITS, ISO, OF, POSITION = "limits_mm", "iso", "of", "position"
 PLAIN = ("lower_um", "upper_um")
+RADIUS = "radius_um"
+IN_DISC = {"uniform": "uniform_in_disc", "normal": "normal_in_disc"}
+"""Distributions in a circular zone by the names that the file gives beside one."""
 SIZES = ("diameter", "radius")
 NUMBER = r"([+-]?\d*\.?\d+)"
 PAIR = re.compile(rf"\s*{NUMBER}\s*/\s*{NUMBER}\s*")
 EQUAL = re.compile(r"\s*(?:±|\+-|\+/-)\s*(\d*\.?\d+)\s*")
+ZONE = re.compile(r"\s*(?:dia|⌀|ø|Ø)\s*(\d*\.?\d+)\s*")
 CODE = re.compile(r"\s*(\d*\.?\d+)?\s*([A-Za-z]{1,2})\s*(\d{1,2})\s*")
 
 
@@ -32,18 +36,42 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
     resolved, problems = {}, []
     for name, settings in tolerances.items():
         dimension = dimension_library().get(name)
-        if not isinstance(settings, Mapping) or not {LIMITS, ISO, OF} & set(settings) or dimension is None:
+        if not isinstance(settings, Mapping) or not {LIMITS, ISO, OF, POSITION} & set(settings) or dimension is None:
             resolved[name] = settings
             continue
         if design is None:
             continue
-        found = _limits(dimension, settings, design)
-        if isinstance(found, Problem):
-            problems.append(found)
+        stated = _zone(dimension, settings) if POSITION in settings else _between(dimension, settings, design)
+        if isinstance(stated, Problem):
+            problems.append(stated)
             continue
-        others = {key: value for key, value in settings.items() if key not in (LIMITS, ISO, OF)}
-        resolved[name] = {**others, **dict(zip(PLAIN, found, strict=True))}
+        remaining = {key: value for key, value in settings.items() if key not in (LIMITS, ISO, OF, POSITION)}
+        resolved[name] = {**remaining, **stated}
     return resolved, problems
+
+
+def _zone(dimension: Dimension, settings: Mapping[str, Any]) -> dict[str, Any] | Problem:
+    """Radius of a circular zone [um] and its distribution, or what is wrong."""
+    key, text = f"tolerances.{dimension.name}", settings[POSITION]
+    if not dimension.zone:
+        return Problem(f"{key}.{POSITION}", text, f"{dimension.title} is no point in a zone; take {LIMITS}")
+    for other in (LIMITS, ISO, OF, RADIUS, *PLAIN):
+        if other in settings:
+            return Problem(f"{key}.{other}", settings[other], f"stands beside {POSITION}; keep the one or the other")
+    if settings.get("distribution") not in IN_DISC:
+        allowed = f"must be {' or '.join(IN_DISC)} with a {POSITION}: in the disc of the zone"
+        return Problem(f"{key}.distribution", settings.get("distribution", MISSING), allowed)
+    match = ZONE.fullmatch(text) if isinstance(text, str) else None
+    if match is None or float(match[1]) == 0:
+        return Problem(f"{key}.{POSITION}", text, 'must be as "dia 0.02": the diameter of the zone in mm, above 0')
+    radius = round(UM_PER_MM * 0.5 * float(match[1]), 9)
+    return {"distribution": IN_DISC[settings["distribution"]], RADIUS: radius}
+
+
+def _between(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> dict[str, float] | Problem:
+    """Limits [um] by their names, or what is wrong."""
+    limits = _limits(dimension, settings, design)
+    return limits if isinstance(limits, Problem) else dict(zip(PLAIN, limits, strict=True))
 
 
 def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Problem:
@@ -62,13 +90,13 @@ def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -
     if pair is None:
         allowed = 'must be as "+0.000/-0.004" or "±0.002", in mm'
         return Problem(f"{key}.{LIMITS}", settings[LIMITS], allowed)
-    of = settings.get(OF)
-    if dimension.measure and of not in SIZES:
+    reading = settings.get(OF)
+    if dimension.measure and reading not in SIZES:
         allowed = 'must be "diameter" or "radius": a drawing may give either'
-        return Problem(f"{key}.{OF}", of, allowed)
-    if not dimension.measure and of is not None:
-        return Problem(f"{key}.{OF}", of, f"{dimension.title} is neither a diameter nor a radius; delete it")
-    factor = UM_PER_MM * _share(dimension, str(of or ""))
+        return Problem(f"{key}.{OF}", reading, allowed)
+    if not dimension.measure and reading is not None:
+        return Problem(f"{key}.{OF}", reading, f"{dimension.title} is neither a diameter nor a radius; delete it")
+    factor = UM_PER_MM * _share(dimension, str(reading or ""))
     return round(factor * pair[0], 9), round(factor * pair[1], 9)
 
 

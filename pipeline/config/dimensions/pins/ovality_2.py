@@ -1,5 +1,5 @@
 """A pin circle of two lobes."""
 
-from pipeline.config.dimensions._ovality import ovality
+from pipeline.config.dimensions.pins._ovality import ovality
 
 DIMENSION = ovality(2, "two-lobed", rank=90, drawn=(3, 5))

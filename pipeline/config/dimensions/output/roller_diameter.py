@@ -1,11 +1,11 @@
-"""Diameter of each output roller, or of each output pin in the disk's holes."""
+"""Diameter of each output roller, or of what lies in the disk's holes: output pins, or their bushes outside."""
 
 from pipeline.config.dimensions.dimension import ROLLERS, Dimension
 
 DIMENSION = Dimension(
     name="roller_diameter",
     title="output roller or pin diameter",
-    sign="each output roller or pin; smaller gives clearance",
+    sign="each output roller, pin or bush; smaller gives clearance",
     meaning="diameter error, larger positive",
     rank=70,
     drawn=(11,),

@@ -1,0 +1,1 @@
+"""Dimensions of the crank, its eccentrics and their bearings."""

@@ -1,0 +1,1 @@
+"""Dimensions of the disks: flank, bore and holes."""

@@ -1,0 +1,19 @@
+"""Position of each of a disk's holes against its bore, as a circular zone about its true place."""
+
+from pipeline.config.dimensions.dimension import HOLES, PINS_IN_HOLES, Dimension
+
+DIMENSION = Dimension(
+    name="hole_position",
+    title="position of holes in the disk",
+    sign="way of each hole's axis from its true place, at most half of the zone's diameter; direction random",
+    meaning="way of the hole's axis from its true place",
+    rank=73,
+    drawn=(122, 123),
+    elements=HOLES,
+    of_disk=True,
+    need=PINS_IN_HOLES,
+    one_sided=True,
+    direction="direction of that way in the disk's frame, counterclockwise from the crank at 0",
+    zone=True,
+    counted_where_varied=True,
+)

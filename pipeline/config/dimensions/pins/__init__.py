@@ -1,0 +1,1 @@
+"""Dimensions of the pins and of the ring that holds them."""

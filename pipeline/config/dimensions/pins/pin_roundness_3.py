@@ -1,0 +1,5 @@
+"""Pins of three lobes."""
+
+from pipeline.config.dimensions.pins._roundness import roundness
+
+DIMENSION = roundness(3, "three-lobed", rank=34, drawn=(132, 133))

@@ -1,0 +1,44 @@
+"""Far tails of a study: how many units a rough model looks at, how many are load-solved, and what has no tail."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from pipeline.config.section import Section
+from pipeline.model.metrics import library
+
+if TYPE_CHECKING:
+    from pipeline.config.design import Design
+    from pipeline.config.study import Limits, Samples
+
+
+class Tails(Section):
+    """Yields of parts per million and 99.73 % quantiles.
+
+    A rough model looks at `units`; about `solve` of them, most near a limit, are load-solved beside a pilot.
+    """
+
+    units: Annotated[int, Field(ge=1_000, le=10**8)] = 100_000
+    solve: Annotated[int, Field(ge=100, le=10**7)] = 4_000
+
+
+def limited_under_load(limits: Limits) -> dict[str, float]:
+    """Limits by metric, of those that have a rough model: rigid bodies need none, metrics of the turn have none."""
+    known = library()
+    return {n: limit for n, limit in limits.of_metrics.items() if n in known and not known[n].turn_of_rigid_bodies}
+
+
+def without_tails(samples: Samples, limits: Limits, design: Design) -> str:
+    """Why a study has no far tails; empty if it has."""
+    if samples.experiment == "cases":
+        return "listed cases are no sample of anything; tails need random samples"
+    if design.output.carries_disks:
+        return (
+            f"the rough model of the tails holds the disk's centre, which a {design.output.name} does not; take more "
+            "samples"
+        )
+    if not limited_under_load(limits):
+        return "[limits] names no metric under load; set one, as lost_motion_arcmin"
+    return ""
