@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.tolerances import Tolerances
 from pipeline.decisions.bounds.box import Box, climbed
@@ -72,10 +73,10 @@ def test_a_reducer_with_few_errors_is_bounded_by_all_of_its_vertices():
     for corner in itertools.product((0.0, 1.0), repeat=2):
         point = box.centre
         point[box.columns] = corner
-        points += [point[None], box.turned(point, "ovality_2")]
+        points += [point[None], box.turned(point, box.waves["ovality_2"][0])]
     values = backlash(box, 90.0, np.concatenate(points))
     inside = box.centre + np.zeros((400, 1))
-    inside[:, [*box.columns, *box.waves["ovality_2"]]] = np.random.default_rng(1).random((400, 4))
+    inside[:, [*box.columns, *box.waves["ovality_2"][0]]] = np.random.default_rng(1).random((400, 4))
     largest = max(values.max(), backlash(box, 90.0, inside).max())
     assert largest <= bounds[ATTAINED] <= 1.002 * bounds[BY_PROGRAM]
     assert bounds[ATTAINED] == pytest.approx(largest, rel=5e-3)
@@ -88,9 +89,32 @@ def test_a_climb_ends_where_no_error_alone_helps():
     box = Box.of(few_errors(disk_profile={}, eccentricity={}, ovality_2={}))
     weight = np.zeros(box.n_columns)
     weight[box.columns] = (1.0, -2.0)
-    phase = box.waves["ovality_2"][1]
+    phase = box.waves["ovality_2"][0, 1]
     point, value = climbed(
         box, lambda points: points @ weight + np.cos(2 * np.pi * (points[:, phase] - 0.25)), box.centre
     )
     np.testing.assert_allclose(point[box.columns], (1.0, 0.0))
     assert value == pytest.approx(2.0)
+
+
+def test_output_pins_in_their_zones_play_at_most_as_all_pins_of_a_side_at_its_edge():
+    """Pins alone are out of place, every one in the direction that opens its contact: the gaps of both sides grow."""
+    study = load_study("pin_in_hole", ROOT)
+    zone = {"distribution": "uniform_in_disc", "radius_um": 3.0}
+    fixed = {name: {"distribution": "fixed", "value_um": 0.0, "allowance_um": 30.0} for name in ("disk_profile",)}
+    study = study.model_copy(update={"tolerances": Tolerances.model_validate({**fixed, "output_pin_position": zone})})
+    box = Box.of(study)
+    assert (len(box.columns), len(box.all_waves)) == (0, study.design.output.pins)
+    bounds = {bound.what: bound.value for bound in play_bounds(box, 50.0, "clearance_backlash_arcmin")}
+    nominal = backlash(box, 50.0, box.centre[None])[0]
+    at = assembly.reducer(study.design, 50.0)
+    arm = at.contacts.arm[at.output_rows[0]]
+    opened = 3e-3 * (1 / arm.max() + 1 / -arm.min()) * 180 * 60 / np.pi
+    assert bounds[BY_PROGRAM] == pytest.approx(nominal + opened, rel=1e-3)
+    assert bounds[ATTAINED] == pytest.approx(nominal + opened, rel=2e-3)
+    rng = np.random.default_rng(3)
+    points = np.repeat(box.centre[None], 300, axis=0)
+    points[:, box.all_waves] = rng.random((300, len(box.all_waves), 2))
+    values = backlash(box, 50.0, points)
+    assert values.max() <= bounds[ATTAINED] * (1 + 1e-9)
+    assert bounds[LEAST_BOUND] <= bounds[LEAST_FOUND] <= values.min()

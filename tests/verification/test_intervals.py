@@ -28,7 +28,13 @@ def covered(intervals, truth):
     return np.mean((low <= truth) & (truth <= high))
 
 
-@pytest.mark.parametrize("population", POPULATIONS.values(), ids=POPULATIONS.keys())
+@pytest.mark.parametrize(
+    "population",
+    [
+        pytest.param(population, id=name, marks=() if name == "gamma" else pytest.mark.attack)
+        for name, population in POPULATIONS.items()
+    ],
+)
 def test_coverage_of_mean_and_std(population):
     samples = population.rvs((3000, 100), random_state=np.random.default_rng(1))
     assert covered([mean_interval(x, 0.95) for x in samples], population.mean()) == pytest.approx(0.95, abs=0.015)
@@ -61,11 +67,11 @@ def test_std_interval_keeps_its_level_in_small_samples():
 
 
 def test_a_quantile_is_as_often_too_large_as_too_small():
-    samples = stats.expon().rvs((1000, 50), random_state=np.random.default_rng(5))
+    samples = stats.expon().rvs((400, 50), random_state=np.random.default_rng(5))
     runs = [distribution(x, 0.95) for x in samples]
     for name in ("p05", "p50", "p95"):
         above = [run[name].value > stats.expon().ppf(QUANTILES[name]) for run in runs]
-        assert np.mean(above) == pytest.approx(0.5, abs=0.04), name
+        assert np.mean(above) == pytest.approx(0.5, abs=0.06), name
 
 
 def test_coverage_of_a_quantile():
@@ -92,7 +98,7 @@ def test_coverage_over_replicates(sequence):
     truth = {"mean": 2.0, "p95": stats.norm(2, np.sqrt(2)).ppf(0.95)}
     replicate = np.repeat(np.arange(8), 64)
     runs, shares = [], []
-    for _ in range(400):
+    for _ in range(200):
         points = np.concatenate([sequence(2, rng=rng).random(64) for _ in range(8)])
         values = 2 + stats.norm.ppf(np.clip(points, 1e-9, 1 - 1e-9)).sum(axis=1)
         runs.append(distribution(values, 0.95, replicate))
@@ -136,15 +142,15 @@ def test_equal_replicates_are_not_certain():
 @pytest.mark.parametrize("name", ["p01", "p05", "p50", "p99"])
 def test_replicates_of_independent_samples_have_the_level_of_independent_samples(name):
     """Nothing but chance lies between such replicates: quantile and yield of any population keep their level."""
-    level, replicate = QUANTILES[name], np.arange(1024) % 8
-    samples = stats.gamma(4).rvs((1500, 1024), random_state=np.random.default_rng(6))
+    level, replicate, n = QUANTILES[name], np.arange(1024) % 8, 600
+    samples = stats.gamma(4).rvs((n, 1024), random_state=np.random.default_rng(6))
     exact = stats.gamma(4).ppf(level)
     wholes = np.quantile(samples, level, axis=1, method="median_unbiased")
     intervals = [
         replicated_quantile_interval(whole, x, 0.95, level, replicate) for whole, x in zip(wholes, samples, strict=True)
     ]
     shares = [replicated_share_interval((x <= exact).astype(float), 0.95, replicate) for x in samples]
-    error = 3 * np.sqrt(0.95 * 0.05 / 1500)
+    error = 3 * np.sqrt(0.95 * 0.05 / n)
     assert 0.93 - error < covered(intervals, exact) < 0.97 + error
     assert 0.93 - error < covered(shares, level) < 0.97 + error
 

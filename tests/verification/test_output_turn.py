@@ -49,6 +49,21 @@ def test_angles_of_the_output_turn_are_even_and_see_every_phase_alike() -> None:
     assert len(cranks) == 161 * 79
 
 
+def test_a_unit_after_turns_of_the_crank_is_one_with_other_lobes_at_the_pins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against the reducer at the crank angle itself, turn for turn, with every error that turns with the disk."""
+    study, rng = coarse(), np.random.default_rng(3)
+    unit = draw(study, 1, 2)
+    amounts = {"lobe_pitch": rng.normal(size=(1, 79)), "bore_runout_amplitude": np.array([2.0])}
+    amounts |= {"bore_runout_phase": np.array([0.7]), "pin_radius": unit.pin_radius - 5.0}
+    unit = type(unit)(**(vars(unit) | amounts))
+    monkeypatch.setattr(output_turn, "rigid_cranks", lambda study: 2 * np.pi * np.arange(2 * 79) / 2)
+    turned = free_error(study, unit)
+    monkeypatch.setattr(output_turn, "_turns_alike", lambda study: False)
+    angle_by_angle = free_error(study, unit)
+    np.testing.assert_allclose(turned.error, angle_by_angle.error, atol=1e-9 * np.abs(turned.error).max())
+    assert np.ptp(turned.error[:, ::2], axis=1).min() > 0.1  # of the turns at one crank angle [arcsec]
+
+
 @pytest.mark.attack
 def test_the_turn_of_a_unit_goes_through_the_angles_of_a_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -68,6 +83,7 @@ def test_the_turn_of_a_unit_goes_through_the_angles_of_a_study(
     assert "12 N m held" in capsys.readouterr().out
     written = pd.read_parquet(tmp_path / "turn/output_turn/error-3.parquet")
     orders = pd.read_parquet(tmp_path / "turn/output_turn/orders-3.parquet")
+    assert (tmp_path / "turn/output_turn/turn-3.png").stat().st_size > 20_000
     assert set(orders.columns) >= {"order_of_output", "order_of_crank", "amplitude_arcsec"}
     assert cli.main(["run", "aggregate", "--study", str(file), "--jobs", "1"]) == 0
     table = pd.read_parquet(tmp_path / "turn/aggregate/transmission.parquet").query("sample == 3")
@@ -75,6 +91,7 @@ def test_the_turn_of_a_unit_goes_through_the_angles_of_a_study(
     both = table.merge(written, on=["sense", "torque_Nm", "crank_deg"], suffixes=("", "_of_turn"))
     assert len(both) == 2 * 1 + 2 * 2  # the play at 0, under load at 0 and 90 degrees, both senses
     np.testing.assert_allclose(both["error_arcsec_of_turn"], both["error_arcsec"], rtol=1e-7)
+    np.testing.assert_allclose(both["bearing_force_N_of_turn"], both["bearing_force_N"], rtol=1e-7)
 
 
 def test_a_unit_that_interferes_has_no_play_to_look_at() -> None:

@@ -23,7 +23,7 @@ from pipeline.errors import InputError
 ROOT = Path(__file__).parents[2]
 CRUDE = {"flank_edges_per_lobe": 20, "growth": 0.8, "largest_edge_mm": 4.0, "patch_half_width_mm": 0.6}
 FINE = {"flank_edges_per_lobe": 44, "growth": 0.35, "largest_edge_mm": 2.0, "patch_half_width_mm": 0.4}
-SLOW = ("whole reducer, CalculiX",)
+SLOW = ("whole reducer, CalculiX", "disk with holes, CalculiX")
 
 
 def small_reducer(**reduce):

@@ -218,14 +218,14 @@ def _bearing(bearing: Bearing, disk: ElasticBody, start: tuple[float, float], nu
     position = _freedom_places(disk)
     for axis in (0, 1):
         fit = disk.reference[:, axis]
-        used = np.flatnonzero(fit)
-        yield from _equation([(numbers.body(0), axis + 1, -1.0), *((*position[int(dof)], fit[dof]) for dof in used)])
+        fitted = np.flatnonzero(fit)
+        yield from _equation([(numbers.body(0), axis + 1, -1.0), *((*position[int(dof)], fit[dof]) for dof in fitted)])
         name = f"BEARING{axis + 1}"
         yield f"*ELEMENT, TYPE=SPRINGA, ELSET={name}"
         yield f"{numbers.spring(numbers.contacts + axis)}, {numbers.body(0)}, {numbers.body(3 + axis)}"
         yield f"*SPRING, ELSET={name}, NONLINEAR"
-        for far in (-BEARING_REACH, BEARING_REACH):
-            yield f"{bearing.stiffness * (far - start[axis]):.12g}, {far:.12g}"
+        for reach in (-BEARING_REACH, BEARING_REACH):
+            yield f"{bearing.stiffness * (reach - start[axis]):.12g}, {reach:.12g}"
 
 
 def _springs(laws: ContactLaws, gap: Real, largest: float, numbers: Numbers) -> Iterator[str]:

@@ -13,6 +13,8 @@ from pipeline.checks.calculix.deck import SPAN, Deck
 from pipeline.model.geometry.cycloid_profile import Real
 
 PROGRAM = "ccx"
+NAME = "reducer"
+"""Of the files of a whole reducer."""
 INSTALL = "apt install calculix-ccx"
 THREADS = 2
 """Of the solver of equations: the cores of the machine that the project is made for."""
@@ -44,6 +46,21 @@ def calculix_program() -> str | None:
     return shutil.which(PROGRAM)
 
 
+@dataclass(frozen=True)
+class Run:
+    """What a run of the program took, and what it said.
+
+    Attributes
+    ----------
+    seconds, peak_bytes : of the program.
+    output : all that it wrote to the terminal.
+    """
+
+    seconds: float
+    peak_bytes: int
+    output: str
+
+
 def run_calculix(deck: Deck, folder: Path) -> Answer:
     """Solve the deck in a folder, which keeps the program's files.
 
@@ -52,15 +69,31 @@ def run_calculix(deck: Deck, folder: Path) -> Answer:
     RuntimeError
         If the program fails or does not finish every load step, with the end of what it said.
     """
+    ran = execute(deck.text, len(deck.torque), NAME, folder)
+    blocks = printed(folder / f"{NAME}.dat")
+    angle = [deck.first_angle + values[deck.output_node][0] / SPAN for values in blocks["displacements"]]
+    force = [[abs(values[node][0]) for node in deck.springs] for values in blocks["forces"]]
+    iterations = ran.output.count("\n iteration ")
+    return Answer(np.array(angle), np.array(force), ran.seconds, ran.peak_bytes, iterations)
+
+
+def execute(text: str, steps: int, name: str, folder: Path) -> Run:
+    """Run the program on a deck of so many load steps; its files keep the name in the folder.
+
+    Raises
+    ------
+    RuntimeError
+        If the program fails or does not print every load step, with the end of what it said.
+    """
     program = calculix_program()
     if program is None:
         raise RuntimeError(f"{PROGRAM} is not installed; {INSTALL}")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "reducer.inp").write_text(deck.text)
+    (folder / f"{name}.inp").write_text(text)
     start = time.perf_counter()
-    with (folder / "reducer.log").open("w") as log:
+    with (folder / f"{name}.log").open("w") as log:
         process = subprocess.Popen(
-            [program, "reducer"],
+            [program, name],
             cwd=folder,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -69,23 +102,21 @@ def run_calculix(deck: Deck, folder: Path) -> Answer:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     seconds = time.perf_counter() - start
-    output = (folder / "reducer.log").read_text(errors="replace")
-    angle, force = _printed(deck, folder / "reducer.dat")
-    if process.returncode != 0 or len(angle) != len(deck.torque):
-        raise RuntimeError(f"{PROGRAM} solved {len(angle)} of {len(deck.torque)} load steps: {output[-500:]}")
-    return Answer(angle, force, seconds, usage.ru_maxrss * KIB, output.count("\n iteration "))
+    output = (folder / f"{name}.log").read_text(errors="replace")
+    solved = len(printed(folder / f"{name}.dat")["displacements"])
+    if process.returncode != 0 or solved != steps:
+        raise RuntimeError(f"{PROGRAM} solved {solved} of {steps} load steps: {output[-500:]}")
+    return Run(seconds, usage.ru_maxrss * KIB, output)
 
 
-def _printed(deck: Deck, path: Path) -> tuple[Real, Real]:
-    """Rotations (n_steps,) and contact forces (n_steps, n_contacts) of the blocks that the program printed."""
-    blocks: dict[str, list[dict[int, float]]] = {"forces": [], "displacements": []}
+def printed(path: Path) -> dict[str, list[dict[int, tuple[float, ...]]]]:
+    """Forces and displacements that the program printed: for every load step the components at every node."""
+    blocks: dict[str, list[dict[int, tuple[float, ...]]]] = {"forces": [], "displacements": []}
     for line in path.read_text().splitlines() if path.exists() else []:
         words = line.split()
         if words and words[0] in blocks:
-            values: dict[int, float] = {}
+            values: dict[int, tuple[float, ...]] = {}
             blocks[words[0]].append(values)
         elif words:
-            values[int(words[0])] = float(words[1])
-    angle = [deck.first_angle + values[deck.output_node] / SPAN for values in blocks["displacements"]]
-    force = [[abs(values[node]) for node in deck.springs] for values in blocks["forces"]]
-    return np.array(angle), np.array(force)
+            values[int(words[0])] = tuple(map(float, words[1:]))
+    return blocks

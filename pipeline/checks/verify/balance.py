@@ -35,8 +35,8 @@ def _unbalanced(specimen: Specimen, states: Equilibria, torque: Real) -> tuple[R
         moments.append((total + torque if body == "output" else total) / scale)
         if body == "disk":
             pushed = force * sign
-            held = specimen.bearing.stiffness * (states.motion[0, :, 0] + 1j * states.motion[0, :, 1])
-            forces = np.abs(pushed @ contacts.normal - held) / np.abs(pushed).sum(axis=1)
+            bearing_force = specimen.bearing.stiffness * (states.motion[0, :, 0] + 1j * states.motion[0, :, 1])
+            forces = np.abs(pushed @ contacts.normal - bearing_force) / np.abs(pushed).sum(axis=1)
     return np.asarray(forces), np.stack(moments, axis=-1)
 
 
@@ -186,7 +186,7 @@ def _uniqueness(specimen: Specimen, states: Equilibria, torque: Real) -> Iterato
     gap = np.repeat(specimen.gap[None], STARTS, axis=0)
     clearance = np.full(STARTS, specimen.bearing_clearance)
     for name, bearing in (("linear bearing", specimen.bearing), ("bearing of exponent 1.5", Bearing(4e6, 1.5))):
-        alone = states if bearing == specimen.bearing else None
+        known_states = states if bearing == specimen.bearing else None
         forces = []
         for load in torque:  # a single load from each start: no step before it helps
             solution = solve(
@@ -194,7 +194,7 @@ def _uniqueness(specimen: Specimen, states: Equilibria, torque: Real) -> Iterato
             )
             forces.append(np.where(solution.converged, 1.0, np.nan)[..., None] * solution.force)
         every = np.concatenate(forces, axis=1)
-        reference = every[:1] if alone is None else alone.force
+        reference = every[:1] if known_states is None else known_states.force
         yield compared(
             f"forces from {STARTS} random starts, {name}, over the largest", reference, every, LIMIT, every.max()
         )

@@ -61,8 +61,8 @@ def vanishing(quantity: str, computed: ArrayLike, limit: float) -> Finding:
 
 def at_least(quantity: str, bound: float, computed: ArrayLike) -> Finding:
     """The smallest value of what must not fall below ``bound``; the error is what it lacks."""
-    least = float(np.min(computed))
-    return Finding(quantity, bound, least, max(0.0, bound - least), 0.0)
+    smallest = float(np.min(computed))
+    return Finding(quantity, bound, smallest, max(0.0, bound - smallest), 0.0)
 
 
 def positive(quantity: str, computed: ArrayLike) -> Finding:

@@ -33,21 +33,13 @@ class TurnedFlank(CycloidProfile):
 
 def _gaps(specimen: Specimen, modification: FlankModification, crank: float) -> tuple[Real, Real, Real, Real]:
     """Phase, arm, exact and first-order gap of the nominal pins."""
-    profile, at = replace(specimen.profile, modification=modification), assembly.reducer(specimen.study.design, crank)
-    pins = np.zeros((1, profile.pins))
-    no_errors = Errors(
-        pins,
-        pins,
-        pins,
-        np.zeros((1, profile.lobes)),
-        np.zeros(1),
-        np.zeros((1, len(at.contacts) - at.n_pins)),
-        np.zeros(1),
-        np.zeros((1, profile.lobes)),
-        np.zeros((1, 2)),
+    profile, reducer = (
+        replace(specimen.profile, modification=modification),
+        assembly.reducer(specimen.study.design, crank),
     )
-    exact, first = (method(profile, at, no_errors, "radial")[0] for method in (exact_gaps, first_order_gaps))
-    return at.pins.phase, at.pins.arm, exact, first
+    no_errors = Errors.zero(profile.pins, profile.lobes, len(reducer.contacts) - reducer.n_pins)
+    exact, first = (method(profile, reducer, no_errors, "radial")[0] for method in (exact_gaps, first_order_gaps))
+    return reducer.pins.phase, reducer.pins.arm, exact, first
 
 
 def _searched(flank: CycloidProfile, profile: CycloidProfile, crank_deg: float) -> Real:
@@ -101,7 +93,9 @@ def _taken_up(specimen: Specimen) -> Iterator[Finding]:
     yield compared(
         "gaps after turning to the first contact against Li and Guan [mm]", published, taken_up, 2e-3 * ALONG
     )
-    at = assembly.reducer(specimen.study.design, float(np.degrees(0.3)))
-    gap = np.zeros((1, len(at.contacts)))
-    gap[0, : at.n_pins] = _gaps(specimen, FlankModification(rotation=TURNED), float(np.degrees(0.3)))[3]
-    yield relative("play of a rotation is twice its angle [rad]", 2 * TURNED, separated_play(at, gap).backlash[0], 1e-5)
+    reducer = assembly.reducer(specimen.study.design, float(np.degrees(0.3)))
+    gap = np.zeros((1, len(reducer.contacts)))
+    gap[0, : reducer.n_pins] = _gaps(specimen, FlankModification(rotation=TURNED), float(np.degrees(0.3)))[3]
+    yield relative(
+        "play of a rotation is twice its angle [rad]", 2 * TURNED, separated_play(reducer, gap).backlash[0], 1e-5
+    )

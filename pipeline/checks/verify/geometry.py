@@ -70,14 +70,10 @@ def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
     return profile.pin_circle_radius * np.exp(1j * phi) - turned - profile.eccentricity * np.exp(1j * n * phi)
 
 
-def _no_errors(profile: CycloidProfile, rollers: int) -> Errors:
-    pins, lobes, none = np.zeros((1, profile.pins)), np.zeros((1, profile.lobes)), np.zeros(1)
-    return Errors(pins, pins, pins, lobes, none, np.zeros((1, rollers)), none, lobes, np.zeros((1, 2)))
-
-
 def _envelope(specimen: Specimen) -> tuple[Real, Real]:
     """Distance of every nominal pin from the nominal flank [mm] at every crank angle: by search, and by the model."""
     profile, design = specimen.profile, specimen.study.design
+    no_errors = Errors.zero(profile.pins, profile.lobes, design.output.contacts)
     searched, modelled = [], []
     for crank in np.degrees(2 * np.pi * np.arange(CRANKS) / CRANKS):
         reducer = assembly.reducer(design, crank)
@@ -85,7 +81,7 @@ def _envelope(specimen: Specimen) -> tuple[Real, Real]:
             -1j * disk_rotation(profile, reducer.crank)
         )
         searched.append(flank_distance(profile, centre, reducer.pins.flank_parameter) - profile.pin_radius)
-        modelled.append(exact_gaps(profile, reducer, _no_errors(profile, design.output.contacts), "radial")[0])
+        modelled.append(exact_gaps(profile, reducer, no_errors, "radial")[0])
     return np.array(searched), np.array(modelled)
 
 

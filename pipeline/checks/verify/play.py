@@ -1,6 +1,7 @@
 """Check of the rigid backlash: the general program of the whole chain against the separated form of its parts."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,16 +35,14 @@ def random_gaps(design: Design, reducer: Reducer, allowance: float) -> Real:
     profile = assembly.profile(design)
     random = np.random.default_rng(20170101)
     shape = (SAMPLES, profile.pins)
-    errors = Errors(
+    errors = replace(
+        Errors.zero(profile.pins, profile.lobes, design.output.contacts, SAMPLES),
         pin_radial=PIN_SCATTER * random.standard_normal(shape),
         pin_tangential=PIN_SCATTER * random.standard_normal(shape),
         pin_radius=PIN_SCATTER * random.standard_normal(shape),
         lobe=np.full((SAMPLES, profile.lobes), allowance),
         eccentricity=PIN_SCATTER * random.standard_normal(SAMPLES),
         roller_diameter=-allowance * random.uniform(0.5, 1.0, (SAMPLES, design.output.contacts)),
-        eccentric_phase=np.zeros(SAMPLES),
-        lobe_pitch=np.zeros((SAMPLES, profile.lobes)),
-        bore_runout=np.zeros((SAMPLES, 2)),
     )
     return gaps(profile, reducer, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
 
@@ -100,12 +99,12 @@ def check_rigid_backlash(specimen: Specimen) -> Iterator[Finding]:
             general_play(reducer, gap, no_clearance).backlash,
             1e-9,
         )
-        few = gap[:2]
-        searched = [_searched_end(reducer, few, BEARING_CLEARANCE, sense) for sense in (1.0, -1.0)]
+        first_gaps = gap[:2]
+        searched = [_searched_end(reducer, first_gaps, BEARING_CLEARANCE, sense) for sense in (1.0, -1.0)]
         yield relative(
             f"backlash, plate {plate}, bearing with clearance [rad]",
             searched[0] - searched[1],
-            general_play(reducer, few, np.full(len(few), BEARING_CLEARANCE)).backlash,
+            general_play(reducer, first_gaps, np.full(len(first_gaps), BEARING_CLEARANCE)).backlash,
             1e-9,
         )
         gap = random_gaps(design, reducer, 0.0)

@@ -11,18 +11,21 @@ import numpy as np
 
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.balance import check_equilibrium
-from pipeline.checks.verify.condensation import check_disk_compliance
-from pipeline.checks.verify.cylinder import check_cylinder_between_flats
-from pipeline.checks.verify.disks import check_disks
-from pipeline.checks.verify.elasticity import check_elastic_bodies
+from pipeline.checks.verify.elastic.condensation import check_disk_compliance
+from pipeline.checks.verify.elastic.cylinder import check_cylinder_between_flats
+from pipeline.checks.verify.elastic.elasticity import check_elastic_bodies
+from pipeline.checks.verify.elastic.holes import check_holes
+from pipeline.checks.verify.elastic.whole import check_calculix, check_unreduced
 from pipeline.checks.verify.findings import Check, Finding
 from pipeline.checks.verify.flank import check_flank
 from pipeline.checks.verify.geometry import check_profile
 from pipeline.checks.verify.laws import check_contact_laws
-from pipeline.checks.verify.li_guan import check_li_guan
 from pipeline.checks.verify.linear_share import check_linear_share
 from pipeline.checks.verify.play import check_rigid_backlash
-from pipeline.checks.verify.whole import check_calculix, check_unreduced
+from pipeline.checks.verify.reducers.disks import check_disks
+from pipeline.checks.verify.reducers.li_guan import check_li_guan
+from pipeline.checks.verify.reducers.rv import check_rv
+from pipeline.checks.verify.reducers.turn import check_turn
 from pipeline.config import load_study
 from pipeline.engine.store import write_atomic
 
@@ -40,8 +43,11 @@ CHECKS: Mapping[str, Check] = {
     "linear springs": check_linear_share,
     "Li and Guan": check_li_guan,
     "two disks": check_disks,
+    "RV reducer": check_rv,
+    "turn": check_turn,
     "whole reducer, scikit-fem": check_unreduced,
     "whole reducer, CalculiX": check_calculix,
+    "disk with holes, CalculiX": check_holes,
 }
 PLANE_STRAIN = ("whole reducer, scikit-fem", "whole reducer, CalculiX")
 """Checks that compare codes in plane strain, where CalculiX' elements are ours."""

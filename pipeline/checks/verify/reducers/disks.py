@@ -20,7 +20,7 @@ from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 STUDY = "two_disks"
 CRANK_DEG = 25.0
 """Off the symmetries of pins and holes."""
@@ -38,17 +38,17 @@ def check_disks(specimen: Specimen) -> Iterator[Finding]:
     """Two perfect disks of one part carry half each and turn as one does under half; see ``STUDY``."""
     study = load_study(STUDY, ROOT)
     study = study.model_copy(update={"reduce": study.reduce.model_copy(update=CRUDE)})
-    alone = _with_disks(study, 1)
+    one_disk = _with_disks(study, 1)
     blocks = [_one_part(study, disk) for disk in (0, 1)]
-    both, single = _drive(study, blocks), _drive(alone, blocks[:1])
+    two_disk_drive, single = _drive(study, blocks), _drive(one_disk, blocks[:1])
     for sense, name in ((1, "plus"), (-1, "minus")):
-        torque = sense * both.rated_torque * SHARES
-        states, of_one = _loaded(both, torque), _loaded(single, torque / 2)
-        moments = states.force[0] * both.reducer.contact_jacobian[:, both.reducer.output_motion]
-        share = moments[:, both.reducer.disk_of_contact == 0].sum(axis=1) / torque
+        torque = sense * two_disk_drive.rated_torque * SHARES
+        states, of_one = _loaded(two_disk_drive, torque), _loaded(single, torque / 2)
+        moments = states.force[0] * two_disk_drive.reducer.contact_jacobian[:, two_disk_drive.reducer.output_motion]
+        share = moments[:, two_disk_drive.reducer.disk_of_contact == 0].sum(axis=1) / torque
         yield compared(f"share of either perfect disk, torque {name}", 0.5, share, 1e-9)
         expected = of_one.motion[0, :, single.reducer.output_motion]
-        turned = states.motion[0, :, both.reducer.output_motion]
+        turned = states.motion[0, :, two_disk_drive.reducer.output_motion]
         yield relative(f"rotation under T with two disks against T/2 with one, {name} [rad]", expected, turned, 1e-9)
     yield _two_meshes(study, blocks[1])
     yield from _phase(study)
@@ -61,30 +61,28 @@ def _with_disks(study: Study, count: int) -> Study:
 
 def _one_part(study: Study, disk: int) -> Real:
     """Compliance of a disk between its own contacts [mm/N], as the first one's turned on by lobes."""
-    made = assembly.clockings(study.design)[disk]
-    assert made.lobes is not None
-    turned_on = CRANK_DEG + 360.0 * (disk / study.design.disk.count + made.lobes)
-    body, at = elastic.elastic_disk(study), assembly.reducer(study.design, turned_on)
-    matrix = body.compliance(elastic.disk_patches(study, body, at)).matrix
-    pins = study.design.cycloid.pins
-    places = np.concatenate([np.arange(pins), pins + made.holes])
+    part = assembly.first_part(study.design, CRANK_DEG, disk)
+    assert part is not None
+    turned_on, places = part
+    body, reducer = elastic.elastic_disk(study), assembly.reducer(study.design, turned_on)
+    matrix = body.compliance(elastic.disk_patches(study, body, reducer)).matrix
     return matrix[np.ix_(places, places)]
 
 
 def _two_meshes(study: Study, as_one_part: Real) -> Finding:
     """The second disk meshed with holes of its own, in the frame of its lobes."""
-    made, at = assembly.clockings(study.design)[1], assembly.reducer(study.design, CRANK_DEG)
-    body = elastic.elastic_disk(study, made.turned)
-    own_mesh = body.compliance(elastic.disk_patches(study, body, at, 1)).matrix
+    clocking, reducer = assembly.clockings(study.design)[1], assembly.reducer(study.design, CRANK_DEG)
+    body = elastic.elastic_disk(study, clocking.turned)
+    own_mesh = body.compliance(elastic.disk_patches(study, body, reducer, 1)).matrix
     quantity = "compliance of the second disk on a mesh of its own, over the largest"
     return compared(quantity, own_mesh, as_one_part, TWO_MESHES, np.max(own_mesh))
 
 
 def _drive(study: Study, blocks: list[Real]) -> Drive:
-    at = assembly.reducer(study.design, CRANK_DEG)
-    full = np.zeros((len(at.contacts), len(at.contacts)))
+    reducer = assembly.reducer(study.design, CRANK_DEG)
+    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     for disk, block in enumerate(blocks):
-        rows = assembly.disk_contacts(at, disk)
+        rows = assembly.disk_contacts(reducer, disk)
         full[np.ix_(rows, rows)] = block
     nominal = draw(study, 0, 1)
     clearance = assembly.bearing_clearance(study.design, nominal.bearing_clearance)
@@ -99,14 +97,14 @@ def _loaded(drive: Drive, torque: Real) -> Equilibria:
 
 def _phase(study: Study) -> Iterator[Finding]:
     """Rigid play with one eccentric out of phase: the interval of its disk moves by s/(e lobes) off the other's."""
-    at, cycloid = assembly.reducer(study.design, CRANK_DEG), study.design.cycloid
+    reducer, cycloid = assembly.reducer(study.design, CRANK_DEG), study.design.cycloid
     errors = assembly.errors(draw(study, 0, 1))
     phase = np.array([[0.0, MM_PER_UM * PHASE_UM]])
-    plays = [_play(study, at, given) for given in (errors, replace(errors, eccentric_phase=phase))]
+    plays = [_play(study, reducer, case) for case in (errors, replace(errors, eccentric_phase=phase))]
     moved = MM_PER_UM * PHASE_UM / (cycloid.eccentricity_mm * cycloid.lobes)
     yield relative("backlash that a phase error of one eccentric takes [rad]", moved, plays[0] - plays[1], 1e-2)
-    gap = gaps(assembly.profile(study.design), at, replace(errors, eccentric_phase=phase), **dict(study.clearance))
-    program = general_play(at, gap, np.zeros(1)).backlash[0]
+    gap = gaps(assembly.profile(study.design), reducer, replace(errors, eccentric_phase=phase), **dict(study.clearance))
+    program = general_play(reducer, gap, np.zeros(1)).backlash[0]
     yield relative("backlash with it, against HiGHS [rad]", program, plays[1], 1e-9)
 
 

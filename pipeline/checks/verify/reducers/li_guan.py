@@ -16,7 +16,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.model.units import NMM_PER_NM
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 STUDY, FORCES = "li_guan", Path("data") / "published" / "li_guan_forces.csv"
 SIX = "the six forces, rigid disk, linear law, fitted flank, over the largest [N]"
 LIMIT = 5e-4
@@ -66,20 +66,20 @@ def arm_share(study: Study, phase_deg: Real) -> Real:
 
 def pin_forces(study: Study, phase_deg: Real, crank_deg: float = 0.0) -> Real:
     """Forces (n,) [N] of the nominal pins at the phases [deg], in the sense of torque that loads them."""
-    at, profile = assembly.reducer(study.design, crank_deg), assembly.profile(study.design)
-    n = at.n_pins
-    pins, lobes, none = np.zeros((1, n)), np.zeros((1, profile.lobes)), np.zeros(1)
-    rollers = np.zeros((1, len(at.contacts) - n))
-    nominal = Errors(pins, pins, pins, lobes, none, rollers, none, lobes, np.zeros((1, 2)))
-    gap, loose = gaps(profile, at, nominal, **dict(study.clearance)), np.zeros(1)
-    compliance = np.zeros((len(at.contacts), len(at.contacts)))
+    reducer, profile = assembly.reducer(study.design, crank_deg), assembly.profile(study.design)
+    n = reducer.n_pins
+    nominal = Errors.zero(n, profile.lobes, len(reducer.contacts) - n)
+    gap, loose = gaps(profile, reducer, nominal, **dict(study.clearance)), np.zeros(1)
+    compliance = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     if study.reduce.disk == "elastic":
         disk = elastic.elastic_disk(study)
-        compliance = disk.compliance(elastic.disk_patches(study, disk, at)).matrix
-    laws, torque = assembly.contact_laws(study, at), NMM_PER_NM * study.design.cycloid.rated_torque_Nm
-    play = rigid_play(at, gap, loose)
-    states = solve(at, assembly.bearing(study.design), laws, compliance, gap, loose, play.pose_plus, np.array([torque]))
+        compliance = disk.compliance(elastic.disk_patches(study, disk, reducer)).matrix
+    laws, torque = assembly.contact_laws(study, reducer), NMM_PER_NM * study.design.cycloid.rated_torque_Nm
+    play = rigid_play(reducer, gap, loose)
+    states = solve(
+        reducer, assembly.bearing(study.design), laws, compliance, gap, loose, play.pose_plus, np.array([torque])
+    )
     loaded = states.force[0, 0, :n]
-    sense = np.sign(at.pins.phase[np.argmax(loaded)])
-    place = [int(np.argmin(np.abs(at.pins.phase - sense * np.radians(angle)))) for angle in phase_deg]
-    return loaded[place]
+    sense = np.sign(reducer.pins.phase[np.argmax(loaded)])
+    pin_numbers = [int(np.argmin(np.abs(reducer.pins.phase - sense * np.radians(angle)))) for angle in phase_deg]
+    return loaded[pin_numbers]

@@ -10,8 +10,8 @@ import numpy as np
 
 from pipeline.checks.calculix import INSTALL, PROGRAM, Answer, calculix_deck, calculix_program, run_calculix
 from pipeline.checks.specimen import SHARES, Specimen, loaded
+from pipeline.checks.verify.elastic.unreduced import WholeSolution, solve_unreduced, unreduced
 from pipeline.checks.verify.findings import Finding, compared, relative, skipped, stated
-from pipeline.checks.verify.unreduced import WholeSolution, solve_unreduced, unreduced
 from pipeline.engine.progress import Meter
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.reducer import Reducer

@@ -106,9 +106,9 @@ def unreduced(specimen: Specimen) -> Unreduced:
     selection = csr_array((-np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(reducer.contacts), len(rows)))
     jacobian = csr_array(hstack([selection @ loads.T, csr_array(reducer.contact_jacobian[:, other_motions])]))
     bore = csc_array(disk.reference[:, :2])
-    held = disk.stiffness + specimen.bearing.stiffness * (bore @ bore.T)
+    supported = disk.stiffness + specimen.bearing.stiffness * (bore @ bore.T)
     size = jacobian.shape[1]
-    stiffness = held.tocoo()
+    stiffness = supported.tocoo()
     assembled = csc_array((stiffness.data, (stiffness.row, stiffness.col)), shape=(size, size))
     output = disk.freedoms.size + other_motions.index(reducer.output_motion)
     return Unreduced(specimen.laws, specimen.gap, assembled, jacobian, output, disk.freedoms.size)

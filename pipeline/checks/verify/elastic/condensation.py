@@ -68,11 +68,11 @@ def check_disk_compliance(specimen: Specimen) -> Iterator[Finding]:
     n, width = specimen.reducer.n_pins, study.reduce.patch_half_width_mm
     off_diagonal = ~np.eye(n, dtype=bool)
     base = compliance.matrix[:n, :n]
-    (once,) = _pin_compliances(specimen, FINER, [width])
-    twice, halved = _pin_compliances(specimen, FINER**2, [width, width / 2])
+    (refined,) = _pin_compliances(specimen, FINER, [width])
+    twice_refined, halved = _pin_compliances(specimen, FINER**2, [width, width / 2])
     for name, finer, narrowing in (
-        ("mesh refined once", once, 1.0),
-        ("mesh refined twice", twice, 1.0),
+        ("mesh refined once", refined, 1.0),
+        ("mesh refined twice", twice_refined, 1.0),
         ("mesh refined twice, patch halved", halved, 2.0),
     ):
         yield compared(

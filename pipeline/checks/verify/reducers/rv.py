@@ -1,0 +1,189 @@
+"""Check of an RV reducer with two disks: ratio, loads of the crank bearings, and what the first stage gives way."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from pipeline import assembly, elastic
+from pipeline.checks.specimen import Specimen
+from pipeline.checks.verify.findings import Finding, compared, relative
+from pipeline.config import Study, load_study
+from pipeline.config.mechanisms.carrier import Carrier
+from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.cycloid_profile import Complex, Real
+from pipeline.model.geometry.reducer import OUTPUT, PIN, Reducer
+from pipeline.model.geometry.rigid_backlash import general_play
+from pipeline.model.load_history.drive import Drive, first_poses
+from pipeline.mounting import drive_of
+from pipeline.sampling import draw
+
+ROOT = Path(__file__).parents[4]
+STUDY = "rv_two_disks"
+CRANK_DEG = 25.0
+"""Off the symmetries of pins and cranks."""
+CRUDE = {"flank_edges_per_lobe": 16, "patch_half_width_mm": 0.9, "growth": 0.8, "largest_edge_mm": 6.0}
+"""A mesh for symmetry, which holds on any."""
+SHARES = np.array([0.03, 0.3, 1.0])
+"""Of the rated torque."""
+TWO_MESHES = 0.03
+"""Compliances of one part on two crude meshes, over the largest: their holes lie otherwise between the elements."""
+BACKLASH_UM = 30.0
+"""Way of a planet from flank to flank, for the check of what the output has of it."""
+
+
+def check_rv(specimen: Specimen) -> Iterator[Finding]:
+    """RV reducer, two disks: ratio, crank bearings in closed form, first stage at the output; see ``STUDY``."""
+    study = load_study(STUDY, ROOT)
+    study = study.model_copy(update={"reduce": study.reduce.model_copy(update=CRUDE)})
+    tight = _with(study, {"bearing": {"clearance_um": 0.0}, "output.first_stage": {"backlash_um": 0.0}})
+    yield _ratio(tight)
+    blocks = _blocks(tight)
+    yield _two_meshes(tight, blocks[1])
+    yield _shares(tight, blocks)
+    yield from _bearings(tight)
+    yield _backlash(tight)
+    yield _compliance(tight)
+
+
+def _with(study: Study, changes: Mapping[str, Mapping[str, Any]]) -> Study:
+    """The study with other settings of sections of its design."""
+    design = study.design
+    for path, values in changes.items():
+        section, _, below = path.partition(".")
+        update: Mapping[str, Any] = values
+        if below:
+            update = {below: getattr(getattr(design, section), below).model_copy(update=values)}
+        design = design.model_copy(update={section: getattr(design, section).model_copy(update=update)})
+    return study.model_copy(update={"design": design})
+
+
+def _carrier(study: Study) -> Carrier:
+    return cast(Carrier, study.design.output)
+
+
+def _ratio(study: Study) -> Finding:
+    """The sun turns by one: every contact stays closed, and the output turns by one over the ratio."""
+    reducer, output = assembly.reducer(study.design, CRANK_DEG), _carrier(study)
+    stage = output.first_stage
+    sun_radius = output.crank_circle_radius_mm * stage.sun_teeth / (stage.sun_teeth + stage.planet_teeth)
+    meshes = reducer.contacts.interface == 1
+    closed = np.where(meshes, sun_radius * (1 - 2 * reducer.contacts.face), 0.0)
+    motion, *_ = np.linalg.lstsq(reducer.contact_jacobian, -closed, rcond=None)
+    left_open = np.max(np.abs(reducer.contact_jacobian @ motion + closed)) / sun_radius
+    ratio = 1 / motion[reducer.output_motion] if left_open < 1e-10 else np.nan
+    teeth = stage.planet_teeth / stage.sun_teeth
+    expected = 1 + teeth * study.design.cycloid.pins
+    return relative("total ratio by the columns against 1 + z2 N/z1", expected, ratio, 1e-10)
+
+
+def _drive(study: Study, compliance: Real | None) -> Drive:
+    nominal = draw(study, 0, 1)
+    errors = assembly.errors(nominal)
+    errors = replace(errors, lobe=np.zeros_like(errors.lobe))  # the nominal unit has the grinding allowance
+    clearance = assembly.bearing_clearance(study.design, nominal.bearing_clearance)
+    return drive_of(study, CRANK_DEG, compliance, errors, clearance)
+
+
+def _loaded(drive: Drive, torque: Real) -> Equilibria:
+    play = general_play(drive.reducer, drive.gap, drive.bearing_clearance)
+    pose = play.pose_plus if torque[0] > 0 else play.pose_minus
+    return drive.equilibria(first_poses(drive, pose, torque[0]), torque)
+
+
+def _of_pins(at: Reducer, disk: int) -> np.ndarray:
+    return np.flatnonzero((at.disk_of_contact == disk) & (at.contacts.kind == PIN))
+
+
+def _blocks(study: Study) -> list[Real]:
+    """Compliance of either disk between its own contacts [mm/N], both of the first one's mesh."""
+    body, blocks = elastic.elastic_disk(study), []
+    for disk in (0, 1):
+        part = assembly.first_part(study.design, CRANK_DEG, disk)
+        assert part is not None
+        turned_on, places = part
+        patches = elastic.disk_patches(study, body, assembly.reducer(study.design, turned_on))
+        blocks.append(body.compliance(patches).matrix[np.ix_(places, places)])
+    return blocks
+
+
+def _two_meshes(study: Study, as_one_part: Real) -> Finding:
+    """The second disk meshed with holes of its own, in the frame of its lobes."""
+    clocking, reducer = assembly.clockings(study.design)[1], assembly.reducer(study.design, CRANK_DEG)
+    body = elastic.elastic_disk(study, clocking.turned)
+    own_mesh = body.compliance(elastic.disk_patches(study, body, reducer, 1)).matrix
+    quantity = "compliance of the second disk on a mesh of its own, over the largest"
+    return compared(quantity, own_mesh, as_one_part, TWO_MESHES, np.max(own_mesh))
+
+
+def _shares(study: Study, blocks: list[Real]) -> Finding:
+    """Moment of the pins of either elastic disk, in both senses."""
+    reducer = assembly.reducer(study.design, CRANK_DEG)
+    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    for disk, block in enumerate(blocks):
+        rows = assembly.disk_contacts(reducer, disk)
+        full[np.ix_(rows, rows)] = block
+    drive, shares = _drive(study, full), []
+    for sense in (1, -1):
+        force = _loaded(drive, sense * drive.rated_torque * SHARES).force[0]
+        moments = [force[:, rows] @ reducer.contacts.arm[rows] for rows in (_of_pins(reducer, 0), _of_pins(reducer, 1))]
+        shares.append(moments[0] / np.sum(moments, axis=0))
+    return compared("share of either perfect elastic disk in the moment of the pins", 0.5, np.array(shares), 1e-9)
+
+
+def _bearings(study: Study) -> Iterator[Finding]:
+    """Forces of the crank bearings on rigid perfect disks, and the balance of every motion."""
+    drive, output = _drive(study, None), _carrier(study)
+    teeth = output.first_stage
+    reducer, pins = drive.reducer, study.design.cycloid.pins
+    ratio_torque = teeth.planet_teeth * (pins - 1) / (teeth.sun_teeth + teeth.planet_teeth * pins)
+    computed: list[Complex] = []
+    expected: list[Complex] = []
+    unbalanced = []
+    for torque in np.concatenate([SHARES, -SHARES]) * drive.rated_torque:
+        force = _loaded(drive, np.array([torque])).force[0, 0]
+        load = np.where(np.arange(len(reducer.motions)) == reducer.output_motion, torque, 0.0)
+        unbalanced.append(np.max(np.abs(force @ reducer.contact_jacobian - load)) / abs(torque))
+        tangential = torque * ratio_torque / (reducer.n_disks * output.cranks * output.crank_circle_radius_mm)
+        outwards = output.centres() / output.crank_circle_radius_mm * np.exp(1j * reducer.disks[0].rotation)
+        for disk, rows in enumerate(reducer.output_rows):
+            of_pins = _of_pins(reducer, disk)
+            resultant = np.sum(force[of_pins] * reducer.contacts.normal[of_pins])
+            for crank in range(output.cranks):
+                ring = rows[reducer.contacts.hole[rows] == crank]
+                computed.append(-np.sum(force[ring] * reducer.contacts.normal[ring]) / torque)
+                expected.append((-resultant / output.cranks + 1j * outwards[crank] * tangential) / torque)
+    scale = np.max(np.abs(expected))
+    reference, solved = (np.array([values.real, values.imag]) for values in (np.array(expected), np.array(computed)))
+    quantity = "force of each crank bearing over the torque, rigid perfect disks [1/mm]"
+    yield compared(quantity, reference, solved, 1e-9, scale)
+    yield compared("balance of every motion over the torque", 0.0, np.array(unbalanced), 1e-9)
+
+
+def _backlash(study: Study) -> Finding:
+    """Play of rigid bodies without a gap but for that of the planets."""
+    loose = _with(study, {"output.first_stage": {"backlash_um": BACKLASH_UM}})
+    reducer, output = assembly.reducer(loose.design, CRANK_DEG), _carrier(loose)
+    stage = output.first_stage
+    gap = np.where(reducer.contacts.kind == OUTPUT, reducer.contacts.gap, 0.0)[None]
+    play = general_play(reducer, gap, np.full(1, loose.design.cycloid.eccentricity_mm)).backlash[0]
+    angle = 1e-3 * BACKLASH_UM / output.planet_pitch_radius_mm
+    reached = angle / (loose.design.cycloid.pins + stage.sun_teeth / stage.planet_teeth)
+    return relative("backlash of the planets at the output: its angle over N + z1/z2 [rad]", reached, play, 1e-6)
+
+
+def _compliance(study: Study) -> Finding:
+    """What the output turns more by meshes half as stiff."""
+    output, turned = _carrier(study), []
+    stiffness = output.first_stage.mesh_stiffness_N_per_mm
+    for factor in (0.5, 1.0):
+        soft = _with(study, {"output.first_stage": {"mesh_stiffness_N_per_mm": factor * stiffness}})
+        drive = _drive(soft, None)
+        torque = drive.rated_torque * SHARES
+        turned.append(_loaded(drive, torque).motion[0, :, drive.reducer.output_motion])
+    ratio = study.design.cycloid.pins + output.first_stage.sun_teeth / output.first_stage.planet_teeth
+    meshes = torque / (output.cranks * stiffness * output.planet_pitch_radius_mm**2 * ratio**2)
+    quantity = "rotation by meshes half as stiff: their compliance over (N + z1/z2)^2 [rad]"
+    return compared(quantity, meshes, turned[0] - turned[1], 1e-9, scale=turned[1])
