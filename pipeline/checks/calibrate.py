@@ -160,9 +160,9 @@ def calibrated(
         If there are more parameters than targets other than zero.
     """
     keys = [parameter.key for parameter in parameters]
-    value, used = np.array([target.value for target in targets]), np.array([target.value != 0 for target in targets])
-    if np.count_nonzero(used) < len(keys):
-        raise InputError(f"{len(keys)} numbers cannot be fitted to {np.count_nonzero(used)} targets other than zero")
+    value, counted = np.array([target.value for target in targets]), np.array([target.value != 0 for target in targets])
+    if np.count_nonzero(counted) < len(keys):
+        raise InputError(f"{len(keys)} numbers cannot be fitted to {np.count_nonzero(counted)} targets other than zero")
     lower, upper = (
         np.array([bounded.lower for bounded in parameters]),
         np.array([bounded.upper for bounded in parameters]),
@@ -173,7 +173,7 @@ def calibrated(
 
         def misfit(numbers: Real, body: Condensed = body) -> Real:
             changed = with_numbers(study, dict(zip(keys, numbers, strict=True)))
-            return computed(changed, body, targets)[used] / value[used] - 1
+            return computed(changed, body, targets)[counted] / value[counted] - 1
 
         fit = fitted(misfit, best, lower, upper, None)
         change, best = np.max(np.abs(np.log(fit.value / best))), fit.value
@@ -182,7 +182,7 @@ def calibrated(
     if confidence is not None:
         fit = fitted(misfit, best, lower, upper, confidence)
     changed_study = with_numbers(study, dict(zip(keys, fit.value.tolist(), strict=True)))
-    return Calibration(changed_study, body, tuple(parameters), fit, used)
+    return Calibration(changed_study, body, tuple(parameters), fit, counted)
 
 
 def computed(study: Study, disk: Condensed, targets: Sequence[Target]) -> Real:
@@ -216,11 +216,11 @@ def write(calibration: Calibration, targets: Sequence[Target], source: str, fold
     with (folder / "targets.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["case", "metric", "published", "computed", "relative_error", "fitted"])
-        for target, value, used in zip(
+        for target, value, counted in zip(
             targets, computed(calibration.study, calibration.disk, targets), calibration.used, strict=True
         ):
-            error = f"{value / target.value - 1:.6f}" if used else ""
-            table.writerow([target.case, target.metric, target.value, f"{value:.6g}", error, used])
+            error = f"{value / target.value - 1:.6f}" if counted else ""
+            table.writerow([target.case, target.metric, target.value, f"{value:.6g}", error, counted])
     (folder / "design.toml").write_text(_design_file(calibration, source), encoding="utf-8")
 
 

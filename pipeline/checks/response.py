@@ -75,11 +75,11 @@ class Solved:
 
 def condensed(study: Study) -> Condensed:
     """The study's disk at its first crank angle, meshed and condensed."""
-    at = assembly.reducer(study.design, study.cycle.crank_deg[0])
+    reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
     disk = elastic.elastic_disk(study)
-    rows = assembly.disk_contacts(at)
-    matrix = np.zeros((len(at.contacts), len(at.contacts)))
-    matrix[np.ix_(rows, rows)] = disk.compliance(elastic.disk_patches(study, disk, at)).matrix
+    rows = assembly.disk_contacts(reducer)
+    matrix = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    matrix[np.ix_(rows, rows)] = disk.compliance(elastic.disk_patches(study, disk, reducer)).matrix
     return Condensed.of(matrix, study.design)
 
 

@@ -17,7 +17,7 @@ from pipeline.checks.blind import run
 from pipeline.checks.blind.bench import draw_bench
 from pipeline.checks.blind.catalogue import OFF, PLAUSIBLE, UNCERTAIN, catalogue, condense
 from pipeline.checks.blind.effect_size import amplitude_of, problem_of
-from pipeline.checks.blind.generate import FULL, MEASURING_UM, NONE, Maker, generate, kind_of
+from pipeline.checks.blind.generate import FULL, MEASURING_UM, NONE, RIGID, Maker, generate, kind_of, simulator_of
 from pipeline.checks.blind.outside_effects import OUTSIDE
 from pipeline.checks.blind.rates import lower_bound, rates
 from pipeline.checks.blind.report import write_reports
@@ -62,6 +62,26 @@ def test_a_unit_is_the_same_whatever_was_made_before(smallest, tmp_path):
     assert first.truth == second.truth
     assert data == (other.unit_folder(case) / "data.csv").read_bytes()
     assert data != _data(replace(other, seed=6), case)
+
+
+def test_every_other_unit_of_a_kind_is_of_the_second_simulator():
+    made = [(kind_of(case), simulator_of(case)) for case in range(60)]
+    for kind in FULL:
+        of_kind = [simulator for other, simulator in made if other == kind]
+        assert abs(of_kind.count(RIGID) - len(of_kind) / 2) <= 0.5
+
+
+def test_a_unit_of_the_second_simulator_is_believed_with_a_rigid_disk_and_another_law(smallest):
+    case = next(case for case in range(100) if (kind_of(case), simulator_of(case)) == (NONE, RIGID))
+    made = generate(smallest, case)
+    study = tomllib.loads((smallest.unit_folder(case) / "study.toml").read_text())
+    assert (study["reduce"]["disk"], study["springs"]["law"]) == ("rigid", "hertz")
+    assert made.truth["simulator"] == RIGID
+    assert not np.any(made.believed(made.unit.study, made.unit.bench.cranks))
+    problem, over_cells = problem_of(load_measured_unit(smallest.unit_folder(case), ROOT), made.believed)
+    fitter, cells = Fitter(problem), np.ones(len(problem.data), bool)
+    fit = fitter.fit(Model(), cells, fitter.start(Model()))
+    assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.25
 
 
 def _data(maker: Maker, case: int) -> bytes:

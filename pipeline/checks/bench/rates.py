@@ -60,9 +60,9 @@ def hot_parts(study: Study, shared: hysteresis.Shared, samples: int) -> Iterator
         short += seconds_of(partial(_solved, brief, sampled))
         sizes.append(_sizes(_solved(curves, sampled), len(reducer.motions)))
     loops, size = samples * len(cranks), np.concatenate(sizes)
-    steps, few = (len(cycle.steps[1]) for cycle in (shared.curve, shared.brief))
+    steps, brief_steps = (len(cycle.steps[1]) for cycle in (shared.curve, shared.brief))
     yield Result("loops_per_second_per_core", loops / full, "1/s", samples, 1, f"{steps} steps a loop")
-    yield Result("metrics_only_per_second_per_core", loops / short, "1/s", samples, 1, f"{few} steps a loop")
+    yield Result("metrics_only_per_second_per_core", loops / short, "1/s", samples, 1, f"{brief_steps} steps a loop")
     note = f"{size.size} equilibria, mean system of {size.mean():.1f} unknowns"
     yield Result("floor_ratio", full / _floor_seconds(size), "1", samples, 1, note)
     yield Result("equilibrium_microseconds", 1e6 * full / size.size, "us", samples, 1, "all overhead included")

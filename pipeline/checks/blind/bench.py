@@ -155,16 +155,16 @@ def _ramp(
     turns = top * (shares + np.where(np.abs(shares) == 1, rng.normal(0, 0.002, size=len(shares)), 0.0))
     cycle = np.array([number for _, number in plan[1:]])
     n_cycles = int(cycle[-1]) + 1
-    way = np.abs(np.diff(turns))
-    rows = np.maximum(np.round(ROWS * way / way.sum()).astype(int), 6)
+    travel = np.abs(np.diff(turns))
+    rows = np.maximum(np.round(ROWS * travel / travel.sum()).astype(int), 6)
     fast = np.ones(n_cycles) if speeds is None else speeds
-    period = duration * way / (4 * top) / fast[cycle]
-    torque, time, now = [], [], 0.0
+    period = duration * travel / (4 * top) / fast[cycle]
+    torque, time, elapsed = [], [], 0.0
     for leg, count in enumerate(rows):
         share = (np.arange(count) + 0.5) / count
         torque.append(turns[leg] + share * (turns[leg + 1] - turns[leg]))
-        time.append(now + share * period[leg])
-        now += period[leg]
+        time.append(elapsed + share * period[leg])
+        elapsed += period[leg]
     warm = TEMPERATURE_C + rng.uniform(-8, 25, size=n_cycles) if warmed else np.full(n_cycles, TEMPERATURE_C)
     return Ramp(
         turns=turns,

@@ -85,6 +85,16 @@ class Reducer:
     truth: Study
 
     @property
+    def rigid_model(self) -> Study:
+        """What the identification is given of a unit that the second simulator made: its disk is known to be rigid."""
+        return _rigid(self.model)
+
+    @property
+    def rigid_truth(self) -> Study:
+        """The nearest that the model comes to the second simulator: a rigid disk and Palmgren's law."""
+        return _rigid(self.model, OTHER_LAW)
+
+    @property
     def cranks(self) -> tuple[float, ...]:
         """Crank angles [deg] that are condensed."""
         return self.model.cycle.crank_deg
@@ -100,20 +110,33 @@ class Condensed:
         return [full_compliance(self.path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 
 
+def no_compliance(study: Study, cranks: Sequence[float]) -> list[Real]:
+    """Compliances of a study whose disk is rigid."""
+    counts = [len(assembly.reducer(study.design, crank).contacts) for crank in cranks]
+    return [np.zeros((count, count)) for count in counts]
+
+
+def _rigid(study: Study, law: str | None = None) -> Study:
+    """The study with a rigid disk and, where one is named, another contact law."""
+    reduce = study.reduce.model_copy(update={"disk": "rigid"})
+    springs = study.springs.model_copy(update={"law": law or study.springs.law})
+    return study.model_copy(update={"reduce": reduce, "springs": springs})
+
+
 def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    out = dict(base)
+    merged = dict(base)
     for key, value in changes.items():
-        out[key] = _merged(base[key], value) if isinstance(value, Mapping) else value
-    return out
+        merged[key] = _merged(base[key], value) if isinstance(value, Mapping) else value
+    return merged
 
 
 def _design(base: Design, changes: Mapping[str, Any], name: str) -> Design:
     """The design with some numbers changed, and those of `UNCERTAIN` known by calibration only."""
     raw = _merged(base.model_dump(), changes)
     keys = [key for key in UNCERTAIN if key.split(".")[1] in raw[key.split(".")[0]]]
-    given = {key: {"status": "chosen", "reason": "a variant for blind units"} for key in raw["provenance"]}
+    provenance = {key: {"status": "chosen", "reason": "a variant for blind units"} for key in raw["provenance"]}
     unsure = {key: _unsure(raw, key) for key in keys}
-    raw["provenance"] = {**given, **unsure}
+    raw["provenance"] = {**provenance, **unsure}
     return parse_design(raw, name)
 
 
@@ -170,24 +193,24 @@ def catalogue(root: Path) -> tuple[Reducer, ...]:
         ("holes_39", holes, {}, 1.0, {}),
         ("holes_19", holes, HOLES_19, 0.7, small),
     )
-    made = []
+    reducers = []
     for name, base, changes, scale, reduce in entries:
         design = _design(base.design, changes, name)
         raw = _study(base, design, name, scale, reduce)
-        made.append(
+        reducers.append(
             Reducer(name, _parsed(raw, f"{name}-model", design), _parsed(_generating(raw), f"{name}-truth", design))
         )
-    return tuple(made)
+    return tuple(reducers)
 
 
 def condense(reducers: Sequence[Reducer], folder: Path, jobs: int) -> dict[str, tuple[Condensed, Condensed]]:
     """Compliances of the model's and the generating study of each reducer; made once, kept in `folder` by content."""
-    found = {}
+    compliances = {}
     for reducer in reducers:
         outputs = [
             run(STAGES, study, ["reduce"], folder, Resources(jobs, 1))["reduce"]
             for study in (reducer.model, reducer.truth)
         ]
         model, truth = (Condensed(output.path(COMPLIANCE_FILE)) for output in outputs)
-        found[reducer.name] = (model, truth)
-    return found
+        compliances[reducer.name] = (model, truth)
+    return compliances

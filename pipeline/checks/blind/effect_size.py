@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from pipeline.checks.blind.catalogue import Condensed
 from pipeline.config.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
@@ -60,14 +59,14 @@ class Yardstick:
     reach: tuple[Real, Real]
 
     @classmethod
-    def of(cls, folder: Path, root: Path, condensed: Condensed) -> Yardstick:
+    def of(cls, folder: Path, root: Path, condensed: Compliances) -> Yardstick:
         """The yardstick of a unit's folder."""
         problem, over_cells = problem_of(load_measured_unit(folder, root), condensed)
         fitter = Fitter(problem)
         everything = np.ones(len(problem.data), bool)
         fit = fitter.fit(Model(), everything, fitter.start(Model()), 3)
-        now = fit.unknowns.flat
-        reach = tuple(fit.unknowns.like(now + sense * 1e9).flat - now for sense in (-1, 1))
+        unknowns = fit.unknowns.flat
+        reach = tuple(fit.unknowns.like(unknowns + sense * 1e9).flat - unknowns for sense in (-1, 1))
         return cls(
             problem, over_cells, fit.jacobian, fitter.penalty(fit.unknowns), (reach[0] - SLACK, reach[1] + SLACK)
         )
@@ -88,19 +87,21 @@ def amplitude_of(size: Callable[[float], float], target: float) -> tuple[float, 
 
     Sizes grow about in proportion: secant steps in the logarithm, held within what is known of too small and too large.
     """
-    low, high, now = SMALLEST_AMPLITUDE, 1.0, START
+    low, high, amplitude = SMALLEST_AMPLITUDE, 1.0, START
     for _ in range(SEARCHES):
-        found = size(now)
-        if abs(found / target - 1) <= AGREEMENT:
-            return now, found
-        if found < target:
-            if now >= 1.0:
+        reached = size(amplitude)
+        if abs(reached / target - 1) <= AGREEMENT:
+            return amplitude, reached
+        if reached < target:
+            if amplitude >= 1.0:
                 return None
-            low = now
+            low = amplitude
         else:
-            high = now
-        guess = now * target / max(found, 1e-3 * target)
-        now = guess if low < guess < high else (1.0 if high == 1.0 and guess >= 1.0 else float(np.sqrt(low * high)))
+            high = amplitude
+        guess = amplitude * target / max(reached, 1e-3 * target)
+        amplitude = (
+            guess if low < guess < high else (1.0 if high == 1.0 and guess >= 1.0 else float(np.sqrt(low * high)))
+        )
     return None
 
 
@@ -115,16 +116,16 @@ def at_amplitude(
     direction : (n_parameters,) of unit length among those that grow.
     shape : (n_parameters,) shares of the bounds of the others.
     """
-    out = []
+    shares = []
     for (low, high), along, share in zip(bounds, direction, shape, strict=True):
         if low <= 0 <= high:
             reach = high if along > 0 else -low
-            out.append(amplitude * along * reach)
+            shares.append(amplitude * along * reach)
         elif low > 0 and high / low > 30:
-            out.append(low * (high / low) ** share)
+            shares.append(low * (high / low) ** share)
         else:
-            out.append(low + share * (high - low))
-    return tuple(float(value) for value in out)
+            shares.append(low + share * (high - low))
+    return tuple(float(value) for value in shares)
 
 
 def draw_shape(rng: np.random.Generator, bounds: Sequence[tuple[float, float]]) -> tuple[Real, Real]:

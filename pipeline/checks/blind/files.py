@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from pipeline.config.writing import toml_of
 from pipeline.sampling import Errors
 
 Real = NDArray[np.float64]
+Reading = Callable[[Real, float, float, np.random.Generator], Real]
+"""Angles, standard deviation of their noise, step and random numbers to what is read."""
 
 DIMENSION_STEP_UM = 0.1
 """Step of a dimension as a measuring report states it [um]."""
@@ -40,6 +42,7 @@ def write_unit(
     rng: np.random.Generator,
     dimensions: Errors | None,
     measuring_um: float,
+    reading: Reading | None = None,
 ) -> None:
     """data.csv, unit.toml, the study's files and, where the dimensions are known, dims.toml.
 
@@ -49,13 +52,14 @@ def write_unit(
     noise : standard deviation of a row's angle and resolution of the angle [arcmin].
     dimensions : one sample [um], or None where they are unknown.
     measuring_um : standard deviation of what is written of them, of the part that all of a kind share and of each.
+    reading : what the encoder makes of the angle; ``rounded`` unless another is given.
     """
     folder.mkdir(parents=True, exist_ok=True)
     design = study.design.model_dump(mode="json")
     settings = study.model_dump(mode="json", exclude={"name", "design", "cases"})
     (folder / "design.toml").write_text(toml_of(design), encoding="utf-8")
     (folder / "study.toml").write_text(toml_of({**settings, "design": "design.toml"}), encoding="utf-8")
-    measured_table(bench, angles, noise, rng).to_csv(folder / "data.csv", index=False)
+    measured_table(bench, angles, noise, rng, reading or rounded).to_csv(folder / "data.csv", index=False)
     if dimensions is not None:
         (folder / "dims.toml").write_text(toml_of(_measured(dimensions, measuring_um, rng)), encoding="utf-8")
     unit = {
@@ -70,14 +74,19 @@ def write_unit(
     (folder / "unit.toml").write_text(toml_of(unit), encoding="utf-8")
 
 
+def rounded(angle: Real, deviation: float, step: float, rng: np.random.Generator) -> Real:
+    """Angles (n_rows,) as read: white noise, rounded to whole steps."""
+    return quantised(angle + deviation * rng.standard_normal(len(angle)), step)
+
+
 def measured_table(
-    bench: Bench, angles: Sequence[Real], noise: tuple[float, float], rng: np.random.Generator
+    bench: Bench, angles: Sequence[Real], noise: tuple[float, float], rng: np.random.Generator, reading: Reading
 ) -> pd.DataFrame:
     """Rows as the bench writes them, with offset, noise and quantisation."""
     parts = []
     for crank, ramp, offset, angle in zip(bench.cranks, bench.ramps, bench.offset, angles, strict=True):
         n = len(angle)
-        read = quantised(angle + offset + noise[0] * rng.standard_normal(n), noise[1])
+        read = reading(angle + offset, *noise, rng)
         torque = quantised(ramp.torque + bench.torque_noise * rng.standard_normal(n), bench.torque_step)
         columns = {"cycle": ramp.cycle, "crank_deg": crank, "torque_Nm": np.round(torque, 9)}
         columns["angle_arcmin"] = np.round(read, 9)
@@ -92,14 +101,14 @@ def measured_table(
 
 def _measured(dimensions: Errors, measuring_um: float, rng: np.random.Generator) -> dict[str, Any]:
     """As-measured dimensions [um] with the errors of measuring, rounded as an inspection report is."""
-    out = {}
+    collected = {}
     for name in DIMENSIONS:
         true = getattr(dimensions, name)[0]
-        off = rng.standard_normal() + (rng.standard_normal(np.shape(true)) if np.ndim(true) else 0.0)
-        measured = true + measuring_um * off if name != "bearing_clearance" else true
+        deviation = rng.standard_normal() + (rng.standard_normal(np.shape(true)) if np.ndim(true) else 0.0)
+        measured = true + measuring_um * deviation if name != "bearing_clearance" else true
         value = np.round(measured / DIMENSION_STEP_UM) * DIMENSION_STEP_UM
-        out[name] = np.round(np.atleast_1d(value), 3).tolist() if np.ndim(value) else round(float(value), 3)
-    return out
+        collected[name] = np.round(np.atleast_1d(value), 3).tolist() if np.ndim(value) else round(float(value), 3)
+    return collected
 
 
 def write_truth(path: Path, truth: Mapping[str, Any]) -> None:

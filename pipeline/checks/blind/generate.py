@@ -12,17 +12,20 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.checks.blind.bench import draw_bench, rows_a_cell
-from pipeline.checks.blind.catalogue import OFF, Condensed, Reducer
+from pipeline.checks.blind.catalogue import OFF, Condensed, Reducer, no_compliance
 from pipeline.checks.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
-from pipeline.checks.blind.files import write_truth, write_unit
+from pipeline.checks.blind.files import rounded, write_truth, write_unit
 from pipeline.checks.blind.outside_effects import OUTSIDE
+from pipeline.checks.blind.rigid_drive.noise import readings
+from pipeline.checks.blind.rigid_unit import RigidUnit, machined, rigid_unit
 from pipeline.checks.blind.true_unit import TrueUnit, UnsoundError, true_unit
 from pipeline.config.study import Study
-from pipeline.identification.fitting.build import refitted
+from pipeline.identification.fitting.build import refitted, scaled_design
 from pipeline.identification.fitting.problem import candidates
 from pipeline.sampling import Errors, draw
 
 Real = NDArray[np.float64]
+Compliances = Callable[[Study, Sequence[float]], Sequence[Real]]
 
 NONE, ONE, TWO, OUTSIDE_KIND = "none", "one", "two", "outside"
 FULL: Mapping[str, int] = {NONE: 200, ONE: 200, TWO: 60, OUTSIDE_KIND: 60}
@@ -42,6 +45,8 @@ REDRAWS = 30
 SAMPLES = 10**6
 """Numbers of samples that a unit is taken from: two units share none."""
 OUTSIDE_PREFIX = "outside:"
+ELASTIC, RIGID = "elastic", "rigid"
+"""Who makes a unit: the model's own physics on another mesh with another law, or a simulator that shares no code."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,12 @@ def kind_of(case: int) -> str:
     return kind
 
 
+def simulator_of(case: int) -> str:
+    """Which simulator makes a case: of the units of each kind every other one."""
+    before = sum(kind_of(earlier) == kind_of(case) for earlier in range(case))
+    return (ELASTIC, RIGID)[before % 2]
+
+
 @dataclass(frozen=True)
 class Made:
     """A unit that was made, for the oracle alone: the identification reads its files.
@@ -86,13 +97,16 @@ class Made:
     Attributes
     ----------
     unit : without its effect.
+    believed, compliances : of the disk as the identification and as the generator's own study have them.
     angles : per position (n_rows,) [arcmin] with the effect, without noise and offset.
     dimensions : one sample [um], unrounded.
     truth : as written.
     """
 
     reducer: Reducer
-    unit: TrueUnit
+    unit: TrueUnit | RigidUnit
+    believed: Compliances
+    compliances: Compliances
     angles: Sequence[Real]
     dimensions: Errors
     truth: Mapping[str, Any]
@@ -134,12 +148,19 @@ class _Draw:
         rng = np.random.default_rng(unit)
         self.reducer = maker.reducers[int(rng.integers(len(maker.reducers)))]
         self.known = bool(rng.random() < KNOWN_SHARE)
-        self.study = self.reducer.model if self.known else _narrowed(self.reducer.model)
+        self.simulator = simulator_of(case)
+        rigid = self.simulator == RIGID
+        model = self.reducer.rigid_model if rigid else self.reducer.model
+        self.truth = self.reducer.rigid_truth if rigid else self.reducer.truth
+        self.believed, self.compliances = (no_compliance,) * 2 if rigid else maker.condensed[self.reducer.name]
+        self.study = model if self.known else _narrowed(model)
         sample = int(rng.integers(SAMPLES))
         self.dimensions: Errors = draw(self.study, sample, sample + 1)
-        keys = refitted(self.reducer.truth.design)
+        if rigid:
+            self.dimensions = machined(self.study, self.dimensions, rng)
+        keys = refitted(self.truth.design)
         self.scales = {key: float(np.exp(rng.choice([-1, 1]) * rng.uniform(*np.log(OFF)))) for key in keys}
-        rated = self.reducer.truth.design.cycloid.rated_torque_Nm
+        rated = self.truth.design.cycloid.rated_torque_Nm
         self.bench = draw_bench(np.random.default_rng(bench), self.reducer.cranks, rated)
         self.unit = self._unit()
         self.plain = self.unit.angles()
@@ -147,15 +168,18 @@ class _Draw:
         row_noise = self.bench.floor_share * span * float(np.sqrt(rows_a_cell(self.bench)))
         self.noise = row_noise, self.bench.angle_steps * row_noise
 
-    def _unit(self) -> TrueUnit:
-        truth = self.maker.condensed[self.reducer.name][1]
+    def _unit(self) -> TrueUnit | RigidUnit:
+        keys, scales = tuple(self.scales), tuple(self.scales.values())
+        if self.simulator == RIGID:
+            numbers = self.truth.model_copy(update={"design": scaled_design(self.truth.design, keys, scales)})
+            return rigid_unit(numbers, self.dimensions, self.bench)
         return true_unit(
-            self.reducer.truth,
-            tuple(self.scales),
-            tuple(self.scales.values()),
+            self.truth,
+            keys,
+            scales,
             assembly.errors(self.dimensions),
             float(self.dimensions.bearing_clearance[0]),
-            truth(self.reducer.truth, self.bench.cranks),
+            self.compliances(self.truth, self.bench.cranks),
             self.bench,
         )
 
@@ -163,28 +187,25 @@ class _Draw:
         """Write the unit without effect, choose the effect by its size over it, and write it again with the effect."""
         self._write(self.plain)
         kind, angles = kind_of(self.case), self.plain
-        found: dict[str, Any] = {"truth": NONE, "size_over_noise": 0.0, "effects": []}
+        effect_facts: dict[str, Any] = {"truth": NONE, "size_over_noise": 0.0, "effects": []}
         if kind != NONE:
-            yardstick = Yardstick.of(self.maker.unit_folder(self.case), self.maker.root, self._believed)
-            angles, found = self._outside(yardstick) if kind == OUTSIDE_KIND else self._library(yardstick, kind)
+            yardstick = Yardstick.of(self.maker.unit_folder(self.case), self.maker.root, self.believed)
+            angles, effect_facts = self._outside(yardstick) if kind == OUTSIDE_KIND else self._library(yardstick, kind)
             self._write(angles)
         truth = {
-            **found,
+            **effect_facts,
             "case": self.case,
             "seed": self.maker.seed,
             "kind": kind,
             "reducer": self.reducer.name,
+            "simulator": self.simulator,
             "dimensions_known": self.known,
             "scales": self.scales,
             "row_noise_arcmin": self.noise[0],
             "dimensions_um": {k: np.asarray(v[0]).tolist() for k, v in vars(self.dimensions).items()},
         }
         write_truth(self.maker.truth_path(self.case), truth)
-        return Made(self.reducer, self.unit, angles, self.dimensions, truth)
-
-    @property
-    def _believed(self) -> Condensed:
-        return self.maker.condensed[self.reducer.name][0]
+        return Made(self.reducer, self.unit, self.believed, self.compliances, angles, self.dimensions, truth)
 
     def _write(self, angles: Sequence[Real]) -> None:
         write_unit(
@@ -196,6 +217,7 @@ class _Draw:
             np.random.default_rng(self.noise_stream),
             self.dimensions if self.known else None,
             MEASURING_UM,
+            readings if self.simulator == RIGID else rounded,
         )
 
     def _target(self) -> float:
@@ -214,13 +236,17 @@ class _Draw:
             return None
 
     def _library(self, yardstick: Yardstick, kind: str) -> tuple[list[Real], dict[str, Any]]:
-        known = {name: one for name, one in candidates().items() if not yardstick.problem.why_not(one)}
+        known = {
+            name: effect
+            for name, effect in candidates().items()
+            if self.unit.knows(name) and not yardstick.problem.why_not(effect)
+        }
         chosen: dict[str, tuple[tuple[float, ...], float]] = {}
-        wanted = 2 if kind == TWO else 1
+        effect_count = 2 if kind == TWO else 1
         for _ in range(REDRAWS):
-            if len(chosen) == wanted:
+            if len(chosen) == effect_count:
                 break
-            name = str(self.rng.choice([one for one in sorted(known) if one not in chosen]))
+            name = str(self.rng.choice([effect for effect in sorted(known) if effect not in chosen]))
             bounds = yardstick.problem.bounds(known[name])
             direction, shape = draw_shape(self.rng, bounds)
             target, record = self._target(), yardstick.problem.record
@@ -232,16 +258,19 @@ class _Draw:
                 values = at_amplitude(bounds, amplitude, direction, shape)
                 return yardstick.size(self._change(self.unit.angles([known[name]], values)))
 
-            found = self._sought(size, target)
-            if found and found[0] <= LARGEST:
-                chosen[name] = at_amplitude(bounds, found[0], direction, shape), found[1]
-        if len(chosen) < wanted:
+            sought = self._sought(size, target)
+            if sought and sought[0] <= LARGEST:
+                chosen[name] = at_amplitude(bounds, sought[0], direction, shape), sought[1]
+        if len(chosen) < effect_count:
             raise UnsoundError("no effect reaches its size")
-        values = [value for own, _ in chosen.values() for value in own]
+        values = [value for values_of_effect, _ in chosen.values() for value in values_of_effect]
         angles = self.unit.angles([known[name] for name in chosen], values)
-        effects = [{"name": name, "values": list(own), "size_over_noise": size} for name, (own, size) in chosen.items()]
-        least = min(size for _, size in chosen.values())
-        return angles, {"truth": ";".join(chosen), "size_over_noise": least, "effects": effects}
+        effects = [
+            {"name": name, "values": list(values_of_effect), "size_over_noise": size}
+            for name, (values_of_effect, size) in chosen.items()
+        ]
+        smallest_size = min(size for _, size in chosen.values())
+        return angles, {"truth": ";".join(chosen), "size_over_noise": smallest_size, "effects": effects}
 
     def _outside(self, yardstick: Yardstick) -> tuple[list[Real], dict[str, Any]]:
         for _ in range(REDRAWS):
@@ -251,10 +280,15 @@ class _Draw:
             def size(amplitude: float, effect=effect, shape=shape) -> float:
                 return yardstick.size(self._change(self.unit.angles_outside(effect.at(amplitude, shape))))
 
-            found = self._sought(size, target)
-            if found:
-                angles = self.unit.angles_outside(effect.at(found[0], shape))
-                own = {"name": effect.name, "amplitude": found[0], "shape": dict(shape), "size_over_noise": found[1]}
+            sought = self._sought(size, target)
+            if sought:
+                angles = self.unit.angles_outside(effect.at(sought[0], shape))
+                effect_facts = {
+                    "name": effect.name,
+                    "amplitude": sought[0],
+                    "shape": dict(shape),
+                    "size_over_noise": sought[1],
+                }
                 name = f"{OUTSIDE_PREFIX}{effect.name}"
-                return angles, {"truth": name, "size_over_noise": found[1], "effects": [own]}
+                return angles, {"truth": name, "size_over_noise": sought[1], "effects": [effect_facts]}
         raise UnsoundError("no effect reaches its size")

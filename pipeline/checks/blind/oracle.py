@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.checks.blind.catalogue import Condensed
 from pipeline.checks.blind.effect_size import problem_of
 from pipeline.checks.blind.files import DIMENSIONS
 from pipeline.checks.blind.generate import OUTSIDE_KIND, Made
@@ -37,14 +36,13 @@ SHAPES = (0.15, 0.4, 0.65)
 """Shares of the bounds at which parameters without a zero are looked at."""
 
 
-def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dict[str, float]:
+def distances(made: Made, folder: Path, root: Path) -> dict[str, float]:
     """Rms distance [noise floors] from the true curves of the nearest effects that are not the true one, by name.
 
     Parameters
     ----------
     made : a unit with one effect of the library, or one outside it.
     folder : of its files: their rows are the places that are compared.
-    condensed : compliances of the generating study.
 
     Notes
     -----
@@ -60,7 +58,7 @@ def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dic
     nominal = made.reducer.truth.design.disk.thickness_mm / made.unit.study.design.disk.thickness_mm
 
     def softened(study: Study, cranks: Sequence[float]) -> list[Real]:
-        return [nominal * matrix for matrix in condensed(study, cranks)]
+        return [nominal * matrix for matrix in made.compliances(study, cranks)]
 
     problem, over_cells = problem_of(known, softened)
     true = made.truth["truth"]
@@ -79,14 +77,14 @@ def distances(made: Made, folder: Path, root: Path, condensed: Condensed) -> dic
         for name, candidate in candidates().items()
         if not problem.why_not(candidate) and name != true and limit_cases().get(name) != true
     }
-    found = {}
+    distance_by_name = {}
     for name in sorted(looked, key=lambda name: looked[name][0])[:NEAREST]:
         start = replace(base.unknowns, shares=looked[name][1])
         fit = fitter.fit(Model((candidates()[name],)), everything, start, ITERATIONS)
         if np.isfinite(fit.cost):
-            apart = (curves - fit.predicted) / problem.data.sigma
-            found[name] = float(np.sqrt(np.mean(apart**2)))
-    return found
+            misfit = (curves - fit.predicted) / problem.data.sigma
+            distance_by_name[name] = float(np.sqrt(np.mean(misfit**2)))
+    return distance_by_name
 
 
 def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]:
@@ -95,7 +93,7 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
     data, bounds = problem.data, np.array(problem.bounds(candidate))
     grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
     weight = 1 / data.sigma**2
-    left = fitter.centred(data.angle - base.predicted, weight) / data.sigma
+    residual = fitter.centred(data.angle - base.predicted, weight) / data.sigma
     rows = np.vstack([base.jacobian / data.sigma[:, None], np.diag(fitter.penalty(base.unknowns))])
     basis = np.linalg.qr(rows)[0] if rows.shape[1] else rows
 
@@ -109,10 +107,10 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
 
     plain = fitter.predict(Model(), base.unknowns).angle
     zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
-    goal, best = free(left), (np.inf, zero)
+    goal, best = free(residual), (np.inf, zero)
     for shape, step in product(SHAPES if not np.all(grows) else SHAPES[:1], STEPS):
         at = np.where(grows, zero, shape)
-        columns = np.column_stack([moved(at + step * one) for one in np.eye(len(bounds))[grows]])
+        columns = np.column_stack([moved(at + step * direction) for direction in np.eye(len(bounds))[grows]])
         amounts = np.linalg.lstsq(columns, goal, rcond=None)[0]
         shares = at.copy()
         shares[grows] = np.clip(zero[grows] + step * amounts, 0, 1)

@@ -91,11 +91,11 @@ def _loose_flange(amplitude: float, shape: Mapping[str, float]) -> Outside:
     def angle(track: Track) -> Real:
         ramp, top = track.ramp, _top(track.ramp)
         threshold, run = shape["threshold"] * top, shape["run"] * top
-        slipped, place = np.empty(len(ramp.torque)), 0.0
+        slipped, lag = np.empty(len(ramp.torque)), 0.0
         for k, torque in enumerate(ramp.torque):
-            place = max(place, min((torque - threshold) / run, 1.0))
-            place = min(place, max((torque + threshold) / run, -1.0))
-            slipped[k] = place
+            lag = max(lag, min((torque - threshold) / run, 1.0))
+            lag = min(lag, max((torque + threshold) / run, -1.0))
+            slipped[k] = lag
         return track.angle_at(ramp.torque) + 0.5 * amplitude * track.span * slipped
 
     return angle

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import beta
 
-from pipeline.checks.blind.generate import NONE, ONE, OUTSIDE_KIND, TWO
+from pipeline.checks.blind.generate import ELASTIC, NONE, ONE, OUTSIDE_KIND, RIGID, TWO
 from pipeline.checks.blind.run import VISIBLE, Row
 from pipeline.engine.store import write_atomic
 from pipeline.identification.selection.parameter_intervals import STRUCTURE
@@ -65,7 +65,18 @@ def lower_bound(passed: int, of: int, level: float = LEVEL) -> float:
 
 
 def rates(rows: Sequence[Row]) -> list[Rate]:
-    """The numbers to meet, then the same by size of the effect and the oracle's own."""
+    """The numbers to meet; the same of each simulator's units; then by size of the effect and the oracle's own."""
+    requirements = numbers_to_meet(rows)
+    halves = [
+        replace(rate, name=f"{simulator} simulator: {rate.name}")
+        for simulator in (ELASTIC, RIGID)
+        for rate in numbers_to_meet([row for row in rows if row.simulator == simulator])
+    ]
+    return [*requirements, *halves, *by_size([row for row in rows if row.kind == ONE])]
+
+
+def numbers_to_meet(rows: Sequence[Row]) -> list[Rate]:
+    """Rates of some units over all sizes of what was put into them."""
     kinds = {kind: [row for row in rows if row.kind == kind] for kind in (NONE, ONE, TWO, OUTSIDE_KIND)}
     visible = [row for row in kinds[ONE] if row.size_over_noise >= VISIBLE]
     told = [row for row in visible if row.oracle_separates]
@@ -74,7 +85,7 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
     right = [row for row in kinds[ONE] if row.correct]
     with_interval = [row for row in right if row.parameter_covered is not None]
     large = f">= {VISIBLE:g}"
-    found = [
+    return [
         _rate("one effect: right, or in a class of at most three", large, visible, lambda r: r.correct, 0.95),
         _rate("one effect, oracle separates: named alone", large, told, _alone, 0.8),
         _rate("one effect: oracle separates it", large, visible, lambda r: bool(r.oracle_separates)),
@@ -89,20 +100,25 @@ def rates(rows: Sequence[Row]) -> list[Rate]:
         _rate("right effect: true parameters in their intervals", "all", with_interval, _covered, 0.9),
         _rate(f"at most {SECONDS:g} s", "all", rows, lambda r: r.seconds <= SECONDS, 1.0),
     ]
+
+
+def by_size(singles: Sequence[Row]) -> list[Rate]:
+    """Rates of units with one effect by its size, and of classes by theirs."""
+    size_rates = []
     for low, high in zip(BINS[:-1], BINS[1:], strict=True):
-        inside = [row for row in kinds[ONE] if low <= row.size_over_noise < high]
+        inside = [row for row in singles if low <= row.size_over_noise < high]
         span = f"{low:g} to {high:g}"
-        found.append(_rate("one effect: right, or in a class of at most three", span, inside, lambda r: r.correct))
-        found.append(_rate("one effect: named alone", span, inside, _alone))
-    for size in sorted({row.class_size for row in kinds[ONE]}):
-        found.append(_rate(f"one effect: class of {size}", "all", kinds[ONE], partial(_of_class, size)))
-    return found
+        size_rates.append(_rate("one effect: right, or in a class of at most three", span, inside, lambda r: r.correct))
+        size_rates.append(_rate("one effect: named alone", span, inside, _alone))
+    for size in sorted({row.class_size for row in singles}):
+        size_rates.append(_rate(f"one effect: class of {size}", "all", singles, partial(_of_class, size)))
+    return size_rates
 
 
 def _rate(
-    name: str, sizes: str, rows: Sequence[Row], passes: Callable[[Row], bool], needed: float = float("nan")
+    name: str, sizes: str, rows: Sequence[Row], passes: Callable[[Row], bool], required_share: float = float("nan")
 ) -> Rate:
-    return Rate(name, sizes, sum(passes(row) for row in rows), len(rows), needed)
+    return Rate(name, sizes, sum(passes(row) for row in rows), len(rows), required_share)
 
 
 def _alone(row: Row) -> bool:
@@ -124,11 +140,11 @@ def _fits(row: Row) -> bool:
 def write_rates(path: Path, found: Sequence[Rate]) -> None:
     """rates.csv."""
     lines = ["rate,size_over_noise,passed,of,share,lower_bound_95,needed,met"]
-    for one in found:
-        needed = "" if np.isnan(one.needed) else f"{one.needed:g}"
-        met = "" if one.met is None else str(one.met).lower()
-        share = "" if not one.of else f"{one.rate:.4f}"
-        lines.append(f'"{one.name}",{one.sizes},{one.passed},{one.of},{share},{one.bound:.4f},{needed},{met}')
+    for rate in found:
+        required = "" if np.isnan(rate.needed) else f"{rate.needed:g}"
+        met = "" if rate.met is None else str(rate.met).lower()
+        share = "" if not rate.of else f"{rate.rate:.4f}"
+        lines.append(f'"{rate.name}",{rate.sizes},{rate.passed},{rate.of},{share},{rate.bound:.4f},{required},{met}')
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 

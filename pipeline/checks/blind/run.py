@@ -76,6 +76,7 @@ class Row:
     reason: str
     kind: str
     reducer: str
+    simulator: str
     dimensions_known: bool
     seed: int
     code: str
@@ -88,9 +89,9 @@ def blind(cases: int, seed: int, jobs: int, root: Path, runs: Path) -> list[Row]
     maker = Maker(reducers, condense(reducers, folder / "condensed", jobs), folder, root, seed)
     table, code = folder / "cases.csv", source_hash(reducers)
     rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code and row.case < cases}
-    left = [case for case in range(cases) if case not in rows]
+    remaining = [case for case in range(cases) if case not in rows]
     with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        solved = Parallel(return_as="generator_unordered")(delayed(one_case)(maker, case, code) for case in left)
+        solved = Parallel(return_as="generator_unordered")(delayed(one_case)(maker, case, code) for case in remaining)
         for row in solved:
             rows[row.case] = row
             write_rows(table, [rows[case] for case in sorted(rows)])
@@ -100,45 +101,47 @@ def blind(cases: int, seed: int, jobs: int, root: Path, runs: Path) -> list[Row]
 
 def one_case(maker: Maker, case: int, code: str) -> Row:
     """Generate, identify, and hold the verdict against the truth; a unit that fails keeps its row with the reason."""
-    made = generate(maker, case)
-    folder, (believed, condensed) = maker.unit_folder(case), maker.condensed[made.reducer.name]
+    unit = generate(maker, case)
+    folder = maker.unit_folder(case)
     started = time.perf_counter()
-    own = {"case": case, "seed": maker.seed, "code": code}
+    case_facts = {"case": case, "seed": maker.seed, "code": code}
     try:
-        found = identify(load_measured_unit(folder, maker.root), believed, nested=False)
+        identification = identify(load_measured_unit(folder, maker.root), unit.believed, nested=False)
         seconds = time.perf_counter() - started
-        near = {}
-        if made.truth["kind"] in (ONE, OUTSIDE_KIND):
-            near = oracle.distances(made, folder, maker.root, condensed)
+        distances = {}
+        if unit.truth["kind"] in (ONE, OUTSIDE_KIND):
+            distances = oracle.distances(unit, folder, maker.root)
     except Exception as error:  # the other units are worth their verdicts
-        return _failed(made, error, seconds=time.perf_counter() - started, **own)
-    return _row(made, found, near, seconds=seconds, **own)
+        return _failed(unit, error, seconds=time.perf_counter() - started, **case_facts)
+    return _row(unit, identification, distances, seconds=seconds, **case_facts)
 
 
-def _failed(made: Made, error: Exception, **own: Any) -> Row:
+def _failed(unit: Made, error: Exception, **case_facts: Any) -> Row:
     """Row of a unit without a verdict: nothing known, nothing right."""
-    truth = made.truth
+    truth = unit.truth
     unknown: dict[str, Any] = {"str": "", "int": 0, "float": float("nan"), "bool": False}
     values = {field.name: unknown.get(str(field.type)) for field in fields(Row)}
-    values |= {name: truth[name] for name in ("truth", "size_over_noise", "kind", "reducer", "dimensions_known")}
-    return Row(**{**values, **own, "verdict": FAILED, "reason": f"{type(error).__name__}: {error}"})
+    values |= {
+        name: truth[name] for name in ("truth", "size_over_noise", "kind", "reducer", "simulator", "dimensions_known")
+    }
+    return Row(**{**values, **case_facts, "verdict": FAILED, "reason": f"{type(error).__name__}: {error}"})
 
 
-def _row(made: Made, found: Identification | FaultyUnit, near: Mapping[str, float], **own: Any) -> Row:
-    truth, said = made.truth, found.verdict
+def _row(unit: Made, found: Identification | FaultyUnit, near: Mapping[str, float], **case_facts: Any) -> Row:
+    truth, verdict = unit.truth, found.verdict
     kind, size = truth["kind"], truth["size_over_noise"]
-    parts = [frozenset(name.split("+")) for name in said.named]
+    parts = [frozenset(name.split("+")) for name in verdict.named]
     true = frozenset(truth["truth"].split(";"))
     nearest = min(near, key=lambda name: near[name], default="")
     declared, recalibrated, after = errors_of(found)
     return Row(
-        **own,
+        **case_facts,
         truth=truth["truth"],
         size_over_noise=size,
-        verdict=said.verdict,
-        named=";".join(said.named),
-        class_size=len(said.named),
-        correct=is_correct(kind, size, true, parts, said.verdict),
+        verdict=verdict.verdict,
+        named=";".join(verdict.named),
+        class_size=len(verdict.named),
+        correct=is_correct(kind, size, true, parts, verdict.verdict),
         oracle_separates=near[nearest] >= 1 if near else None,
         rms_declared_arcmin=declared,
         rms_recalibrated_arcmin=recalibrated,
@@ -148,12 +151,13 @@ def _row(made: Made, found: Identification | FaultyUnit, near: Mapping[str, floa
         both=true in parts if kind == TWO else None,
         nearest=nearest,
         nearest_floors=near.get(nearest, float("nan")),
-        structure=said.structure,
-        traced=";".join(said.traced),
+        structure=verdict.structure,
+        traced=";".join(verdict.traced),
         parameters=_parameters(found, truth),
         reason="",
         kind=kind,
         reducer=truth["reducer"],
+        simulator=truth["simulator"],
         dimensions_known=truth["dimensions_known"],
     )
 
@@ -166,27 +170,27 @@ def is_correct(kind: str, size: float, true: frozenset[str], named: Sequence[fro
         return verdict == UNEXPLAINED or (verdict == ADEQUATE and size < VISIBLE)
     if not 0 < len(named) <= LARGEST_CLASS:
         return False
-    return any(one <= true for one in named)
+    return any(effect_set <= true for effect_set in named)
 
 
 def _covered(found: Identification | FaultyUnit, truth: Mapping[str, Any]) -> bool | None:
     """Whether all parameters of the true effect lie in their intervals; None if it has none."""
     effect = truth["effects"][0]
-    own = [p for p in found.verdict.parameters if p.effect == effect["name"]]
-    if not own or any(np.isnan(p.ci_low) for p in own):
+    of_effect = [p for p in found.verdict.parameters if p.effect == effect["name"]]
+    if not of_effect or any(np.isnan(p.ci_low) for p in of_effect):
         return None
-    return all(p.ci_low <= value <= p.ci_high for p, value in zip(own, effect["values"], strict=True))
+    return all(p.ci_low <= value <= p.ci_high for p, value in zip(of_effect, effect["values"], strict=True))
 
 
 def _parameters(found: Identification | FaultyUnit, truth: Mapping[str, Any]) -> str:
     values = {effect["name"]: effect.get("values", ()) for effect in truth["effects"]}
-    out = []
+    phrases = []
     for name in dict.fromkeys(p.effect for p in found.verdict.parameters):
-        own = [p for p in found.verdict.parameters if p.effect == name]
-        out += [f"{name}.{p.name} = {p.value:.4g} ({p.ci_low:.4g} to {p.ci_high:.4g})" for p in own]
+        of_effect = [p for p in found.verdict.parameters if p.effect == name]
+        phrases += [f"{name}.{p.name} = {p.value:.4g} ({p.ci_low:.4g} to {p.ci_high:.4g})" for p in of_effect]
         if name in values:
-            out.append(f"truly {' '.join(f'{value:.4g}' for value in values[name])}")
-    return "; ".join(out)
+            phrases.append(f"truly {' '.join(f'{value:.4g}' for value in values[name])}")
+    return "; ".join(phrases)
 
 
 def errors_of(found: Identification | FaultyUnit) -> tuple[float, float, float]:

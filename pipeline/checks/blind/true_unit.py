@@ -24,6 +24,8 @@ from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 Real = NDArray[np.float64]
 STEPS = 64
 """Nodes of the frictionless curve in each sense of the torque; with friction every row is a step."""
+PLAYS = 400
+"""Widths of plays that a hysteresis is summed over: its loop is off by a ten-thousandth of its size."""
 BEYOND = 1.05
 """Reach of a curve over the largest torque of its load program, for noise of the torque."""
 UNSOUND = 1e-6
@@ -73,20 +75,25 @@ class TrueUnit:
         drives, instrument = Model(tuple(effects)).put(
             self.drives, [ramp.conditions for ramp in self.bench.ramps], values
         )
-        place = encoder_places(self.bench, self.study.design.cycloid.lobes)
+        encoder_place = encoder_places(self.bench, self.study.design.cycloid.lobes)
         turns = float(self.study.design.cycloid.lobes) if self.bench.locked == "output" else 1.0
-        out = []
-        for drive, ramp, at in zip(drives, self.bench.ramps, place, strict=True):
+        angles = []
+        for drive, ramp, encoder_angle in zip(drives, self.bench.ramps, encoder_place, strict=True):
             angle = _solved(drive, ramp, instrument)
-            turned = turns * angle + at
+            turned = turns * angle + encoder_angle
             passed = ramp.time + (ramp.begin if self.bench.common else 0.0)
             read = ARCMIN * angle + instrument.drift * passed / SECONDS_AN_HOUR
-            out.append(read + instrument.encoder[0] * np.cos(turned) + instrument.encoder[1] * np.sin(turned))
-        return out
+            angles.append(read + instrument.encoder[0] * np.cos(turned) + instrument.encoder[1] * np.sin(turned))
+        return angles
+
+    @staticmethod
+    def knows(name: str) -> bool:
+        """Whether the simulator has an effect of the library: this one has all."""
+        return True
 
     def angles_outside(self, effect: Outside) -> list[Real]:
         """The same with an effect that the library lacks."""
-        out = []
+        angles = []
         for drive, ramp in zip(self.drives, self.bench.ramps, strict=True):
             curve = _fine(drive, float(np.max(np.abs(ramp.turns))))
             single = ARCMIN * (curve.angle[0] + drive.twist(curve.torque))
@@ -94,8 +101,8 @@ class TrueUnit:
             def angle_at(torque: Real, curve: Backbone = curve, single: Real = single) -> Real:
                 return np.interp(NMM_PER_NM * torque, curve.torque, single)
 
-            out.append(effect(Track(ramp, angle_at, float(np.ptp(single)))))
-        return out
+            angles.append(effect(Track(ramp, angle_at, float(np.ptp(single)))))
+        return angles
 
 
 def encoder_places(bench: Bench, lobes: int) -> Real:
@@ -114,15 +121,15 @@ def true_unit(
     bench: Bench,
 ) -> TrueUnit:
     """A unit of the study with its own numbers (at ``keys``, times ``scales``), errors and bearing clearance."""
-    own = study.model_copy(update={"design": scaled_design(study.design, keys, scales)})
-    softness = study.design.disk.thickness_mm / own.design.disk.thickness_mm
+    true_study = study.model_copy(update={"design": scaled_design(study.design, keys, scales)})
+    softness = study.design.disk.thickness_mm / true_study.design.disk.thickness_mm
     drives = []
     for crank, compliance, ramp in zip(bench.cranks, compliances, bench.ramps, strict=True):
         n = ramp.n_cycles
-        loose = assembly.bearing_clearance(own.design, np.full(n, loose_um))
+        loose = assembly.bearing_clearance(true_study.design, np.full(n, loose_um))
         states = Errors(**{name: np.repeat(value[:1], n, axis=0) for name, value in vars(errors).items()})
-        drives.append(drive_of(own, crank, softness * compliance, states, loose))
-    return TrueUnit(own, tuple(drives), bench)
+        drives.append(drive_of(true_study, crank, softness * compliance, states, loose))
+    return TrueUnit(true_study, tuple(drives), bench)
 
 
 def _fine(drive: Drive, top: float) -> Backbone:
@@ -135,24 +142,43 @@ def _fine(drive: Drive, top: float) -> Backbone:
 
 def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
     """Angle [rad] at the rows of a ramp."""
-    turns, at = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
+    turns, true_torque = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
     curve = _fine(drive, float(np.max(np.abs(turns))) / NMM_PER_NM)
-    angle, carried = np.empty(len(at)), np.empty(len(at))
+    angle, carried = np.empty(len(true_torque)), np.empty(len(true_torque))
     for state in range(len(curve.angle)):
-        mine = ramp.cycle == state
-        alone = curve.angle[state] + drive.twist(curve.torque)
+        of_cycle = ramp.cycle == state
+        levels = drive.stiffening(state) * curve.torque
+        elastic_angle = curve.angle[state] + drive.twist(levels)
         if instrument.ripple.amplitude or len(drive.sliders.acting):
-            steps, is_row = _every_row(turns, at, ramp.leg)
+            steps, is_row = _every_row(turns, true_torque, ramp.leg)
             if drive.sliders.at_contacts:
                 turned, inside = _followed(drive, state, curve, steps)
             else:
-                turned, inside = condensed_path(steps, curve.torque, alone, drive.sliders, instrument.ripple)
-            angle[mine], carried[mine] = turned[is_row][mine], inside[is_row][mine]
+                leaning = 1 + drive.lean
+                sliders = drive.sliders.of_scaled_load(leaning)
+                turned, inside = condensed_path(steps, leaning * levels, elastic_angle, sliders, instrument.ripple)
+                inside = inside / leaning
+            angle[of_cycle], carried[of_cycle] = turned[is_row][of_cycle], inside[is_row][of_cycle]
         else:
-            angle[mine], carried[mine] = np.interp(at[mine], curve.torque, alone), at[mine]
+            angle[of_cycle], carried[of_cycle] = (
+                np.interp(true_torque[of_cycle], levels, elastic_angle),
+                true_torque[of_cycle],
+            )
     if drive.creep is not None:
         angle = angle + _crept(carried, ramp.time, drive.creep.compliance, drive.creep.time_constant)
+    if drive.rayleigh:
+        angle = angle + _plays(carried, drive.rayleigh)
     return angle
+
+
+def _plays(torque: Real, coefficient: float) -> Real:
+    """Twist [rad] of a Rayleigh hysteresis along torques (n_rows,) [N mm] as the sum of plays of every width."""
+    half = np.max(np.abs(torque)) * (np.arange(PLAYS) + 0.5) / PLAYS
+    inside, twist = np.zeros(PLAYS), np.empty(len(torque))
+    for k, load in enumerate(torque):
+        inside = np.clip(inside, load - half, load + half)
+        twist[k] = inside.sum()
+    return 2 * coefficient * (half[1] - half[0]) * twist
 
 
 def _every_row(turns: Real, at: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:
@@ -175,12 +201,12 @@ def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[R
 
 def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:
     """Delayed rotation [rad] for a torque that is linear between rows."""
-    crept, now = np.zeros_like(carried), 0.0
+    crept, strain = np.zeros_like(carried), 0.0
     for k in range(1, len(carried)):
         step = (time[k] - time[k - 1]) / time_constant
         decay = np.exp(-step)
         before, after = carried[k - 1], carried[k]
         slope = (after - before) / step if step > 0 else 0.0
-        now = now * decay + compliance * (after - slope + (slope - before) * decay)
-        crept[k] = now
+        strain = strain * decay + compliance * (after - slope + (slope - before) * decay)
+        crept[k] = strain
     return crept

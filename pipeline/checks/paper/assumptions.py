@@ -190,8 +190,8 @@ def with_elastic_plate(study: Study, disk: Condensed, share: float) -> Condensed
     """
     contacts = assembly.reducer(study.design, study.cycle.crank_deg[0]).contacts
     of_disk, of_output = (np.flatnonzero(contacts.interface == slide) for slide in (0, 1))
-    between = share * disk.matrix[np.ix_(of_disk, of_disk)]
+    interval = share * disk.matrix[np.ix_(of_disk, of_disk)]
     matrix = disk.matrix.copy()
-    matrix[np.ix_(of_disk, of_disk)] += between
-    matrix[np.ix_(of_output, of_output)] += 2 * between
+    matrix[np.ix_(of_disk, of_disk)] += interval
+    matrix[np.ix_(of_output, of_output)] += 2 * interval
     return Condensed(matrix)

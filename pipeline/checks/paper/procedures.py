@@ -71,16 +71,16 @@ def iterative(load: LoadCase) -> Analysis:
     jacobian, gap = load.reducer.contact_jacobian, load.gap
     play = rigid_play(load.reducer, gap[None], np.zeros(1))
     motion = (play.pose_plus if load.torque > 0 else play.pose_minus)[0]
-    held = gap - jacobian @ motion <= TOUCHING
+    closed = gap - jacobian @ motion <= TOUCHING
     systems = 0
     for turn in range(1, PASSES + 1):
-        force, motion, steps = _held(load, np.flatnonzero(held))
+        force, motion, steps = _held(load, np.flatnonzero(closed))
         systems += steps
         room = gap + load.compliance @ force - jacobian @ motion
-        settled = np.where(held, force > 0, room < 0)
-        if np.array_equal(settled, held):
+        settled = np.where(closed, force > 0, room < 0)
+        if np.array_equal(settled, closed):
             return Analysis(force, motion, turn, systems)
-        held = settled
+        closed = settled
     raise ArithmeticError(f"contacts unsettled after {PASSES} passes")
 
 

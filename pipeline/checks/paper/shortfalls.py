@@ -127,8 +127,8 @@ def _with_geometry(
 
 def disk_backlash(study: Study) -> Real:
     """Backlash (n_cases,) [arcmin] of the cases with the error of the disk alone: geometry, nothing fitted."""
-    alone = tuple(case.model_copy(update={"roller_diameter": 0.0}) for case in study.cases)
-    cases = study.model_copy(update={"cases": alone})
+    reduced_study = tuple(case.model_copy(update={"roller_diameter": 0.0}) for case in study.cases)
+    cases = study.model_copy(update={"cases": reduced_study})
     reducer = assembly.reducer(study.design, study.cycle.crank_deg[0])
     errors = assembly.errors(draw(cases, 0, cases.samples.rows))
     play = separated_play(reducer, gaps(assembly.profile(study.design), reducer, errors, **dict(study.clearance)))

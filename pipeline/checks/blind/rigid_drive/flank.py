@@ -1,0 +1,102 @@
+"""Pins against the flank of a rigid disk at any pose: distance and slope, by the nearest point of the pins' locus.
+
+The flank is the parallel, at a pin's radius, of the curve that a pin's centre draws in the disk. So the gap between a
+pin and the flank is the distance of the pin's actual centre from that curve, less what the pin is too thick.
+
+Source: Litvin and Fuentes, Gear Geometry and Applied Theory (2004), ch. 13: the flank as an envelope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+FIRST_STARTS = (-0.12, 0.0, 0.12)
+"""Starts of the nearest point about the nominal one, in pitches of the lobes: a pin above a root has two of them."""
+FOOT_STEPS = 12
+"""Newton steps to a nearest point at most; 3 or 4 are needed."""
+LARGEST_STEP = 0.1
+"""Of these, in pitches of the lobes."""
+FOOT_ERROR = 1e-13
+"""Step [rad] below which the nearest point is found: 1e-11 mm on the largest disk, and its square in the distance."""
+
+
+@dataclass(frozen=True)
+class Flank:
+    """A disk's flank, lobe by lobe, in the disk's frame [mm].
+
+    Attributes
+    ----------
+    pins : number of pins, one more than lobes.
+    circle_radius : of the pins' circle that generates the flank.
+    eccentricity : that generates it.
+    taken_off : (n_lobes,) by which the generating circle of each lobe is smaller: material off its flank.
+    turned : (n_lobes,) rotation of each lobe about the disk's centre [rad], counterclockwise positive.
+    centre : of the flank from the bore's, complex [mm].
+    """
+
+    pins: int
+    circle_radius: float
+    eccentricity: float
+    taken_off: Real
+    turned: Real
+    centre: complex
+
+    @property
+    def lobes(self) -> int:
+        """Number of lobes, the ratio of the drive."""
+        return self.pins - 1
+
+    def lobe_at(self, parameter: Real) -> NDArray[np.intp]:
+        """Lobe of a place on the flank; they are counted clockwise from the root at angle 0."""
+        return np.floor(-parameter * self.lobes / (2 * np.pi)).astype(int) % self.lobes
+
+    def nominal_parameters(self, rotation: float) -> Real:
+        """Where the pins touch the flank nominally, once the disk has turned by ``rotation`` [rad]."""
+        clockwise = -2 * np.pi * np.arange(self.pins) / self.pins
+        return clockwise - rotation
+
+    def nearest(self, place: Complex, nominal: Real) -> Real:
+        """Parameters (n_pins,) of the nearest points to pin centres in the disk's frame, the least of some starts."""
+        pitch = 2 * np.pi / self.lobes
+        feet = [self.refined(place, nominal + share * pitch) for share in FIRST_STARTS]
+        distances = np.array([np.abs(self._in_lobe(place, foot)[0] - self._curve(foot)[0]) for foot in feet])
+        return np.array(feet)[np.argmin(distances, axis=0), np.arange(len(place))]
+
+    def refined(self, place: Complex, start: Real) -> Real:
+        """Parameters of the nearest points, from those of a neighbouring pose."""
+        largest, parameter = LARGEST_STEP * 2 * np.pi / self.lobes, start
+        for _ in range(FOOT_STEPS):
+            in_lobe, _ = self._in_lobe(place, parameter)
+            point, slope, bend = self._curve(parameter)
+            offset = in_lobe - point
+            along = np.real(np.conj(slope) * offset)
+            turn = np.abs(slope) ** 2 - np.real(np.conj(bend) * offset)
+            step = np.clip(along / np.where(turn > 0, turn, np.abs(slope) ** 2), -largest, largest)
+            parameter = parameter + step
+            if np.max(np.abs(step)) < FOOT_ERROR:
+                break
+        return parameter
+
+    def gaps(self, place: Complex, parameter: Real) -> tuple[Real, Complex]:
+        """Distances (n_pins,) [mm] of pin centres outside of the curve, and their slopes by the centres, complex."""
+        in_lobe, turn = self._in_lobe(place, parameter)
+        point, slope, _ = self._curve(parameter)
+        outwards = -1j * slope / np.abs(slope)
+        return np.real(np.conj(outwards) * (in_lobe - point)), outwards / turn
+
+    def _in_lobe(self, place: Complex, parameter: Real) -> tuple[Complex, Complex]:
+        """Centres as the lobe sees them that lies where the parameter says, and the turn between the two frames."""
+        turn = np.exp(-1j * self.turned[self.lobe_at(parameter)])
+        return (place - self.centre) * turn, turn
+
+    def _curve(self, parameter: Real) -> tuple[Complex, Complex, Complex]:
+        """The pin centre's curve R exp(i psi) - e exp(i N psi) with its first two derivatives."""
+        radius = self.circle_radius - self.taken_off[self.lobe_at(parameter)]
+        first_circle, often = radius * np.exp(1j * parameter), self.eccentricity * np.exp(1j * self.pins * parameter)
+        return first_circle - often, 1j * (first_circle - self.pins * often), -first_circle + self.pins**2 * often

@@ -1,0 +1,110 @@
+"""What a bench reads of rigid drives, position by position, with effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.checks.blind.rigid_drive.drive import Curve, RigidDrive
+from pipeline.checks.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN, Sensors
+from pipeline.checks.blind.rigid_drive.train import Train
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+SECONDS_AN_HOUR = 3600.0
+"""Seconds of an hour."""
+BEYOND = 1.01
+"""Reach of a curve over the largest torque read."""
+
+
+@dataclass(frozen=True)
+class Loading:
+    """What one position is put through.
+
+    Attributes
+    ----------
+    torque, time : (n_rows,) as read [N m], from the measurement's start [s].
+    turns : (n_turns,) torques as read [N m] from the first to the last, turning at each.
+    leg : (n_rows,) between which turns each row lies.
+    cycle : (n_rows,)
+    warmer : (n_cycles,) temperature over that of the drawing [K].
+    """
+
+    torque: Real
+    time: Real
+    turns: Real
+    leg: Whole
+    cycle: Whole
+    warmer: Real
+
+
+@dataclass
+class Position:
+    """A drive as it is measured at one position.
+
+    Attributes
+    ----------
+    loading : that it is put through.
+    encoder_turns, encoder_angle : of the encoder per turn of the output, and where it stands [rad].
+    """
+
+    drive: RigidDrive
+    loading: Loading
+    encoder_turns: float
+    encoder_angle: float
+    _curves: dict[tuple, Curve] = field(default_factory=dict)
+
+    def angle(self, effects: Mapping[str, Sequence[float]]) -> Real:
+        """Angle (n_rows,) [arcmin] as read, without noise, with effects by their names and values."""
+        loading = self.loading
+        train, sensors = Train(**_numbers("train", effects)), Sensors(**_numbers("sensors", effects))
+        torque = NMM_PER_NM * (loading.torque - sensors.torque_zero) / (1 + sensors.torque_gain)
+        turns = NMM_PER_NM * (loading.turns - sensors.torque_zero) / (1 + sensors.torque_gain)
+        steps, is_row = _with_turns(torque, turns, loading.leg)
+        turned, carried = np.empty(len(torque)), np.empty(len(torque))
+        for cycle in np.unique(loading.cycle):
+            rows = loading.cycle == cycle
+            curve = self.curve(effects, int(cycle), float(np.max(np.abs(steps))))
+            angle, inside = train.walked(curve, steps)
+            turned[rows], carried[rows] = angle[is_row][rows], inside[is_row][rows]
+        turned = turned + train.crept(carried, loading.time)
+        encoder = self.encoder_turns * turned + self.encoder_angle
+        wave = sensors.encoder_cosine * np.cos(encoder) + sensors.encoder_sine * np.sin(encoder)
+        return turned / RAD_PER_ARCMIN + wave + sensors.drift * loading.time / SECONDS_AN_HOUR
+
+    def curve(self, effects: Mapping[str, Sequence[float]], cycle: int, largest: float) -> Curve:
+        """The curve without friction [rad] in one cycle, to the ``largest`` torque [N mm]; kept."""
+        acting = {name: tuple(values) for name, values in effects.items() if EFFECTS[name].drive}
+        with_state = any(EFFECTS[name].changes_with for name in acting)
+        key = tuple(acting.items()), cycle if with_state else 0, largest
+        if key not in self._curves:
+            drive = self.drive
+            for name, values in acting.items():
+                put = EFFECTS[name].drive
+                assert put is not None
+                drive = put(values)(drive, float(cycle), float(self.loading.warmer[cycle]))
+            self._curves[key] = drive.curve(BEYOND * largest)
+        return self._curves[key]
+
+
+def _numbers(part: str, effects: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """Numbers of the train or of the sensors with all effects."""
+    return {
+        name: number
+        for effect, values in effects.items()
+        for name, number in getattr(EFFECTS[effect], part)(values).items()
+    }
+
+
+def _with_turns(torque: Real, turns: Real, leg: Whole) -> tuple[Real, NDArray[np.bool_]]:
+    """Torques of the rows with the turns among them, and which of them are rows."""
+    steps, is_row = [turns[0]], [False]
+    for number, end in enumerate(turns[1:]):
+        along = torque[leg == number].tolist()
+        steps += [*along, end]
+        is_row += [True] * len(along) + [False]
+    return np.array(steps), np.array(is_row)

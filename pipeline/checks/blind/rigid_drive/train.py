@@ -1,0 +1,111 @@
+"""What lies between the rigid drive and the bench: friction of the output, twists in series, creep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from pipeline.checks.blind.rigid_drive.drive import Curve
+
+Real = NDArray[np.float64]
+
+BRISTLES = 24
+"""Elements that yield before they slide; the library of effects has four."""
+FIRST_REACH, LAST_REACH = 1 / 8, 9 / 8
+"""Rotations at which the first and the last of them slide, over that of the library's last: the same mean."""
+ABRUPT = 3e-6
+"""Rotation [rad] over which constant friction is raised beside bristles: a hundredth of an arcmin."""
+CUBIC_STEPS = 60
+"""Newton steps to the root of a cubic that rises: from beyond it they fall to it, and settle within ten."""
+TABLE = 4000
+"""Torques at which a curve is tabled for a walk along it."""
+
+
+@dataclass(frozen=True)
+class Train:
+    """Friction and compliance behind a drive, all referred to the output.
+
+    Attributes
+    ----------
+    friction : constant, of either sense [N mm].
+    load_friction : friction over the torque carried [1].
+    bristles, reach : friction that yields first [N mm], and the rotation over which it is raised [rad].
+    twist : in series [rad/(N mm)].
+    soft_twist, knee : of a cubic spring in series: torque / knee = x + x^3, twist = soft_twist knee x.
+    creep, creep_time : delayed twist [rad/(N mm)] and the time in which 63 % of it is reached [s].
+    """
+
+    friction: float = 0.0
+    load_friction: float = 0.0
+    bristles: float = 0.0
+    reach: float = 1.0
+    twist: float = 0.0
+    soft_twist: float = 0.0
+    knee: float = 1.0
+    creep: float = 0.0
+    creep_time: float = 1.0
+
+    def walked(self, curve: Curve, torque: Real) -> tuple[Real, Real]:
+        """Rotation [rad] with the twist at once, and torque [N mm] carried, from rest along torques (n,) in time."""
+        if self.bristles:
+            return self._yielding(curve, torque)
+        carried, inside = np.empty(len(torque)), 0.0
+        for k, load in enumerate(torque):
+            inside = min(max(inside, self._least(load)), -self._least(-load))
+            carried[k] = inside
+        return curve.at(carried) + self.twisted(carried), carried
+
+    def twisted(self, torque: Real) -> Real:
+        """Rotations [rad] at once in series with the drive."""
+        if not self.soft_twist:
+            return self.twist * torque
+        load = torque / self.knee
+        root = np.sign(load) * np.minimum(np.abs(load), np.cbrt(np.abs(load)))
+        for _ in range(CUBIC_STEPS):
+            root = root - (root + root**3 - load) / (1 + 3 * root**2)
+        return self.twist * torque + self.soft_twist * self.knee * root
+
+    def crept(self, torque: Real, time: Real) -> Real:
+        """Delayed rotations [rad] under torques that are linear in time between the readings."""
+        twist, strain = np.zeros(len(torque)), 0.0
+        for k in range(1, len(torque) if self.creep else 0):
+            passed = time[k] - time[k - 1]
+            if passed > 0:
+                rate = (torque[k] - torque[k - 1]) / passed
+                lagging = self.creep * (torque[k - 1] - self.creep_time * rate)
+                strain = lagging + self.creep * rate * passed + (strain - lagging) * np.exp(-passed / self.creep_time)
+            twist[k] = strain
+        return twist
+
+    def _least(self, load: float) -> float:
+        """Least torque that the drive may carry under a load: what exceeds it by all friction is that load."""
+        statistic_over = load - self.friction
+        return (
+            statistic_over / (1 + self.load_friction)
+            if statistic_over > 0
+            else statistic_over / (1 - self.load_friction)
+        )
+
+    def _yielding(self, curve: Curve, torque: Real) -> tuple[Real, Real]:
+        """As ``walked`` with bristles: at every step the torque carried balances load and friction."""
+        top = float(np.max(np.abs(curve.torque)))
+        torques = np.linspace(-top, top, TABLE)
+        angles = curve.at(torques) + self.twisted(torques)
+        shares = np.linspace(FIRST_REACH, LAST_REACH, BRISTLES)
+        limits = np.append(np.full(BRISTLES, self.bristles / BRISTLES), self.friction)
+        reaches = np.append(shares * self.reach, ABRUPT)
+        carried, anchors = np.empty(len(torque)), np.full(len(limits), np.interp(0.0, torques, angles))
+        for k, load in enumerate(torque):
+
+            def excess(inside: float, load: float = load, anchors: Real = anchors) -> float:
+                turned = np.interp(inside, torques, angles) - anchors
+                return inside + float(np.sum(limits * np.clip(turned / reaches, -1, 1))) - load
+
+            largest_force = float(limits.sum()) + 1.0
+            carried[k] = brentq(excess, load - largest_force, load + largest_force, xtol=1e-6 * top)
+            turned = np.interp(carried[k], torques, angles)
+            anchors = np.clip(anchors, turned - reaches, turned + reaches)
+        return curve.at(carried) + self.twisted(carried), carried

@@ -1,0 +1,45 @@
+"""The rig's files as units, and the table of held-out errors."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from measured_bench import ROOT, path_of
+
+from pipeline.checks.rig import EVERY, states_of, table, write_unit
+from pipeline.errors import InputError
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+
+
+def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
+    state = tmp_path / "data" / "loose"
+    state.mkdir(parents=True)
+    torque = path_of([0.0, 20.0, -20.0, 0.0], 50 * EVERY)
+    for number, turned in ((1, 0.01), (5, 0.01), (6, 0.02)):
+        rows = pd.DataFrame({"TIME": np.arange(len(torque)) / 100, "POSITION": turned + 1e-4 * torque})
+        rows = rows.assign(TORQUE=torque, CONTROL_TORQUE=torque)
+        ramps = [rows.assign(test_nr=ramp) for ramp in (0, 100, 101)]
+        pd.concat(ramps).to_csv(state / f"position{number}.csv.gz", index=False)
+    (found,) = states_of([tmp_path / "data"])
+    measurement = Measurement.read(load_measured_unit(write_unit(found, tmp_path / "unit"), ROOT))
+    assert measurement.rows.cranks.tolist() == [47.0, 48.0, 94.0]  # 0.01 turns of 13 crank turns; one taken
+    assert set(measurement.rows.cycle.tolist()) == {0, 1}
+    assert measurement.unit.settings.held_out.train == (47.0,)
+    assert len(measurement.rows) == pytest.approx(3 * 2 * len(torque) / EVERY, abs=6)
+    with pytest.raises(InputError, match="position1"):
+        states_of([tmp_path / "unit"])
+
+
+def test_the_table_has_the_best_description_and_medians(tmp_path):
+    for name, described, after in (("a", {"rms_arcmin": 3.0}, 9.0), ("b", None, 5.0)):
+        folder = tmp_path / name
+        folder.mkdir()
+        baselines = {"replay": {"rms_arcmin": 4.0}}
+        content = {"verdict": "unexplained", "named": [], "described": described, "baselines": baselines}
+        content |= {"held_out_errors": {"after": {"rms_arcmin": after}}}
+        (folder / "verdict.json").write_text(json.dumps(content))
+    found = table([tmp_path / "a", tmp_path / "b"]).set_index("unit")
+    assert found["described"].tolist() == [3.0, 5.0, 4.0]
+    assert found.loc["median", "replay"] == 4.0
