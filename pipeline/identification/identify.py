@@ -48,7 +48,7 @@ class Identification:
     folds : predictions of held-out cells.
     errors : of these, by stage: declared, recalibrated, after.
     baselines : errors on the same cells of predictions that ask no reducer, by title.
-    described : error of the model that describes best, where no effect is claimed.
+    described : error of the model that describes best, where it is not the one that is claimed.
     could_hide : of an adequate unit, the size of each effect that would have shown.
     remainder : what the claimed model leaves on these cells, or the one that describes best.
     discrepancy : structure in what the claimed model, or the one that describes best, leaves of the cells fitted; None
@@ -99,24 +99,26 @@ def identify_measured(
     if measurement.fatal:
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
     cranks = measurement.rows.cranks
-    seen = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
-    fitter = Fitter(build_problem(measurement, condensed(unit.study, cranks.tolist()), seen))
+    trained = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
+    fitter = Fitter(build_problem(measurement, condensed(unit.study, cranks.tolist()), trained))
     data = fitter.problem.data
-    selector = Selector(fitter, seen, MOST_EFFECTS if nested else MOST_NAMED)
-    selection = selector.extended(selector.select(seen), seen)
-    verdict = judge(fitter, selection, seen)
-    folds = predicted_folds(selector, selection, seen, nested)
+    selector = Selector(fitter, trained, MOST_EFFECTS if nested else MOST_NAMED)
+    selection = selector.extended(selector.select(trained), trained)
+    verdict = judge(fitter, selection, trained)
+    folds = predicted_folds(selector, selection, trained, nested)
     curves = folds.curves(bool(verdict.named))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
+    described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
     rest = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
     cells = measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
-    plain = baselines(data, cycles, splits_of(data, seen), fitter.offsets)
+    plain = baselines(data, cycles, splits_of(data, trained), fitter.offsets)
     nothing = np.zeros(len(data))
     adequate = verdict.verdict == ADEQUATE and not folds.in_sample
-    limits = detection_limits(fitter, selection.base, seen, selector.testable) if adequate else ()
-    reasons = {name: fitter.problem.why_not(effect, seen) for name, effect in candidates().items()}
+    limits = detection_limits(fitter, selection.base, trained, selector.testable) if adequate else ()
+    effects = selection.description.fit.model.effects
+    reasons = {name: fitter.problem.why_not(effect, trained) for name, effect in candidates().items()}
     return Identification(
         measurement,
         verdict,
@@ -128,9 +130,9 @@ def identify_measured(
         errors,
         {title: angle_error(data, cranks, curve, nothing, folds.cells) for title, curve in plain.items()},
         rest,
-        discrepancy_of(fitter, selection.answer.fit, cells.direction, seen)
+        discrepancy_of(fitter, selection.answer.fit, cells.direction, trained)
         if verdict.verdict in (MOSTLY, UNEXPLAINED)
         else None,
-        best if selection.answer.fit.model.effects and not verdict.named else None,
+        None if verdict.named and selection.description is selection.answer or not effects else described,
         limits,
     )

@@ -250,6 +250,6 @@ def test_repeats_are_matched_by_sense_however_the_cycles_are_cut(tmp_path):
         angle = loop(torque) + 0.02 * np.random.default_rng(number).standard_normal(torque.size)
         parts.append(pd.DataFrame({"cycle": number, "crank_deg": 0.0, "torque_Nm": torque, "angle_arcmin": angle}))
     unit = load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": pd.concat(parts)}), ROOT)
-    floor = Measurement.read(unit).repeatability.floor
+    floor = Measurement.read(unit).repeatability.repeats
     assert floor.blocks == 2
     assert floor.value == pytest.approx(0.02 / np.sqrt(3.5), rel=0.4)  # a cell has three or four rows

@@ -14,7 +14,7 @@ from synthetic_unit import ROOT, Bench, exactly_known, make_unit, problem_of, wi
 from pipeline.identification.fitting.build import POPULATION
 from pipeline.identification.fitting.fitter import STEP, Fitter
 from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, mapped, unmapped
-from pipeline.identification.fitting.problem import Model, candidates, prior_modes
+from pipeline.identification.fitting.problem import Model, PriorModes, candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.cross_validation import groups, trial
@@ -234,14 +234,14 @@ def test_modes_have_unit_variance_over_their_population_and_span_its_curves():
     gaps = [rng.normal(size=(300, 2)) @ rng.normal(size=(2, 6)) * 1e-3 for _ in range(2)]
     gaps[1] = gaps[0] @ rng.normal(size=(6, 6))
     influence = [rng.normal(size=(9, 6)) for _ in range(2)]
-    modes = prior_modes(gaps, influence, 1e-9)
+    modes = PriorModes.of(gaps, influence).above(1e-9)
     assert [len(one) for one in modes] == [2, 2]
     curves = ARCMIN * np.hstack([(one - one.mean(0)) @ i.T for one, i in zip(gaps, influence, strict=True)])
     basis = ARCMIN * np.hstack([one @ i.T for one, i in zip(modes, influence, strict=True)])
     coefficients, *_ = np.linalg.lstsq(basis.T, curves.T, rcond=None)
     np.testing.assert_allclose(basis.T @ coefficients, curves.T, atol=1e-9 * np.abs(curves).max())
     np.testing.assert_allclose(np.cov(coefficients), np.eye(2), atol=1e-9)
-    assert [len(one) for one in prior_modes(gaps, influence, 1e9)] == [0, 0]
+    assert [len(one) for one in PriorModes.of(gaps, influence).above(1e9)] == [0, 0]
 
 
 def test_held_out_cells_have_no_influence_on_a_fit(known):

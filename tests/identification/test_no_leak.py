@@ -81,7 +81,7 @@ def test_noise_of_some_positions_is_that_of_a_unit_that_has_no_others(both, tmp_
     rows[rows["crank_deg"] != CRANKS[2]].to_csv(folder / "rows.csv", index=False)
     alone = Measurement.read(load_measured_unit(folder, ROOT)).repeatability
     some = measured.noise_of(seen)
-    for name in ("floor", "random", "within_branch", "between_positions"):
+    for name in ("repeats", "random", "within_branch", "between_positions"):
         assert getattr(some, name).value == pytest.approx(getattr(alone, name).value, rel=1e-12, nan_ok=True)
     assert some.torque_noise_Nm == pytest.approx(alone.torque_noise_Nm)
 
@@ -95,3 +95,37 @@ def test_a_fold_of_two_positions_refits_an_effect_over_the_crank_angle(both):
     assert "ovality_2" in fold.testable
     assert fold.testable == selector.testable
     assert fold.problem.data.noise == problem.data.noise
+
+
+def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(both, tmp_path, condensed):
+    """Other torque, time, noise and outliers where nothing is fitted: what a fit starts from is the same bit by bit."""
+    (measured, problem, _, _, seen), _ = both
+    folder = tmp_path / "u"
+    folder.mkdir()
+    for file in measured.unit.folder.iterdir():
+        (folder / file.name).write_text(file.read_text())
+    rows, rng = pd.read_csv(folder / "rows.csv"), np.random.default_rng(4)
+    held_out = rows["crank_deg"] == CRANKS[2]
+    rows.loc[held_out, "torque_Nm"] = 1.03 * rows.loc[held_out, "torque_Nm"] + 0.05 * rng.standard_normal(
+        held_out.sum()
+    )
+    rows.loc[rng.choice(np.flatnonzero(held_out), 2, replace=False), "angle_arcmin"] += 30.0
+    rows.loc[held_out, "time_s"] -= 1e6
+    rows.to_csv(folder / "rows.csv", index=False)
+    other = Measurement.read(load_measured_unit(folder, ROOT))
+    assert (other.torque_noise, other.angle_step) == (measured.torque_noise, measured.angle_step)
+    np.testing.assert_array_equal(other.usable[other.fitted], measured.usable[measured.fitted])
+    seen_again = other.training_cells
+    again = build_problem(other, condensed(other.unit.study, CRANKS), seen_again)
+    for name in ("torque", "angle", "count", "spread", "sigma", "branch"):
+        np.testing.assert_array_equal(getattr(again.data, name)[seen_again], getattr(problem.data, name)[seen], name)
+    np.testing.assert_array_equal(again.forward.shares, problem.forward.shares)
+    for position in np.unique(problem.data.position[seen]):
+        for name, values in vars(problem.forward.courses[position]).items():
+            np.testing.assert_array_equal(getattr(again.forward.courses[position], name), values, name)
+    for pair in zip(problem.modes, again.modes, strict=True):
+        np.testing.assert_array_equal(*pair)
+    assert (again.span, again.hours, again.record, again.offered) == (
+        *(problem.span, problem.hours),
+        *(problem.record, problem.offered),
+    )

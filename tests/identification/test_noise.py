@@ -30,9 +30,9 @@ def test_floor_of_independent_noise_is_that_of_the_cells(tmp_path):
     noise, averaged = noise_of(tmp_path, measured(cycles=8, per_branch=400, noise=0.2))
     expected = 0.2 * np.sqrt(np.mean(1 / averaged.count))
     outside = 0.2 * np.sqrt(np.mean(1 / averaged.count[np.abs(averaged.torque_mean) > 1.5]))  # the steep play
-    assert noise.floor.value == pytest.approx(outside, rel=0.15)
+    assert noise.repeats.value == pytest.approx(outside, rel=0.15)
     assert noise.random.value == pytest.approx(outside, rel=0.15)
-    assert noise.floor.ci_low < noise.floor.value < noise.floor.ci_high
+    assert noise.repeats.ci_low < noise.repeats.value < noise.repeats.ci_high
     assert noise.within_branch.value == pytest.approx(expected, rel=0.25)
     assert noise.row_scatter_arcmin == pytest.approx(0.2, rel=0.1)
     assert noise.between_positions.value < 0.6 * expected * np.sqrt(2)
@@ -55,7 +55,7 @@ def test_floor_and_random_are_the_noise_of_a_cell_where_repeats_are_at_other_tor
     for seed in range(4):
         noise, averaged = noise_of(tmp_path / str(seed), straight(0.002, seed))
         expected = 0.002 * np.sqrt(np.mean(1 / averaged.count))
-        ratios.append([noise.floor.value / expected, noise.random.value / expected])
+        ratios.append([noise.repeats.value / expected, noise.random.value / expected])
     np.testing.assert_allclose(ratios, 1.0, atol=0.15)
     np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.04)
 
@@ -66,7 +66,7 @@ def test_noise_that_looks_steep_is_not_left_out_of_its_floor(tmp_path, noise):
     for seed in range(3):
         found, averaged = noise_of(tmp_path / str(seed), straight(noise, seed))
         expected = noise * np.sqrt(np.mean(1 / averaged.count))
-        ratios.append([found.floor.value / expected, found.random.value / expected])
+        ratios.append([found.repeats.value / expected, found.random.value / expected])
     np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.08)
 
 
@@ -75,7 +75,7 @@ def test_drift_between_cycles_is_in_the_floor_alone(tmp_path):
     drifting = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.2 * table["cycle"]))
     still, _ = noise_of(tmp_path / "a", table)
     moved, _ = noise_of(tmp_path / "b", drifting)
-    assert moved.floor.value > 5 * still.floor.value
+    assert moved.repeats.value > 5 * still.repeats.value
     assert moved.within_branch.value < 2 * still.within_branch.value
     assert moved.random.value < 1.5 * still.random.value
     of_position = 1 + 0.2 * drifting["cycle"] * np.where(drifting["crank_deg"] == 90, -1, 1)
@@ -102,7 +102,7 @@ def test_what_goes_with_the_temperature_is_no_random_noise(tmp_path, part):
     found = {
         told: noise_of(tmp_path / str(told), warmed(table, PARTS[part], told))[0] for told in ("rise", "shuffled", None)
     }
-    assert all(noise.floor.value > 5 * still.floor.value for noise in found.values())
+    assert all(noise.repeats.value > 5 * still.repeats.value for noise in found.values())
     assert found["rise"].random.value == pytest.approx(still.random.value, rel=0.2)
     assert found["shuffled"].random.value > 5 * still.random.value
     assert found[None].random.value > 5 * still.random.value
@@ -110,7 +110,7 @@ def test_what_goes_with_the_temperature_is_no_random_noise(tmp_path, part):
 
 def test_one_position_has_a_floor_and_no_random_noise(tmp_path):
     noise, _ = noise_of(tmp_path, measured((90.0,), 4))
-    assert noise.floor.value > 0
+    assert noise.repeats.value > 0
     assert np.isnan([noise.random.value, noise.random.ci_low, noise.random.ci_high]).all()
     assert noise.random.n == noise.random.blocks == 0
 
@@ -120,13 +120,13 @@ def test_the_offset_of_a_cycle_is_no_noise(tmp_path):
     shifted = table.assign(angle_arcmin=table["angle_arcmin"] + 0.4 * table["cycle"])
     still, _ = noise_of(tmp_path / "a", table)
     moved, _ = noise_of(tmp_path / "b", shifted)
-    assert moved.floor.value == pytest.approx(still.floor.value, rel=1e-6)
+    assert moved.repeats.value == pytest.approx(still.repeats.value, rel=1e-6)
 
 
 def test_one_position_and_one_cycle_have_no_floor_but_a_scatter(tmp_path):
     noise, _ = noise_of(tmp_path, measured((0.0,), 1))
-    assert np.isnan(noise.floor.value)
-    assert noise.floor.n == 0
+    assert np.isnan(noise.repeats.value)
+    assert noise.repeats.n == 0
     assert np.isnan(noise.between_positions.value)
     assert noise.within_branch.value > 0
 
@@ -135,7 +135,7 @@ def test_positions_that_differ(tmp_path):
     table = measured(cycles=3, per_branch=400)
     wider = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.3 * (table["crank_deg"] == 90)))
     noise, _ = noise_of(tmp_path, wider)
-    assert noise.between_positions.value > 10 * noise.floor.value
+    assert noise.between_positions.value > 10 * noise.repeats.value
 
 
 PRINTED = (
@@ -168,7 +168,7 @@ def test_printed_drives(tmp_path, name, low, high):
     measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / name, {}, text), ROOT))
     noise = measurement.repeatability
     assert measurement.branches.direction.tolist() == [1, -1, 1] * 9
-    assert low < noise.floor.value < high
+    assert low < noise.repeats.value < high
     assert noise.torque_noise_Nm == pytest.approx(0.2, abs=0.03)
     assert {fault.kind for fault in measurement.faults} <= {"saturation"}
 
@@ -177,6 +177,6 @@ def test_reduced_drive_of_the_project_has_the_noise_of_all_its_rows():
     """3.16 arcmin of all 76,831 rows, of which 6,404 are kept; and the same saturation."""
     measurement = Measurement.read(load_measured_unit("base_pccf_runin", ROOT))
     assert measurement.branches.direction.tolist() == [1, -1, 1] * 9
-    assert measurement.repeatability.floor.value == pytest.approx(3.16, rel=0.1)
+    assert measurement.repeatability.repeats.value == pytest.approx(3.16, rel=0.1)
     assert 1 - measurement.usable.mean() == pytest.approx(0.375, abs=0.02)
     assert measurement.fatal == ()

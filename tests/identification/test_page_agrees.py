@@ -117,3 +117,14 @@ def test_baselines_stand_on_the_page_and_it_says_which_is_ahead(answer):
     after, best = verdict["held_out_errors"]["after"], min(e["to_noise"] for e in verdict["baselines"].values())
     assert ("The model is behind" if after["to_noise"] > best else "The model is ahead") in page
     assert all(error["cells"] == after["cells"] for error in verdict["baselines"].values())
+
+
+def test_the_page_has_one_noise_floor(answer):
+    """There were two, up to 18-fold apart: that of repeats, and the one by which errors are counted."""
+    verdict, page, _ = answer
+    text = re.sub(r"<[^>]+>", " ", page)
+    floors = re.findall(r"(?:noise floor|floor) of (?:a cell )?([\d.]+)\sarcmin", text, re.I)
+    floors += re.findall(r"Noise floor of a cell\s+([\d.]+)\sarcmin", text)
+    assert len(floors) >= 3
+    floor = verdict["noise"]["floor_arcmin"]
+    assert [float(value) for value in floors] == pytest.approx([floor] * len(floors), rel=5.1e-3)

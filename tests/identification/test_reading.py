@@ -10,14 +10,9 @@ from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, measured, write_unit
 
 from pipeline.errors import InputError
+from pipeline.identification.measurement.columns import ANGLE_UNITS, AngleColumn, TemperatureColumn, TorqueColumn
 from pipeline.identification.measurement.rows import read_rows, training_rows
-from pipeline.identification.measurement.unit_file import (
-    ANGLE_UNITS,
-    AngleColumn,
-    TemperatureColumn,
-    TorqueColumn,
-    load_measured_unit,
-)
+from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def rows_of(folder):

@@ -34,6 +34,9 @@ CASES = {
     "torque_gain": ((0.1,), THREE, 0.2),
     "angle_drift": ((3.0,), replace(TWO, seconds=5.0), 0.03),
     "encoder_eccentricity": ((0.8, -0.6), replace(THREE, locked="output", common=True), 0.03),
+    "directional_load_friction": ((0.15, 0.05), replace(TWO, cycles=1), 0.15),
+    "modulus_temperature": ((0.01,), replace(TWO, cycles=3, warming=10.0), 0.05),
+    "rayleigh": ((0.01,), replace(TWO, rows=100, noise=0.03), 0.05),
     "load_friction": ((0.1,), replace(TWO, cycles=1), 0.05),
     "motor_cogging": ((0.3, 0.2, 4.6), replace(THREE, rows=400, noise=0.03), 0.1),
 }

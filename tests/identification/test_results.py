@@ -167,7 +167,7 @@ def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
     for key in ("verdict", "named", "parameters", "sentence", "advice", "noise", "held_out_errors", "loop_errors"):
         assert key in verdict
     assert set(verdict["held_out_errors"]) == {"declared", "recalibrated", "after"}
-    assert verdict["noise"]["used_arcmin"] == pytest.approx(0.02, rel=0.6)
+    assert verdict["noise"]["floor_arcmin"] == pytest.approx(0.02, rel=0.6)
     assert verdict["loop_errors"]["hysteresis_loss_arcmin"]["why_not"]
     for table in (tables.RESIDUAL, tables.SIGNATURES, tables.CANDIDATES):
         schema = pq.read_schema(folder / f"{table.name}.parquet")
@@ -212,7 +212,7 @@ def test_a_unit_that_is_mostly_explained_says_what_is_left_of_it() -> None:
     baselines = {"replay": AngleError(25.0, 90.0, {}, 12.0, 1.0, 10), "line": AngleError(19.0, 90.0, {}, 9.0, 1.0, 10)}
     cards = remainder_cards(SimpleNamespace(remainder=rest, baselines=baselines, verdict=Verdict("mostly explained")))
     assert [card[1] for card in cards] == ["85%", "22.0", "14.0", "18.0", "19.0"]
-    assert "noise of 2.00 arcmin" in cards[1][3]
+    assert "noise floor of 2.00 arcmin" in cards[1][3]
     assert cards[-1][3] == "line"
 
 

@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
-from synthetic_unit import Bench, make_unit, problem_of
+from measured_bench import measured, write_unit
+from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
-from pipeline.identification.fitting.problem import candidates
-from pipeline.model.effects.effect import STILL
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.offered import rate_changes
+from pipeline.identification.fitting.parameters import mapped
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.model.effects.effect import CYCLES, RATE, STILL, TIME
 
 
 @pytest.mark.parametrize("locked", ["input", "output"])
@@ -28,3 +34,41 @@ def test_cells_of_more_rows_are_known_better_by_the_noise_of_their_rows(tmp_path
     assert few.sum() > 5
     assert 0.7 < ratio < 1.4
     assert np.median(data.sigma[few]) > 1.2 * np.median(data.sigma[many])
+
+
+def paced(folder, second=1.0, dwell=0.0):
+    """Two cycles whose torque goes at one rate, the second ``second`` times as fast, with a dwell [s] at its top."""
+    table = measured(positions=(0.0,), cycles=2, per_branch=60)
+    torque = table["torque_Nm"].to_numpy()
+    step = np.abs(np.diff(torque, prepend=0.0)) / np.where(table["cycle"] == 1, second, 1.0)
+    step[np.flatnonzero((table["cycle"] == 1) & (torque == torque.max()))] += dwell
+    table["time_s"] = np.cumsum(step)
+    measurement = Measurement.read(load_measured_unit(write_unit(folder, {"rows.csv": table}), ROOT))
+    return rate_changes(measurement, np.ones(len(measurement.cells), bool))
+
+
+def test_creep_is_told_from_hysteresis_by_another_rate_or_a_dwell(tmp_path):
+    """At one rate a delay and a hysteresis that knows no rate open the same loops."""
+    assert not paced(tmp_path / "even")
+    assert not paced(tmp_path / "hardly", second=1.2)
+    assert paced(tmp_path / "fast", second=2.0)
+    assert paced(tmp_path / "dwell", dwell=20.0)
+    assert RATE in candidates()["creep"].needs
+    assert RATE not in candidates()["rayleigh"].needs
+
+
+@pytest.mark.parametrize(("name", "record"), [("creep", TIME), ("run_in", CYCLES)])
+def test_time_constants_lie_within_what_the_record_resolves(name, record, tmp_path, condensed):
+    """Nothing below the sampling interval or beyond the record is described, let alone claimed."""
+    problem = problem_of(make_unit(tmp_path / "u", {}, Bench(cycles=3, rows=40), condensed), condensed)
+    low, high = problem.bounds(candidates()[name])[1]
+    time = problem.forward.courses[0].time
+    expected = (np.median(np.diff(time)), np.ptp(time)) if record == TIME else (1.0, 3.0)
+    assert (low, high) == pytest.approx(expected, rel=0.05)
+    fitter = Fitter(problem)
+    model = Model((candidates()[name],))
+    for share in (-1.0, 0.0, 1.0, 2.0):
+        unknowns = fitter.start(model, [0.1, share])
+        (_, value) = mapped(fitter.bounds(model), unknowns.like(unknowns.flat).shares)
+        assert low <= value * (1 + 1e-9)
+        assert value <= high * (1 + 1e-9)

@@ -6,7 +6,7 @@ made of it, not itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pipeline.model.load_history.kelvin_voigt import crept
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.output_path import Ripple
 from pipeline.model.load_history.output_walk import walked
+from pipeline.model.load_history.rayleigh import rayleigh_twist
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
 Real = NDArray[np.float64]
@@ -127,10 +128,11 @@ class LoadPath:
 class Forward:
     """Predictions of drives on the courses of a unit; keeps the backbones of the drives that it has seen."""
 
-    def __init__(self, courses: list[Course], rated_torque: float):
+    def __init__(self, courses: list[Course], rated_torque: float, largest: float | None = None):
+        """``largest`` torque [N m] that the curves are solved for, in place of that of the courses."""
         self.courses = courses
-        reach = max(float(np.max(np.abs(course.torque))) for course in courses) * NMM_PER_NM / rated_torque
-        self.shares = torque_levels(LEVELS, BEYOND * reach)
+        top = max(float(np.max(np.abs(course.torque))) for course in courses) if largest is None else largest
+        self.shares = torque_levels(LEVELS, BEYOND * top * NMM_PER_NM / rated_torque)
         self._kept: dict[tuple, Backbone] = {}
 
     def backbone(self, drive: Drive) -> Backbone:
@@ -165,6 +167,8 @@ class Forward:
         if drive.creep is not None:
             delayed = drive.creep.compliance, drive.creep.time_constant
             angle = angle + crept(carried, course.time, course.leg, at_turns, *delayed)
+        if drive.rayleigh:
+            angle = angle + _hysteretic(drive, course, carried, at_turns)
         turns = course.encoder_turns * angle + course.encoder_place
         read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
         read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
@@ -176,21 +180,27 @@ class Forward:
         """The way with friction through turns (n_turns,) and cells (n_cells, n_edges) [N mm]; whether it is sound."""
         nodes, sound = curve.torque, True
         path = LoadPath(np.empty(len(edges)), np.empty(len(edges)), np.empty(len(edges)), torque.copy())
-        same = np.arange(len(torque) - 1)
+        repeated_torque = np.arange(len(torque) - 1)
+        if drive.sliders.at_contacts and drive.lean:
+            return path, False  # not solved together
         if drive.sliders.at_contacts:
-            same = _repeats(torque)
-            steps, turns = _steps(torque[: same.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
+            repeated_torque = _repeats(torque)
+            steps, turns = _steps(torque[: repeated_torque.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
         for state in np.unique(course.state):
+            stiffer = drive.stiffening(state)
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
-                motions, _, worst = solve_path(drive, state, steps, seeds)
+                motions, _, worst = solve_path(_softer(drive, stiffer), state, steps / stiffer, seeds)
                 turned = motions[:, drive.reducer.output_motion] + drive.twist(steps)
                 corners, sound = np.array([steps, turned, steps]), sound and worst <= UNSOUND
             else:
-                alone = curve.angle[state] + drive.twist(nodes)
-                corners, turns = walked(torque, nodes, alone, drive.sliders, ripple)
+                elastic_angle = curve.angle[state] + drive.twist(stiffer * nodes)
+                leaning = 1 + drive.lean
+                sliders = drive.sliders.of_scaled_load(leaning)
+                corners, turns = walked(torque, leaning * stiffer * nodes, elastic_angle, sliders, ripple)
+                corners[2] /= leaning
             for leg in np.flatnonzero(course.state == state):
-                part = corners[:, turns[same[leg]] : turns[same[leg] + 1] + 1]
+                part = corners[:, turns[repeated_torque[leg]] : turns[repeated_torque[leg] + 1] + 1]
                 x, turned, carried = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
                 cells = course.leg == leg
                 path.at_turns[leg : leg + 2] = part[2, [0, -1]]
@@ -202,7 +212,7 @@ class Forward:
     def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
         """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
         curve = self.backbone(drive)
-        return self._at_cells(curve, position, carried, curve.influence @ modes.T)
+        return self._at_cells(drive, position, carried, curve.influence @ modes.T)
 
     def change(self, drive: Drive, neighbour: Drive, position: int, carried: Real) -> Real | None:
         """Change of the angle (n_cells,) [arcmin], to first order, from a drive to one with other gaps and springs.
@@ -212,12 +222,13 @@ class Forward:
         if not _alike_but_for_springs(drive, neighbour):
             return None
         curve = self.backbone(drive)
-        return self._at_cells(curve, position, carried, curve.change(drive, neighbour)[..., None])[:, 0]
+        return self._at_cells(drive, position, carried, curve.change(drive, neighbour)[..., None])[:, 0]
 
-    def _at_cells(self, curve: Backbone, position: int, carried: Real, values: Real) -> Real:
+    def _at_cells(self, drive: Drive, position: int, carried: Real, values: Real) -> Real:
         """Values (n, n_nodes, k) [rad] of a backbone where it carries ``carried`` (n_cells,): (n_cells, k) [arcmin]."""
-        course, nodes = self.courses[position], curve.torque
+        course, nodes = self.courses[position], self.backbone(drive).torque
         state = course.state[course.leg]
+        carried = carried / np.array([drive.stiffening(number) for number in range(state.max() + 1)])[state]
         j = np.clip(np.searchsorted(nodes, carried) - 1, 0, len(nodes) - 2)
         x = np.clip((carried - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
         return ARCMIN * ((1 - x) * values[state, j] + x * values[state, j + 1])
@@ -227,10 +238,34 @@ def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:
     """Whether two drives have the same contacts, friction and creep."""
     sliders = zip(vars(drive.sliders).values(), vars(neighbour.sliders).values(), strict=True)
     return (
-        drive.creep == neighbour.creep
+        (drive.creep, drive.rayleigh, drive.lean) == (neighbour.creep, neighbour.rayleigh, neighbour.lean)
+        and _moduli(drive) == _moduli(neighbour)
         and np.array_equal(drive.reducer.contact_jacobian, neighbour.reducer.contact_jacobian)
         and all(np.array_equal(values, neighbours) for values, neighbours in sliders)
     )
+
+
+def _moduli(drive: Drive) -> list[float]:
+    """Factors of the modulus by state; none where it is that of the drawing."""
+    return [] if drive.modulus is None else drive.modulus.tolist()
+
+
+def _softer(drive: Drive, stiffer: float) -> Drive:
+    """The drive whose friction is to the modulus of the drawing as its own to one so much ``stiffer``."""
+    if stiffer == 1.0:
+        return drive
+    sliders = drive.sliders
+    scaled = replace(sliders, limit=sliders.limit / stiffer, stiffness=sliders.stiffness / stiffer)
+    return replace(drive, sliders=scaled)
+
+
+def _hysteretic(drive: Drive, course: Course, carried: Real, at_turns: Real) -> Real:
+    """Twist (n_cells,) [rad] of the hysteresis in series, along cells and the turns between them."""
+    torque = np.concatenate([at_turns, carried])
+    order = np.argsort(np.concatenate([np.arange(len(at_turns)) - 0.5, course.leg]), kind="stable")
+    twist = np.empty(len(torque))
+    twist[order] = rayleigh_twist(torque[order], drive.rayleigh)
+    return twist[len(at_turns) :]
 
 
 def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
@@ -239,8 +274,9 @@ def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, edg
     state_of = course.state[course.leg]
     for state in np.unique(state_of):
         cells = state_of == state
-        alone = curve.angle[state] + drive.twist(curve.torque)
-        angle[cells], slope[cells] = means(edges[cells], curve.torque, alone)
+        nodes = drive.stiffening(state) * curve.torque
+        elastic_angle = curve.angle[state] + drive.twist(nodes)
+        angle[cells], slope[cells] = means(edges[cells], nodes, elastic_angle)
     return LoadPath(angle, slope, (0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1), torque)
 
 
@@ -248,8 +284,8 @@ def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
     """Torques from turn to turn over the nodes, and the step at which each turn stands."""
     parts, starts, count = [torque[:1]], [0], 1
     for start, end in zip(torque[:-1], torque[1:], strict=True):
-        between = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
-        parts.append(np.append(between if end > start else between[::-1], end))
+        interval = nodes[(nodes > min(start, end)) & (nodes < max(start, end))]
+        parts.append(np.append(interval if end > start else interval[::-1], end))
         count += len(parts[-1])
         starts.append(count - 1)
     return np.concatenate(parts), np.array(starts)
@@ -258,12 +294,12 @@ def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:
 def _repeats(torque: Real) -> Whole:
     """For each leg the earlier one that it repeats, turns before it included, or itself (n_legs,)."""
     close = REPEATED * np.ptp(torque)
-    same = np.arange(len(torque) - 1)
-    for leg in range(3, len(same)):
+    repeated_torque = np.arange(len(torque) - 1)
+    for leg in range(3, len(repeated_torque)):
         repeated = np.all(np.abs(torque[leg - 1 : leg + 1] - torque[leg - 3 : leg - 1]) <= close)
         ends = np.sign(torque[leg + 1] - torque[leg]) * (torque[leg + 1] - torque[leg - 1])
         if repeated and ends <= close:
-            same[leg] = same[leg - 2]
+            repeated_torque[leg] = repeated_torque[leg - 2]
         else:
-            same[: leg + 1] = np.arange(leg + 1)  # its history must be followed
-    return same
+            repeated_torque[: leg + 1] = np.arange(leg + 1)  # its history must be followed
+    return repeated_torque

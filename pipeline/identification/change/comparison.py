@@ -24,7 +24,9 @@ from pipeline.identification.generic.play_and_friction import TERMS, Cells, Play
 Real = NDArray[np.float64]
 
 CONFIDENCE = 0.95
-"""Of the intervals of what changed."""
+"""Of the intervals of what changed, each by itself."""
+FAMILYWISE = 0.02
+"""Chance of naming any change between two states that differ by mounting alone, over all tests of a pair."""
 USEFUL = 0.9
 """Held-out error, in that of no change, above which a change is of no use."""
 TRIED = 2 * len(KINDS)
@@ -34,7 +36,7 @@ FEWEST_POSITIONS = 3
 REACH = 2.0
 """Largest change that is looked for, in scales of its kind."""
 EQUAL, FREE = "equal", "free"
-CHANGED, INDICATED, NOTHING = "changed", "indicated", "no change shown"
+CHANGED, NOTHING = "changed", "no change shown"
 
 
 @dataclass(frozen=True)
@@ -63,26 +65,26 @@ class Model:
         span = float(np.ptp(self.pair.angle))
         return {"play": span, "friction": 0.5 * self.top, "compliance": 1.0, "torque_zero": 0.5 * self.top}[kind.name]
 
-    def change(self, by: Mapping[Kind, float]) -> Real:
+    def change(self, change: Mapping[Kind, float]) -> Real:
         """Difference (n_cells,) [arcmin] of the second state's curve that changes make."""
         drive = self.drive
-        for kind, amount in by.items():
+        for kind, amount in change.items():
             drive = kind.put(drive, amount)
         rest = np.zeros(len(self.pair.torque), np.int64)
         return drive.angle(self.pair.followed, rest, self.top) - self.drive.angle(self.pair.followed, rest, self.top)
 
-    def error(self, by: Mapping[Kind, float]) -> float:
+    def error(self, change: Mapping[Kind, float]) -> float:
         """Rms (in noise) of what changes leave of the measured difference."""
-        return float(np.sqrt(np.mean(self.pair.rest(self.change(by)) ** 2)))
+        return float(np.sqrt(np.mean(self.pair.rest(self.change(change)) ** 2)))
 
-    def estimated(self, kinds: Sequence[Kind], given: Mapping[Kind, float] | None = None) -> dict[Kind, float]:
-        """Changes of these kinds that explain the measured difference best, beside ``given`` ones."""
-        scales, fixed = [self.scale(kind) for kind in kinds], given or {}
+    def estimated(self, kinds: Sequence[Kind], fixed_values: Mapping[Kind, float] | None = None) -> dict[Kind, float]:
+        """Changes of these kinds that explain the measured difference best, beside ``fixed_values`` ones."""
+        scales, fixed = [self.scale(kind) for kind in kinds], fixed_values or {}
 
         def by(shares: Sequence[float]) -> dict[Kind, float]:
             return {**fixed, **{kind: x * size for kind, x, size in zip(kinds, shares, scales, strict=True)}}
 
-        found = least_squares(
+        optimum = least_squares(
             lambda shares: self.pair.rest(self.change(by(shares))),
             np.zeros(len(kinds)),
             bounds=(-REACH, REACH),
@@ -91,11 +93,11 @@ class Model:
             loss="soft_l1",
             f_scale=max(self.error(fixed), 1.0),
         )
-        return by(found.x.tolist())
+        return by(optimum.x.tolist())
 
-    def mounted(self, kinds: Sequence[Kind], given: Mapping[Kind, float]) -> Mapping[Kind, float]:
+    def mounted(self, kinds: Sequence[Kind], fixed_values: Mapping[Kind, float]) -> Mapping[Kind, float]:
         """A given change with what mounting changed beside it: these kinds, fitted to the position."""
-        return self.estimated(kinds, given) if kinds else given
+        return self.estimated(kinds, fixed_values) if kinds else fixed_values
 
 
 @dataclass(frozen=True)
@@ -128,12 +130,12 @@ class Change:
     @cached_property
     def nothing(self) -> Real:
         """Rms (n_positions,) in noise of what is left without the change."""
-        return np.array([model.error(by) for model, by in zip(self.models, self.without, strict=True)])
+        return np.array([model.error(step) for model, step in zip(self.models, self.without, strict=True)])
 
     @cached_property
     def error(self) -> Real:
         """The same with the change that the other positions say."""
-        return np.array([model.error(by) for model, by in zip(self.models, self.held_out, strict=True)])
+        return np.array([model.error(step) for model, step in zip(self.models, self.held_out, strict=True)])
 
     @property
     def gain(self) -> float:
@@ -145,9 +147,15 @@ class Change:
         """Whether what it says of positions that it has not seen is better than no change."""
         return self.gain <= USEFUL
 
-    def sure(self, tried: int = 1) -> bool:
-        """Whether no interval reaches zero, for the choice among ``tried`` kinds."""
-        return bool(np.all(tried * self.p < 1 - CONFIDENCE))
+    @property
+    def sure(self) -> bool:
+        """Whether it is none of mounting, all tests of a pair counted."""
+        return bool(np.all(TRIED * self.p < FAMILYWISE))
+
+    @property
+    def likely(self) -> bool:
+        """Whether its interval, by itself, does not reach zero."""
+        return bool(np.all(self.p < 1 - CONFIDENCE))
 
     @property
     def words(self) -> str:
@@ -175,10 +183,10 @@ def judged(
         reach = student.ppf(0.5 + CONFIDENCE / 2, n - 1) * spread
         low, high, p = mean - reach, mean + reach, 2 * student.sf(np.abs(mean) / spread, n - 1)
     without, held_out = [], []
-    for model, alone in zip(models, estimates, strict=True):
-        others = (estimates.sum(axis=0) - alone) / (n - 1) if n > 1 else alone
+    for model, single in zip(models, estimates, strict=True):
+        rest_of_set = (estimates.sum(axis=0) - single) / (n - 1) if n > 1 else single
         without.append(model.mounted(mounted, {}))
-        held_out.append(model.mounted(mounted, dict(zip(kinds, others.tolist(), strict=True))))
+        held_out.append(model.mounted(mounted, dict(zip(kinds, rest_of_set.tolist(), strict=True))))
     return Change(
         kinds, estimates, mean, low, high, p, tuple(without), tuple(held_out), models, FREE if mounted else EQUAL
     )
@@ -187,9 +195,14 @@ def judged(
 def _beside_mounting(models: Sequence[Model]) -> tuple[Change, ...]:
     """Each kind of change, all others as mounting makes them differ."""
     by_kind = [model.estimated(KINDS) for model in models]
-    estimates = np.array([[found[kind] for kind in KINDS] for found in by_kind])
+    estimates = np.array([[results[kind] for kind in KINDS] for results in by_kind])
     return tuple(
-        judged(models, (kind,), tuple(other for other in KINDS if other is not kind), estimates[:, k : k + 1])
+        judged(
+            models,
+            (kind,),
+            tuple(counterpart for counterpart in KINDS if counterpart is not kind),
+            estimates[:, k : k + 1],
+        )
         for k, kind in enumerate(KINDS)
     )
 
@@ -213,7 +226,8 @@ class Comparison:
     singles : every kind of change alone, all others equal in both states.
     beside : every kind, all others as mounting makes them differ; nothing with too few positions.
     named : what changed, the best description first; several where it is one of them.
-    verdict : changed, indicated, no change shown.
+    near : where nothing is named, the changes whose intervals by themselves do not reach zero, the best first.
+    verdict : changed, no change shown.
     nothing : rms in noise of the difference at each position (n_positions,).
     """
 
@@ -221,13 +235,18 @@ class Comparison:
     singles: tuple[Change, ...]
     beside: tuple[Change, ...]
     named: tuple[Change, ...]
+    near: tuple[Change, ...]
     verdict: str
     nothing: Real
 
     @property
     def best(self) -> Change:
-        """What is named, else the single change that says most of positions that it has not seen."""
-        return self.named[0] if self.named else min(self.singles, key=lambda change: change.gain)
+        """What is named, or nearest to it, else the single change that says most of positions that it has not seen."""
+        return (
+            (self.named or self.near)[0]
+            if self.named or self.near
+            else min(self.singles, key=lambda change: change.gain)
+        )
 
 
 def compared(found: Sequence[Pair]) -> Comparison:
@@ -237,26 +256,28 @@ def compared(found: Sequence[Pair]) -> Comparison:
     -----
     All kinds are fitted to each position together, since mounting scatters each: those are named whose intervals do not
     reach zero, all tests counted (Bonferroni), and that help where the others are free to differ. Where these loops do
-    not part the kinds none does; then each is tried alone, and every one that is sure by itself is named, unless the
-    best is better over the positions, all tests counted. ``changed``: sure with all tests counted. ``indicated``: by
-    itself.
+    not part the kinds none does; then each is tried alone, and every one that is sure, all tests counted, is named,
+    unless the best is better over the positions. A change that is likely by itself alone is told and not named: of
+    eight tests at 5 % each one in seven pairs without a change has such a one.
     """
     models = tuple(Model.of(pair) for pair in found)
     singles = tuple(judged(models, (kind,)) for kind in KINDS)
     nothing = np.array([model.error({}) for model in models])
     if len(models) < FEWEST_POSITIONS:
-        return Comparison(models, singles, (), (), NOTHING, nothing)
+        return Comparison(models, singles, (), (), (), NOTHING, nothing)
     beside = _beside_mounting(models)
-    parted = [change for change in beside if change.useful and change.sure(TRIED)]
-    named = _joined(models, parted) or _likeliest(singles)
-    sure = all(change.sure(TRIED) for change in named)
-    return Comparison(models, singles, beside, named, NOTHING if not named else CHANGED if sure else INDICATED, nothing)
+    parted = [change for change in beside if change.useful and change.sure]
+    likely = _joined(models, [change for change in beside if change.useful and change.likely])
+    likely = likely or _best_of([change for change in singles if change.useful and change.likely])
+    named = _joined(models, parted) or _best_of([change for change in singles if change.useful and change.sure])
+    nearest = () if named else likely
+    return Comparison(models, singles, beside, named, nearest, CHANGED if named else NOTHING, nothing)
 
 
-def _likeliest(singles: Sequence[Change]) -> tuple[Change, ...]:
-    """Single changes that are sure, the best first, without those that it is better than."""
-    changes = sorted((change for change in singles if change.useful and change.sure()), key=lambda change: change.gain)
-    return tuple(change for change in changes if not _behind(change, changes[0]))
+def _best_of(changes: Sequence[Change]) -> tuple[Change, ...]:
+    """Single changes, the best first, without those that it is better than."""
+    ranked = sorted(changes, key=lambda change: change.gain)
+    return tuple(change for change in ranked if not _behind(change, ranked[0]))
 
 
 def _behind(change: Change, best: Change) -> bool:

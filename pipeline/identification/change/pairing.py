@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.identification.fitting.build import data_of, followed_torques
+from pipeline.identification.fitting.cell_torques import followed_torques
+from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.problem import Data
 from pipeline.identification.measurement.branches import ALIKE
 from pipeline.identification.measurement.measurement import Measurement
@@ -83,8 +84,8 @@ class Pair:
 
     def rest(self, explained: Real) -> Real:
         """What a change explains of the difference subtracted (n_known,), in noise, offset removed."""
-        left, weight = (self.difference - explained)[self.known], 1 / self.sigma[self.known]
-        return (left - np.average(left, weights=weight**2)) * weight
+        residual, weight = (self.difference - explained)[self.known], 1 / self.sigma[self.known]
+        return (residual - np.average(residual, weights=weight**2)) * weight
 
 
 def pairs(before: State, after: State) -> tuple[Pair, ...]:
@@ -99,11 +100,11 @@ def pairs(before: State, after: State) -> tuple[Pair, ...]:
     names = [state.measurement.unit.name for state in (before, after)]
     if not shared:
         shown = " and ".join(
-            f"{name} {', '.join(f'{c:g}' for c in own)}" for name, own in zip(names, of_each, strict=True)
+            f"{name} {', '.join(f'{c:g}' for c in specific)}" for name, specific in zip(names, of_each, strict=True)
         )
         raise InputError(f"no crank angle was measured in both: {shown} deg; measure the same positions")
-    found = tuple(_pair(before, after, crank) for crank in shared)
-    usable = tuple(pair for pair in found if pair.known.sum() > 2)
+    results = tuple(_pair(before, after, crank) for crank in shared)
+    usable = tuple(pair for pair in results if pair.known.sum() > 2)
     if not usable:
         raise InputError(f"no branch of {names[1]} starts and runs as one of {names[0]}; measure the same loops")
     return usable
@@ -112,11 +113,11 @@ def pairs(before: State, after: State) -> tuple[Pair, ...]:
 def difference(before: State, old: Numbers, after: State, new: Numbers) -> Real:
     """Angle [arcmin] of cells of the second state less that of their counterparts among cells of the first (n_new,)."""
     torque, angle = after.data.torque[new], after.data.angle[new]
-    out = np.full(len(new), np.nan)
+    values = np.full(len(new), np.nan)
     for block in after.repeated(new):
         inside = after.data.block[new] == block
-        out[inside] = angle[inside] - _counterpart(before, old, after, int(block), torque[inside])
-    return out
+        values[inside] = angle[inside] - _counterpart(before, old, after, int(block), torque[inside])
+    return values
 
 
 def _pair(before: State, after: State, crank: float) -> Pair:
@@ -142,8 +143,8 @@ def _counterpart(before: State, old: Numbers, after: State, block: int, torque: 
     sense, span = after.measurement.branches.direction[block], np.ptp(before.data.torque[old])
     total, count = np.zeros(len(torque)), np.zeros(len(torque))
     for number in before.repeated(old):
-        far = abs(before.start[number] - after.start[block]) > ALIKE * span
-        if far or before.measurement.branches.direction[number] != sense:
+        distant = abs(before.start[number] - after.start[block]) > ALIKE * span
+        if distant or before.measurement.branches.direction[number] != sense:
             continue
         branch = old[before.data.block[old] == number]
         branch = branch[np.argsort(before.data.torque[branch])]

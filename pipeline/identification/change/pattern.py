@@ -65,6 +65,6 @@ def pattern(before: State, after: State, cranks: Sequence[float]) -> Pattern:
 
 
 def _distance(before: State, old: float, after: State, new: float) -> float:
-    apart = difference(before, before.cells_at(old), after, after.cells_at(new))
-    apart = apart[np.isfinite(apart)]
-    return float(np.var(apart)) if apart.size else float("nan")
+    distance = difference(before, before.cells_at(old), after, after.cells_at(new))
+    distance = distance[np.isfinite(distance)]
+    return float(np.var(distance)) if distance.size else float("nan")

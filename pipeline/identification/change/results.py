@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.engine.store import write_atomic, write_json
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
-from pipeline.identification.change.comparison import FEWEST_POSITIONS, INDICATED, Change, Comparison, compared
+from pipeline.identification.change.comparison import FEWEST_POSITIONS, Change, Comparison, compared
 from pipeline.identification.change.pairing import State, pairs
 from pipeline.identification.change.pattern import Pattern, pattern
 from pipeline.identification.measurement.measurement import Measurement
@@ -82,27 +82,27 @@ class Answer:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        named, many = self.found.named, len(self.found.models)
-        if not named:
-            return f"No change is shown: {self._nothing(many)}"
-        texts = [f"{change.words} ({_numbers(change)})" for change in named]
-        removed = 100 * (1 - named[0].gain)
-        by_chance = " Each interval is of 95 % by itself: of pairs without a change one in seven has one."
+        named, count = self.found.named, len(self.found.models)
+        if not named and not self.found.near:
+            return f"No change is shown: {self._nothing(count)}"
+        texts = [f"{change.words} ({_numbers(change)})" for change in named or self.found.near]
+        removed = f"removes {100 * (1 - self.found.best.gain):.0f} % of the difference at positions that it was not "
+        if named:
+            return f"Shown: {', or '.join(texts)}; this {removed}estimated at."
         return (
-            f"{'Indicated' if self.found.verdict == INDICATED else 'Shown'}: {', or '.join(texts)}; this removes "
-            f"{removed:.0f} % of the difference at positions that it was not estimated at."
-            f"{by_chance if self.found.verdict == INDICATED else ''}"
+            f"No change is shown beyond what mounting may do. Nearest: {', or '.join(texts)}, which {removed}estimated "
+            "at; the interval is of 95 % by itself, and of pairs without a change one in seven has one."
         )
 
-    def _nothing(self, many: int) -> str:
+    def _nothing(self, count: int) -> str:
         floors = float(np.sqrt(np.mean(self.found.nothing**2)))
         differ = f"the curves differ by {floors:.1f} noise floors"
-        if many < FEWEST_POSITIONS:
+        if count < FEWEST_POSITIONS:
             return (
-                f"{differ} at {many} position{'s' * (many > 1)}, and what mounting the drive again changes by itself "
+                f"{differ} at {count} position{'s' * (count > 1)}, and what mounting the drive again changes by itself "
                 f"is known only from {FEWEST_POSITIONS} positions on."
             )
-        return f"{differ}, and nothing that is alike at all {many} positions explains a tenth of it."
+        return f"{differ}, and nothing that is alike at all {count} positions explains a tenth of it."
 
     @property
     def pattern_sentence(self) -> str:
@@ -126,7 +126,7 @@ class Answer:
         kinds = [kind for change in self.found.named for kind in change.kinds]
         if len(self.found.named) > 1:
             return "; ".join(f"{kind.title}: {kind.told_apart_by}" for kind in dict.fromkeys(kinds)) + "."
-        if self.found.verdict == INDICATED or not kinds:
+        if not kinds:
             return (
                 "More crank positions: the interval narrows with their number. Mounted again without any change "
                 "they show what mounting alone does."
@@ -150,8 +150,8 @@ def answer(before: Measurement, after: Measurement) -> Answer:
     if faults:
         raise InputError(faults)
     states = State.of(before), State.of(after)
-    found = pairs(*states)
-    return Answer(*states, compared(found), pattern(*states, [pair.crank_deg for pair in found]))
+    results = pairs(*states)
+    return Answer(*states, compared(results), pattern(*states, [pair.crank_deg for pair in results]))
 
 
 def write(of: Answer, folder: Path) -> None:
@@ -166,35 +166,35 @@ def write(of: Answer, folder: Path) -> None:
 
 
 def _verdict(of: Answer) -> dict[str, Any]:
-    found = of.found
+    identification = of.found
     return {
         "before": of.before.measurement.unit.name,
         "after": of.after.measurement.unit.name,
-        "verdict": found.verdict,
+        "verdict": identification.verdict,
         "sentence": of.sentence,
         "pattern": of.pattern_sentence,
         "pattern_p": of.positions.p if math.isfinite(of.positions.p) else None,
         "advice": of.advice,
-        "named": [
-            {
-                "words": change.words,
-                "held_out_share": change.gain,
-                "kinds": {
-                    kind.name: {"change": mean, "unit": kind.unit, "ci_low": low, "ci_high": high, "p": p}
-                    for kind, mean, low, high, p in zip(
-                        change.kinds,
-                        *(x.tolist() for x in (change.mean, change.low, change.high, change.p)),
-                        strict=True,
-                    )
-                },
-            }
-            for change in found.named
-        ],
-        "positions_deg": [model.pair.crank_deg for model in found.models],
-        "drives": [asdict(model.drive) for model in found.models],
+        "named": [_told(change) for change in identification.named],
+        "near": [_told(change) for change in identification.near],
+        "positions_deg": [model.pair.crank_deg for model in identification.models],
+        "drives": [asdict(model.drive) for model in identification.models],
         "data_faults": {
             state.measurement.unit.name: [asdict(fault) for fault in state.measurement.faults]
             for state in (of.before, of.after)
+        },
+    }
+
+
+def _told(change: Change) -> dict[str, Any]:
+    """A change with its kinds' intervals."""
+    columns = (values.tolist() for values in (change.mean, change.low, change.high, change.p))
+    return {
+        "words": change.words,
+        "held_out_share": change.gain,
+        "kinds": {
+            kind.name: {"change": mean, "unit": kind.unit, "ci_low": low, "ci_high": high, "p": p}
+            for kind, mean, low, high, p in zip(change.kinds, *columns, strict=True)
         },
     }
 

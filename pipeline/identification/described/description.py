@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from pipeline.identification.fitting.build import data_of, followed_torques
+from pipeline.identification.fitting.cell_torques import followed_torques
+from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.problem import Data
 from pipeline.identification.generic.play_and_friction import TERMS, Cells, PlayAndFriction, fitted
 from pipeline.identification.measurement.measurement import Measurement
@@ -106,10 +107,10 @@ def described(measurement: Measurement) -> Description:
     InputError : as ``training_rows``.
     """
     chosen = measurement.unit.settings.held_out.train
-    seen = measurement.training_cells if chosen else np.ones(len(measurement.cells), bool)
-    data = data_of(measurement, seen)
-    splits = splits_of(data, seen)
-    numbers = _numbers(data, followed_torques(measurement), seen, _tested(measurement, data, splits))
+    training = measurement.training_cells if chosen else np.ones(len(measurement.cells), bool)
+    data = data_of(measurement, training)
+    splits = splits_of(data, training)
+    numbers = _numbers(data, followed_torques(measurement), training, _tested(measurement, data, splits))
     curves = {
         "spring": _predicted(measurement, data, splits, frozenset()),
         "described": _predicted(measurement, data, splits, frozenset(TERMS)),
@@ -130,11 +131,11 @@ def described(measurement: Measurement) -> Description:
         {title: angle_error(data, cranks, curve, nothing, cells) for title, curve in plain.items()},
         cells,
         splits[0][0] is splits[0][1],
-        None if verdict == DESCRIBED else _left(measurement, data, seen, numbers),
+        None if verdict == DESCRIBED else _left(measurement, data, training, numbers),
     )
 
 
-def _left(measurement: Measurement, data: Data, seen: Truth, numbers: tuple[Number, ...]) -> Discrepancy:
+def _left(measurement: Measurement, data: Data, training: Truth, numbers: tuple[Number, ...]) -> Discrepancy:
     """Structure in what the fit to the training cells leaves of them."""
     torque, top = followed_torques(measurement), float(np.max(np.abs(data.torque)))
     values = {NUMBERS[number.term][0]: number.value for number in numbers}
@@ -144,11 +145,19 @@ def _left(measurement: Measurement, data: Data, seen: Truth, numbers: tuple[Numb
 
     steps = {name: STEP * (abs(value) or 1.0) for name, value in values.items()}
     jacobian = np.column_stack(
-        [(angle({name: values[name] + by}) - angle({name: values[name] - by})) / (2 * by) for name, by in steps.items()]
+        [
+            (angle({name: values[name] + step}) - angle({name: values[name] - step})) / (2 * step)
+            for name, step in steps.items()
+        ]
     )
     residual, direction = data.angle - angle({}), measurement.cells.direction.astype(float)
     return discrepancy(
-        data.torque[seen], direction[seen], data.position[seen], residual[seen], data.sigma[seen], jacobian[seen]
+        data.torque[training],
+        direction[training],
+        data.position[training],
+        residual[training],
+        data.sigma[training],
+        jacobian[training],
     )
 
 
@@ -165,12 +174,16 @@ def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> Pl
 
 def _predicted(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]], terms: frozenset[str]) -> Real:
     """Angle (n_cells,) [arcmin] of judged cells by fits of their training cells, whose noise alone weighs them."""
-    out, torque, top = np.full(len(data), np.nan), followed_torques(measurement), float(np.max(np.abs(data.torque)))
+    predicted, torque, top = (
+        np.full(len(data), np.nan),
+        followed_torques(measurement),
+        float(np.max(np.abs(data.torque))),
+    )
     for training, judged in splits:
         fold = data_of(measurement, training)
         angle = _fit(fold, torque, training, terms).angle(torque, data.position, top)
-        out[judged] = (angle + fold.offsets(angle, training, fold.sigma))[judged]
-    return out
+        predicted[judged] = (angle + fold.offsets(angle, training, fold.sigma))[judged]
+    return predicted
 
 
 def _tested(measurement: Measurement, data: Data, splits: list[tuple[Truth, Truth]]) -> dict[str, float]:
@@ -188,16 +201,18 @@ def _tested(measurement: Measurement, data: Data, splits: list[tuple[Truth, Trut
     return dict(zip(TERMS, max_t(gains, RESAMPLES, SEED)[1].tolist(), strict=True))
 
 
-def _numbers(data: Data, torque: Real, seen: Truth, tested: Mapping[str, float]) -> tuple[Number, ...]:
+def _numbers(data: Data, torque: Real, training: Truth, tested: Mapping[str, float]) -> tuple[Number, ...]:
     """Every number, by the fit with all terms and by those without each group of the cells seen."""
-    group = groups(data, seen)
-    left_out = [seen & (group != number) for number in np.unique(group[seen])]
-    drive = _fit(data, torque, seen, frozenset(TERMS))
-    enough = len(left_out) >= FEWEST_GROUPS
-    others = [_fit(data, torque, cells, frozenset(TERMS)) for cells in left_out if enough]
+    group = groups(data, training)
+    left_out = [training & (group != number) for number in np.unique(group[training])]
+    drive = _fit(data, torque, training, frozenset(TERMS))
+    resampled = len(left_out) >= FEWEST_GROUPS
+    jackknife_fits = [_fit(data, torque, cells, frozenset(TERMS)) for cells in left_out if resampled]
     numbers = []
     for term, (attribute, unit, meaning) in NUMBERS.items():
-        value, low, high = _interval(getattr(drive, attribute), [getattr(other, attribute) for other in others])
+        value, low, high = _interval(
+            getattr(drive, attribute), [getattr(jackknife_fit, attribute) for jackknife_fit in jackknife_fits]
+        )
         p = tested.get(term, float("nan"))
         numbers.append(Number(term, unit, meaning, value, low, high, p, p < 1 - CONFIDENCE and low * high > 0))
     return tuple(numbers)

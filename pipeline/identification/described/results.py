@@ -42,13 +42,13 @@ DESCRIPTION = Table(
 
 def write(of: Description, folder: Path) -> tuple[Signature, ...]:
     """Write tables and, last, the verdict into ``folder``; returns the signatures of what is left."""
-    left = signatures(of.measurement, of.data, of.curves["described"])
+    remaining_signatures = signatures(of.measurement, of.data, of.curves["described"])
     before = signatures(of.measurement, of.data, of.curves["spring"])
-    both = {"recalibrated": before, "after": left}
-    for table, columns in ((DESCRIPTION, cell_rows(of)), (SIGNATURES, signature_rows(both))):
+    by_stage = {"recalibrated": before, "after": remaining_signatures}
+    for table, columns in ((DESCRIPTION, cell_rows(of)), (SIGNATURES, signature_rows(by_stage))):
         write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
     write_json(folder / VERDICT_FILE, finite(_verdict(of)))
-    return left
+    return remaining_signatures
 
 
 def write_fault(measurement: Measurement, folder: Path) -> str:
@@ -63,16 +63,16 @@ def write_fault(measurement: Measurement, folder: Path) -> str:
 def sentence(of: Description) -> str:
     """The verdict in words; its errors are those of the cards and tables."""
     spring, after = of.errors["spring"], of.errors["described"]
-    where = "in sample" if of.in_sample else "on held-out data"
+    basis = "in sample" if of.in_sample else "on held-out data"
     errors = (
-        f"Root mean square {where}: {spring.rms_arcmin:.3g} arcmin by a spring alone, {after.rms_arcmin:.3g} arcmin "
+        f"Root mean square {basis}: {spring.rms_arcmin:.3g} arcmin by a spring alone, {after.rms_arcmin:.3g} arcmin "
         f"({after.to_noise:.3g} noise floors) with play, friction and softening."
     )
     named = [number for number in of.numbers if number.named]
     if not named:
         return f"No term beside a spring is claimed. {errors}"
-    left = "" if of.verdict == DESCRIBED else " What is left is structured and not traced."
-    return f"{'; '.join(_words(number) for number in named)}. {errors}{left}"
+    remaining_text = "" if of.verdict == DESCRIBED else " What is left is structured and not traced."
+    return f"{'; '.join(_words(number) for number in named)}. {errors}{remaining_text}"
 
 
 def advice(of: Description) -> str:

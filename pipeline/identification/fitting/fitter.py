@@ -42,9 +42,9 @@ class Fitter:
 
     def start(self, model: Model, shares: Real | None = None) -> Vector:
         """No scale, no tolerance, parameters at ``shares``; scales are held to their plausible ranges."""
-        at = np.full(model.n_parameters, 0.5) if shares is None else np.asarray(shares, float)
+        start_shares = np.full(model.n_parameters, 0.5) if shares is None else np.asarray(shares, float)
         reach = self.problem.scale_range
-        return Vector(np.zeros(reach.shape[1]), at, np.zeros(self.problem.n_modes), reach)
+        return Vector(np.zeros(reach.shape[1]), start_shares, np.zeros(self.problem.n_modes), reach)
 
     def bounds(self, model: Model) -> list[tuple[float, float]]:
         """Bounds of all parameters of a model."""
@@ -57,8 +57,8 @@ class Fitter:
         if not model.by_state:
             declared = first_states(declared)
         shifted = [
-            drive.shifted(unknowns.modes @ own) if len(own) else drive
-            for drive, own in zip(declared, problem.modes, strict=True)
+            drive.shifted(unknowns.modes @ position_modes) if len(position_modes) else drive
+            for drive, position_modes in zip(declared, problem.modes, strict=True)
         ]
         return model.put(shifted, problem.conditions, mapped(self.bounds(model), unknowns.shares).tolist())
 
@@ -73,12 +73,12 @@ class Fitter:
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
         for position in self.positions if positions is None else positions:
-            mine = data.position == position
+            of_position = data.position == position
             reading = forward.read(drives[position], position, instrument)
-            angle[mine], carried[mine] = reading.angle, reading.carried
+            angle[of_position], carried[of_position] = reading.angle, reading.carried
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
-                influence[mine] = forward.influence(
+                influence[of_position] = forward.influence(
                     drives[position], position, reading.carried, problem.modes[position]
                 )
         return Prediction(angle, influence, carried, sound)
@@ -86,35 +86,37 @@ class Fitter:
     def _forward(self, model: Model) -> Forward:
         return self.problem.forward_by_state if model.by_state else self.problem.forward
 
-    def _change(self, model: Model, now: Vector, near: Vector, at: Prediction, positions: Sequence[int]) -> Real:
-        """Change of the angle (n_cells,) [arcmin] from the unknowns ``now``, where it is known, to ``near`` ones.
+    def _change(self, model: Model, unknowns: Vector, near: Vector, at: Prediction, positions: Sequence[int]) -> Real:
+        """Change of the angle (n_cells,) [arcmin] from the unknowns ``unknowns``, where it is known, to ``near`` ones.
 
         To first order from the forces there; predicted anew where friction or the instrument changes, or where a ripple
         answers what the angle does.
         """
-        drives, instrument = self._drives(model, now)
-        others, other = self._drives(model, near)
+        drives, instrument = self._drives(model, unknowns)
+        moved_drives, moved_instrument = self._drives(model, near)
         change = np.full(len(at.angle), np.nan)
         for position in positions:
-            mine = self.problem.data.position == position
-            own = None
-            if instrument == other and not instrument.ripple.amplitude:
-                own = self._forward(model).change(drives[position], others[position], position, at.carried[mine])
-            if own is None:
+            of_position = self.problem.data.position == position
+            angle_change = None
+            if instrument == moved_instrument and not instrument.ripple.amplitude:
+                angle_change = self._forward(model).change(
+                    drives[position], moved_drives[position], position, at.carried[of_position]
+                )
+            if angle_change is None:
                 return self.predict(model, near, positions).angle - at.angle
-            change[mine] = own
+            change[of_position] = angle_change
         return change
 
     def centred(self, values: Real, weight: Real) -> Real:
         """Values (n, ...) less their weighted mean over the cells that share an offset."""
         group = self.problem.data.group
-        out = values - 0.0
-        for one in np.unique(group):
-            mine = (group == one) & (weight > 0)
-            if np.any(mine):
-                mean = np.tensordot(weight[mine], values[mine], axes=1) / weight[mine].sum()
-                out[group == one] -= mean
-        return out
+        centred_values = values - 0.0
+        for member in np.unique(group):
+            in_group = (group == member) & (weight > 0)
+            if np.any(in_group):
+                mean = np.tensordot(weight[in_group], values[in_group], axes=1) / weight[in_group].sum()
+                centred_values[group == member] -= mean
+        return centred_values
 
     def offsets(self, angle: Real, fitted: Truth, sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
@@ -134,15 +136,15 @@ class Fitter:
         """
         descent = Descent(self, model, fitted, start, near)
         descent.run(iterations)
-        now = descent.now
-        whole, _, _, sound = self.predict(model, now)
+        unknowns = descent.now
+        predicted, _, _, sound = self.predict(model, unknowns)
         if not np.isfinite(descent.cost):
-            whole, sound = np.full(len(whole), np.nan), False
+            predicted, sound = np.full(len(predicted), np.nan), False
         return Fit(
             model,
-            now,
-            mapped(self.bounds(model), now.shares),
-            whole + self.offsets(whole, fitted, descent.sigma),
+            unknowns,
+            mapped(self.bounds(model), unknowns.shares),
+            predicted + self.offsets(predicted, fitted, descent.sigma),
             descent.in_noise if np.isfinite(descent.cost) else np.inf,
             descent.jacobian,
             descent.sigma,
@@ -171,23 +173,25 @@ class Fitter:
     def jacobian(
         self,
         model: Model,
-        now: Vector,
+        unknowns: Vector,
         at: Prediction,
         positions: Sequence[int],
         weight: Real,
         known: tuple[Real, Real] | None,
     ) -> tuple[Real, tuple[Real, Real]]:
         """d angle / d unknowns (n_cells, n_unknowns), offsets removed; and for which scales its first columns are."""
-        first = len(now.scales)
-        kept = (
-            known if known is not None and np.max(np.abs(known[0] - now.scales), initial=0.0) < SCALES_MOVED else None
+        first = len(unknowns.scales)
+        usable = (
+            known
+            if known is not None and np.max(np.abs(known[0] - unknowns.scales), initial=0.0) < SCALES_MOVED
+            else None
         )
-        columns = [] if kept is None else [kept[1][:, k] for k in range(first)]
-        for k in range(len(columns), first + len(now.shares)):
-            flat = now.flat
+        columns = [] if usable is None else [usable[1][:, k] for k in range(first)]
+        for k in range(len(columns), first + len(unknowns.shares)):
+            flat = unknowns.flat
             step = -STEP if k >= first and flat[k] > 0.5 else STEP
             flat[k] += step
-            columns.append(self._change(model, now, now.like(flat), at, positions) / step)
+            columns.append(self._change(model, unknowns, unknowns.like(flat), at, positions) / step)
         raw = np.column_stack([*columns, at.influence]) if columns else at.influence
         jacobian = self.centred(np.nan_to_num(raw), weight)
-        return jacobian, (now.scales if kept is None else kept[0], jacobian)
+        return jacobian, (unknowns.scales if usable is None else usable[0], jacobian)

@@ -47,7 +47,7 @@ class Predicting(Protocol):
     def jacobian(
         self,
         model: Model,
-        now: Vector,
+        unknowns: Vector,
         at: Prediction,
         positions: Sequence[int],
         weight: Real,
@@ -149,12 +149,12 @@ class Descent:
             if step @ (2 * gradient - hessian @ step) < self.little:
                 return 0.0
             trial = self.now.like(self.now.flat + step)
-            there = self._predicted(trial)
-            misfit = self._misfit(there.angle)
+            trial_prediction = self._predicted(trial)
+            misfit = self._misfit(trial_prediction.angle)
             cost = self._cost(misfit, trial)
             if np.isfinite(cost) and cost < self.cost:
                 fall = self.cost - cost
-                self.now, self.at, self.misfit, self.cost = trial, there, misfit, cost
+                self.now, self.at, self.misfit, self.cost = trial, trial_prediction, misfit, cost
                 self.damping = max(self.damping / EASED, LEAST_DAMPING)
                 return fall
             self.damping *= STIFFENED
@@ -195,10 +195,10 @@ def damped_step(hessian: Real, gradient: Real, free: Truth, damping: float, room
     while np.any(free):
         right = gradient[free] - scaled[np.ix_(free, ~free)] @ step[~free]
         step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], right, rcond=None)[0]
-        held = np.clip(step, *room)
-        beyond = free & (held != step)
-        step = held
-        if not np.any(beyond):
+        clipped = np.clip(step, *room)
+        at_bound = free & (clipped != step)
+        step = clipped
+        if not np.any(at_bound):
             break
-        free &= ~beyond
+        free &= ~at_bound
     return step

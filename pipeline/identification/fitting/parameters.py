@@ -56,8 +56,8 @@ class Vector:
     @property
     def room(self) -> tuple[Real, Real]:
         """Least and largest step to the bounds, each (n_unknowns,)."""
-        far = np.full(len(self.flat), np.inf)
-        return self.like(-far).flat - self.flat, self.like(far).flat - self.flat
+        unbounded = np.full(len(self.flat), np.inf)
+        return self.like(-unbounded).flat - self.flat, self.like(unbounded).flat - self.flat
 
     def free(self, gradient: Real) -> Truth:
         """Unknowns (n_unknowns,) that do not stand at a bound that the gradient of a descent pushes against."""

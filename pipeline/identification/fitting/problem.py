@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import svd
 
 from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
 from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward, Instrument
 from pipeline.model.effects import Conditions, Effect, library
-from pipeline.model.effects.effect import CRANKS, CYCLES, STILL, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -25,6 +26,8 @@ FEWEST_CRANKS = 3
 STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})
 LIMIT = 3.0
 """Standard deviations of the population within which a dimension is no effect."""
+LEAST_RECORD = 2.0
+"""Longest time constant over the shortest where the record is no longer than its sampling interval."""
 HIDDEN = 0.75
 """Rms in noise floors that no structure shows: with the noise it makes ``parameter_intervals.STRUCTURE``."""
 
@@ -67,14 +70,14 @@ class Data:
 
     def offsets(self, angle: Real, fitted: NDArray[np.bool_], sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
-        out, weight = np.zeros(len(self)), 1 / sigma**2
+        offsets, weight = np.zeros(len(self)), 1 / sigma**2
         for number in np.unique(self.group):
             inside = self.group == number
             use = inside & fitted if np.any(inside & fitted) else inside
             use = use & np.isfinite(angle)
             if np.any(use):
-                out[inside] = np.sum(weight[use] * (self.angle - angle)[use]) / np.sum(weight[use])
-        return out
+                offsets[inside] = np.sum(weight[use] * (self.angle - angle)[use]) / np.sum(weight[use])
+        return offsets
 
 
 @dataclass(frozen=True)
@@ -122,14 +125,16 @@ class Problem:
     @cached_property
     def span(self) -> float:
         """Largest range of the angle at a position [arcmin]."""
-        seen = self.data.position[self.training]
-        return max(float(np.ptp(self.data.angle[self.training][seen == p])) for p in np.unique(seen))
+        trained_positions = self.data.position[self.training]
+        return max(
+            float(np.ptp(self.data.angle[self.training][trained_positions == p])) for p in np.unique(trained_positions)
+        )
 
     @cached_property
     def hours(self) -> float:
         """Longest time that a position was measured [h]; one hour without time stamps."""
-        seen = np.unique(self.data.position[self.training])
-        return max(float(np.ptp(self.forward.courses[p].time)) for p in seen) / SECONDS_AN_HOUR or 1.0
+        trained_positions = np.unique(self.data.position[self.training])
+        return max(float(np.ptp(self.forward.courses[p].time)) for p in trained_positions) / SECONDS_AN_HOUR or 1.0
 
     @cached_property
     def record(self) -> Mapping[str, float]:
@@ -137,6 +142,13 @@ class Problem:
         position, cycle = self.data.position[self.training], self.data.cycle[self.training]
         cycles = [len(np.unique(cycle[position == p])) for p in np.unique(position)]
         return {TIME: self.hours * SECONDS_AN_HOUR, CYCLES: float(max(cycles))}
+
+    @cached_property
+    def interval(self) -> Mapping[str, float]:
+        """Shortest times that are resolved: the usual one from cell to cell [s], and one cycle [1]."""
+        trained = np.unique(self.data.position[self.training])
+        steps = np.concatenate([np.diff(self.forward.courses[p].time) for p in trained])
+        return {TIME: float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0, CYCLES: 1.0}
 
     @cached_property
     def nominal(self) -> tuple[Drive, ...]:
@@ -149,10 +161,19 @@ class Problem:
         return np.ptp(self.scale_range, axis=0) / 4
 
     def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
-        """(low, high) of every parameter of an effect."""
+        """(low, high) of every parameter of an effect; of a time constant within what the record resolves."""
         if isinstance(candidate, InstrumentEffect):
             return candidate.bounds(self.rated_torque, self.span, self.hours)
-        return candidate.bounds(self.nominal[0])
+        bounds = candidate.bounds(self.nominal[0])
+        return tuple(
+            self._resolved(parameter.record, *ends) if parameter.record else ends
+            for parameter, ends in zip(candidate.parameters, bounds, strict=True)
+        )
+
+    def _resolved(self, record: str, low: float, high: float) -> tuple[float, float]:
+        """Bounds of a time constant: from the sampling interval to the length of the record."""
+        shortest = float(np.clip(self.interval[record], low, high))
+        return shortest, max(float(np.clip(self.record[record], low, high)), LEAST_RECORD * shortest)
 
     def within_tolerance(self, model: Model, values: Sequence[float]) -> bool:
         """Whether an effect of the model is a dimension that stays within what the tolerances allow.
@@ -161,10 +182,10 @@ class Problem:
         the noise hides.
         """
         nominal = first_states(self.nominal)
-        for effect, own in model.split(values):
+        for effect, parameters in model.split(values):
             if isinstance(effect, InstrumentEffect) or effect.needs & STATE_EFFECTS:
                 continue
-            gaps = [effect.apply(drive, own, Conditions.run_in(1)).gap - drive.gap for drive in nominal]
+            gaps = [effect.apply(drive, parameters, Conditions.run_in(1)).gap - drive.gap for drive in nominal]
             if any(np.any(gap) for gap in gaps) and self._left_by_tolerances(gaps) < HIDDEN * self.data.noise:
                 return True
         return False
@@ -183,6 +204,7 @@ class Problem:
             CYCLES: "fewer than 2 cycles",
             TIME: "no time stamps",
             TEMPERATURE: "no temperature that varies",
+            RATE: "neither a change of the torque's rate nor a dwell: see rayleigh",
             STILL: "the locked output lets the crank turn by more than half a pitch of the pins: see load_friction",
         }
         offered = set(self.offered)
@@ -208,7 +230,7 @@ def candidates() -> Mapping[str, Candidate]:
 def twins(name: str) -> tuple[str, ...]:
     """Effects that curves alone hardly tell from one: those that it says it is confused with, or that name it."""
     known = candidates()
-    named = [other for other, effect in known.items() if name in effect.confused_with]
+    named = [candidate for candidate, effect in known.items() if name in effect.confused_with]
     return tuple(dict.fromkeys([*known[name].confused_with, *named]))
 
 
@@ -249,13 +271,16 @@ class Model:
         self, drives: Sequence[Drive], conditions: Sequence[Conditions], values: Sequence[float]
     ) -> tuple[list[Drive], Instrument]:
         """Drives and instrument with the effects at ``values``."""
-        made, instrument = list(drives), Instrument()
-        for effect, own in self.split(values):
+        drives_with_effects, instrument = list(drives), Instrument()
+        for effect, parameters in self.split(values):
             if isinstance(effect, InstrumentEffect):
-                instrument = effect.apply(instrument, own)
+                instrument = effect.apply(instrument, parameters)
             else:
-                made = [effect.apply(drive, own, at) for drive, at in zip(made, conditions, strict=True)]
-        return made, instrument
+                drives_with_effects = [
+                    effect.apply(drive, parameters, condition)
+                    for drive, condition in zip(drives_with_effects, conditions, strict=True)
+                ]
+        return drives_with_effects, instrument
 
     @property
     def by_state(self) -> bool:
@@ -268,24 +293,46 @@ def first_states(drives: Sequence[Drive]) -> tuple[Drive, ...]:
     return tuple(drive.first for drive in drives)
 
 
-def prior_modes(gaps: Sequence[Real], influences: Sequence[Real], resolution: float) -> tuple[Real, ...]:
-    """Patterns of gaps, of unit variance, that a population of units differs by: its principal curves.
+@dataclass(frozen=True)
+class PriorModes:
+    """Principal curves of a population of units: the patterns of gaps that its units differ by.
 
-    Parameters
+    Attributes
     ----------
-    gaps : per position (n_units, n_contacts) [mm], the same units at every position.
-    influences : per position d angle / d gap at the nodes of the backbone (n_nodes, n_contacts) [rad/mm].
-    resolution : modes that change the curves by less [arcmin rms] are left out.
-
-    Returns
-    -------
-    Per position (n_modes, n_contacts) [mm]: modes of the population's curves, not of its gaps, so that few are left.
+    gaps : per position (n_units, n_contacts) [mm], less their means.
+    units : (n_units, n_components) what each unit has of each component.
+    sizes : (n_components,) of the components [arcmin, root of the sum over units and nodes].
+    nodes : of a position's curve.
     """
-    centred = [one - one.mean(axis=0) for one in gaps]
-    curves = ARCMIN * np.concatenate([one @ effect.T for one, effect in zip(centred, influences, strict=True)], axis=1)
-    units, sizes, _ = np.linalg.svd(curves, full_matrices=False)
-    n = len(curves)
-    kept = sizes > resolution * np.sqrt(n * curves.shape[1] / len(gaps))
-    weights = units[:, kept].T * np.sqrt(1 / (n - 1)) if np.any(kept) else np.zeros((0, n))
-    # a unit's coefficient of mode m is its row of units times sqrt(n - 1), of variance 1
-    return tuple(weights @ one for one in centred)
+
+    gaps: tuple[Real, ...]
+    units: Real
+    sizes: Real
+    nodes: float
+
+    @classmethod
+    def of(cls, gaps: Sequence[Real], influences: Sequence[Real]) -> PriorModes:
+        """The components of a population.
+
+        Parameters
+        ----------
+        gaps : per position (n_units, n_contacts) [mm], the same units at every position.
+        influences : per position d angle / d gap at the nodes of the backbone (n_nodes, n_contacts) [rad/mm].
+        """
+        centred = tuple(of_units - of_units.mean(axis=0) for of_units in gaps)
+        curves = np.concatenate([unit @ effect.T for unit, effect in zip(centred, influences, strict=True)], axis=1)
+        # by bidiagonal QR: divide and conquer, the default, fails on some curves of fewer components than units
+        units, sizes, _ = svd(ARCMIN * curves, full_matrices=False, lapack_driver="gesvd")
+        return cls(centred, units, sizes, curves.shape[1] / len(gaps))
+
+    def above(self, resolution: float) -> tuple[Real, ...]:
+        """Patterns of gaps of unit variance, per position (n_modes, n_contacts) [mm].
+
+        Modes of the population's curves, not of its gaps, so that few are left: those that change the curves by less
+        than the ``resolution`` [arcmin rms] are left out.
+        """
+        n = len(self.units)
+        large = self.sizes > resolution * np.sqrt(n * self.nodes)
+        weights = self.units[:, large].T * np.sqrt(1 / (n - 1)) if np.any(large) else np.zeros((0, n))
+        # a unit's coefficient of mode m is its row of units times sqrt(n - 1), of variance 1
+        return tuple(weights @ of_units for of_units in self.gaps)

@@ -130,7 +130,10 @@ def fitted(cells: Cells, training: NDArray[np.bool_], terms: frozenset[str] = WI
     if free.any():
         fits = [
             least_squares(
-                lambda at: spring(at)[1], np.array([*start, 0.0])[free], bounds=(low[free], high[free]), diff_step=1e-3
+                lambda position: spring(position)[1],
+                np.array([*start, 0.0])[free],
+                bounds=(low[free], high[free]),
+                diff_step=1e-3,
             )
             for start in STARTS
         ]

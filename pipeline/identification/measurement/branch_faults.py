@@ -28,8 +28,8 @@ def branch_faults(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
 
 def _listed(names: Sequence[str]) -> str:
     """The first of some names, and how many there are beyond."""
-    more = f" and {len(names) - SHOWN_ROWS} more" if len(names) > SHOWN_ROWS else ""
-    return ", ".join(names[:SHOWN_ROWS]) + more
+    remainder_text = f" and {len(names) - SHOWN_ROWS} more" if len(names) > SHOWN_ROWS else ""
+    return ", ".join(names[:SHOWN_ROWS]) + remainder_text
 
 
 def _missing(rows: Rows) -> Iterator[Fault]:
@@ -68,11 +68,11 @@ def _few(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
         chosen = np.concatenate([np.arange(blocks.start[b], blocks.stop[b]) for b in short])
         message = f"fewer than {FEWEST_BRANCH_ROWS} usable rows on {_listed(names)}"
         yield fault_of_rows(rows, chosen, "too few points", "note", message)
-    enough = int(np.sum(counts >= FEWEST_BRANCH_ROWS))
-    if enough < FEWEST_BLOCKS:
+    branches = int(np.sum(counts >= FEWEST_BRANCH_ROWS))
+    if branches < FEWEST_BLOCKS:
         yield Fault(
             "too few points",
-            f"{enough} branches (position x cycle x sense) of {FEWEST_BRANCH_ROWS} rows or more, {FEWEST_BLOCKS} are "
+            f"{branches} branches (position x cycle x sense) of {FEWEST_BRANCH_ROWS} rows or more, {FEWEST_BLOCKS} are "
             "needed: no effect can be accepted; measure more cycles or positions",
-            "note" if enough > 1 else "fatal",
+            "note" if branches > 1 else "fatal",
         )

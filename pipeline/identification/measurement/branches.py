@@ -90,7 +90,7 @@ def turning_points(values: Real, threshold: float) -> Whole:
     return np.array([*turns, last] if turns[-1] != last else turns, dtype=np.int64)
 
 
-def find_blocks(rows: Rows, usable: Truth, torque_noise: float) -> Blocks:
+def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -> Blocks:
     """The monotone branches of every cycle.
 
     Parameters
@@ -98,25 +98,28 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float) -> Blocks:
     torque_noise : [N m] of a row; the commanded torque has none.
     usable : (n,) rows that count; a saturated row still tells where the torque is commanded, and only rows without a
         coordinate are passed over.
+    fitted : (n,) rows whose branches say which start alike; others are held against them.
     """
     noise = torque_noise if rows.command is None else 0.0
     known = [rows.coordinate[(rows.position == position) & usable] for position in range(len(rows.cranks))]
     span = np.array([np.ptp(values) if values.size else np.inf for values in known])
     threshold = np.maximum(TURN_SHARE * span, TURN_NOISE * noise)
     end_band = np.maximum(END_SHARE * span, END_NOISE * noise)
-    found: list[tuple[int, int, int, int, int, int]] = []
+    block_rows: list[tuple[int, int, int, int, int, int]] = []
     for position, cycle, run in rows.runs():
-        there = np.flatnonzero(np.isfinite(rows.coordinate[run]) & ~rows.misnumbered[run]) + run.start
-        if there.size < 2:
+        valid_rows = np.flatnonzero(np.isfinite(rows.coordinate[run]) & ~rows.misnumbered[run]) + run.start
+        if valid_rows.size < 2:
             continue
-        values = rows.coordinate[there]
+        values = rows.coordinate[valid_rows]
         turns = _turns(values, threshold[position], noise)
         for number, (first, last) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
             sense = 1 if values[last] >= values[first] else -1
-            begin = there[first] + (number > 0)  # the extreme itself ends the branch that leads to it
-            found.append((position, cycle, sense, number, int(begin), int(there[last]) + 1))
-    of_position, of_cycle, direction, branch, start, stop = np.array(found, dtype=np.int64).reshape(-1, 6).T
-    kind = _kinds(of_position, direction, rows.coordinate[start], span)
+            begin = valid_rows[first] + (number > 0)  # the extreme itself ends the branch that leads to it
+            block_rows.append((position, cycle, sense, number, int(begin), int(valid_rows[last]) + 1))
+    of_position, of_cycle, direction, branch, start, stop = np.array(block_rows, dtype=np.int64).reshape(-1, 6).T
+    order = np.argsort(~fitted[start], kind="stable")
+    kind = np.empty(len(start), np.int64)
+    kind[order] = _kinds(of_position[order], direction[order], rows.coordinate[start][order], span)
     return Blocks(of_position, of_cycle, direction, branch, kind, start, stop, threshold, end_band)
 
 
@@ -135,7 +138,11 @@ def _kinds(position: Whole, direction: Whole, start: Real, span: Real) -> Whole:
     known: list[tuple[int, float]] = []
     kinds = []
     for number, sense, torque in zip(position, direction, start, strict=True):
-        alike = [k for k, (of, at) in enumerate(known) if of == sense and abs(at - torque) <= ALIKE * span[number]]
+        alike = [
+            k
+            for k, (known_sense, known_torque) in enumerate(known)
+            if known_sense == sense and abs(known_torque - torque) <= ALIKE * span[number]
+        ]
         kinds.append(alike[0] if alike else len(known))
         known += [] if alike else [(sense, torque)]
     return np.array(kinds, dtype=np.int64)

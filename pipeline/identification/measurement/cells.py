@@ -73,13 +73,13 @@ def cells(rows: Rows, usable: Truth, blocks: Blocks, levels: int = CELLS_PER_SEN
         levels_up = top * (np.arange(levels + 1) / levels) ** CELL_POWER
         edges = np.concatenate([-levels_up[:0:-1], levels_up])[1:-1]
         for block in np.flatnonzero(blocks.position == position).tolist():
-            kept = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
-            if kept.size < FEWEST_ROWS:
+            usable_rows = np.flatnonzero(usable[blocks.rows[block]]) + blocks.start[block]
+            if usable_rows.size < FEWEST_ROWS:
                 continue
-            place = np.searchsorted(edges, monotone(rows.coordinate[kept], blocks.direction[block]))
-            groups = _merged(place, levels - 1)
+            bin_index = np.searchsorted(edges, monotone(rows.coordinate[usable_rows], blocks.direction[block]))
+            groups = _merged(bin_index, levels - 1)
             owners += [block] * len(groups)
-            averages += [_average(rows, kept[first:last]) for first, last in groups]
+            averages += [_average(rows, usable_rows[first:last]) for first, last in groups]
     block_of = np.array(owners, dtype=np.int64)
     torque, angle, count, spread, time, temperature, first_row = np.array(averages, float).reshape(-1, 7).T
     return Cells(

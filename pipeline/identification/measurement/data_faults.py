@@ -53,12 +53,12 @@ def data_faults(measurement: Measurement) -> list[Fault]:
 
 
 def _standing_out(measurement: Measurement) -> Iterator[Fault]:
-    floor = measurement.repeatability.floor.value
-    for position, distance, among in standing_out(mean_loops(measurement.branches, measurement.cells), floor):
+    repeats = measurement.repeatability.repeats.value
+    for position, distance, largest in standing_out(mean_loops(measurement.branches, measurement.cells), repeats):
         yield Fault(
             "position stands out",
             f"the loop at crank {measurement.rows.cranks[position]:g} deg differs by {distance:.3g} arcmin from all "
-            f"others, which differ by {among:.3g} arcmin at most: is the output or its locking plate loose there? "
+            f"others, which differ by {largest:.3g} arcmin at most: is the output or its locking plate loose there? "
             "Measure that position again after mounting it anew",
             "note",
         )
@@ -90,52 +90,62 @@ def _not_numbers(rows: Rows) -> Iterator[Fault]:
             continue
         mask = mask & ~np.isin(rows.file, [file for file, name in lacking if name == quantity])
         if mask.any():
-            what = "no whole number" if quantity == "cycle" else f"no number up to {LARGEST_VALUE:g}"
-            many = mask.mean() > TOLERATED_SHARE
-            advice = "correct the file" if many else "these rows are left out"
+            fault_text = "no whole number" if quantity == "cycle" else f"no number up to {LARGEST_VALUE:g}"
+            frequent = mask.mean() > TOLERATED_SHARE
+            advice = "correct the file" if frequent else "these rows are left out"
             yield fault_of_rows(
                 rows,
                 mask,
                 "not a number",
-                "fatal" if many else "note",
-                f"{quantity} is {what} in {mask.sum()} of {len(rows)} rows; {advice}",
+                "fatal" if frequent else "note",
+                f"{quantity} is {fault_text} in {mask.sum()} of {len(rows)} rows; {advice}",
             )
 
 
 def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
     last: dict[tuple[int, int], int] = {}
-    back: list[int] = []
-    again: list[int] = []
+    backward_rows: list[int] = []
+    repeated_rows: list[int] = []
     for number, (position, cycle, run) in enumerate(rows.runs()):
         if rows.time is not None:
-            there = np.flatnonzero(good[run] & np.isfinite(rows.time[run])) + run.start
-            back += there[1:][np.diff(rows.time[there]) < 0].tolist()
+            valid_rows = np.flatnonzero(good[run] & np.isfinite(rows.time[run])) + run.start
+            backward_rows += valid_rows[1:][np.diff(rows.time[valid_rows]) < 0].tolist()
         if good[run].any() and last.setdefault((position, cycle), number) != number:
-            again.append(run.start)
-    if back:
-        yield fault_of_rows(
-            rows, np.array(back), "decreasing time", "fatal", "time falls within a cycle; rows must be in time order"
-        )
-    if again:
-        which = ", ".join(f"{rows.cycle[row]} at {rows.cranks[rows.position[row]]:g} deg" for row in again[:SHOWN_ROWS])
+            repeated_rows.append(run.start)
+    if backward_rows:
         yield fault_of_rows(
             rows,
-            np.array(again),
+            np.array(backward_rows),
+            "decreasing time",
+            "fatal",
+            "time falls within a cycle; rows must be in time order",
+        )
+    if repeated_rows:
+        listing = ", ".join(
+            f"{rows.cycle[row]} at {rows.cranks[rows.position[row]]:g} deg" for row in repeated_rows[:SHOWN_ROWS]
+        )
+        yield fault_of_rows(
+            rows,
+            np.array(repeated_rows),
             "disordered rows",
             "fatal",
-            f"cycle {which} comes again after another cycle or file; order the rows, or number the cycles on",
+            f"cycle {listing} comes again after another cycle or file; order the rows, or number the cycles on",
         )
 
 
 def _duplicates(rows: Rows) -> Iterator[Fault]:
-    seen: dict[bytes, int] = {}
+    first_file: dict[bytes, int] = {}
     for file, name in enumerate(rows.files):
-        mine = rows.file == file
-        content = np.stack([rows.torque[mine], rows.angle[mine]]).tobytes()
-        first = seen.setdefault(content, file)
+        of_file = rows.file == file
+        content = np.stack([rows.torque[of_file], rows.angle[of_file]]).tobytes()
+        first = first_file.setdefault(content, file)
         if first != file:
             yield fault_of_rows(
-                rows, mine, "duplicate file", "fatal", f"{name} repeats {rows.files[first]} value for value; remove one"
+                rows,
+                of_file,
+                "duplicate file",
+                "fatal",
+                f"{name} repeats {rows.files[first]} value for value; remove one",
             )
 
 
@@ -153,14 +163,15 @@ def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
     measured = {"torque_Nm": rows.torque, "angle_arcmin": rows.angle, "command_torque_Nm": rows.command}
     for quantity, values in measured.items():
         for position, crank in enumerate(rows.cranks):
-            mine = good & (rows.position == position)
-            if values is not None and mine.any() and np.ptp(values[mine]) == 0:
+            rows_here = good & (rows.position == position)
+            if values is not None and rows_here.any() and np.ptp(values[rows_here]) == 0:
                 yield fault_of_rows(
                     rows,
-                    mine,
+                    rows_here,
                     "constant column",
                     "fatal",
-                    f"{quantity} is {values[mine][0]:g} in all rows at crank {crank:g} deg; is it the right column?",
+                    f"{quantity} is {values[rows_here][0]:g} in all rows at crank {crank:g} deg; is it the right "
+                    "column?",
                 )
     if rows.time is not None and good.sum() > 1 and np.nanmin(rows.time) == np.nanmax(rows.time):
         yield Fault("constant column", "time_s does not vary: effects of time cannot be tested", "note")
@@ -168,13 +179,13 @@ def _constant(rows: Rows, good: Truth) -> Iterator[Fault]:
 
 def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
     resolution = unit.settings.instrument.angle_resolution_arcmin
-    found = [implausible_torque(rows.torque[good], unit.rated_torque_Nm)]
+    findings = [implausible_torque(rows.torque[good], unit.rated_torque_Nm)]
     loops = [good & (rows.position == position) for position in np.unique(rows.position[good])]
     span = float(max(np.ptp(rows.angle[loop]) for loop in loops))
     top = float(np.max(np.abs(rows.torque[good])))
     limit = largest_span(unit.study.design, top) if unit.designed else np.inf
     column = unit.settings.columns.angle_arcmin
-    found.append(implausible_angle(span, resolution, limit, column.unit))
+    findings.append(implausible_angle(span, resolution, limit, column.unit))
     if all(columns_exchanged(rows.torque[loop], rows.angle[loop]) for loop in loops):
         yield Fault(
             "swapped columns",
@@ -182,7 +193,7 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
             "of torque_Nm and angle_arcmin in [columns]",
             "fatal",
         )
-    yield from (Fault("unit", message, "fatal") for message in found if message)
+    yield from (Fault("unit", message, "fatal") for message in findings if message)
     falling = [
         f"{crank:g}"
         for position, crank in enumerate(rows.cranks)
@@ -197,10 +208,10 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
         )
 
 
-def _angle_falls(rows: Rows, mine: NDArray[np.intp]) -> bool:
+def _angle_falls(rows: Rows, file_rows: NDArray[np.intp]) -> bool:
     """Whether the mean angle at high torque is below that at low torque by more than a tenth of the angle's range."""
-    torque, angle = rows.torque[mine], rows.angle[mine]
-    if mine.size < 4:
+    torque, angle = rows.torque[file_rows], rows.angle[file_rows]
+    if file_rows.size < 4:
         return False
     low, high = np.quantile(torque, [0.25, 0.75])
     return bool(angle[torque >= high].mean() - angle[torque <= low].mean() < -0.1 * np.ptp(angle))
@@ -208,28 +219,28 @@ def _angle_falls(rows: Rows, mine: NDArray[np.intp]) -> bool:
 
 def _left_out(rows: Rows, cut: Truth, clipped: Truth, jumps: Truth) -> Iterator[Fault]:
     if clipped.any():
-        many = clipped.mean() > CLIPPED_SHARE
+        frequent = clipped.mean() > CLIPPED_SHARE
         ends = f"{rows.angle[clipped].min():.4g} to {rows.angle[clipped].max():.4g} arcmin"
         yield fault_of_rows(
             rows,
             clipped,
             "clipped angle",
-            "fatal" if many else "note",
+            "fatal" if frequent else "note",
             f"the angle stands still at the ends of its range ({ends}) in {clipped.sum()} of {len(rows)} rows while "
-            f"the torque goes on; {'measure with a wider range' if many else 'these rows are left out'}",
+            f"the torque goes on; {'measure with a wider range' if frequent else 'these rows are left out'}",
         )
     if cut.any():
         message = f"the torque is saturated in {cut.sum()} rows; {SATURATION_RULE}"
         yield fault_of_rows(rows, cut, "saturation", "note", message)
     if jumps.any():
-        many = jumps.mean() > TOLERATED_SHARE
+        frequent = jumps.mean() > TOLERATED_SHARE
         yield fault_of_rows(
             rows,
             jumps,
             "encoder jump",
-            "fatal" if many else "note",
+            "fatal" if frequent else "note",
             f"the angle jumps out and back in {jumps.sum()} single rows; "
-            + ("check the encoder" if many else "these rows are left out"),
+            + ("check the encoder" if frequent else "these rows are left out"),
         )
 
 
@@ -237,10 +248,10 @@ def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:
     """Cycles of a position, or positions with a common offset, that lie further apart than their loops are high."""
     previous: tuple[int, int, float, float] | None = None
     for position, cycle, run in rows.runs():
-        mine = np.flatnonzero(usable[run]) + run.start
-        if not mine.size:
+        run_rows = np.flatnonzero(usable[run]) + run.start
+        if not run_rows.size:
             continue
-        low, high = rows.angle[mine].min(), rows.angle[mine].max()
+        low, high = rows.angle[run_rows].min(), rows.angle[run_rows].max()
         if previous is not None and (previous[0] == position or unit.settings.offset == "common"):
             shift = (low + high) / 2 - (previous[2] + previous[3]) / 2
             if abs(shift) > max(high - low, previous[3] - previous[2]):
@@ -252,7 +263,7 @@ def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:
                 )
                 yield fault_of_rows(
                     rows,
-                    mine,
+                    run_rows,
                     "mixed offsets",
                     "fatal",
                     f"cycle {cycle} at crank {rows.cranks[position]:g} deg lies {shift:+.4g} arcmin from {before}, "

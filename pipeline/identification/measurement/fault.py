@@ -40,8 +40,8 @@ class Fault:
     @property
     def line(self) -> str:
         """The fault in one line, with its rows."""
-        more = f" and {self.count - len(self.rows)} more" if self.count > len(self.rows) else ""
-        rows = f" ({', '.join(self.rows)}{more})" if self.rows else ""
+        remainder_text = f" and {self.count - len(self.rows)} more" if self.count > len(self.rows) else ""
+        rows = f" ({', '.join(self.rows)}{remainder_text})" if self.rows else ""
         return f"{'fault' if self.severity == 'fatal' else 'note'}: {self.kind}: {self.message}{rows}"
 
 

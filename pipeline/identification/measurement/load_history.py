@@ -13,6 +13,9 @@ from pipeline.identification.measurement.rows import Rows
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
+FEWEST_OF_LINE = 2
+"""Rows near a turn through which a line is laid; the mean of fewer is taken."""
+
 
 @dataclass(frozen=True)
 class History:
@@ -29,7 +32,7 @@ class History:
 
 
 def history(rows: Rows, blocks: Blocks) -> History:
-    """Turning torques over all cycles of each position: measured ones, averaged near each end of a branch."""
+    """Turning torques over all cycles of each position: measured ones, smoothed near each end of a branch."""
     torques: list[Real] = []
     leg = np.zeros(len(blocks), np.int64)
     for position in range(len(rows.cranks)):
@@ -38,28 +41,41 @@ def history(rows: Rows, blocks: Blocks) -> History:
             start, end = _end_torques(rows, blocks, block)
             if not turns:
                 turns = [start]
-            elif abs(turns[-1] - start) > blocks.threshold[position]:
-                _go_on(turns, start)  # between two cycles the bench went elsewhere
+            elif abs(turns[-1] - start) > blocks.threshold[position] or _beyond(turns, start):
+                _go_on(turns, start)  # between two cycles the bench went elsewhere, or on to the turn
             _go_on(turns, end)
             leg[block] = len(turns) - 2
         torques.append(np.array(turns))
     return History(tuple(torques), leg)
 
 
+def _beyond(turns: list[float], torque: float) -> bool:
+    """Whether a torque lies further on in the sense of the last leg."""
+    return len(turns) > 1 and (torque - turns[-1]) * (turns[-1] - turns[-2]) > 0
+
+
 def _go_on(turns: list[float], torque: float) -> None:
     """Add a torque to the sequence; one further in the same direction takes the place of the last."""
-    if len(turns) > 1 and (torque - turns[-1]) * (turns[-1] - turns[-2]) >= 0:
+    if _beyond(turns, torque) or (len(turns) > 1 and torque == turns[-1]):
         turns[-1] = torque
     else:
         turns.append(torque)
 
 
 def _end_torques(rows: Rows, blocks: Blocks, block: int) -> tuple[float, float]:
-    """Mean torque near the first and the last row of a block [N m]."""
+    """Torque at the first and the last row of a block [N m], by a line through the rows near it."""
     span = blocks.rows[block]
     known = np.isfinite(rows.coordinate[span]) & np.isfinite(rows.torque[span])
     torque = rows.torque[span][known]
     fit = monotone(rows.coordinate[span][known], blocks.direction[block])
-    near = blocks.end_band[blocks.position[block]]
-    start, end = (float(np.mean(torque[np.abs(fit - place) <= near])) for place in (fit[0], fit[-1]))
-    return start, end
+    band = blocks.end_band[blocks.position[block]]
+    return _at_end(torque[::-1], (np.abs(fit - fit[0]) <= band)[::-1]), _at_end(torque, np.abs(fit - fit[-1]) <= band)
+
+
+def _at_end(torque: Real, close: NDArray[np.bool_]) -> float:
+    """Torque [N m] at the last row of those ``close`` to it: their mean would fall short by half of the band."""
+    rows = np.flatnonzero(close)
+    if len(rows) < FEWEST_OF_LINE:
+        return float(np.mean(torque[rows]))
+    slope, middle = np.polyfit(rows - rows.mean(), torque[rows], 1)
+    return float(middle + slope * (rows[-1] - rows.mean()))

@@ -15,8 +15,8 @@ from pipeline.identification.measurement.data_faults import data_faults
 from pipeline.identification.measurement.fault import Fault
 from pipeline.identification.measurement.load_history import History, history
 from pipeline.identification.measurement.repeatability import Noise, measured_noise, restricted
-from pipeline.identification.measurement.rows import Rows, read_rows, training_rows
-from pipeline.identification.measurement.scatter import torque_noise
+from pipeline.identification.measurement.rows import Rows, fitted_rows, read_rows, training_rows
+from pipeline.identification.measurement.scatter import smallest_step, torque_noise
 from pipeline.identification.measurement.unit_file import UnitFile
 
 Real = NDArray[np.float64]
@@ -50,8 +50,19 @@ class Measurement:
 
     @cached_property
     def torque_noise(self) -> float:
-        """Standard deviation of the torque of a row [N m]; 0 if unknown."""
-        return torque_noise(self.rows, self.unit.settings.instrument)
+        """Standard deviation of the torque of a row that may be fitted [N m]; 0 if unknown."""
+        runs = [run for *_, run in self.rows.runs() if self.fitted[run.start]]
+        return torque_noise(self.rows, self.unit.settings.instrument, runs)
+
+    @cached_property
+    def fitted(self) -> Truth:
+        """Rows (n_rows,) that noise and limits are of: what unit.toml holds out is none of them."""
+        return fitted_rows(self.unit, self.rows)
+
+    @cached_property
+    def angle_step(self) -> float:
+        """Smallest step of the angle in these rows [arcmin], and at least the declared one; 0 if unknown."""
+        return max(smallest_step(self.rows.angle[self.fitted]), self._resolution)
 
     @cached_property
     def numeric(self) -> Truth:
@@ -66,12 +77,13 @@ class Measurement:
     @cached_property
     def spikes(self) -> Truth:
         """Rows (n_rows,) at which the encoder jumps."""
-        return row_filters.spikes(self.rows, self.unit.settings.instrument, self.torque_noise)
+        smallest_jump = max(self.angle_step, self.unit.settings.instrument.angle_noise_arcmin or 0.0)
+        return row_filters.spikes(self.rows, smallest_jump, self.torque_noise)
 
     @cached_property
     def clipped(self) -> Truth:
         """Rows (n_rows,) whose angle stands at the end of the instrument's range."""
-        return row_filters.clipped(self.rows, self.unit.settings.instrument)
+        return row_filters.clipped(self.rows, self.angle_step)
 
     @cached_property
     def usable(self) -> Truth:
@@ -82,7 +94,7 @@ class Measurement:
     @cached_property
     def branches(self) -> Blocks:
         """Monotone branches of every cycle."""
-        return find_blocks(self.rows, self.usable, self.torque_noise)
+        return find_blocks(self.rows, self.usable, self.torque_noise, self.fitted)
 
     @cached_property
     def cells(self) -> Cells:
@@ -97,16 +109,22 @@ class Measurement:
     @cached_property
     def repeatability(self) -> Noise:
         """Noise of the cells."""
-        return measured_noise(self.branches, self.cells, self.torque_noise)
+        return measured_noise(self.branches, self.cells, self.torque_noise, self._resolution)
 
-    def noise_of(self, seen: Truth) -> Noise:
+    def noise_of(self, visible: Truth) -> Noise:
         """Noise of some cells (n_cells,), whole branches, from their rows alone."""
-        if np.all(seen):
+        if np.all(visible):
             return self.repeatability
-        blocks, some = restricted(self.branches, self.cells, seen)
+        blocks, restricted_cells = restricted(self.branches, self.cells, visible)
         pairs = {(position, cycle) for position, cycle in zip(blocks.position, blocks.cycle, strict=True)}
         runs = [run for position, cycle, run in self.rows.runs() if (position, cycle) in pairs]
-        return measured_noise(blocks, some, torque_noise(self.rows, self.unit.settings.instrument, runs))
+        scatter = torque_noise(self.rows, self.unit.settings.instrument, runs)
+        return measured_noise(blocks, restricted_cells, scatter, self._resolution)
+
+    @property
+    def _resolution(self) -> float:
+        """Declared step of the angle [arcmin]; 0 if unknown."""
+        return self.unit.settings.instrument.angle_resolution_arcmin or 0.0
 
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
@@ -141,6 +159,6 @@ class Measurement:
 
     def over_cells(self, values: Real) -> Real:
         """Means (n_cells,) of values of the rows (n_rows,)."""
-        kept = np.flatnonzero(self.usable)
-        first = np.searchsorted(kept, self.cells.first_row)
-        return np.array([values[kept[k : k + n]].mean() for k, n in zip(first, self.cells.count, strict=True)])
+        usable_rows = np.flatnonzero(self.usable)
+        first = np.searchsorted(usable_rows, self.cells.first_row)
+        return np.array([values[usable_rows[k : k + n]].mean() for k, n in zip(first, self.cells.count, strict=True)])

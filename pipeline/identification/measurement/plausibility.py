@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.unit_file import ANGLE_UNITS, TORQUE_UNITS
+from pipeline.identification.measurement.columns import ANGLE_UNITS, TORQUE_UNITS
 
 Real = NDArray[np.float64]
 
@@ -41,13 +41,17 @@ def implausible_angle(span: float, resolution: float | None, limit: float, unit:
     limit : span [arcmin] that no reducer of the design can have.
     unit : in which the angle is said to be.
     """
-    least = max(FINEST_ANGLE, resolution or 0.0)
-    if least <= span <= min(REVOLUTION, limit):
+    smallest_span = max(FINEST_ANGLE, resolution or 0.0)
+    if smallest_span <= span <= min(REVOLUTION, limit):
         return ""
-    why = f"{least:g} arcmin can be resolved" if span < least else f"a drive of this design has {limit:.3g} at most"
+    reason = (
+        f"{smallest_span:g} arcmin can be resolved"
+        if span < smallest_span
+        else f"a drive of this design has {limit:.3g} at most"
+    )
     likely = LIKELY_ANGLE[0], min(LIKELY_ANGLE[1], limit)
     advice = _advice(span / ANGLE_UNITS[unit], ANGLE_UNITS, likely, "angle_arcmin")
-    return f"the angle spans {span:.4g} arcmin, {why}; {advice}"
+    return f"the angle spans {span:.4g} arcmin, {reason}; {advice}"
 
 
 def _advice(value: float, units: dict[str, float], likely: tuple[float, float], quantity: str) -> str:

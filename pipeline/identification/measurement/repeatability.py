@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.identification.measurement.branches import Blocks
 from pipeline.identification.measurement.cells import Cells
-from pipeline.identification.measurement.scatter import MAD_TO_STD
-from pipeline.statistics.blocks import resampled_counts, resampled_means
+from pipeline.identification.measurement.estimate import UNKNOWN, Estimate, pooled, rms, robust
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -22,29 +21,18 @@ Whole = NDArray[np.int64]
 STEEP = 3.0
 """Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
 motor the difference of two repeats is the noise of the torque times the slope, not that of the angle."""
-RESAMPLES = 1000
-"""Of the block bootstrap of the noise."""
 SURE = 3.0
 """Standard deviations of a difference of two cells that a step must exceed the steep slope by: where cells are narrow,
-noise alone looks steep, and to leave out what is noisy would make the floor too low."""
-SEED = 79
-"""Of the bootstrap: equal data give an equal page."""
+noise alone looks steep, and to leave out what is noisy would make the noise too low."""
 FEWEST_CELLS = 3
 """Cells of a branch that a line between neighbours needs."""
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """An rms [arcmin] with the 95 % interval of a block bootstrap; NaN where nothing determines it.
-
-    `n` is the number of differences, `blocks` the number of independent pairs of branches that they come from.
-    """
+class Floor(NamedTuple):
+    """The noise floor of a unit's cells [arcmin], and in words what it is."""
 
     value: float
-    ci_low: float
-    ci_high: float
-    n: int
-    blocks: int
+    words: str
 
 
 @dataclass(frozen=True)
@@ -53,28 +41,44 @@ class Noise:
 
     Attributes
     ----------
-    floor : rms difference of repeats (consecutive cycles) at equal position, branch and torque, the offset of each pair
-        of cycles removed, over sqrt 2 [arcmin]. Drift and run-in between cycles are in it.
+    repeats : rms difference of repeats (consecutive cycles) at equal position, branch and torque, the offset of each
+        pair of cycles removed, over sqrt 2 [arcmin]. Drift and run-in between cycles are in it.
     random : the same less what all positions have in common from cycle to cycle, and what goes with the temperature:
         run-in, creep and thermal growth are effects and no noise. From two positions on.
     within_branch : scatter of a cell about the line through its neighbours [arcmin], robust; no drift is in it, and no
         noise that neighbours share.
-    between_positions : as `floor`, between the mean loops of neighbouring positions; not divided by anything that the
+    between_positions : as `repeats`, between the mean loops of neighbouring positions; not divided by anything that the
         crank angle explains.
     row_scatter_arcmin : rms of the angle of rows about the line of their cell [arcmin].
     torque_noise_Nm : of a row, declared or estimated.
+    resolution_arcmin : standard deviation of a uniform error within a step of the angle; 0 where no step is declared.
     """
 
-    floor: Estimate
+    repeats: Estimate
     random: Estimate
     within_branch: Estimate
     between_positions: Estimate
     row_scatter_arcmin: float
     torque_noise_Nm: float
+    resolution_arcmin: float = 0.0
+
+    @property
+    def floor(self) -> Floor:
+        """The noise floor, the one that errors are counted in: what is known best, and no less than the resolution."""
+        for estimate, words in (
+            (self.random, "scatter of repeats beyond what all positions have in common"),
+            (self.repeats, "scatter of repeats"),
+            (self.within_branch, "scatter within a branch"),
+        ):
+            if np.isfinite(estimate.value) and estimate.value > 0:
+                if estimate.value < self.resolution_arcmin:
+                    break
+                return Floor(estimate.value, words)
+        return Floor(self.resolution_arcmin, "resolution of the angle")
 
 
-def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float) -> Noise:
-    """Noise of the cells of a unit, whose rows have a noise of the torque [N m].
+def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float, resolution: float = 0.0) -> Noise:
+    """Noise of the cells of a unit, whose rows have a noise of the torque [N m] and an angle in steps [arcmin].
 
     Notes
     -----
@@ -84,38 +88,43 @@ def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float) -> Noise:
     count = np.maximum(cells.count - 2, 0)
     within = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
     return Noise(
-        floor=_rms(_repeats(blocks, cells), np.sqrt(2)),
+        repeats=rms(_repeats(blocks, cells), np.sqrt(2)),
         random=_random(blocks, cells),
-        within_branch=_robust(_from_neighbours(cells)),
-        between_positions=_rms(_positions_apart(blocks, cells), np.sqrt(2)),
+        within_branch=robust(_from_neighbours(cells)),
+        between_positions=rms(_positions_apart(blocks, cells), np.sqrt(2)),
         row_scatter_arcmin=float(np.sqrt(within)),
         torque_noise_Nm=torque_noise,
+        resolution_arcmin=resolution / float(np.sqrt(12)),
     )
 
 
-def restricted(blocks: Blocks, cells: Cells, seen: NDArray[np.bool_]) -> tuple[Blocks, Cells]:
-    """Branches that have a cell ``seen`` (n_cells,), numbered anew, and these cells."""
-    kept = np.unique(cells.block[seen])
+def restricted(blocks: Blocks, cells: Cells, trained: NDArray[np.bool_]) -> tuple[Blocks, Cells]:
+    """Branches that have a cell ``trained`` (n_cells,), numbered anew, and these cells."""
+    block_numbers = np.unique(cells.block[trained])
     of_block = {f.name: getattr(blocks, f.name) for f in fields(blocks)}
-    of_block |= {name: of_block[name][kept] for name in ("position", "cycle", "direction", "branch", "start", "stop")}
-    of_cell = {f.name: getattr(cells, f.name)[seen] for f in fields(cells)}
-    return Blocks(**of_block), Cells(**of_cell | {"block": np.searchsorted(kept, cells.block[seen])})
+    of_block |= {
+        name: of_block[name][block_numbers] for name in ("position", "cycle", "direction", "branch", "start", "stop")
+    }
+    of_cell = {f.name: getattr(cells, f.name)[trained] for f in fields(cells)}
+    return Blocks(**of_block), Cells(**of_cell | {"block": np.searchsorted(block_numbers, cells.block[trained])})
 
 
 def _repeats(blocks: Blocks, cells: Cells) -> list[Real]:
     """Differences between consecutive cycles, a list entry per pair of branches, each pair of cycles centred."""
-    found: list[Real] = []
+    differences_of_repeats: list[Real] = []
     for position in np.unique(blocks.position):
-        mine = np.flatnonzero(blocks.position == position)
-        order = list(dict.fromkeys(blocks.cycle[mine].tolist()))
+        of_position = np.flatnonzero(blocks.position == position)
+        order = list(dict.fromkeys(blocks.cycle[of_position].tolist()))
         for earlier, later in zip(order[:-1], order[1:], strict=True):
             differences = []
-            for first in mine[blocks.cycle[mine] == earlier]:
-                for second in mine[(blocks.cycle[mine] == later) & (blocks.kind[mine] == blocks.kind[first])]:
-                    if first != mine[0]:
+            for first in of_position[blocks.cycle[of_position] == earlier]:
+                for second in of_position[
+                    (blocks.cycle[of_position] == later) & (blocks.kind[of_position] == blocks.kind[first])
+                ]:
+                    if first != of_position[0]:
                         differences.append(_difference(_branch(cells, first), _branch(cells, second)))
-            found += _centred(differences)
-    return found
+            differences_of_repeats += _centred(differences)
+    return differences_of_repeats
 
 
 class Branch(NamedTuple):
@@ -135,23 +144,25 @@ class Branch(NamedTuple):
 
 def _branch(cells: Cells, block: int) -> Branch:
     """The cells of a block."""
-    mine = np.flatnonzero(cells.block == block)
-    mine = mine[np.argsort(cells.torque_mean[mine], kind="stable")]
-    known = cells.angle_spread[mine] / np.sqrt(np.maximum(cells.count[mine], 1))
+    block_cells = np.flatnonzero(cells.block == block)
+    block_cells = block_cells[np.argsort(cells.torque_mean[block_cells], kind="stable")]
+    known = cells.angle_spread[block_cells] / np.sqrt(np.maximum(cells.count[block_cells], 1))
     known = known[np.isfinite(known)]
-    return Branch(cells.torque_mean[mine], cells.angle_mean[mine], float(np.median(known)) if known.size else 0.0)
+    return Branch(
+        cells.torque_mean[block_cells], cells.angle_mean[block_cells], float(np.median(known)) if known.size else 0.0
+    )
 
 
 def _mean_branch(branches: list[Branch]) -> Branch:
     """Mean angle over the repeats of a branch, at the torques of the first that all of them reach."""
-    there = [branch for branch in branches if branch.torque.size]
-    if not there:
+    measured = [branch for branch in branches if branch.torque.size]
+    if not measured:
         return Branch(np.empty(0), np.empty(0), 0.0)
-    low, high = max(one.torque[0] for one in there), min(one.torque[-1] for one in there)
-    torque = there[0].torque
+    low, high = max(one.torque[0] for one in measured), min(one.torque[-1] for one in measured)
+    torque = measured[0].torque
     torque = torque[(torque >= low) & (torque <= high)]
-    angle = np.mean([np.interp(torque, one.torque, one.angle) for one in there], axis=0) if torque.size else torque
-    return Branch(torque, angle, float(np.mean([one.blur for one in there]) / np.sqrt(len(there))))
+    angle = np.mean([np.interp(torque, one.torque, one.angle) for one in measured], axis=0) if torque.size else torque
+    return Branch(torque, angle, float(np.mean([one.blur for one in measured]) / np.sqrt(len(measured))))
 
 
 Loop = dict[int, Branch]
@@ -182,7 +193,11 @@ def _loop_differences(first: Loop, second: Loop) -> list[Real]:
 def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
     """Differences between the mean loops of neighbouring positions."""
     loops = mean_loops(blocks, cells)
-    return [part for one, other in zip(loops[:-1], loops[1:], strict=True) for part in _loop_differences(one, other)]
+    return [
+        part
+        for first_loop, second_loop in zip(loops[:-1], loops[1:], strict=True)
+        for part in _loop_differences(first_loop, second_loop)
+    ]
 
 
 def _difference(first: Branch, second: Branch) -> Real:
@@ -190,8 +205,8 @@ def _difference(first: Branch, second: Branch) -> Real:
     if min(first.torque.size, second.torque.size) < FEWEST_CELLS:
         return np.empty(0)
     inside = _even(second, first.torque) & ~_steep(first)
-    other, variance = _interpolated(second, first.torque)
-    return ((other - first.angle) * np.sqrt(2 / (1 + variance)))[inside]
+    second_angle, variance = _interpolated(second, first.torque)
+    return ((second_angle - first.angle) * np.sqrt(2 / (1 + variance)))[inside]
 
 
 def _even(branch: Branch, at: Real) -> NDArray[np.bool_]:
@@ -213,7 +228,7 @@ def _random(blocks: Blocks, cells: Cells) -> Estimate:
     """Repeats less what cycle number and temperature explain of their differences at equal torque."""
     pairs = _pairs(blocks, cells)
     if len({position for position, _ in pairs}) < 2:
-        return Estimate(np.nan, np.nan, np.nan, 0, 0)
+        return UNKNOWN
     keys = sorted(pairs)
     difference = np.array([pairs[key][0] for key in keys])
     known = np.isfinite(difference)
@@ -224,17 +239,17 @@ def _random(blocks: Blocks, cells: Cells) -> Estimate:
     design = (earlier[:, None] == np.unique(earlier)).astype(float)
     if np.all(np.isfinite(warmed)) and np.ptp(warmed) > 0:
         design = np.column_stack([design, warmed / np.ptp(warmed)])
-    left, free = np.full_like(difference, np.nan), np.full_like(difference, np.nan)
+    random_part, free = np.full_like(difference, np.nan), np.full_like(difference, np.nan)
     for pattern in np.unique(known, axis=1).T:
         nodes = np.all(known == pattern[:, None], axis=0)
         basis, sizes, _ = np.linalg.svd(design[pattern], full_matrices=False)
         basis = basis[:, sizes > 1e-9]
         rows = difference[np.ix_(pattern, nodes)]
-        left[np.ix_(pattern, nodes)] = rows - basis @ (basis.T @ rows)
+        random_part[np.ix_(pattern, nodes)] = rows - basis @ (basis.T @ rows)
         free[np.ix_(pattern, nodes)] = (1 - np.sum(basis**2, axis=1))[:, None]
-    squares, weights = np.nansum(left**2, axis=1), np.nansum(free, axis=1)
-    kept = weights > 1e-6
-    return _pooled(squares[kept], weights[kept], np.sqrt(2))
+    squares, weights = np.nansum(random_part**2, axis=1), np.nansum(free, axis=1)
+    weighted = weights > 1e-6
+    return pooled(squares[weighted], weights[weighted], np.sqrt(2))
 
 
 def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
@@ -243,17 +258,19 @@ def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, fl
     At the torques of the first position's branches; NaN where not both reach.
     """
     kinds: dict[int, Real] = {}
-    found = {}
+    pairs_by_kind = {}
     for position in np.unique(blocks.position):
-        mine = np.flatnonzero(blocks.position == position)
-        for block in mine[1:]:
+        of_position = np.flatnonzero(blocks.position == position)
+        for block in of_position[1:]:
             kinds.setdefault(int(blocks.kind[block]), _branch(cells, block).torque)
     for position in np.unique(blocks.position):
-        mine = np.flatnonzero(blocks.position == position)
+        of_position = np.flatnonzero(blocks.position == position)
         loops = {}
-        for cycle in dict.fromkeys(blocks.cycle[mine].tolist()):
-            own = {int(blocks.kind[b]): _branch(cells, b) for b in mine[1:] if blocks.cycle[b] == cycle}
-            loops[cycle] = [_on_nodes(own.get(kind), torque) for kind, torque in kinds.items()]
+        for cycle in dict.fromkeys(blocks.cycle[of_position].tolist()):
+            branches_of_cycle = {
+                int(blocks.kind[b]): _branch(cells, b) for b in of_position[1:] if blocks.cycle[b] == cycle
+            }
+            loops[cycle] = [_on_nodes(branches_of_cycle.get(kind), torque) for kind, torque in kinds.items()]
         temperature = {
             c: _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == c)]) for c in loops
         }
@@ -265,8 +282,8 @@ def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, fl
             ]
             joined = np.concatenate(parts)
             if np.any(np.isfinite(joined)):
-                found[int(position), int(earlier)] = joined, temperature[later] - temperature[earlier]
-    return found
+                pairs_by_kind[int(position), int(earlier)] = joined, temperature[later] - temperature[earlier]
+    return pairs_by_kind
 
 
 def _on_nodes(branch: Branch | None, torque: Real) -> tuple[Real, Real]:
@@ -292,57 +309,22 @@ def _steep(branch: Branch) -> NDArray[np.bool_]:
 
 def _centred(differences: list[Real]) -> list[Real]:
     """The differences of one pair of loops less their common mean: the offset of the pair."""
-    kept = [values for values in differences if values.size]
-    offset = np.mean(np.concatenate(kept)) if kept else 0.0
-    return [values - offset for values in kept]
+    nonempty = [values for values in differences if values.size]
+    offset = np.mean(np.concatenate(nonempty)) if nonempty else 0.0
+    return [values - offset for values in nonempty]
 
 
 def _from_neighbours(cells: Cells) -> list[Real]:
     """Per block, each inner cell's angle less the line through its neighbours, for unit variance of a cell's noise."""
-    found = []
+    neighbour_differences = []
     for block in np.unique(cells.block):
-        mine = np.flatnonzero(cells.block == block)
-        torque, angle = cells.torque_mean[mine], cells.angle_mean[mine]
-        if mine.size < FEWEST_CELLS:
+        block_cells = np.flatnonzero(cells.block == block)
+        torque, angle = cells.torque_mean[block_cells], cells.angle_mean[block_cells]
+        if block_cells.size < FEWEST_CELLS:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (torque[1:-1] - torque[:-2]) / (torque[2:] - torque[:-2])
         rest = angle[1:-1] - (1 - share) * angle[:-2] - share * angle[2:]
         inside = (share > 0) & (share < 1)
-        found.append(rest[inside] / np.sqrt(1 + share[inside] ** 2 + (1 - share[inside]) ** 2))
-    return [values for values in found if values.size]
-
-
-def _rms(groups: list[Real], divisor: float) -> Estimate:
-    """Root mean square over `divisor`, bootstrapped over groups."""
-    squares = np.array([np.sum(values**2) for values in groups])
-    return _pooled(squares, np.array([float(values.size) for values in groups]), divisor)
-
-
-def _pooled(squares: Real, counts: Real, divisor: float) -> Estimate:
-    """Root of the sum of `squares` over that of `counts`, over `divisor`, bootstrapped over the groups."""
-    if not counts.sum():
-        return Estimate(np.nan, np.nan, np.nan, 0, 0)
-    drawn = resampled_means(np.column_stack([squares, counts]), RESAMPLES, SEED)
-    value = float(np.sqrt(squares.sum() / counts.sum()) / divisor)
-    return _interval(value, np.sqrt(drawn[:, 0] / drawn[:, 1]) / divisor, round(counts.sum()), len(squares))
-
-
-def _robust(groups: list[Real]) -> Estimate:
-    """Standard deviation by the median absolute value, bootstrapped over groups."""
-    if not groups:
-        return Estimate(np.nan, np.nan, np.nan, 0, 0)
-    sizes = np.abs(np.concatenate(groups))
-    order = np.argsort(sizes)
-    group = np.repeat(np.arange(len(groups)), [values.size for values in groups])
-    below = np.cumsum(resampled_counts(len(groups), RESAMPLES, SEED)[:, group[order]], axis=1)
-    medians = sizes[order][np.argmax(2 * below >= below[:, -1:], axis=1)]
-    return _interval(float(MAD_TO_STD * np.median(sizes)), MAD_TO_STD * medians, sizes.size, len(groups))
-
-
-def _interval(value: float, resampled: Real, n: int, blocks: int) -> Estimate:
-    """95 % percentile interval; none from a single block, which says nothing about the spread between blocks."""
-    if blocks < 2:
-        return Estimate(value, np.nan, np.nan, n, blocks)
-    low, high = np.quantile(resampled, [0.025, 0.975])
-    return Estimate(value, float(low), float(high), n, blocks)
+        neighbour_differences.append(rest[inside] / np.sqrt(1 + share[inside] ** 2 + (1 - share[inside]) ** 2))
+    return [values for values in neighbour_differences if values.size]

@@ -39,13 +39,13 @@ SPIKE_FACTOR = 8.0
 
 def at_rest(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
     """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
-    least = START_NOISE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
-    found = np.zeros(len(rows), bool)
+    smallest_change = START_NOISE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
+    flagged = np.zeros(len(rows), bool)
     for position in range(len(rows.cranks)):
-        mine = np.flatnonzero(rows.position == position)
-        loaded = np.abs(rows.torque[mine]) > least
-        found[mine[: int(np.argmax(loaded)) if np.any(loaded) else 0]] = True
-    return found
+        of_position = np.flatnonzero(rows.position == position)
+        loaded = np.abs(rows.torque[of_position]) > smallest_change
+        flagged[of_position[: int(np.argmax(loaded)) if np.any(loaded) else 0]] = True
+    return flagged
 
 
 def numeric(rows: Rows) -> Truth:
@@ -60,63 +60,60 @@ def saturated(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
     cut = np.zeros(len(rows), bool) if limit is None else np.abs(rows.torque) >= limit
     good = numeric(rows)
     for position in range(len(rows.cranks)):
-        mine = np.flatnonzero(good & (rows.position == position))
+        of_position = np.flatnonzero(good & (rows.position == position))
         for sense in (1, -1):
-            torque = sense * rows.torque[mine]
+            torque = sense * rows.torque[of_position]
             if rows.command is None:
-                cut[mine] |= _repeated_extreme(torque, torque_noise)
+                cut[of_position] |= _repeated_extreme(torque, torque_noise)
             else:
-                cut[mine] |= _flat_tail(sense * rows.command[mine], torque, torque_noise)
+                cut[of_position] |= _flat_tail(sense * rows.command[of_position], torque, torque_noise)
     return cut
 
 
-def spikes(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
+def spikes(rows: Rows, smallest: float, torque_noise: float) -> Truth:
     """Whether the angle of each row stands out from both neighbours, which its torque does not (n,).
 
-    The scale of an ordinary step is robust over the run of one cycle, and at least the angle's resolution and noise. A
-    torque that goes out and back in three rows may well take the angle along: that is a turn.
+    The scale of an ordinary step is robust over the run of one cycle, and at ``smallest`` the angle's step and noise
+    [arcmin]. A torque that goes out and back in three rows may well take the angle along: that is a turn.
     """
-    least = max(instrument.angle_resolution_arcmin or 0.0, instrument.angle_noise_arcmin or 0.0)
-    least = max(least, smallest_step(rows.angle))
-    found = np.zeros(len(rows), bool)
+    flagged = np.zeros(len(rows), bool)
     good = numeric(rows)
     for *_, run in rows.runs():
-        mine = np.flatnonzero(good[run]) + run.start
-        if mine.size < 3:
+        run_rows = np.flatnonzero(good[run]) + run.start
+        if run_rows.size < 3:
             continue
-        angle, torque = rows.angle[mine], rows.torque[mine]
+        angle, torque = rows.angle[run_rows], rows.torque[run_rows]
         step = np.diff(angle)
-        limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), least)
+        limit = SPIKE_FACTOR * max(MAD_TO_STD * np.median(np.abs(step)), smallest)
         out_and_back = (step[:-1] * step[1:] < 0) & (np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > limit)
         bend = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
         turn = bend > np.abs(torque[2:] - torque[:-2]) + NOISE_FACTOR * torque_noise
-        found[mine[1:-1]] = out_and_back & ~turn
-    return found
+        flagged[run_rows[1:-1]] = out_and_back & ~turn
+    return flagged
 
 
-def clipped(rows: Rows, instrument: Instrument) -> Truth:
-    """Whether the angle of each row stands at the end of its instrument's range (n,).
+def clipped(rows: Rows, step: float) -> Truth:
+    """Whether the angle of each row, read in steps [arcmin], stands at the end of its instrument's range (n,).
 
     It then repeats its extreme exactly while the torque goes on towards that end, and does so in half of the cycles or
     more; a drive that sticks by friction keeps its angle when the torque comes back.
     """
-    step = max(smallest_step(rows.angle), instrument.angle_resolution_arcmin or 0.0)
-    found, good = np.zeros(len(rows), bool), numeric(rows)
+    flagged, good = np.zeros(len(rows), bool), numeric(rows)
     for position in range(len(rows.cranks)):
-        mine = np.flatnonzero(good & (rows.position == position))
-        if mine.size < FEWEST_ROWS or np.ptp(rows.angle[mine]) < FEWEST_STEPS * step:
+        of_position = np.flatnonzero(good & (rows.position == position))
+        if of_position.size < FEWEST_ROWS or np.ptp(rows.angle[of_position]) < FEWEST_STEPS * step:
             continue
         for sense in (1, -1):
-            angle, torque = sense * rows.angle[mine], sense * rows.coordinate[mine]
+            angle, torque = sense * rows.angle[of_position], sense * rows.coordinate[of_position]
             ends = [
-                mine[start:stop]
+                of_position[start:stop]
                 for start, stop in _runs(angle == angle.max())
                 if stop - start >= FEWEST_ROWS
                 and torque[start:stop].max() - torque[start] > CLIPPED_SHARE * np.ptp(torque)
             ]
-            if 2 * len(ends) >= len(np.unique(rows.cycle[mine])):
-                found[np.concatenate(ends)] = True
-    return found
+            if 2 * len(ends) >= len(np.unique(rows.cycle[of_position])):
+                flagged[np.concatenate(ends)] = True
+    return flagged
 
 
 def _runs(selected: Truth) -> list[tuple[int, int]]:
@@ -128,19 +125,19 @@ def _runs(selected: Truth) -> list[tuple[int, int]]:
 
 def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
     """Rows at or beyond the flat end of torque over command, both positive in the sense that is looked at."""
-    none = np.zeros(len(command), bool)
+    nothing_flagged = np.zeros(len(command), bool)
     top = command.max(initial=0.0)
     lower, tail = (command > 0.1 * top) & (command < 0.5 * top), command > TAIL_SHARE * top
     if top <= 0 or lower.sum() < FEWEST_ROWS or tail.sum() < FEWEST_ROWS:
-        return none
+        return nothing_flagged
     if min(np.ptp(command[lower]), np.ptp(command[tail])) < 1e-6 * top:  # a hold, not a ramp
-        return none
+        return nothing_flagged
     gain, zero = np.polyfit(command[lower], torque[lower], 1)
     flat = np.polyfit(command[tail], torque[tail], 1)[0]
     level = np.median(torque[tail])
     lost = gain * top + zero - level
     if flat > FLAT_SHARE * gain or lost < max(LOST_SHARE * top, NOISE_FACTOR * noise):
-        return none
+        return nothing_flagged
     return gain * command + zero >= level  # not by the torque itself, whose noise would be cut at the level
 
 
@@ -148,7 +145,7 @@ def _repeated_extreme(torque: Real, noise: float) -> Truth:
     """Rows of runs of equal largest values in a torque whose rows scatter by more than a digit elsewhere."""
     if torque.size == 0 or noise <= smallest_step(torque) / 2:
         return np.zeros(len(torque), bool)
-    found = np.zeros(len(torque), bool)
+    flagged = np.zeros(len(torque), bool)
     for start, stop in _runs(torque == torque.max()):
-        found[start:stop] = stop - start >= FEWEST_ROWS
-    return found
+        flagged[start:stop] = stop - start >= FEWEST_ROWS
+    return flagged

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pipeline.config.section import nearest_name
 from pipeline.config.text_file import LARGEST_VALUE, check_text, header
 from pipeline.errors import InputError
-from pipeline.identification.measurement.unit_file import Column, DataFile, UnitFile
+from pipeline.identification.measurement.columns import Column
+from pipeline.identification.measurement.unit_file import DataFile, UnitFile
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -121,19 +122,39 @@ def training_rows(unit: UnitFile, rows: Rows) -> Truth:
     ------
     InputError : `held_out.train` names a crank angle or cycle that was not measured, or leaves nothing held out.
     """
-    held_out = unit.settings.held_out
-    by_position = held_out.by == "position" if held_out.by else len(rows.cranks) >= 2
-    of_row = np.where(rows.position >= 0, rows.cranks[rows.position], np.nan) if by_position else rows.cycle
-    known = np.unique(of_row[~rows.misnumbered])
-    train = np.round(held_out.train, CRANK_DIGITS) if held_out.train else known[::2]
-    key = f"{unit.name}/unit.toml: held_out.train"
-    shown = ", ".join(f"{value:g}" for value in known)
+    of_row, train, known = _held_out_by(unit, rows)
+    key, shown = f"{unit.name}/unit.toml: held_out.train", ", ".join(f"{value:g}" for value in known)
     unknown = [f"{value:g}" for value in train if value not in known]
     if unknown:
         raise InputError(f"{key} = {', '.join(unknown)}; measured are {shown}")
-    if held_out.train and len(train) == len(known):
+    if unit.settings.held_out.train and len(train) == len(known):
         raise InputError(f"{key} = {shown}; leaves nothing to judge the model with; leave one out")
     return np.isin(of_row, train)
+
+
+def fitted_rows(unit: UnitFile, rows: Rows) -> Truth:
+    """Rows (n,) that whatever is estimated may see: those that unit.toml trains on, else all.
+
+    Where nothing that it names was measured, all: ``training_rows`` says so before a fit.
+    """
+    of_row, train, _ = _held_out_by(unit, rows)
+    fitted = np.isin(of_row, train)
+    return fitted if unit.settings.held_out.train and np.any(fitted) else np.ones(len(rows), bool)
+
+
+def _held_out_by(unit: UnitFile, rows: Rows) -> tuple[Real, Real, Real]:
+    """Crank angle or cycle of each row (n,), those that are fitted, and all that were measured."""
+    held_out = unit.settings.held_out
+    by_position = held_out.by == "position" if held_out.by else len(rows.cranks) >= 2
+    positions_known = len(rows.cranks) > 0
+    crank = (
+        np.where(rows.position >= 0, rows.cranks[rows.position], np.nan)
+        if positions_known
+        else np.full(len(rows), np.nan)
+    )
+    of_row = crank if by_position else rows.cycle.astype(float)
+    known = np.unique(of_row[~rows.misnumbered])
+    return of_row, np.round(held_out.train, CRANK_DIGITS) if held_out.train else known[::2], known
 
 
 def _dialect(path: Path, file: DataFile) -> tuple[str, str]:
@@ -178,14 +199,14 @@ def _table(path: Path, file: DataFile) -> pd.DataFrame:
 
 def _selected(frame: pd.DataFrame, file: DataFile, number: int, unit: UnitFile) -> pd.DataFrame:
     key = f"{unit.name}/unit.toml: files[{number}].where"
-    kept = np.ones(len(frame), bool)
+    row_mask = np.ones(len(frame), bool)
     for name, values in file.where.items():
         if name not in frame:
             raise InputError(f"{key}.{name}; {file.path} has no such column; {nearest_name(name, frame.columns)}")
-        kept &= frame[name].isin(values).to_numpy()
-    if not kept.any():
+        row_mask &= frame[name].isin(values).to_numpy()
+    if not row_mask.any():
         raise InputError(f"{file.path}: no row" + (" that its where selects; widen it" if file.where else ""))
-    return frame[kept]
+    return frame[row_mask]
 
 
 def _column(unit: UnitFile, quantity: str) -> Column:

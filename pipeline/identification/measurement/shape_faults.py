@@ -58,8 +58,8 @@ def _bend(load: Real, twist: Real) -> float:
     parts = [np.abs(load) <= LOW * top, load >= HIGH * top, load <= -HIGH * top]
     if top == 0.0 or min(part.sum() for part in parts) < FEWEST_ROWS:
         return 1.0
-    near, *loaded = (_slope(load[part], twist[part]) for part in parts)
-    return float(near / np.mean(loaded)) if np.mean(loaded) > 0 else np.inf
+    slope_near_zero, *loaded = (_slope(load[part], twist[part]) for part in parts)
+    return float(slope_near_zero / np.mean(loaded)) if np.mean(loaded) > 0 else np.inf
 
 
 def _slope(load: Real, twist: Real) -> float:
@@ -74,10 +74,12 @@ def standing_out(loops: list[Loop], floor: float) -> Iterator[tuple[int, float, 
     n = len(loops)
     if n < FEWEST_POSITIONS:
         return
-    apart = np.array([[loop_distance(one, other) for other in loops] for one in loops])
+    distances = np.array([[loop_distance(first, second) for second in loops] for first in loops])
     for position in range(n):
-        others = np.delete(np.arange(n), position)
-        among = float(np.max(apart[np.ix_(others, others)]))
-        nearest = float(np.min(apart[position, others]))
-        if np.isfinite(nearest + among) and nearest > APART * max(among, np.nan_to_num(floor)):
-            yield position, nearest, among
+        remaining = np.delete(np.arange(n), position)
+        distance_among_others = float(np.max(distances[np.ix_(remaining, remaining)]))
+        nearest = float(np.min(distances[position, remaining]))
+        if np.isfinite(nearest + distance_among_others) and nearest > APART * max(
+            distance_among_others, np.nan_to_num(floor)
+        ):
+            yield position, nearest, distance_among_others

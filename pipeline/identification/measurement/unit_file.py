@@ -16,99 +16,11 @@ from pipeline.config.messages import problems_of
 from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
 from pipeline.config.section import MISSING, Positive, Problem, Section, nearest_name
 from pipeline.errors import InputError
+from pipeline.identification.measurement.columns import Columns, Text
 
 T = TypeVar("T")
-Text = Annotated[str, Field(min_length=1)]
 UNIT_FILE = "unit.toml"
 UNKNOWN = "unknown"
-
-TORQUE_UNITS = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N mm": 1e-3, "lbf in": 0.1129848290276167}
-ANGLE_UNITS = {
-    "arcmin": 1.0,
-    "deg": 60.0,
-    "rad": 3437.7467707849396,
-    "rev": 21600.0,
-    "mrad": 3.4377467707849396,
-    "arcsec": 1 / 60,
-}
-CRANK_UNITS = {"deg": 1.0, "rad": 57.29577951308232, "rev": 360.0}
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "us": 1e-6}
-TEMPERATURE_UNITS = {"C": (1.0, 0.0), "K": (1.0, -273.15), "F": (5 / 9, -160 / 9)}
-
-
-class Column(Section):
-    """A column of the files: value = factor x (what is written, in the standard unit) + offset in the standard unit."""
-
-    name: Text
-    factor: float = 1.0
-    offset: float = 0.0
-
-    @property
-    def to_standard(self) -> tuple[float, float]:
-        """Scale and shift from what is written to the standard unit."""
-        return 1.0, 0.0
-
-
-class TorqueColumn(Column):
-    """A torque."""
-
-    unit: Literal["N m", "mN m", "kN m", "N mm", "lbf in"] = "N m"
-
-    @property
-    def to_standard(self) -> tuple[float, float]:
-        return TORQUE_UNITS[self.unit], 0.0
-
-
-class AngleColumn(Column):
-    """An angle of the output."""
-
-    unit: Literal["arcmin", "deg", "rad", "rev", "mrad", "arcsec"] = "arcmin"
-
-    @property
-    def to_standard(self) -> tuple[float, float]:
-        return ANGLE_UNITS[self.unit], 0.0
-
-
-class CrankColumn(Column):
-    """The crank angle."""
-
-    unit: Literal["deg", "rad", "rev"] = "deg"
-
-    @property
-    def to_standard(self) -> tuple[float, float]:
-        return CRANK_UNITS[self.unit], 0.0
-
-
-class TimeColumn(Column):
-    """The time."""
-
-    unit: Literal["s", "ms", "min", "us"] = "s"
-
-    @property
-    def to_standard(self) -> tuple[float, float]:
-        return TIME_UNITS[self.unit], 0.0
-
-
-class TemperatureColumn(Column):
-    """The temperature."""
-
-    unit: Literal["C", "K", "F"] = "C"
-
-    @property
-    def to_standard(self) -> tuple[float, float]:
-        return TEMPERATURE_UNITS[self.unit]
-
-
-class Columns(Section):
-    """Where each quantity stands in the files; one that is not named here stands under its own name."""
-
-    cycle: Column = Column(name="cycle")
-    crank_deg: CrankColumn = CrankColumn(name="crank_deg")
-    torque_Nm: TorqueColumn = TorqueColumn(name="torque_Nm")
-    angle_arcmin: AngleColumn = AngleColumn(name="angle_arcmin")
-    time_s: TimeColumn = TimeColumn(name="time_s")
-    temperature_C: TemperatureColumn = TemperatureColumn(name="temperature_C")
-    command_torque_Nm: TorqueColumn = TorqueColumn(name="command_torque_Nm")
 
 
 class DataFile(Section):
@@ -256,15 +168,15 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
 
 
-def _unit_path(given: Path, root: Path) -> Path:
+def _unit_path(typed: Path, root: Path) -> Path:
     home = root / "data" / "measured"
-    for place in (given, root / given, home / given):
-        path = place if place.name == UNIT_FILE else place / UNIT_FILE
+    for candidate in (typed, root / typed, home / typed):
+        path = candidate if candidate.name == UNIT_FILE else candidate / UNIT_FILE
         if path.is_file():
             return path.resolve()
     names = [path.parent.name for path in home.glob(f"*/{UNIT_FILE}")]
-    advice = nearest_name(given.name, names) if names else "data/measured has none"
-    raise InputError(f"unit = {str(given)!r}; no such folder with a {UNIT_FILE}; {advice}")
+    advice = nearest_name(typed.name, names) if names else "data/measured has none"
+    raise InputError(f"unit = {str(typed)!r}; no such folder with a {UNIT_FILE}; {advice}")
 
 
 def _nearby(name: str, folder: Path) -> str | Path:
@@ -272,10 +184,10 @@ def _nearby(name: str, folder: Path) -> str | Path:
     return folder / name if Path(name).suffix == ".toml" and (folder / name).is_file() else name
 
 
-def _collected(lines: list[str], read: Callable[[], T], wanted: bool) -> T | None:
+def _collected(lines: list[str], read: Callable[[], T], required: bool) -> T | None:
     """What `read` returns; None if it is not wanted, or raises InputError, whose problems are added to `lines`."""
     try:
-        return read() if wanted else None
+        return read() if required else None
     except InputError as error:
         lines += error.problems
         return None
@@ -298,8 +210,8 @@ def _dimensions(folder: Path, name: str, file: str, design: Design | None) -> Ca
     except ValidationError as error:
         raise_if(problems_of(error, Case), path.name)
         raise
-    found = case_problems({0: case}, design)
-    raise_if([Problem(p.key.removeprefix("cases[0]."), p.found, p.allowed) for p in found], path.name)
+    problems = case_problems({0: case}, design)
+    raise_if([Problem(p.key.removeprefix("cases[0]."), p.found, p.allowed) for p in problems], path.name)
     return case
 
 
@@ -310,13 +222,15 @@ def _csv_names(folder: Path) -> list[str]:
 def _file_problems(files: tuple[DataFile, ...], folder: Path) -> list[Problem]:
     if not files:
         return [Problem("files", None, "no data: put CSV files into the unit's folder, or list them as [[files]]")]
-    found = []
+    problems = []
     for number, file in enumerate(files):
         if not (folder / file.path).is_file():
-            found.append(Problem(f"files[{number}].path", file.path, "no such file; a path is relative to unit.toml"))
+            problems.append(
+                Problem(f"files[{number}].path", file.path, "no such file; a path is relative to unit.toml")
+            )
         if file.separator == file.decimal:
-            found.append(Problem(f"files[{number}].decimal", file.decimal, "must differ from the separator"))
-    return found
+            problems.append(Problem(f"files[{number}].decimal", file.decimal, "must differ from the separator"))
+    return problems
 
 
 def _drive_problems(raw: Mapping[str, Any]) -> list[Problem]:

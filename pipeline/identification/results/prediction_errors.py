@@ -68,13 +68,13 @@ def _why_not(identification: Identification, metric: str) -> str:
         identification.measurement.unit.study.design.cycloid.rated_torque_Nm,
     )
     reached = float(np.max(np.abs(identification.problem.data.torque)))
-    asked = {
+    percent = {
         "torsional_rigidity_Nm_per_arcmin": metrics.rigidity_percent[1],
         "branch_separation_arcmin": metrics.rigidity_percent[0],
         "lost_motion_arcmin": metrics.lost_motion_percent,
     }.get(metric, 0.0)
-    needed = rated * asked / 100
-    return f"asks for +-{needed:.3g} N m on both branches of a loop; the held-out loops reach {reached:.3g} at most"
+    torque = rated * percent / 100
+    return f"asks for +-{torque:.3g} N m on both branches of a loop; the held-out loops reach {reached:.3g} at most"
 
 
 def _loops(identification: Identification) -> list[tuple[Numbers, Numbers]]:

@@ -85,16 +85,16 @@ class _Cells:
 
 def signatures(measurement: Measurement, data: Data, predicted: Real) -> tuple[Signature, ...]:
     """Signatures of the residual of predicted angles (n_cells,) [arcmin]; cells without a prediction are left out."""
-    at = _cells(measurement, data, predicted)
+    signature_cells = _cells(measurement, data, predicted)
     return (
-        *_friction(at),
-        *_play(at),
-        _rigidity(at),
-        *_over_the_crank(at, len(measurement.rows.cranks)),
-        *_over_the_angle(at),
-        *_over_time(at),
-        _over_temperature(at),
-        _shift(at, data),
+        *_friction(signature_cells),
+        *_play(signature_cells),
+        _rigidity(signature_cells),
+        *_over_the_crank(signature_cells, len(measurement.rows.cranks)),
+        *_over_the_angle(signature_cells),
+        *_over_time(signature_cells),
+        _over_temperature(signature_cells),
+        _shift(signature_cells, data),
         _hold(),
     )
 
@@ -102,42 +102,45 @@ def signatures(measurement: Measurement, data: Data, predicted: Real) -> tuple[S
 def _cells(measurement: Measurement, data: Data, predicted: Real) -> _Cells:
     cells = measurement.cells
     residual = data.angle - predicted
-    kept = np.isfinite(residual)
+    finite = np.isfinite(residual)
     zero = cells.angle_mean - np.array([cells.angle_mean[cells.position == p].mean() for p in cells.position])
     return _Cells(
-        residual=residual[kept],
-        torque=data.torque[kept],
-        falling=-cells.direction[kept].astype(float),
-        crank=np.radians(measurement.rows.cranks)[cells.position[kept]],
-        angle=zero[kept],
-        cycle=cells.cycle[kept].astype(float),
-        hours=cells.time_mean[kept] / 3600,
-        warmer=cells.temperature_mean[kept],
-        position=cells.position[kept],
-        block=cells.block[kept],
+        residual=residual[finite],
+        torque=data.torque[finite],
+        falling=-cells.direction[finite].astype(float),
+        crank=np.radians(measurement.rows.cranks)[cells.position[finite]],
+        angle=zero[finite],
+        cycle=cells.cycle[finite].astype(float),
+        hours=cells.time_mean[finite] / 3600,
+        warmer=cells.temperature_mean[finite],
+        position=cells.position[finite],
+        block=cells.block[finite],
     )
 
 
-def _line(at: _Cells, mine: Truth, columns: Real, wanted: int, free_offset: bool = True) -> tuple[Real, Real, int]:
-    """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``wanted`` of ``columns`` (n, k)."""
-    residual, columns = at.residual[mine], columns[mine]
+def _line(at: _Cells, selected: Truth, columns: Real, column: int, free_offset: bool = True) -> tuple[Real, Real, int]:
+    """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``column`` of ``columns`` (n, k)."""
+    residual, columns = at.residual[selected], columns[selected]
     if not len(residual):
         return np.array([np.nan]), np.array([np.nan]), 0
     if free_offset:
-        _, group = np.unique(at.position[mine], return_inverse=True)
-        own = np.eye(int(group.max()) + 1)[group]
-        share = own / own.sum(axis=0)
-        residual, columns = residual - own @ (share.T @ residual), columns - own @ (share.T @ columns)
-    _, block = np.unique(at.block[mine], return_inverse=True)
+        _, group = np.unique(at.position[selected], return_inverse=True)
+        group_columns = np.eye(int(group.max()) + 1)[group]
+        share = group_columns / group_columns.sum(axis=0)
+        residual, columns = (
+            residual - group_columns @ (share.T @ residual),
+            columns - group_columns @ (share.T @ columns),
+        )
+    _, block = np.unique(at.block[selected], return_inverse=True)
     n, k = int(block.max()) + 1, columns.shape[1]
     products = np.zeros((n, k, k + 1))
     np.add.at(products, block, columns[:, :, None] * np.column_stack([columns, residual])[:, None, :])
-    whole = products.sum(axis=0)
-    value = np.linalg.lstsq(whole[:, :k], whole[:, k], rcond=None)[0]
+    normal_matrix = products.sum(axis=0)
+    value = np.linalg.lstsq(normal_matrix[:, :k], normal_matrix[:, k], rcond=None)[0]
     drawn = n * resampled_means(products, RESAMPLES, SEED)
-    ridge = 1e-9 * np.trace(whole[:, :k]) / k * np.eye(k)
+    ridge = 1e-9 * np.trace(normal_matrix[:, :k]) / k * np.eye(k)
     resampled = np.linalg.solve(drawn[:, :, :k] + ridge, drawn[:, :, k][..., None])[..., 0]
-    return value[wanted : wanted + 1], resampled[:, wanted], n
+    return value[column : column + 1], resampled[:, column], n
 
 
 def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
@@ -152,9 +155,9 @@ def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> S
     return Signature(name, title, unit, float(value), value - reach, value + reach, p, p < 1 - CONFIDENCE)
 
 
-def not_testable(name: str, title: str, unit: str, why: str) -> Signature:
+def not_testable(name: str, title: str, unit: str, reason: str) -> Signature:
     """A signature that the data do not hold, and why."""
-    return Signature(name, title, unit, np.nan, np.nan, np.nan, np.nan, False, why)
+    return Signature(name, title, unit, np.nan, np.nan, np.nan, np.nan, False, reason)
 
 
 def _friction(cells: _Cells) -> tuple[Signature, ...]:
@@ -163,10 +166,12 @@ def _friction(cells: _Cells) -> tuple[Signature, ...]:
         [cells.falling, cells.falling * np.abs(cells.torque), cells.torque, np.sign(cells.torque)]
     )
     if len(np.unique(cells.falling)) < 2:
-        why = "only one sense of the torque's change"
+        reason = "only one sense of the torque's change"
         return (
-            not_testable("branch_half_difference", "half-difference of the branches at no load", "arcmin", why),
-            not_testable("branch_growth", "half-difference of the branches, growth with the load", "arcmin/(N m)", why),
+            not_testable("branch_half_difference", "half-difference of the branches at no load", "arcmin", reason),
+            not_testable(
+                "branch_growth", "half-difference of the branches, growth with the load", "arcmin/(N m)", reason
+            ),
         )
     return (
         _judged(
@@ -210,12 +215,12 @@ def _over_the_crank(cells: _Cells, n_positions: int) -> list[Signature]:
     near_zero = cells.near_zero()
     step = 0.5 * np.sign(cells.torque)
     for order in range(1, HARMONICS + 1):
-        needed = 2 * order + 1
+        needed_positions = 2 * order + 1
         for name, wave in (("cosine", np.cos(order * cells.crank)), ("sine", np.sin(order * cells.crank))):
             key, title = f"crank_{order}_{name}", f"play over the crank angle, harmonic {order}, {name}"
-            if n_positions < needed:
+            if n_positions < needed_positions:
                 signatures.append(
-                    not_testable(key, title, "arcmin", f"needs {needed} crank positions, has {n_positions}")
+                    not_testable(key, title, "arcmin", f"needs {needed_positions} crank positions, has {n_positions}")
                 )
                 continue
             quadrature = np.sin(order * cells.crank) if name == "cosine" else np.cos(order * cells.crank)
@@ -305,5 +310,5 @@ def _shift(cells: _Cells, data: Data) -> Signature:
 
 def _hold() -> Signature:
     """Cells average a hold at the end of a branch with the branch: see the candidate creep, which knows the time."""
-    why = "a hold is part of the last cell of its branch; the effect creep tests it by the time of the cells"
-    return not_testable("creep", "growth of the angle at constant load", "arcmin", why)
+    reason = "a hold is part of the last cell of its branch; the effect creep tests it by the time of the cells"
+    return not_testable("creep", "growth of the angle at constant load", "arcmin", reason)

@@ -116,16 +116,19 @@ def residual_rows(found: Identification, written: Real | None) -> Columns:
 
 def signature_rows(of: Mapping[str, Sequence[Signature]]) -> Columns:
     """Columns of `SIGNATURES`, by what the residual is of."""
-    rows = [(stage, one) for stage, found in of.items() for one in found]
+    rows = [(stage, signature) for stage, signatures in of.items() for signature in signatures]
     return {
         "of": [stage for stage, _ in rows],
-        "signature": [one.name for _, one in rows],
-        "title": [one.title for _, one in rows],
-        "unit": [one.unit for _, one in rows],
-        **{name: np.array([getattr(one, name) for _, one in rows], float) for name in ("value", "ci_low", "ci_high")},
-        "p": np.array([one.p_value for _, one in rows], float),
-        "significant": np.array([one.significant for _, one in rows], bool),
-        "why_not": [one.why_not for _, one in rows],
+        "signature": [signature.name for _, signature in rows],
+        "title": [signature.title for _, signature in rows],
+        "unit": [signature.unit for _, signature in rows],
+        **{
+            name: np.array([getattr(signature, name) for _, signature in rows], float)
+            for name in ("value", "ci_low", "ci_high")
+        },
+        "p": np.array([signature.p_value for _, signature in rows], float),
+        "significant": np.array([signature.significant for _, signature in rows], bool),
+        "why_not": [signature.why_not for _, signature in rows],
     }
 
 
@@ -143,8 +146,8 @@ def candidate_rows(found: Identification) -> Columns:
     fitted = sorted(selection.trials, key=lambda name: selection.trials[name].rms)
     screened = sorted(set(selection.screened) - set(fitted), key=lambda name: selection.screened[name])
     names = [*fitted, *screened, *found.why_not]
-    few = len(selection.base.losses) < FEWEST_BLOCKS
-    rows = [_candidate(found, name, few) for name in names]
+    too_few_blocks = len(selection.base.losses) < FEWEST_BLOCKS
+    rows = [_candidate(found, name, too_few_blocks) for name in names]
     columns: dict[str, Any] = {column.name: [row[column.name] for row in rows] for column in CANDIDATES.columns}
     for column in CANDIDATES.columns:
         if column.kind in ("float64", "bool"):
@@ -152,11 +155,11 @@ def candidate_rows(found: Identification) -> Columns:
     return columns
 
 
-def _candidate(found: Identification, name: str, few: bool) -> dict[str, Any]:
+def _candidate(found: Identification, name: str, too_few_blocks: bool) -> dict[str, Any]:
     selection, why_not = found.selection, found.why_not
     trial = selection.trials.get(name)
     reason = why_not.get(name, "" if trial else NOT_SHORTLISTED)
-    if trial and few:
+    if trial and too_few_blocks:
         reason = f"fitted, but with fewer than {FEWEST_BLOCKS} branches no effect is accepted"
     return {
         "effect": name,

@@ -61,8 +61,8 @@ def write(of: Findings | FaultyUnit, folder: Path) -> None:
 
     Of a faulty unit the verdict alone is written.
     """
-    found = of if isinstance(of, FaultyUnit) else of.found
-    for name in (*STALE, *(study_file(found.measurement.unit.name, kind) for kind in DESIGN_FILES)):
+    identification = of if isinstance(of, FaultyUnit) else of.found
+    for name in (*STALE, *(study_file(identification.measurement.unit.name, kind) for kind in DESIGN_FILES)):
         (folder / name).unlink(missing_ok=True)
     if isinstance(of, FaultyUnit):
         content = _common(of) | _untested() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
@@ -125,26 +125,27 @@ def _untested() -> dict[str, Any]:
 
 def _tested(of: Findings) -> dict[str, Any]:
     """What verdict.json says of a unit that was fitted; numbers that are not known are None."""
-    found = of.found
-    noise = found.measurement.repeatability
+    identification = of.found
+    noise = identification.measurement.noise_of(identification.problem.training)
     return {
-        "calibrated": _calibrated(found),
-        "remainder": asdict(found.remainder),
-        "discrepancy": found.discrepancy.plain if found.discrepancy else None,
+        "calibrated": _calibrated(identification),
+        "remainder": asdict(identification.remainder),
+        "discrepancy": identification.discrepancy.plain if identification.discrepancy else None,
         "noise": {
-            "floor_arcmin": asdict(noise.floor),
+            "floor_arcmin": identification.problem.data.noise,
+            "floor_is": noise.floor.words,
+            "repeats_arcmin": asdict(noise.repeats),
             "random_arcmin": asdict(noise.random),
             "within_branch_arcmin": asdict(noise.within_branch),
             "between_positions_arcmin": asdict(noise.between_positions),
             "torque_noise_Nm": noise.torque_noise_Nm,
-            "used_arcmin": found.problem.data.noise,
         },
-        "held_out_errors": {stage: asdict(error) for stage, error in found.errors.items()},
-        "described": asdict(found.described) if found.described else None,
-        "could_hide": [asdict(limit) for limit in found.could_hide],
-        "baselines": {title: asdict(error) for title, error in found.baselines.items()},
-        "in_sample": found.folds.in_sample,
-        "models_of_folds": list(found.folds.models),
+        "held_out_errors": {stage: asdict(error) for stage, error in identification.errors.items()},
+        "described": asdict(identification.described) if identification.described else None,
+        "could_hide": [asdict(limit) for limit in identification.could_hide],
+        "baselines": {title: asdict(error) for title, error in identification.baselines.items()},
+        "in_sample": identification.folds.in_sample,
+        "models_of_folds": list(identification.folds.models),
         "loop_errors": {
             name: {
                 "measured": error.measured,
@@ -158,7 +159,7 @@ def _tested(of: Findings) -> dict[str, Any]:
             }
             for name, error in of.loops.items()
         },
-        "not_testable": dict(found.why_not),
+        "not_testable": dict(identification.why_not),
     }
 
 

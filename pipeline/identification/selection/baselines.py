@@ -40,23 +40,23 @@ def baselines(data: Data, cycles: Cycles, splits: list[tuple[Truth, Truth]], off
     splits : training and judged cells (n_cells,) of each fold.
     offsets : as ``Fitter.offsets``. A kind of branch that was not trained is predicted as another of its sense.
     """
-    found = {title: np.full(len(data), np.nan) for title in METHODS}
+    predictions = {title: np.full(len(data), np.nan) for title in METHODS}
     for training, judged in splits:
         known_cycles = _trained(cycles, training)
         for title, method in METHODS.items():
             angle = method(data, known_cycles, training)
             known = training & np.isfinite(angle)
-            found[title][judged] = (angle + offsets(angle, known, data.sigma))[judged]
-    return found
+            predictions[title][judged] = (angle + offsets(angle, known, data.sigma))[judged]
+    return predictions
 
 
 def _trained(cycles: Cycles, training: Truth) -> Cycles:
     """The cycles with each kind that was not trained in place of a trained one of its sense."""
     kind, trained = cycles.kind.copy(), np.unique(cycles.kind[training])
     for number in np.setdiff1d(kind, trained):
-        mine = cycles.kind == number
-        alike = cycles.kind[training & (cycles.direction == cycles.direction[mine][0])]
-        kind[mine] = alike[-1] if alike.size else number
+        of_kind = cycles.kind == number
+        alike = cycles.kind[training & (cycles.direction == cycles.direction[of_kind][0])]
+        kind[of_kind] = alike[-1] if alike.size else number
     return Cycles(cycles.direction, kind)
 
 
@@ -65,16 +65,16 @@ def replay(data: Data, cycles: Cycles, training: Truth) -> Real:
 
     Torques beyond what was trained take the branch's end.
     """
-    level, out = data.angle - _offsets_of(data, cycles, training), np.full(len(data), np.nan)
+    level, replayed = data.angle - _offsets_of(data, cycles, training), np.full(len(data), np.nan)
     for kind in np.unique(cycles.kind):
-        mine = cycles.kind == kind
-        source = training & mine
+        of_kind = cycles.kind == kind
+        source = training & of_kind
         branches = [np.flatnonzero(source & (data.block == block)) for block in np.unique(data.block[source])]
         if branches:
             ordered = [branch[np.argsort(data.torque[branch])] for branch in branches]
-            curves = [np.interp(data.torque[mine], data.torque[k], level[k]) for k in ordered]
-            out[mine] = np.mean(curves, axis=0)
-    return out
+            curves = [np.interp(data.torque[of_kind], data.torque[k], level[k]) for k in ordered]
+            replayed[of_kind] = np.mean(curves, axis=0)
+    return replayed
 
 
 def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
@@ -88,7 +88,7 @@ def polynomials(data: Data, cycles: Cycles, training: Truth) -> Real:
 
 def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
     """Play, spring that softens, constant friction and friction in proportion to the load (n_cells,) [arcmin]."""
-    top = float(np.max(np.abs(data.torque)))
+    top = float(np.max(np.abs(data.torque[training])))
     cells = play_model.Cells(data.position, data.group, data.torque, data.angle, data.sigma, top)
     return play_model.fitted(cells, training).angle(data.torque, data.position, top)
 
@@ -103,7 +103,7 @@ METHODS: Mapping[str, Callable[[Data, Cycles, Truth], Real]] = {
 def _branch_columns(data: Data, cycles: Cycles, training: Truth) -> tuple[Real, Whole]:
     """Powers of the torque by kind (n_cells, n_kinds (DEGREE + 1)), and the kinds that were trained."""
     kinds = np.unique(cycles.kind[training])
-    powers = np.polynomial.chebyshev.chebvander(data.torque / np.max(np.abs(data.torque)), DEGREE)
+    powers = np.polynomial.chebyshev.chebvander(data.torque / np.max(np.abs(data.torque[training])), DEGREE)
     return np.hstack([powers * (cycles.kind == kind)[:, None] for kind in kinds]), kinds
 
 

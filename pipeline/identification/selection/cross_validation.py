@@ -71,19 +71,19 @@ def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
     return Trial(fit, block_losses(data, fit.predicted, strain, cells))
 
 
-def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
+def _moved(fitter: Fitter, fit: Fit, visible: Truth) -> tuple[Real, Real]:
     """How the unknowns (n_unknowns,) move if only the cells seen are fitted, and the precision that these give them."""
     data, penalty = fitter.problem.data, fitter.penalty(fit.unknowns)
-    now = fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)
-    rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
-    misfit = ((data.angle - fit.predicted) / fit.sigma)[seen]
-    precision = precision_of(fitter, fit, seen)
+    deviation = fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)
+    rows = fit.jacobian[visible] / fit.sigma[visible][:, None]
+    misfit = ((data.angle - fit.predicted) / fit.sigma)[visible]
+    precision = precision_of(fitter, fit, visible)
     if data.common_offset:
-        rows = np.column_stack([rows, 1 / fit.sigma[seen]])
-        now, penalty = np.append(now, 0.0), np.append(penalty, 0.0)
+        rows = np.column_stack([rows, 1 / fit.sigma[visible]])
+        deviation, penalty = np.append(deviation, 0.0), np.append(penalty, 0.0)
         precision = np.pad(precision, (0, 1))
         precision[-1, :] = precision[:, -1] = rows.T @ rows[:, -1]
-    gradient = rows.T @ misfit - penalty**2 * now
+    gradient = rows.T @ misfit - penalty**2 * deviation
     free = np.ones(len(gradient), bool)
     free[: len(fit.unknowns.flat)] = fit.unknowns.free(gradient[: len(fit.unknowns.flat)])
     moved = np.zeros(len(gradient))
@@ -91,9 +91,9 @@ def _moved(fitter: Fitter, fit: Fit, seen: Truth) -> tuple[Real, Real]:
     return moved, precision
 
 
-def precision_of(fitter: Fitter, fit: Fit, seen: Truth) -> Real:
+def precision_of(fitter: Fitter, fit: Fit, visible: Truth) -> Real:
     """Inverse covariance (n_unknowns, n_unknowns) of the unknowns of a fit, by the cells seen and the priors."""
-    rows = fit.jacobian[seen] / fit.sigma[seen][:, None]
+    rows = fit.jacobian[visible] / fit.sigma[visible][:, None]
     precision = rows.T @ rows + np.diag(fitter.penalty(fit.unknowns) ** 2)
     return precision + 1e-12 * np.trace(precision) * np.eye(len(precision))
 

@@ -56,9 +56,9 @@ def detection_limits(
     standard error comes from the spread of the losses between branches. The bounds of the numbers are not counted,
     so that the limit is rather too large.
     """
-    needed = needed_square(base.losses)
+    needed_gain = needed_square(base.losses)
     basis = _Nuisance.of(fitter, base.fit, cells)
-    return tuple(_limit(fitter, base.fit, effect, basis, needed) for effect in testable.values())
+    return tuple(_limit(fitter, base.fit, effect, basis, needed_gain) for effect in testable.values())
 
 
 def needed_square(losses: Real) -> float:
@@ -71,27 +71,25 @@ def needed_square(losses: Real) -> float:
 class _Nuisance:
     """What a model without effects can take up of a change, and the cells that count."""
 
-    rows: Real
+    basis: Real
     noise: Real
     cells: Truth
 
     @classmethod
     def of(cls, fitter: Fitter, fit: Fit, cells: Truth) -> _Nuisance:
         noise = fitter.problem.data.sigma[cells]
-        return cls(
-            np.vstack([fit.jacobian[cells] / noise[:, None], np.diag(fitter.penalty(fit.unknowns))]), noise, cells
-        )
+        rows = np.vstack([fit.jacobian[cells] / noise[:, None], np.diag(fitter.penalty(fit.unknowns))])
+        return cls(np.linalg.qr(rows)[0] if rows.shape[1] else rows, noise, cells)
 
     def left(self, fitter: Fitter, change: Real) -> float:
         """Mean square [noise] of what is left of a change (n_cells,) [arcmin]."""
         moved = fitter.centred(change, np.where(self.cells, 1 / fitter.problem.data.sigma**2, 0.0))[self.cells]
-        goal = np.concatenate([moved / self.noise, np.zeros(self.rows.shape[1])])
-        if self.rows.shape[1]:
-            goal = goal - self.rows @ np.linalg.lstsq(self.rows, goal, rcond=None)[0]
+        goal = np.concatenate([moved / self.noise, np.zeros(self.basis.shape[1])])
+        goal = goal - self.basis @ (self.basis.T @ goal)
         return float(np.mean(goal[: len(moved)] ** 2))
 
 
-def _limit(fitter: Fitter, base: Fit, effect: Candidate, nuisance: _Nuisance, needed: float) -> DetectionLimit:
+def _limit(fitter: Fitter, base: Fit, effect: Candidate, nuisance: _Nuisance, needed_gain: float) -> DetectionLimit:
     bounds = fitter.problem.bounds(effect)
     grows = next((k for k, (low, high) in enumerate(bounds) if low <= 0 <= high), 0)
     parameter = effect.parameters[grows]
@@ -107,17 +105,17 @@ def _limit(fitter: Fitter, base: Fit, effect: Candidate, nuisance: _Nuisance, ne
 
     def shown(amplitude: float) -> float:
         unknowns = replace(base.unknowns, shares=unmapped(bounds, values(amplitude)))
-        there = fitter.predict(Model((effect,)), unknowns)
-        return nuisance.left(fitter, there.angle - plain) if there.sound else np.nan
+        prediction = fitter.predict(Model((effect,)), unknowns)
+        return nuisance.left(fitter, prediction.angle - plain) if prediction.sound else np.nan
 
     low, high, amplitude = LEAST, 1.0, START
     for _ in range(STEPS):
         square = shown(amplitude)
-        if not np.isfinite(square) or (square < needed and amplitude >= 1.0):
+        if not np.isfinite(square) or (square < needed_gain and amplitude >= 1.0):
             return DetectionLimit(effect.name, parameter.name, parameter.unit, np.nan)
-        if abs(square / needed - 1) < AGREEMENT:
+        if abs(square / needed_gain - 1) < AGREEMENT:
             break
-        low, high = (amplitude, high) if square < needed else (low, amplitude)
-        guess = amplitude * np.sqrt(needed / max(square, 1e-6 * needed))
+        low, high = (amplitude, high) if square < needed_gain else (low, amplitude)
+        guess = amplitude * np.sqrt(needed_gain / max(square, 1e-6 * needed_gain))
         amplitude = float(min(guess, high) if low < guess else np.sqrt(low * high))
     return DetectionLimit(effect.name, parameter.name, parameter.unit, abs(values(amplitude)[grows]))

@@ -87,17 +87,17 @@ def discrepancy(
     """
     n = jacobian.shape[1]
     known = np.zeros((len(residual), 0)) if random is None else random
-    at, means, noise, columns = _averaged(torque, sense, position, residual, sigma, np.hstack([jacobian, known]))
-    design = np.hstack([columns[:, :n], _offsets(at[2])])
+    states, means, noise, columns = _averaged(torque, sense, position, residual, sigma, np.hstack([jacobian, known]))
+    design = np.hstack([columns[:, :n], _offsets(states[2])])
     base = columns[:, n:] @ columns[:, n:].T + np.diag(noise**2 * (1 + JITTER))
     top, unit = float(np.max(np.abs(torque))), float(np.median(noise))
     scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     design = design / scale
 
     def covariance(logs: Real) -> tuple[Real, Real]:
-        shared, own = _kernels(at, np.exp(logs[2]) * top)
+        shared, position_kernel = _kernels(states, np.exp(logs[2]) * top)
         sizes = unit**2 * np.exp(2 * logs[:2])
-        return sizes[0] * shared, sizes[1] * own
+        return sizes[0] * shared, sizes[1] * position_kernel
 
     def misfit(logs: Real) -> float:
         return -restricted_likelihood(sum(covariance(logs)) + base, design, means)
@@ -107,23 +107,23 @@ def discrepancy(
     best = min(
         (minimize(misfit, start, bounds=bounds, method="L-BFGS-B") for start in starts), key=lambda fit: fit.fun
     ).x
-    shared, own = covariance(best)
-    factor = cho_factor(shared + own + base)
+    shared, position_kernel = covariance(best)
+    factor = cho_factor(shared + position_kernel + base)
     spread = np.linalg.pinv(design.T @ cho_solve(factor, design))
     amounts = spread @ (design.T @ cho_solve(factor, means))
     weights = cho_solve(factor, means - design @ amounts)
-    common, whole = shared @ weights, (shared + own) @ weights
+    common, predicted = shared @ weights, (shared + position_kernel) @ weights
     worst = int(np.argmax(np.abs(common)))
-    centred = means - _offsets(at[2]) @ np.linalg.lstsq(_offsets(at[2]), means, rcond=None)[0]
+    centred = means - _offsets(states[2]) @ np.linalg.lstsq(_offsets(states[2]), means, rcond=None)[0]
     sizes = unit * np.exp(best[:2])
-    alone = len(np.unique(at[2])) == 1
+    single_position = len(np.unique(states[2])) == 1
     return Discrepancy(
-        common_arcmin=float(np.hypot(*sizes) if alone else sizes[0]),
-        own_arcmin=float("nan") if alone else float(sizes[1]),
+        common_arcmin=float(np.hypot(*sizes) if single_position else sizes[0]),
+        own_arcmin=float("nan") if single_position else float(sizes[1]),
         reach_Nm=top * float(np.exp(best[2])),
-        structured=float(np.clip(1 - np.mean((means - design @ amounts - whole) ** 2) / np.mean(centred**2), 0, 1)),
-        worst_torque_Nm=float(at[0][worst]),
-        worst_sense=int(at[1][worst]),
+        structured=float(np.clip(1 - np.mean((means - design @ amounts - predicted) ** 2) / np.mean(centred**2), 0, 1)),
+        worst_torque_Nm=float(states[0][worst]),
+        worst_sense=int(states[1][worst]),
         worst_arcmin=float(common[worst]),
         moved=(amounts / scale)[:n],
         error=(np.sqrt(np.diag(spread)) / scale)[:n],
@@ -141,14 +141,14 @@ def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> 
     -----
     Calibrated numbers and tolerances vary about what is declared as their priors say.
     """
-    data, now = fitter.problem.data, fit.unknowns
-    first, last = len(now.scales), len(now.scales) + len(now.shares)
-    spread = np.concatenate([fitter.problem.scale_spread, np.ones(len(now.modes))])
+    data, unknowns = fitter.problem.data, fit.unknowns
+    first, last = len(unknowns.scales), len(unknowns.scales) + len(unknowns.shares)
+    spread = np.concatenate([fitter.problem.scale_spread, np.ones(len(unknowns.modes))])
     random = np.hstack([fit.jacobian[:, :first], fit.jacobian[:, last:]]) * spread
-    residual = data.angle - fit.predicted + random @ (np.concatenate([now.scales, now.modes]) / spread)
+    residual = data.angle - fit.predicted + random @ (np.concatenate([unknowns.scales, unknowns.modes]) / spread)
     bounds = fitter.bounds(fit.model)
-    near = [mapped(bounds, now.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
-    shares_by_value = 2 * SHARE_STEP / (near[1] - near[0])
+    perturbed = [mapped(bounds, unknowns.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
+    shares_by_value = 2 * SHARE_STEP / (perturbed[1] - perturbed[0])
     jacobian = fit.jacobian[:, first:last] * shares_by_value
     return discrepancy(
         data.torque[cells],
@@ -192,9 +192,9 @@ def _averaged(
     def mean(values: Real) -> Real:
         return np.bincount(kind, weight * values) / total
 
-    place = mean(torque), np.sign(mean(sense)), np.rint(mean(number.astype(float))).astype(np.int64)
+    mean_state = mean(torque), np.sign(mean(sense)), np.rint(mean(number.astype(float))).astype(np.int64)
     columns = np.column_stack([mean(column) for column in jacobian.T]) if jacobian.size else np.zeros((len(total), 0))
-    return place, mean(residual), 1 / np.sqrt(total), columns
+    return mean_state, mean(residual), 1 / np.sqrt(total), columns
 
 
 def _offsets(position: Whole) -> Real:

@@ -57,7 +57,8 @@ class Folds:
     cells : (n_cells,) those that judge.
     declared, recalibrated : of the model as declared, and with its calibrated numbers refitted.
     best : with the effects that were chosen, claimed or not.
-    open_recalibrated, open_best : standard deviations that the training cells leave open.
+    described : with those that describe best, whether a claim could rest on them or not.
+    open_recalibrated, open_best, open_described : standard deviations that the training cells leave open.
     models : name of the model that was chosen in each fold; "" for none.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
     """
@@ -66,8 +67,10 @@ class Folds:
     declared: Real
     recalibrated: Real
     best: Real
+    described: Real
     open_recalibrated: Real
     open_best: Real
+    open_described: Real
     models: tuple[str, ...]
     in_sample: bool = False
 
@@ -81,57 +84,64 @@ class Folds:
         }
 
 
-def predicted_folds(selector: Selector, selection: Selection, seen: Truth, nested: bool) -> Folds:
+def predicted_folds(selector: Selector, selection: Selection, visible: Truth, nested: bool) -> Folds:
     """Predictions of held-out cells.
 
     Parameters
     ----------
-    selection : on the cells ``seen`` (n_cells,); where these are not all, the others are held out. Else whole positions
-        are left out in turn, or whole cycles of a single position. One loop alone is predicted in sample.
+    selection : on the cells ``visible`` (n_cells,); where these are not all, the others are held out. Else whole
+        positions are left out in turn, or whole cycles of a single position. One loop alone is predicted in sample.
     nested : choose the model anew in every fold that has enough branches; else each fold refits the one chosen.
     """
     fitter = selector.fitter
     data = selector.problem.data
     plain = fitter.predict(Model(), fitter.start(Model())).angle
-    declared, recalibrated, best, open_recalibrated, open_best = (np.full(len(data), np.nan) for _ in range(5))
+    declared = np.full(len(data), np.nan)
+    predicted, left_open = np.full((3, len(data)), np.nan), np.full((3, len(data)), np.nan)
     models = []
-    splits = splits_of(data, seen)
+    splits = splits_of(data, visible)
     for training, judged in splits:
         if len(splits) == 1:
-            base, chosen = selection.base.fit, selection.answer.fit
+            fits = selection.base.fit, selection.answer.fit, selection.description.fit
         else:
             fold = selector.trained_on(training)
             fitter = fold.fitter
-            base, chosen = _fold(fold, selection, training, nested)
-        models.append(chosen.model.name)
+            fits = _fold(fold, selection, training, nested)
+        models.append(fits[1].model.name)
         declared[judged] = (plain + fitter.offsets(plain, training, fitter.problem.data.sigma))[judged]
-        for fit, predicted, left_open in ((base, recalibrated, open_recalibrated), (chosen, best, open_best)):
-            predicted[judged] = fit.predicted[judged]
-            left_open[judged] = _left_open(fitter, fit, training)[judged]
-    cells = np.isfinite(declared + recalibrated + best)  # errors are compared over the same cells
+        for number, fit in enumerate(fits):
+            predicted[number, judged] = fit.predicted[judged]
+            left_open[number, judged] = _left_open(fitter, fit, training)[judged]
+    cells = np.isfinite(declared + predicted.sum(axis=0))  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
-    return Folds(cells, declared, recalibrated, best, open_recalibrated, open_best, tuple(models), in_sample)
+    refitted, best, described = predicted
+    open_refitted, open_best, open_described = left_open
+    opened = (open_refitted, open_best, open_described)
+    return Folds(cells, declared, refitted, best, described, *opened, tuple(models), in_sample)
 
 
-def splits_of(data: Data, seen: Truth) -> list[tuple[Truth, Truth]]:
+def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
     """Training and judged cells (n_cells,) of every fold; both are the same where nothing is held out."""
-    group = groups(data, seen)
-    if not np.all(seen):
-        return [(seen, ~seen)]
+    group = groups(data, visible)
+    if not np.all(visible):
+        return [(visible, ~visible)]
     if len(np.unique(group)) == 1:
-        return [(seen, seen)]
+        return [(visible, visible)]
     return [(group != number, group == number) for number in np.unique(group)]
 
 
-def _fold(selector: Selector, selection: Selection, training: Truth, nested: bool) -> tuple[Fit, Fit]:
-    """The model refitted, and with effects, from the training cells alone."""
+def _fold(selector: Selector, selection: Selection, training: Truth, nested: bool) -> tuple[Fit, Fit, Fit]:
+    """The model refitted, with effects, and as it describes best, from the training cells alone."""
     fitter, data = selector.fitter, selector.problem.data
-    enough = len(np.unique(data.block[training])) >= FEWEST_BLOCKS
-    if selection.best and nested and enough:
+    trainable = len(np.unique(data.block[training])) >= FEWEST_BLOCKS
+    if selection.best and nested and trainable:
         inner = selector.select(training, tuple(selection.trials))
-        return inner.base.fit, inner.answer.fit
+        return inner.base.fit, inner.answer.fit, inner.description.fit
     base = fitter.fit(Model(), training, fitter.start(Model()))
-    return base, selector.refitted(selection.answer.fit.model, training, base)
+    chosen = selector.refitted(selection.answer.fit.model, training, base)
+    if selection.description is selection.answer:
+        return base, chosen, chosen
+    return base, chosen, selector.refitted(selection.description.fit.model, training, base)
 
 
 def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
@@ -140,10 +150,10 @@ def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
     The zero of the angle is that of the training cells; a position that shares it with none of them has its own.
     """
     data = fitter.problem.data
-    at = fitter.predict(fit.model, fit.unknowns, modes=True)
+    prediction = fitter.predict(fit.model, fit.unknowns, modes=True)
     zero = training | ~np.isin(data.group, data.group[training])
     jacobian, _ = fitter.jacobian(
-        fit.model, fit.unknowns, at, fitter.positions, np.where(zero, 1 / data.sigma**2, 0.0), None
+        fit.model, fit.unknowns, prediction, fitter.positions, np.where(zero, 1 / data.sigma**2, 0.0), None
     )
     covariance = np.linalg.inv(precision_of(fitter, fit, training))
     return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))

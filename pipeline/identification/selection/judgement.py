@@ -81,6 +81,13 @@ class Selection:
         return min(self.trials.values(), key=lambda trial: trial.rms)
 
     @property
+    def description(self) -> Trial:
+        """The trial of the model that describes best, claimed or not: the answer where it leaves nothing structured."""
+        if self.answer.rms <= self.limit:
+            return self.answer
+        return min([self.answer, *self.trials.values()], key=lambda trial: trial.rms)
+
+    @property
     def limit(self) -> float:
         """Held-out rms in floors up to which the best model leaves nothing structured."""
         return float(np.hypot(STRUCTURE, FORM * self.base.rms)) if self.best else STRUCTURE
@@ -139,21 +146,21 @@ class Judge:
             if not alike:
                 continue
             if best:
-                least = max(LEAST_GAIN, LEAST_SHARE * trials[best].rms ** 2)
-                if not self._gains(trials[best], trials[alike[0]], least, claimed=count <= MOST_NAMED):
+                gain = max(LEAST_GAIN, LEAST_SHARE * trials[best].rms ** 2)
+                if not self._gains(trials[best], trials[alike[0]], gain, claimed=count <= MOST_NAMED):
                     continue
             best = alike[0]
             simpler = _simplest(best)
-            least = _alike(trials[best])
-            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], least):
+            gain = _alike(trials[best])
+            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], gain):
                 best = simpler
         return best
 
     @staticmethod
-    def _gains(before: Trial, after: Trial, least: float, claimed: bool = True) -> bool:
-        """Whether a model is better than a simpler one by ``least`` in squared floors, if ``claimed`` not by chance."""
+    def _gains(before: Trial, after: Trial, gain: float, claimed: bool = True) -> bool:
+        """Whether a model is better than a simpler one by ``gain`` in squared floors, if ``claimed`` not by chance."""
         _, p = max_t((before.scores - after.scores)[:, None], RESAMPLES, SEED)
-        of_use = before.rms**2 - after.rms**2 >= least
+        of_use = before.rms**2 - after.rms**2 >= gain
         return bool(of_use and (p[0] <= FAMILYWISE or not claimed))
 
     def _members(
@@ -165,13 +172,15 @@ class Judge:
         _, first = np.unique(data.block[cells], return_index=True)
         _, branch = np.unique(data.branch[cells][first], return_inverse=True)
         scores = [np.bincount(branch, trials[name].scores) / np.bincount(branch) for name in alike]
-        kept = confidence_set(np.column_stack(scores), SET_LEVEL, RESAMPLES, SEED)
+        confidence_members = confidence_set(np.column_stack(scores), SET_LEVEL, RESAMPLES, SEED)
         sigma = data.sigma
         members = []
-        for name, inside in zip(alike, kept, strict=True):
-            apart = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
+        for name, inside in zip(alike, confidence_members, strict=True):
+            standardised_difference = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
             behind = trials[name].rms ** 2 - trials[best].rms ** 2
-            if name == best or ((inside or behind < _alike(trials[best])) and np.sqrt(np.mean(apart**2)) < 1):
+            if name == best or (
+                (inside or behind < _alike(trials[best])) and np.sqrt(np.mean(standardised_difference**2)) < 1
+            ):
                 members.append(name)
         return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
 

@@ -51,12 +51,12 @@ ADDITIONS = 4
 class Selector(Judge):
     """Selections on subsets of one problem's cells."""
 
-    def __init__(self, fitter: Fitter, seen: Truth, most_effects: int = MOST_EFFECTS):
+    def __init__(self, fitter: Fitter, visible: Truth, most_effects: int = MOST_EFFECTS):
         self.fitter = fitter
         self.problem = fitter.problem
         self.most_effects = most_effects
         self.testable = {
-            name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, seen)
+            name: effect for name, effect in candidates().items() if not self.problem.why_not(effect, visible)
         }
 
     def trained_on(self, training: Truth) -> Selector:
@@ -68,41 +68,46 @@ class Selector(Judge):
         fold.testable = self.testable
         return fold
 
-    def screen(self, cells: Truth, base: Fit) -> dict[str, Promise]:
-        """What each further effect promises beside ``base``; also beside the declared scales where base is far off."""
+    def screen(self, cells: Truth, base: Fit, offered: Sequence[str] = ()) -> dict[str, Promise]:
+        """What each further effect promises beside ``base``; also beside the declared scales where base is far off.
+
+        ``offered`` effects of these models are looked at, by their names, where any are given.
+        """
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
             nothing = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
             declared = replace(base.unknowns, scales=nothing[0], modes=nothing[1])
             bases.append(self.fitter.fit(base.model, cells, declared, 0))
         nested = limit_cases()
-        held = {effect.name for effect in base.model.effects}
-        held |= {name for name, simpler in nested.items() if simpler in held} | {
-            nested.get(name, name) for name in held
+        included = {effect.name for effect in base.model.effects}
+        included |= {name for name, simpler in nested.items() if simpler in included} | {
+            nested.get(name, name) for name in included
         }
-        return screened(self.fitter, cells, bases, [one for name, one in self.testable.items() if name not in held])
+        wanted_parts = {part for name in offered for part in name.split("+")} or set(self.testable)
+        effects = [effect for name, effect in self.testable.items() if name in wanted_parts - included]
+        return screened(self.fitter, cells, bases, effects)
 
     def trial(self, fit: Fit, cells: Truth) -> Trial:
         """Held-out losses of a fitted model."""
         return trial(self.fitter, fit, cells)
 
-    def select(self, cells: Truth, only: Sequence[str] = ()) -> Selection:
-        """Try every effect that the data can test on ``cells`` (n_cells,), or ``only`` some models by their names."""
+    def select(self, cells: Truth, offered: Sequence[str] = ()) -> Selection:
+        """Try every effect that the data can test on ``cells`` (n_cells,), or the models ``offered`` by their names."""
         base = self.recalibrated(cells)
         base_fit = base.fit
         if base.rms <= STRUCTURE:
             return Selection(base, {}, {}, {}, {}, (), "", "", ())
         stretched = released(self.fitter, base, cells, STRETCH)
-        promises = self.screen(cells, base_fit)
-        if only:
-            known = [name for name in only if all(part in promises for part in name.split("+"))]
+        promises = self.screen(cells, base_fit, offered)
+        if offered:
+            known = [name for name in offered if all(part in promises for part in name.split("+"))]
             fits = [self._joint_fit(name, cells, promises) for name in known]
         else:
             fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
         screened_misfit = {name: promise.misfit for name, promise in promises.items()}
         selection = self.judged(base, trials, screened_misfit, cells, stretched)
-        return self.supported(selection, cells) if only else self._with_pairs(selection, cells, promises)
+        return self.supported(selection, cells) if offered else self._with_pairs(selection, cells, promises)
 
     def recalibrated(self, cells: Truth) -> Trial:
         """Calibrated numbers and tolerances alone; from several starts where the declared one leaves structure."""
@@ -112,9 +117,9 @@ class Selector(Judge):
         for share in np.random.default_rng(SEED).uniform(size=(FURTHER_STARTS, len(low))):
             if base.rms <= STRUCTURE or not len(low):
                 break
-            again = self.fitter.fit(Model(), cells, replace(start, scales=low + share * (high - low)))
-            if again.sound and again.cost < base.fit.cost:
-                base = self.trial(again, cells)
+            refit = self.fitter.fit(Model(), cells, replace(start, scales=low + share * (high - low)))
+            if refit.sound and refit.cost < base.fit.cost:
+                base = self.trial(refit, cells)
         return base
 
     def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise], count: int) -> list[Fit]:
@@ -131,10 +136,10 @@ class Selector(Judge):
             tried = [self.fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
             first += sorted((fit for fit in tried if np.isfinite(fit.cost) and fit.sound), key=lambda fit: fit.cost)[:1]
         first.sort(key=lambda fit: fit.cost)
-        near = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
+        promising = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
         return [
             self.fitter.fit(fit.model, cells, fit.unknowns, near=fit) if fit.cost < FAR * first[0].cost else fit
-            for fit in near
+            for fit in promising
         ]
 
     def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
@@ -148,8 +153,8 @@ class Selector(Judge):
             promises = screened(self.fitter, cells, [fit], [effect])
             fit = next(iter(self.fits(fit, cells, promises, 1)), fit)
         declared = self.fitter.start(fit.model, fit.unknowns.shares)
-        again = self.fitter.fit(fit.model, cells, declared) if fit.model.effects else fit
-        return again if again.sound and again.cost < fit.cost else fit
+        refit = self.fitter.fit(fit.model, cells, declared) if fit.model.effects else fit
+        return refit if refit.sound and refit.cost < fit.cost else fit
 
     def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise]) -> Fit:
         """Fit of a model by the names of its effects, from what the screening found of each."""
@@ -166,8 +171,8 @@ class Selector(Judge):
         for _ in range(self.most_effects - 1):
             if not selection.best or selection.chosen.rms <= selection.limit:
                 break
-            now = selection.chosen.fit
-            fits = self.fits(now, cells, self.screen(cells, now), ADDITIONS)
+            current_fit = selection.chosen.fit
+            fits = self.fits(current_fit, cells, self.screen(cells, current_fit), ADDITIONS)
             trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
             before = selection.best
             selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
@@ -193,15 +198,15 @@ class Selector(Judge):
         effects = selection.chosen.fit.model.effects
         trials = dict(selection.trials)
         for effect in effects:
-            others = Model(tuple(other for other in effects if other is not effect))
+            reduced_model = Model(tuple(member for member in effects if member is not effect))
             alike = {name: self.testable[name] for name in twins(effect.name) if name in self.testable}
-            missing = [twin for twin in alike.values() if Model((*others.effects, twin)).name not in trials]
-            missing = [twin for twin in missing if twin not in others.effects]
+            missing = [twin for twin in alike.values() if Model((*reduced_model.effects, twin)).name not in trials]
+            missing = [twin for twin in missing if twin not in reduced_model.effects]
             if not missing:
                 continue
-            beside = trials[others.name].fit if others.name in trials else selection.base.fit
-            if beside.model.name != others.name:
-                beside = self.fitter.fit(others, cells, self.fitter.start(others))
+            beside = trials[reduced_model.name].fit if reduced_model.name in trials else selection.base.fit
+            if beside.model.name != reduced_model.name:
+                beside = self.fitter.fit(reduced_model, cells, self.fitter.start(reduced_model))
             promises = screened(self.fitter, cells, [beside], missing)
             trials |= {
                 fit.model.name: self.trial(fit, cells) for fit in self.fits(beside, cells, promises, len(missing))
@@ -229,18 +234,20 @@ class Selector(Judge):
 
         The first effect that was taken may have been wrong.
         """
-        fit, found = selection.chosen.fit, {}
+        fit, reduced_trials = selection.chosen.fit, {}
         parts = fit.model.split(fit.unknowns.shares.tolist())
         for number, (effect, shares) in enumerate(parts):
             simpler = effect.limit_case
-            for own in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
-                kept = [*parts[:number], *own, *parts[number + 1 :]]
-                model = Model(tuple(one for one, _ in kept))
-                start = replace(fit.unknowns, shares=np.array([share for _, some in kept for share in some]))
-                again = self.trial(self.fitter.fit(model, cells, start), cells)
-                if model.name not in selection.trials or again.rms < selection.trials[model.name].rms:
-                    found[model.name] = again
-        return found
+            for replacement in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
+                remaining = [*parts[:number], *replacement, *parts[number + 1 :]]
+                model = Model(tuple(one for one, _ in remaining))
+                start = replace(
+                    fit.unknowns, shares=np.array([share for _, effect_shares in remaining for share in effect_shares])
+                )
+                reduced_trial = self.trial(self.fitter.fit(model, cells, start), cells)
+                if model.name not in selection.trials or reduced_trial.rms < selection.trials[model.name].rms:
+                    reduced_trials[model.name] = reduced_trial
+        return reduced_trials
 
     def why_no_claim(self, tried: Trial, cells: Truth, base: Trial) -> str:
         """Why the parameters of a model that gains over ``base`` support no claim, or "".

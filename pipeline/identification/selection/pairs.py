@@ -57,16 +57,16 @@ def promising_pairs(
     screening = Screening(fitter, cells, base, base.sigma)
     looks = [look for name, promise in promises.items() for look in _looks(screening, effects[name], promise)]
     goal = screening.free(screening.left)
-    found = []
-    for one, other in combinations(looks, 2):
-        if one.effect is not other.effect:
-            amounts = _amounts(one.change, other.change, goal)
-            rest = goal - amounts[0] * one.change - amounts[1] * other.change
-            found.append((float(rest @ rest), one, other, amounts))
+    ranked = []
+    for first, second in combinations(looks, 2):
+        if first.effect is not second.effect:
+            amounts = _amounts(first.change, second.change, goal)
+            rest = goal - amounts[0] * first.change - amounts[1] * second.change
+            ranked.append((float(rest @ rest), first, second, amounts))
     best: dict[str, tuple[Model, Vector]] = {}
-    for _, one, other, amounts in sorted(found, key=lambda pair: pair[0]):
-        model = Model((one.effect, other.effect))
-        start = replace(base.unknowns, shares=np.concatenate([one.at(amounts[0]), other.at(amounts[1])]))
+    for _, first, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
+        model = Model((first.effect, second.effect))
+        start = replace(base.unknowns, shares=np.concatenate([first.at(amounts[0]), second.at(amounts[1])]))
         best.setdefault(model.name, (model, start))
         if len(best) == count:
             break
@@ -76,29 +76,36 @@ def promising_pairs(
 def _looks(screening: Screening, effect: Candidate, promise: Promise) -> list[_Look]:
     """The effect at each of its starts, beside the base as it stands."""
     bounds = screening.fitter.problem.bounds(effect)
-    found = []
+    evaluations = []
     for start in promise.starts:
         shares = start.shares[len(screening.base.unknowns.shares) :]
         zero = np.array(
-            [-low / (high - low) if low <= 0 <= high else at for (low, high), at in zip(bounds, shares, strict=True)]
+            [
+                -low / (high - low) if low <= 0 <= high else share
+                for (low, high), share in zip(bounds, shares, strict=True)
+            ]
         )
         change = screening.change(effect, shares)
         change = None if change is None else screening.free(change)
         if change is not None and change @ change > 0:
-            found.append(_Look(effect, shares, zero, change))
-    return found
+            evaluations.append(_Look(effect, shares, zero, change))
+    return evaluations
 
 
-def _amounts(one: Real, other: Real, goal: Real) -> tuple[float, float]:
+def _amounts(first: Real, other: Real, goal: Real) -> tuple[float, float]:
     """Least-squares amounts of two changes in [0, ``LARGEST_AMOUNT``]: inside, or on the edge that leaves least."""
-    gram = np.array([[one @ one, one @ other], [one @ other, other @ other]])
-    right = np.array([one @ goal, other @ goal])
+    gram = np.array([[first @ first, first @ other], [first @ other, other @ other]])
+    right = np.array([first @ goal, other @ goal])
     inside = np.linalg.lstsq(gram, right, rcond=None)[0]
     if np.all((inside >= 0) & (inside <= LARGEST_AMOUNT)):
         return float(inside[0]), float(inside[1])
     edges = []
-    for held in (0, 1):
+    for fixed_side in (0, 1):
         for value in (0.0, LARGEST_AMOUNT):
-            free = np.clip((right[1 - held] - gram[0, 1] * value) / gram[1 - held, 1 - held], 0.0, LARGEST_AMOUNT)
-            edges.append((value, float(free)) if held == 0 else (float(free), value))
-    return min(edges, key=lambda at: float(np.array(at) @ gram @ np.array(at) - 2 * right @ np.array(at)))
+            free = np.clip(
+                (right[1 - fixed_side] - gram[0, 1] * value) / gram[1 - fixed_side, 1 - fixed_side], 0.0, LARGEST_AMOUNT
+            )
+            edges.append((value, float(free)) if fixed_side == 0 else (float(free), value))
+    return min(
+        edges, key=lambda corner: float(np.array(corner) @ gram @ np.array(corner) - 2 * right @ np.array(corner))
+    )

@@ -57,31 +57,31 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     """
     bounds = fitter.bounds(fit.model)
     ends = _positive(bounds, fit.unknowns.shares, _ends(fitter, fit, cells, before))
-    values = [mapped(bounds, np.clip(one, 0, 1)) for one in (fit.unknowns.shares, *ends)]
-    found = []
+    values = [mapped(bounds, np.clip(vector, 0, 1)) for vector in (fit.unknowns.shares, *ends)]
+    estimates = []
     number = -1
     for effect in fit.model.effects:
         for parameter in effect.parameters:
             number += 1
             at_bound = not 1e-6 < fit.unknowns.shares[number] < 1 - 1e-6
             note = "at the bound of what the library allows: no interval" if at_bound else ""
-            value, ci_low, ci_high = (float(one[number]) for one in values)
+            value, ci_low, ci_high = (float(vector[number]) for vector in values)
             if at_bound:
                 ci_low = ci_high = float("nan")
-            found.append(FittedParameter(effect.name, parameter.name, parameter.unit, value, ci_low, ci_high, note))
-    return tuple(found)
+            estimates.append(FittedParameter(effect.name, parameter.name, parameter.unit, value, ci_low, ci_high, note))
+    return tuple(estimates)
 
 
 def _ends(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Real, Real]:
     """Ends of the intervals (n_parameters,) of the parameters as shares of their bounds, to first order."""
     steps, hessian, n_blocks = score_steps(fitter, fit, cells)
     first = len(fit.unknowns.scales)
-    own = slice(first, first + len(fit.unknowns.shares))
+    share_columns = slice(first, first + len(fit.unknowns.shares))
     form = norm.ppf(0.5 * (1 + CONFIDENCE)) * np.sqrt(
-        np.diag(_form(fitter, fit, hessian, n_blocks, cells, before))[own]
+        np.diag(_form(fitter, fit, hessian, n_blocks, cells, before))[share_columns]
     )
-    down, up = np.hypot(tails(steps, n_blocks)[:, own], form)
-    return fit.unknowns.shares - down, fit.unknowns.shares + up
+    lower_step, upper_step = np.hypot(tails(steps, n_blocks)[:, share_columns], form)
+    return fit.unknowns.shares - lower_step, fit.unknowns.shares + upper_step
 
 
 def _positive(bounds: Sequence[tuple[float, float]], shares: Real, ends: tuple[Real, Real]) -> tuple[Real, Real]:
@@ -90,8 +90,8 @@ def _positive(bounds: Sequence[tuple[float, float]], shares: Real, ends: tuple[R
     Where a size and a time constant trade in a valley of the misfit, it is wide upwards and never reaches zero.
     """
     low, high = ends[0].copy(), ends[1].copy()
-    for k, (least, _) in enumerate(bounds):
-        if least == 0 < shares[k] and low[k] <= 0:
+    for k, (lower, _) in enumerate(bounds):
+        if lower == 0 < shares[k] and low[k] <= 0:
             high[k] = max(high[k], shares[k] * np.exp(min(high[k] / shares[k] - 1, LARGEST_LOG)))
             low[k] = shares[k] * np.exp(low[k] / shares[k] - 1)
     return low, high
@@ -110,7 +110,7 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float, present: 
     for effect in fit.model.effects:
         stop = start + len(effect.parameters)
         limits, shares, values = bounds[start:stop], fit.unknowns.shares[start:stop], fit.values[start:stop]
-        sizes = [k for k, (least, largest) in enumerate(limits) if least <= 0 <= largest]
+        sizes = [k for k, (lower, largest) in enumerate(limits) if lower <= 0 <= largest]
         for k, (parameter, value) in enumerate(zip(effect.parameters, values, strict=True)):
             if not AT_BOUND < shares[k] < 1 - AT_BOUND and (k not in sizes or limits[k][0] < 0 or shares[k] > 0.5):
                 return f"{effect.name}: {parameter.name} = {value:.3g} is at a bound of what the library allows"
@@ -120,8 +120,10 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float, present: 
             return f"{effect.name}: the interval of {effect.parameters[sizes[0]].name} reaches zero"
         if not present and len(sizes) > 1:
             zero = np.array([unmapped([limits[k]], [0.0])[0] for k in sizes])
-            at = start + np.array(sizes)
-            distance = (shares[sizes] - zero) @ np.linalg.solve(covariance[np.ix_(at, at)], shares[sizes] - zero)
+            columns = start + np.array(sizes)
+            distance = (shares[sizes] - zero) @ np.linalg.solve(
+                covariance[np.ix_(columns, columns)], shares[sizes] - zero
+            )
             if distance < chi2.ppf(CONFIDENCE, len(sizes)):
                 return f"{effect.name}: the joint interval of its amplitudes reaches zero"
         start = stop
@@ -131,9 +133,9 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float, present: 
 def _covariance(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> Real:
     """Covariance (n_parameters, n_parameters) of the shares of the bounds: of the resampled optima, and of the form."""
     steps, hessian, n_blocks = score_steps(fitter, fit, cells)
-    own = slice(len(fit.unknowns.scales), len(fit.unknowns.scales) + len(fit.unknowns.shares))
-    drawn = np.atleast_2d(np.cov(steps[:, own], rowvar=False)) * _student(n_blocks) ** 2
-    return drawn + _form(fitter, fit, hessian, n_blocks, cells, before)[own, own]
+    share_columns = slice(len(fit.unknowns.scales), len(fit.unknowns.scales) + len(fit.unknowns.shares))
+    drawn = np.atleast_2d(np.cov(steps[:, share_columns], rowvar=False)) * _student(n_blocks) ** 2
+    return drawn + _form(fitter, fit, hessian, n_blocks, cells, before)[share_columns, share_columns]
 
 
 def _form(fitter: Fitter, fit: Fit, hessian: Real, n_blocks: int, cells: Truth, before: float) -> Real:
@@ -144,8 +146,8 @@ def _form(fitter: Fitter, fit: Fit, hessian: Real, n_blocks: int, cells: Truth, 
     be left in the residual.
     """
     data = fitter.problem.data
-    left = np.mean(((data.angle - fit.predicted) / data.sigma)[cells] ** 2)
-    shape = min((FORM * before) ** 2, max(float(left), STRUCTURE**2) - 1)
+    reduced_chi_square = np.mean(((data.angle - fit.predicted) / data.sigma)[cells] ** 2)
+    shape = min((FORM * before) ** 2, max(float(reduced_chi_square), STRUCTURE**2) - 1)
     covariance = shape * int(cells.sum()) / n_blocks * np.linalg.inv(hessian)
     first = len(fit.unknowns.scales)
     for k, ((low, high), share) in enumerate(zip(fitter.bounds(fit.model), fit.unknowns.shares, strict=True)):
@@ -169,12 +171,12 @@ def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int
     n_blocks, k = int(block.max()) + 1, rows.shape[1]
     products = np.zeros((n_blocks, k, k + 1))
     for b in range(n_blocks):
-        mine = rows[block == b]
-        products[b, :, :k], products[b, :, k] = mine.T @ mine, mine.T @ misfit[block == b]
+        block_rows = rows[block == b]
+        products[b, :, :k], products[b, :, k] = block_rows.T @ block_rows, block_rows.T @ misfit[block == b]
     drawn = n_blocks * resampled_means(products, RESAMPLES, SEED)
     drawn[:, :, k] += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
-    whole = products[:, :, :k].sum(axis=0)
-    hessian = whole + np.diag(penalty**2) + 1e-9 * np.trace(whole) / max(k, 1) * np.eye(k)
+    total = products[:, :, :k].sum(axis=0)
+    hessian = total + np.diag(penalty**2) + 1e-9 * np.trace(total) / max(k, 1) * np.eye(k)
     pull = penalty**2 * (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns))
     steps = np.linalg.solve(hessian, (drawn[:, :, k] - pull).T).T
     return steps, hessian, n_blocks

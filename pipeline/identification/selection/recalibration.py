@@ -67,14 +67,14 @@ def calibrated_numbers(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Calibrat
     keys, (low, high) = (*problem.calibrated, *LAWS), problem.scale_range
     leaves = replace(fit.unknowns, reach=problem.scale_range).at_reach
     numbers = []
-    for k, at in enumerate(fit.unknowns.scales):
+    for k, scale in enumerate(fit.unknowns.scales):
         note = ""
         if deviation[k] > LEARNT * problem.scale_spread[k]:
             note = "not determined by these data: its range alone holds it"
         partners = [j for j in range(n) if j != k and abs(correlation[k, j]) > ENTANGLED]
         if partners:
             note = f"only a combination with {' and '.join(keys[j] for j in partners)} is determined"
-        factor, ci_low, ci_high = np.exp([at, at - spread[0, k], at + spread[1, k]]).tolist()
+        factor, ci_low, ci_high = np.exp([scale, scale - spread[0, k], scale + spread[1, k]]).tolist()
         plausible = float(np.exp(low[k])), float(np.exp(high[k]))
         numbers.append(CalibratedNumber(keys[k], factor, ci_low, ci_high, *plausible, bool(leaves[k]), note))
     return tuple(numbers)
@@ -110,7 +110,7 @@ def tolerance_share(fit: Fit) -> float:
 def implausible(numbers: Sequence[CalibratedNumber]) -> str:
     """The numbers that leave their ranges, in words."""
     return " and ".join(
-        f"{one.key} x {one.factor:.3g} (plausible {one.plausible_low:.3g} to {one.plausible_high:.3g})"
-        for one in numbers
-        if one.leaves
+        f"{number.key} x {number.factor:.3g} (plausible {number.plausible_low:.3g} to {number.plausible_high:.3g})"
+        for number in numbers
+        if number.leaves
     )

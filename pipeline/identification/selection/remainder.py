@@ -71,8 +71,8 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, befor
 
 def senses(data: Data) -> Real:
     """+1 for cells (n_cells,) of a branch on which the torque rises, -1 where it falls."""
-    out = np.zeros(len(data))
+    sense = np.zeros(len(data))
     for block in np.unique(data.block):
-        own = np.flatnonzero(data.block == block)
-        out[own] = np.sign(data.torque[own[-1]] - data.torque[own[0]])
-    return out
+        block_cells = np.flatnonzero(data.block == block)
+        sense[block_cells] = np.sign(data.torque[block_cells[-1]] - data.torque[block_cells[0]])
+    return sense

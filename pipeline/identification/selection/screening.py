@@ -82,8 +82,8 @@ class Screening:
 
     def _scaled(self, angle: Real) -> Real:
         """Angles (n_cells,) without offsets, in sigmas of the cells that are looked at, zeros for the priors."""
-        own = self.fitter.centred(np.nan_to_num(angle), self.weight)[self.cells] * self.root
-        return np.concatenate([own, np.zeros(len(self.rows) - len(own))])
+        scaled_angle = self.fitter.centred(np.nan_to_num(angle), self.weight)[self.cells] * self.root
+        return np.concatenate([scaled_angle, np.zeros(len(self.rows) - len(scaled_angle))])
 
     def free(self, values: Real) -> Real:
         """What the base's unknowns cannot follow."""
@@ -92,8 +92,8 @@ class Screening:
     def change(self, effect: Candidate, shares: Real) -> Real | None:
         """Change of the curves [sigmas] by an effect at shares of its bounds; None without an equilibrium."""
         start = replace(self.base.unknowns, shares=np.concatenate([self.base.unknowns.shares, shares]))
-        there = self.fitter.predict(Model((*self.base.model.effects, effect)), start, self.positions)
-        return self._scaled(there.angle - self.plain) if there.sound else None
+        prediction = self.fitter.predict(Model((*self.base.model.effects, effect)), start, self.positions)
+        return self._scaled(prediction.angle - self.plain) if prediction.sound else None
 
     @staticmethod
     def _misfit(values: Real) -> float:
@@ -107,35 +107,37 @@ class Screening:
         bounds = np.array(self.fitter.problem.bounds(effect))
         grows = (bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)
         zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
-        found: dict[int, tuple[float, Real, Real]] = {}
-        for shape, length in product(product(*(((0.0,) if own else SHAPES) for own in grows)), STEPS):
+        best_of_shape: dict[int, tuple[float, Real, Real]] = {}
+        for shape, length in product(product(*(((0.0,) if growing else SHAPES) for growing in grows)), STEPS):
             for sense, look in enumerate(self._looks(model, np.where(grows, zero, shape), grows, length)):
-                if sense not in found or look[0] < found[sense][0]:
-                    found[sense] = look
+                if sense not in best_of_shape or look[0] < best_of_shape[sense][0]:
+                    best_of_shape[sense] = look
         confirmed = []
-        for _, shares, unknowns in found.values():
+        for _, shares, unknowns in best_of_shape.values():
             looks = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
-            confirmed.append(min(looks, key=lambda one: one[0]))
+            confirmed.append(min(looks, key=lambda candidate_start: candidate_start[0]))
         base = self.base.unknowns
         for around in _ring(zero, grows):
             start = replace(base, shares=np.concatenate([base.shares, around]))
             confirmed.append((self._at(model, start), start))
-        return [one for one in confirmed if np.isfinite(one[0])]
+        return [candidate_start for candidate_start in confirmed if np.isfinite(candidate_start[0])]
 
     def _beside(self, shares: Real, moved: Real) -> list[Vector]:
         """The effect beside the base as it stands, and as it would move."""
         base = self.base.unknowns
-        there = base.like(base.flat + moved)
-        return [replace(one, shares=np.concatenate([one.shares, shares])) for one in (there, base)]
+        moved_unknowns = base.like(base.flat + moved)
+        return [
+            replace(unknowns, shares=np.concatenate([unknowns.shares, shares])) for unknowns in (moved_unknowns, base)
+        ]
 
     def _at(self, model: Model, start: Vector) -> float:
         """Misfit of a model's prediction; infinite where an equilibrium was not found."""
-        there = self.fitter.predict(model, start, self.positions)
+        prediction = self.fitter.predict(model, start, self.positions)
         flat = np.concatenate([start.scales, start.shares[: len(self.base.unknowns.shares)], start.modes])
         data = self.fitter.problem.data
         return (
-            self._misfit(self.free(self._scaled(data.angle - there.angle) - self._pulled(flat)))
-            if there.sound
+            self._misfit(self.free(self._scaled(data.angle - prediction.angle) - self._pulled(flat)))
+            if prediction.sound
             else np.inf
         )
 
@@ -147,16 +149,16 @@ class Screening:
         """
         base, sides = self.base.unknowns, []
         for number in np.flatnonzero(grows):
-            found = []
+            secants = []
             for step in (-length * at[number], length * (1 - at[number])):
                 shares = at.copy()
                 shares[number] += step
                 start = replace(base, shares=np.concatenate([base.shares, shares]))
                 if step:
-                    there = self.fitter.predict(model, start, self.positions)
-                    found += [(step, self._scaled(there.angle - self.plain))] if there.sound else []
-            sides.append(found)
-        return [self._joined(at, grows, one) for one in product(*sides)]
+                    prediction = self.fitter.predict(model, start, self.positions)
+                    secants += [(step, self._scaled(prediction.angle - self.plain))] if prediction.sound else []
+            sides.append(secants)
+        return [self._joined(at, grows, sides_of_share) for sides_of_share in product(*sides)]
 
     def _joined(self, at: Real, grows: Truth, secants: Sequence[tuple[float, Real]]) -> tuple[float, Real, Real]:
         """Linear least squares over one secant of each parameter and the base's unknowns."""
@@ -179,9 +181,9 @@ class Screening:
         data = self.fitter.problem.data
         low, high = np.array(self.fitter.problem.bounds(effect)).T
         model, base = Model((*self.base.model.effects, effect)), self.base.unknowns
-        one = Screening(self.fitter, self.cells & (data.position == self.positions[0]), self.base, self.sigma)
-        off = data.angle - self.base.predicted
-        size = np.sqrt(2 * np.sum(self.weight * off**2) / np.sum(self.weight * self.fitter.slopes(self.base) ** 2))
+        screening = Screening(self.fitter, self.cells & (data.position == self.positions[0]), self.base, self.sigma)
+        residual = data.angle - self.base.predicted
+        size = np.sqrt(2 * np.sum(self.weight * residual**2) / np.sum(self.weight * self.fitter.slopes(self.base) ** 2))
         turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
         waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
 
@@ -191,14 +193,17 @@ class Screening:
                 values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
                 shares = np.concatenate([base.shares, np.clip((values - low) / (high - low), 0.0, 1.0)])
                 start = replace(base, shares=shares)
-                around.append((one._at(model, start), start))
-            return min(around, key=lambda one: one[0])
+                around.append((screening._at(model, start), start))
+            return min(around, key=lambda evaluation: evaluation[0])
 
         coarse = [min(look(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]
         looks = [look(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
-        misfit = np.array([np.inf, *(one[0] for one in looks), np.inf])
-        least = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
-        best = sorted((one for one, here in zip(looks, least, strict=True) if here), key=lambda one: one[0])[:PERIODS]
+        misfit = np.array([np.inf, *(evaluation[0] for evaluation in looks), np.inf])
+        is_minimum = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
+        best = sorted(
+            (evaluation for evaluation, minimum in zip(looks, is_minimum, strict=True) if minimum),
+            key=lambda evaluation: evaluation[0],
+        )[:PERIODS]
         fits = [self.fitter.fit(model, self.cells, start, PERIOD_STEPS, self.base) for _, start in best]
         return [(self._at(model, fit.unknowns), fit.unknowns) for fit in fits if fit.sound]
 
@@ -208,8 +213,12 @@ def _ring(zero: Real, grows: Truth) -> list[Real]:
     if not np.all(grows & (zero > 0)) or len(grows) > 2:
         return []
     directions = np.exp(2j * np.pi * np.arange(PHASES) / PHASES) if len(grows) == 2 else np.array([1, -1])
-    places = [zero + radius * np.array([one.real, one.imag][: len(grows)]) for radius in RADII for one in directions]
-    return [place for place in places if np.all((place > 0) & (place < 1))]
+    places = [
+        zero + radius * np.array([direction.real, direction.imag][: len(grows)])
+        for radius in RADII
+        for direction in directions
+    ]
+    return [point for point in places if np.all((point > 0) & (point < 1))]
 
 
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
@@ -218,9 +227,12 @@ def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequen
     promises = {}
     for effect in effects:
         around = looks[:1] if effect.starts == PERIODIC else looks
-        found = sorted((one for look in around for one in look.starts(effect)), key=lambda one: one[0])
-        if found:
-            least = found[0][0]
-            kept = [start for misfit, start in found[:STARTS] if misfit <= RIVAL * least]
-            promises[effect.name] = Promise(least / looks[0].nothing, tuple(kept))
+        ranked = sorted(
+            (ranked_start for look in around for ranked_start in look.starts(effect)),
+            key=lambda ranked_start: ranked_start[0],
+        )
+        if ranked:
+            least_misfit = ranked[0][0]
+            rivals = [start for misfit, start in ranked[:STARTS] if misfit <= RIVAL * least_misfit]
+            promises[effect.name] = Promise(least_misfit / looks[0].nothing, tuple(rivals))
     return promises

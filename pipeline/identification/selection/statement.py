@@ -47,8 +47,8 @@ class Statement:
 
 def fault_statement(fatal: Sequence[Fault]) -> Statement:
     """The statement on data with which nothing can be fitted."""
-    why = "; ".join(fault.message for fault in fatal)
-    return Statement(f"The data do not support a verdict: {why}", "")
+    reasons = "; ".join(fault.message for fault in fatal)
+    return Statement(f"The data do not support a verdict: {reasons}", "")
 
 
 def stated(
@@ -69,8 +69,8 @@ def stated(
     """
     if in_sample:
         return Statement(_in_sample(selection, refitted), ONE_LOOP)
-    also = "".join(f" {finding}." for finding in verdict.findings)
-    return Statement(_sentence(verdict, selection, refitted, best, rest) + also, _advice(verdict))
+    findings = "".join(f" {finding}." for finding in verdict.findings)
+    return Statement(_sentence(verdict, selection, refitted, best, rest) + findings, _advice(verdict))
 
 
 def title_of(name: str) -> str:
@@ -94,8 +94,10 @@ def _in_sample(selection: Selection, refitted: AngleError) -> str:
     nearest = min(selection.trials, key=lambda name: selection.trials[name].rms, default="")
     described = ""
     if nearest:
-        left = selection.trials[nearest].rms
-        described = f" Beside it {title_of(nearest)} describes the loop to {left:.3g} floors, and is not claimed."
+        remaining_rms = selection.trials[nearest].rms
+        described = (
+            f" Beside it {title_of(nearest)} describes the loop to {remaining_rms:.3g} floors, and is not claimed."
+        )
     return (
         f"One loop, fitted in sample: the model with its calibrated numbers refitted leaves {_error(refitted)}."
         f"{described} Nothing is held out, so that nothing is confirmed."
@@ -112,19 +114,19 @@ def _sentence(verdict: Verdict, selection: Selection, refitted: AngleError, best
         return f"The model explains the unit, held-out error {_error(refitted)}, but not by plausible numbers."
     if verdict.verdict == UNEXPLAINED:
         nearest = selection.answer.fit.model.name
-        left = f"; the nearest, {title_of(nearest)}, leaves {_error(best)}" if nearest else ""
+        nearest_text = f"; the nearest, {title_of(nearest)}, leaves {_error(best)}" if nearest else ""
         return (
             f"The unit departs from the model, held-out error {_error(refitted)}, and no effect of the library "
-            f"explains it{left}; nothing is claimed."
+            f"explains it{nearest_text}; nothing is claimed."
         )
     gain = f"held-out error {_error(refitted)} before and {_error(best)} after{_open(best)}"
     named = verdict.named
     numbers = ", ".join(_number(p) for p in verdict.parameters)
     if verdict.verdict == MOSTLY:
-        apart = f" ({rest.by_position_arcmin:.2g} arcmin of it from position to position)"
+        scatter_text = f" ({rest.by_position_arcmin:.2g} arcmin of it from position to position)"
         return (
             f"The unit is mostly explained by {title_of(named[0])} ({numbers}): {gain}, {rest.removed:.0%} removed; "
-            f"what is left{apart if np.isfinite(rest.by_position_arcmin) else ''} is not traced."
+            f"what is left{scatter_text if np.isfinite(rest.by_position_arcmin) else ''} is not traced."
         )
     if verdict.verdict == IDENTIFIED:
         return f"The unit shows {title_of(named[0])} ({numbers}): {gain}."

@@ -67,14 +67,16 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     chosen, findings = selection.chosen, _beside(fitter, selection, cells)
     possible = tolerance_share(chosen.fit) >= UNLIKELY
     members = selection.members if possible else ()
-    left = chosen.rms > selection.limit or chosen.fit.model.n_effects > MOST_NAMED
-    if left:
+    structured = chosen.rms > selection.limit or chosen.fit.model.n_effects > MOST_NAMED
+    if structured:
         claimed = selection.trials.get(selection.claimed) if possible else None
         free = released(fitter, claimed or selection.base, cells)
         explains = free is not None and free.rms <= selection.limit
         if free is not None and explains:
-            beyond = implausible(calibrated_numbers(fitter, free.fit, cells))
-            findings.append(f"{'What is left' if claimed else 'The unit'} would be explained only by {beyond}")
+            implausible_numbers = implausible(calibrated_numbers(fitter, free.fit, cells))
+            findings.append(
+                f"{'What is left' if claimed else 'The unit'} would be explained only by {implausible_numbers}"
+            )
         members = (selection.claimed,) if claimed and (explains or _mostly(claimed, selection.base)) else ()
         chosen = claimed if claimed and members else chosen
         verdict = MOSTLY if members else UNEXPLAINED
@@ -105,8 +107,8 @@ def _beside(fitter: Fitter, selection: Selection, cells: Truth) -> list[str]:
     if selection.best and selection.stretched:
         free = released(fitter, selection.base, cells)
         if free is not None and free.rms <= selection.chosen.rms:
-            beyond = implausible(calibrated_numbers(fitter, free.fit, cells))
-            findings.append(f"Without any effect {beyond} would do as well; it is not believed")
+            implausible_numbers = implausible(calibrated_numbers(fitter, free.fit, cells))
+            findings.append(f"Without any effect {implausible_numbers} would do as well; it is not believed")
     return findings
 
 
@@ -116,5 +118,5 @@ def _mostly(claimed: Trial, base: Trial) -> bool:
 
 
 def _traced(selection: Selection) -> tuple[str, ...]:
-    alone = [name for name in selection.survivors if "+" not in name]
-    return tuple(dict.fromkeys([*filter(None, selection.best.split("+")), *alone]))
+    single_effects = [name for name in selection.survivors if "+" not in name]
+    return tuple(dict.fromkeys([*filter(None, selection.best.split("+")), *single_effects]))

@@ -1,0 +1,128 @@
+"""The cells of a measurement with the noise by which they are weighted.
+
+A cell's noise is the noise floor of the unit, and beside it what its torque is uncertain by: where the curve is steep,
+and where the angle jumps through the play within the cell. The mean angle of such a cell tells the torque at which the
+play was crossed, as surely as its rows and its repeats do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.problem import Data
+from pipeline.identification.measurement.cells import Cells
+from pipeline.identification.measurement.measurement import Measurement
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+JUMP = 2.0
+"""Scatter within a cell over the usual one beyond which the angle jumped in it: through the play, or a slip."""
+STEP_SCATTER = 0.27
+"""Scatter of rows about their line over the height of a step among them: 0.25 for one in the middle, 0.20 to 0.29
+within the middle 90 % (``step_scatter``)."""
+PLAY_SHARE = 0.1
+"""Height of a jump, over the range of the angle at its position, from which it is a way through the play: a knee of the
+curve scatters too."""
+CELL_WIDTH = 0.02
+"""Error of a cell's torque as a share of the distance to its neighbours."""
+LEAST_FLOOR = 1e-4
+"""Noise floor [arcmin] of data without any noise, below what an encoder of a bench resolves."""
+
+
+def data_of(measurement: Measurement, training: Truth) -> Data:
+    """The cells of a measurement with their noise, which is that of the training cells (n_cells,)."""
+    blocks, cells, noise = measurement.branches, measurement.cells, measurement.noise_of(training)
+    floor = max(noise.floor.value, LEAST_FLOOR)
+    kinds = np.column_stack([blocks.position, blocks.kind])
+    branch = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()[cells.block]
+    slope, width = _slopes(cells)
+    torque_noise = np.nan_to_num(noise.torque_noise_Nm) / np.sqrt(cells.count)
+    usual_share = np.mean(1 / cells.count[training])
+    white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(usual_share))
+    cell_variance = floor**2 + white**2 * (1 / cells.count - usual_share)
+    jumps = jump_errors(cells, branch, training)
+    return Data(
+        position=cells.position,
+        cycle=cells.cycle,
+        block=cells.block,
+        branch=branch,
+        torque=cells.torque_mean,
+        angle=cells.angle_mean,
+        count=cells.count,
+        spread=cells.angle_spread,
+        noise=floor,
+        sigma=np.sqrt(cell_variance + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps**2),
+        common_offset=measurement.unit.settings.offset == "common",
+    )
+
+
+def _slopes(cells: Cells) -> tuple[Real, Real]:
+    """Largest slope [arcmin/(N m)] and distance [N m] of each cell to its neighbours on the branch, each (n_cells,)."""
+    slope, width = np.zeros(len(cells)), np.zeros(len(cells))
+    for block in np.unique(cells.block):
+        in_block = np.flatnonzero(cells.block == block)
+        if len(in_block) < 3:
+            continue
+        torque, angle = cells.torque_mean[in_block], cells.angle_mean[in_block]
+        step = np.maximum(np.abs(np.diff(torque)), 1e-9)
+        interval = np.abs(np.diff(angle)) / step
+        slope[in_block] = np.maximum(np.append(interval, 0.0), np.append(0.0, interval))
+        width[in_block] = np.maximum(np.append(step, 0.0), np.append(0.0, step))
+    return slope, width
+
+
+def step_scatter(share: float) -> float:
+    """Scatter of many rows about their line over the height of a step after a ``share`` of them.
+
+    The step's own variance s (1 - s) less what a line of slope 6 s (1 - s) takes of it, 3 s^2 (1 - s)^2.
+    """
+    distance = share * (1 - share)
+    return float(np.sqrt(distance * (1 - 3 * distance)))
+
+
+def jump_errors(cells: Cells, branch: Whole, training: Truth) -> Real:
+    """Errors [arcmin] (n_cells,) of the mean angle where the angle jumps within a cell; 0 where it does not.
+
+    Parameters
+    ----------
+    branch : (n_cells,) equal for cells whose branches repeat each other.
+    training : (n_cells,) cells whose scatter and repeats are known.
+
+    Notes
+    -----
+    The mean tells where in the cell the angle jumped: to half a row, and as surely as the repeats of the jump scatter.
+    Where a jump is no way through the play, or nothing repeats it, the scatter within the cell is its error.
+    """
+    usual = np.median(cells.angle_spread[training & np.isfinite(cells.angle_spread)])
+    exceeding = np.sqrt(np.maximum(np.nan_to_num(cells.angle_spread) ** 2 - (JUMP * usual) ** 2, 0.0))
+    height = exceeding / STEP_SCATTER
+    top = np.zeros(len(cells))
+    for position in np.unique(cells.position):
+        at_position = cells.position == position
+        top[at_position] = np.ptp(cells.angle_mean[at_position])
+    through_play = height > PLAY_SHARE * top
+    distance = np.array([*_repeated_jumps(cells, branch, training, np.where(through_play, height, 0.0))])
+    if not distance.size:
+        return exceeding
+    scatter = float(np.sqrt(np.mean(distance**2) / 2))
+    return np.where(through_play, np.minimum(height * np.hypot(0.5 / cells.count, scatter), exceeding), exceeding)
+
+
+def _repeated_jumps(cells: Cells, branch: Whole, training: Truth, height: Real) -> Iterator[float]:
+    """Differences between repeats of the cells that jump, over the height of the jump, the offset of both removed."""
+    for number in np.unique(branch[training & (height > 0)]):
+        alike = training & (branch == number)
+        blocks = [np.flatnonzero(alike & (cells.block == block)) for block in np.unique(cells.block[alike])]
+        for first, second in zip(blocks[:-1], blocks[1:], strict=True):
+            interval = np.abs(cells.torque_mean[second] - cells.torque_mean[first][:, None])
+            nearest = np.argmin(interval, axis=1)
+            distance = cells.angle_mean[second][nearest] - cells.angle_mean[first]
+            distance -= np.median(distance)
+            step = np.median(np.abs(np.diff(cells.torque_mean[first]))) if len(first) > 1 else np.inf
+            paired = (height[first] > 0) & (interval.min(axis=1) < step)
+            yield from (distance[paired] / height[first][paired]).tolist()

@@ -1,0 +1,73 @@
+"""What the data of a unit have of what effects need."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.problem import FEWEST_CRANKS
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME
+from pipeline.model.load_history.load_cycle import ARCMIN
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+LEAST_WARMING = 0.2
+"""Standard deviation of the temperature [K] from which it varies."""
+OTHER_RATE = 1.5
+"""Ratio of the rates of two branches from which a delay shows beside a hysteresis that knows no rate."""
+DWELL = 0.2
+"""Time in which the torque stands still, over that of a usual branch, from which it is a dwell."""
+
+
+def offered(measurement: Measurement, training: Truth) -> frozenset[str]:
+    """What the training cells (n_cells,) have of what effects need."""
+    unit, rows, cells = measurement.unit, measurement.rows, measurement.cells
+    present = set()
+    gear, position, cycle = unit.study.design.cycloid, cells.position[training], cells.cycle[training]
+    positions, angle = np.unique(position), cells.angle_mean[training]
+    turned = max(np.ptp(angle[position == p]) for p in positions) * gear.lobes / ARCMIN
+    if unit.settings.locked == "input" or turned < np.pi / gear.pins:
+        present.add(STILL)
+    if len(positions) >= FEWEST_CRANKS:
+        present.add(CRANKS)
+    if any(len(np.unique(cycle[position == p])) > 1 for p in positions):
+        present.add(CYCLES)
+    time, temperature = cells.time_mean[training], cells.temperature_mean[training]
+    if rows.time is not None and np.any(np.isfinite(time)) and np.nanstd(time) > 0:
+        present.add(TIME)
+    if rows.temperature is not None and np.nanstd(temperature) > LEAST_WARMING:
+        present.add(TEMPERATURE)
+    if TIME in present and rate_changes(measurement, training):
+        present.add(RATE)
+    return frozenset(present)
+
+
+def rate_changes(measurement: Measurement, training: Truth) -> bool:
+    """Whether the torque of the training cells (n_cells,) goes at unlike rates, or dwells somewhere.
+
+    Only then is a delay (creep) told from a hysteresis that does not depend on the rate.
+    """
+    cells, history = measurement.cells, measurement.history
+    rates, durations, extra = [], [], []
+    for position in np.unique(cells.position[training]):
+        chosen = np.flatnonzero(training & (cells.position == position) & np.isfinite(cells.time_mean))
+        time, torque, leg = cells.time_mean[chosen], cells.torque_mean[chosen], history.leg[cells.block[chosen]]
+        travel = np.array(
+            [
+                np.sum(np.abs(np.diff([start, *history.torque[position][first + 1 : last + 1], end])))
+                for start, end, first, last in zip(torque[:-1], torque[1:], leg[:-1], leg[1:], strict=True)
+            ]
+        )
+        passed, alike = np.diff(time), (np.diff(leg) == 0) & (travel > 0)
+        for number in np.unique(leg):
+            on_leg = alike & (leg[1:] == number)
+            if np.sum(passed[on_leg]) > 0:
+                durations.append(np.sum(passed[on_leg]))
+                rates.append(np.sum(travel[on_leg]) / durations[-1])
+        if rates:
+            extra += (passed - travel / np.median(rates)).tolist()
+    if not rates:
+        return False
+    return bool(max(rates) > OTHER_RATE * min(rates) or max(extra) > DWELL * np.median(durations))

@@ -1,0 +1,71 @@
+"""Root mean squares with the interval of a block bootstrap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.scatter import MAD_TO_STD
+from pipeline.statistics.blocks import resampled_counts, resampled_means
+
+Real = NDArray[np.float64]
+
+RESAMPLES = 1000
+"""Of the block bootstrap of the noise."""
+SEED = 79
+"""Of the bootstrap: equal data give an equal page."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An rms [arcmin] with the 95 % interval of a block bootstrap; NaN where nothing determines it.
+
+    `n` is the number of differences, `blocks` the number of independent pairs of branches that they come from.
+    """
+
+    value: float
+    ci_low: float
+    ci_high: float
+    n: int
+    blocks: int
+
+
+UNKNOWN = Estimate(np.nan, np.nan, np.nan, 0, 0)
+"""Where nothing determines it."""
+
+
+def rms(groups: list[Real], divisor: float) -> Estimate:
+    """Root mean square over `divisor`, bootstrapped over groups."""
+    squares = np.array([np.sum(values**2) for values in groups])
+    return pooled(squares, np.array([float(values.size) for values in groups]), divisor)
+
+
+def pooled(squares: Real, counts: Real, divisor: float) -> Estimate:
+    """Root of the sum of `squares` over that of `counts`, over `divisor`, bootstrapped over the groups."""
+    if not counts.sum():
+        return UNKNOWN
+    drawn = resampled_means(np.column_stack([squares, counts]), RESAMPLES, SEED)
+    value = float(np.sqrt(squares.sum() / counts.sum()) / divisor)
+    return _interval(value, np.sqrt(drawn[:, 0] / drawn[:, 1]) / divisor, round(counts.sum()), len(squares))
+
+
+def robust(groups: list[Real]) -> Estimate:
+    """Standard deviation by the median absolute value, bootstrapped over groups."""
+    if not groups:
+        return UNKNOWN
+    sizes = np.abs(np.concatenate(groups))
+    order = np.argsort(sizes)
+    group = np.repeat(np.arange(len(groups)), [values.size for values in groups])
+    below = np.cumsum(resampled_counts(len(groups), RESAMPLES, SEED)[:, group[order]], axis=1)
+    medians = sizes[order][np.argmax(2 * below >= below[:, -1:], axis=1)]
+    return _interval(float(MAD_TO_STD * np.median(sizes)), MAD_TO_STD * medians, sizes.size, len(groups))
+
+
+def _interval(value: float, resampled: Real, n: int, blocks: int) -> Estimate:
+    """95 % percentile interval; none from a single block, which says nothing about the spread between blocks."""
+    if blocks < 2:
+        return Estimate(value, np.nan, np.nan, n, blocks)
+    low, high = np.quantile(resampled, [0.025, 0.975])
+    return Estimate(value, float(low), float(high), n, blocks)

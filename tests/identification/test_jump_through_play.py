@@ -1,0 +1,72 @@
+"""The torque at which the play is crossed, where the angle jumps through it within a cell."""
+
+import numpy as np
+import pytest
+from measured_bench import measured, path_of, write_unit
+from synthetic_unit import ROOT, Bench, make_unit, problem_of
+
+from pipeline.identification.fitting.cells_in_noise import STEP_SCATTER, data_of, step_scatter
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.verdict import IDENTIFIED, judge
+
+ZERO = 0.06
+"""[N m] half a percent of the largest torque, two rows of the torque: less than the cell in which the angle jumps."""
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5, 0.9])
+def test_scatter_of_a_step_about_its_line_is_that_of_its_rows(share):
+    """By least squares over many rows; in the middle 90 % of the cell the height follows from one number."""
+    place = (np.arange(20000) + 0.5) / 20000
+    step = (place > share).astype(float)
+    left = step - np.polyval(np.polyfit(place, step, 1), place)
+    assert step_scatter(share) == pytest.approx(np.std(left), rel=1e-3)
+    assert step_scatter(share) == pytest.approx(STEP_SCATTER, rel=0.3)
+
+
+def test_a_zero_of_the_torque_within_the_cell_of_the_jump_is_named(tmp_path, condensed):
+    """It was never tried: the scatter of the jump was taken for the error of its place, 50 times too much."""
+    folder = make_unit(tmp_path / "u", {"torque_zero": [ZERO]}, Bench(rows=400), condensed)
+    problem = problem_of(folder, condensed)
+    seen = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), seen)
+    selector.testable = {name: selector.testable[name] for name in ("torque_zero", "pin_radius_error", "coulomb")}
+    selection = selector.extended(selector.select(seen), seen)
+    verdict = judge(selector.fitter, selection, seen)
+    assert (verdict.verdict, verdict.named) == (IDENTIFIED, ("torque_zero",))
+    (zero,) = verdict.parameters
+    assert zero.ci_low < ZERO < zero.ci_high
+    assert zero.value == pytest.approx(ZERO, rel=0.15)
+
+
+def jumping(folder, scatter, cycles=6):
+    """Data of a spring behind a play of 40 arcmin; where each branch crosses it scatters [N m]."""
+    rng, table = np.random.default_rng(3), measured(cycles=cycles, per_branch=200)
+    for _, rows in table.groupby(["crank_deg", "cycle"]):
+        torque = path_of([0.0, 12.0, -12.0, 0.0], 200)
+        crossed = np.where(torque + 0.021 + scatter * rng.standard_normal() > 0, 20.0, -20.0)
+        table.loc[rows.index, "angle_arcmin"] = crossed + torque / 5 + 0.02 * rng.standard_normal(len(torque))
+    measurement = Measurement.read(load_measured_unit(write_unit(folder, {"rows.csv": table}), ROOT))
+    return measurement, data_of(measurement, np.ones(len(measurement.cells), bool))
+
+
+def test_error_of_a_jump_is_what_its_repeats_scatter_by(tmp_path):
+    """Beside it half a row; as a torque, that of the draws."""
+    errors = []
+    for scatter in (0.0, 0.05):
+        _, data = jumping(tmp_path / str(scatter), scatter)
+        steep = np.flatnonzero(data.spread > 2.0)
+        assert steep.size >= 6
+        half_a_row = 0.5 * data.spread[steep] / STEP_SCATTER / data.count[steep]
+        assert np.all(data.sigma[steep] > 0.9 * half_a_row)
+        errors.append(np.median(data.sigma[steep] / data.spread[steep]))
+    assert errors[0] < 0.6
+    assert errors[1] > 1.1 * errors[0]
+
+
+def test_a_jump_that_nothing_repeats_is_as_uncertain_as_its_rows_scatter(tmp_path):
+    _, data = jumping(tmp_path, 0.0, cycles=1)
+    steep = data.spread > 2.0
+    assert np.all(data.sigma[steep] > 0.9 * data.spread[steep])
