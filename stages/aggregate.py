@@ -15,6 +15,7 @@ from pipeline.statistics import Estimate, distribution, pass_share
 from stages.bearings import bearing_forces
 from stages.convergence import CONVERGENCE, angles_of_turn, convergence_rows, strides_of
 from stages.keys import CRANK, SAMPLE, STATUS
+from stages.sample_convergence import SAMPLE_CONVERGENCE, sample_convergence_rows
 from stages.sensitivity import SENSITIVITY, sensitivity
 from stages.transmission import ORDERS, TRANSMISSION, order_rows, transmission_rows
 from stages.turn import (
@@ -213,8 +214,8 @@ def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> 
             name: int(counts["n_rigid_angles" if metric.turn_of_rigid_bodies else "n_angles"])
             for name, metric in library().items()
         }
-        for over in OVER:
-            rows += _distribution_rows(study, over_turn(units, over), over, np.nan, turn)
+        for statistic_over in OVER:
+            rows += _distribution_rows(study, over_turn(units, statistic_over), statistic_over, np.nan, turn)
         of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
         rows += _distribution_rows(study, over_turn(units, OVER[0]), OVER_ALL, np.nan, of_turn)
     if not rows:
@@ -241,6 +242,7 @@ def _run(job: Job) -> WholeTables:
         "units": of_units,
         "distributions": _distributions(study, metrics, units),
         "convergence": convergence_rows(study, turns, of_turn, counted),
+        "sample_convergence": sample_convergence_rows(study, over_turn(units, study.limits.over)),
         "sensitivity": sensitivity(job, of_units, over_turn(units, "worst")),
         "transmission": (transmission_rows(study, *block) for block in _turn_blocks(job)),
         "orders": (order_rows(study, *block) for block in _turn_blocks(job)),
@@ -262,7 +264,7 @@ AGGREGATE = Stage(
         "cycle.rigid_crank_deg",
         "cycle.rigid_crank_turns",
     ),
-    tables=(METRICS, UNITS, DISTRIBUTIONS, CONVERGENCE, SENSITIVITY, TRANSMISSION, ORDERS),
+    tables=(METRICS, UNITS, DISTRIBUTIONS, CONVERGENCE, SAMPLE_CONVERGENCE, SENSITIVITY, TRANSMISSION, ORDERS),
     module="stages.aggregate",
     run=_run,
 )

@@ -26,8 +26,8 @@ BEARINGS = Table(
 
 def bearing_rows(study: Study, samples: np.ndarray, thrust: np.ndarray, shares: np.ndarray) -> Columns:
     """Rows of the table of bearings of ``samples`` (n,) with forces and shares (n, 2, n_angles, n_disks)."""
-    held = assembly.definitions(study).rigidity_high
-    axes = samples, np.array(study.cycle.crank_deg), np.arange(thrust.shape[3]), np.array([held, -held])
+    held_torque = assembly.definitions(study).rigidity_high
+    axes = samples, np.array(study.cycle.crank_deg), np.arange(thrust.shape[3]), np.array([held_torque, -held_torque])
     sample, crank, disk, torque = repeated(*axes)
     force = np.moveaxis(thrust, 1, 3).ravel()
     keys = {"sample": sample, "crank_deg": crank, "disk": disk, "torque_Nm": torque}

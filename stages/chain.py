@@ -9,5 +9,6 @@ from stages.reduce import REDUCE
 from stages.report import REPORT
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
+from stages.tails import TAILS
 
-STAGES: tuple[Stage, ...] = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, AGGREGATE, REPORT)
+STAGES: tuple[Stage, ...] = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, TAILS, AGGREGATE, REPORT)

@@ -8,14 +8,11 @@ import numpy as np
 from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
-from pipeline.engine.table import Column, Columns, Table
+from pipeline.engine.table import Column, Table
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.reducer import PIN
-from pipeline.model.load_history.drive import Drive
-from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES, LoadCycle
+from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.loop_readings import loop_readings
-from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.model.load_history.response import respond
 from pipeline.model.load_history.validity import beyond_limit_share, invalid_metrics
 from pipeline.model.metrics import library
 from pipeline.model.turn.held_torque import bearing_force, torque_shares
@@ -23,14 +20,12 @@ from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
 from stages.bearings import BEARINGS, bearing_rows
-from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, full_compliance
-from stages.keys import CONTACT, CRANK, SAMPLE, STATUS, labels, repeated
+from stages.condensed import COMPLIANCE_FILE, full_compliance
+from stages.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
+from stages.keys import CRANK, SAMPLE, STATUS, repeated
 from stages.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
 from stages.sample import SAMPLED, errors_of_columns
 from stages.springs import laws_of_columns
-
-STEP = Column("step", "int32", "1", "step of the load cycle")
-TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")
 
 
 def _angle(name: str, meaning: str) -> Column:
@@ -70,46 +65,6 @@ LOOPS = Table(
         Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
     ),
 )
-CURVES = Table(
-    "curves",
-    "sample, crank of a kept curve, step",
-    (
-        SAMPLE,
-        CRANK,
-        STEP,
-        Column("branch", "label", "", "branch of the cycle 0 -> +T -> -T -> +T"),
-        TORQUE,
-        Column("angle_arcmin", "float64", "arcmin", "rotation of the output, the input held"),
-        Column("bearing_x_um", "float64", "um", "displacement of the disk centre, housing frame"),
-        Column("bearing_y_um", "float64", "um", "displacement of the disk centre, housing frame"),
-        Column("pins_in_contact", "int32", "1", "pins that carry force"),
-        Column("outputs_in_contact", "int32", "1", "output contacts that carry force"),
-        Column("peak_pressure_MPa", "float64", "MPa", "largest Hertz pressure of any contact"),
-        Column("beyond_limit_share", "float64", "1", "share of the pins' moment on contacts beyond their law's range"),
-        Column("iterations", "int32", "1", "Newton steps; 0 at the force-free ends of play"),
-        Column("residual", "float64", "1", "relative misfit of deflections and of the balance"),
-    ),
-)
-CONTACTS = Table(
-    "contacts",
-    "kept sample, crank of a kept curve, step, contact",
-    (
-        SAMPLE,
-        CRANK,
-        STEP,
-        TORQUE,
-        CONTACT,
-        Column("clearance_um", "float64", "um", "gap at the nominal pose"),
-        Column(
-            "approach_um", "float64", "um", "approach of the two bodies from the nominal pose by their rigid motions"
-        ),
-        Column("penetration_um", "float64", "um", "elastic_um + local_um; of a closed contact approach less clearance"),
-        Column("elastic_um", "float64", "um", "deflection of the elastic bodies at the contact"),
-        Column("local_um", "float64", "um", "local deflection, the law's at force_N"),
-        Column("force_N", "float64", "N", "contact force"),
-        Column("pressure_MPa", "float64", "MPa", "peak Hertz pressure"),
-    ),
-)
 STATUS_TABLE = Table("status", "sample, crank", (SAMPLE, CRANK, STATUS))
 
 
@@ -133,25 +88,6 @@ class Shared:
         return self.curve if crank_deg in self.study.cycle.curve_crank_deg else self.brief
 
 
-@dataclass(frozen=True)
-class Solved:
-    """The drive of ``n`` samples at one crank angle, its response to the load cycle, and why metrics do not hold."""
-
-    crank_deg: float
-    drive: Drive
-    response: CycleResponse
-    invalid: Mapping[str, np.ndarray]
-
-    def of(self, samples: np.ndarray) -> "Solved":
-        """Of some of the samples alone, by their positions."""
-        whole = self.response
-        states = Equilibria(**{name: values[samples] for name, values in vars(whole.equilibria).items()})
-        of_samples = {name: getattr(whole, name)[samples] for name in ("angle", "play", "converged")}
-        invalid = {name: reason[samples] for name, reason in self.invalid.items()}
-        response = replace(whole, equilibria=states, **of_samples)
-        return Solved(self.crank_deg, self.drive.some(samples), response, invalid)
-
-
 def prepare(job: Job) -> Shared:
     """Read the laws and compliances of every crank angle."""
     study: Study = job.study
@@ -163,7 +99,7 @@ def prepare(job: Job) -> Shared:
         assembly.load_cycle(study, study.cycle.levels_per_branch),
         assembly.load_cycle(study, 0),
         tuple(laws_of_columns(coefficients, crank) for crank in cranks),
-        tuple(full_compliance(matrices, at, crank) for at, crank in zip(reducers, cranks, strict=True)),
+        tuple(full_compliance(matrices, reducer, crank) for reducer, crank in zip(reducers, cranks, strict=True)),
     )
 
 
@@ -193,74 +129,6 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
         "bearing_force_N": np.where(drive.reducer.centred, np.max(thrust, axis=(1, 2)), np.nan),
         **running_columns(study, drive, response),
         "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
-    }
-
-
-def _curve_values(solved: Solved) -> dict[str, np.ndarray]:
-    """Values of the curve table at every step, (n, n_steps) each."""
-    drive, response = solved.drive, solved.response
-    states = response.equilibria
-    closed = states.force > 0
-    of_pins = drive.reducer.contacts.kind == PIN
-    of_states = {
-        "bearing_x_um": UM_PER_MM * states.motion[..., 0],
-        "bearing_y_um": UM_PER_MM * states.motion[..., 1],
-        "pins_in_contact": np.count_nonzero(closed[..., of_pins], axis=2),
-        "outputs_in_contact": np.count_nonzero(closed[..., ~of_pins], axis=2),
-        "peak_pressure_MPa": np.max(drive.laws.peak_pressure(states.force), axis=2),
-        "beyond_limit_share": beyond_limit_share(drive, states),
-        "iterations": states.iterations,
-        "residual": states.residual,
-    }
-    visited = {name: values[:, response.state] for name, values in of_states.items()}
-    return {"angle_arcmin": ARCMIN * response.angle, **visited}
-
-
-def curve_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
-    """Rows of the table of curves for ``samples`` (n,), solved at each kept crank angle."""
-    branch, torque = curves[0].response.branch, curves[0].response.torque
-    sample, crank, step = repeated(samples, np.array([one.crank_deg for one in curves]), np.arange(len(torque)))
-    values = [_curve_values(one) for one in curves]
-    loops = len(samples) * len(curves)
-    return {
-        "sample": sample,
-        "crank_deg": crank,
-        "step": step,
-        "branch": labels(np.tile(branch, loops), BRANCHES),
-        "torque_Nm": np.tile(NM_PER_NMM * torque, loops),
-        **{name: np.stack([part[name] for part in values], axis=1).ravel() for name in values[0]},
-    }
-
-
-def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
-    """Rows of the table of contacts for ``samples`` (n,), solved at each kept crank angle."""
-    torque = NM_PER_NMM * curves[0].response.torque
-    contacts = curves[0].drive.gap.shape[1]
-    cranks = np.array([one.crank_deg for one in curves])
-    sample, crank, step, contact = repeated(samples, cranks, np.arange(len(torque)), np.arange(contacts))
-    parts = []
-    for one in curves:
-        drive, states, visited = one.drive, one.response.equilibria, one.response.state
-        force = states.force[:, visited]
-        local, elastic = drive.laws.deflection(force), force @ drive.compliance
-        parts.append(
-            {
-                "clearance_um": UM_PER_MM * np.broadcast_to(drive.gap[:, None], force.shape),
-                "approach_um": UM_PER_MM * states.motion[:, visited] @ drive.reducer.contact_jacobian.T,
-                "penetration_um": UM_PER_MM * (local + elastic),
-                "elastic_um": UM_PER_MM * elastic,
-                "local_um": UM_PER_MM * local,
-                "force_N": force,
-                "pressure_MPa": drive.laws.peak_pressure(force),
-            }
-        )
-    return {
-        "sample": sample,
-        "crank_deg": crank,
-        "step": step,
-        "torque_Nm": np.broadcast_to(torque[:, None], (len(samples), len(cranks), len(torque), contacts)).ravel(),
-        "contact": contact,
-        **{name: np.stack([part[name] for part in parts], axis=1).ravel() for name in parts[0]},
     }
 
 
@@ -326,14 +194,14 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     study = shared.study
     sampled = errors_of_columns({name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
     keep = study.cycle.keep_contacts
-    kept = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
+    kept_samples = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
     loops, status, thrust, shares, curves, contacts = [], [], [], [], [], []
     for solved in solve_samples(shared, sampled):
         loops.append(loop_columns(study, solved))
         status.append(_status(solved))
         thrust.append(bearing_force(solved.drive, solved.response, assembly.definitions(study)))
         shares.append(torque_shares(solved.drive, solved.response, assembly.definitions(study)))
-        contacts.append(contacts_at_angle(study, solved.drive, solved.response, kept))
+        contacts.append(contacts_at_angle(study, solved.drive, solved.response, kept_samples))
         if solved.crank_deg in study.cycle.curve_crank_deg:
             curves.append(solved)
     sample, crank = repeated(samples, np.array(study.cycle.crank_deg))
@@ -343,10 +211,12 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
             "crank_deg": crank,
             **_by_sample(loops),
         },
-        "turn_contacts": turn_contact_rows(study, samples[kept], contacts),
+        "turn_contacts": turn_contact_rows(study, samples[kept_samples], contacts),
         "bearings": bearing_rows(study, samples, np.stack(thrust, axis=2), np.stack(shares, axis=2)),
         "curves": curve_rows(samples, curves),
-        "contacts": contact_rows(samples[kept], [one.of(kept) for one in curves]) if len(kept) else CONTACTS.empty(),
+        "contacts": contact_rows(samples[kept_samples], [loop.of(kept_samples) for loop in curves])
+        if len(kept_samples)
+        else CONTACTS.empty(),
         "status": {"sample": sample, "crank_deg": crank, "status": np.stack(status, axis=1).ravel()},
     }
 

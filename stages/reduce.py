@@ -15,7 +15,6 @@ from pipeline.figures.mesh import mesh_figure
 from pipeline.figures.style import save
 from pipeline.figures.vtk import write_vtk
 from pipeline.model.elastic.condensed_body import ElasticBody
-from pipeline.model.geometry.clocking import Clocking
 from pipeline.model.geometry.reducer import PIN, Reducer
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
 from stages.keys import CONTACT, CRANK
@@ -72,7 +71,7 @@ def _run(job: Job) -> Tables:
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
 
     @cache
-    def disk(turned: float = 0.0) -> ElasticBody:
+    def disk(turned: float) -> ElasticBody:
         return elastic.elastic_disk(study, turned)
 
     def condensed(at: Reducer, number: int, turned: float, key: str) -> np.ndarray:
@@ -83,19 +82,19 @@ def _run(job: Job) -> Tables:
         return np.load(job.memo(f"{settings} {key}", condense) / "matrix.npy")
 
     matrices: dict[str, Any] = {}
-    for crank, at in reducers.items():
-        for number, made in enumerate(assembly.clockings(study.design)):
-            name = matrix_name(crank, number)
-            if made.lobes is None:
-                matrices[name] = condensed(at, number, made.turned, f"crank {crank:.9g} disk {number}")
+    for crank, reducer in reducers.items():
+        for number, clocking in enumerate(assembly.clockings(study.design)):
+            name, part = matrix_name(crank, number), assembly.first_part(study.design, crank, number)
+            if part is None:
+                matrices[name] = condensed(reducer, number, clocking.turned, f"crank {crank:.9g} disk {number}")
                 continue
-            # the first disk, as many turns of the crank later as it must be turned by lobes
-            turned_on = crank + 360.0 * (number / at.n_disks + made.lobes)
+            turned_on, places = part
             first_disk = condensed(assembly.reducer(study.design, turned_on), 0, 0.0, f"crank {turned_on:.9g}")
-            places = _places(at, number, made)
             matrices[name] = first_disk[np.ix_(places, places)]
     first = next(iter(reducers.values()))
-    drawn = job.memo(f"{settings} mesh at {first.crank:.9g}", lambda folder: _write_mesh(study, disk(), first, folder))
+    drawn = job.memo(
+        f"{settings} mesh at {first.crank:.9g}", lambda folder: _write_mesh(study, disk(0.0), first, folder)
+    )
     for name in (MESH_FILE, "mesh.vtu"):
         job.path(name).write_bytes((drawn / name).read_bytes())
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
@@ -109,21 +108,13 @@ def _run(job: Job) -> Tables:
     return {"contacts": _contact_rows(study, reducers, matrices)}
 
 
-def _places(at: Reducer, number: int, made: Clocking) -> np.ndarray:
-    """Rows of the first disk's matrix in which the contacts of a disk stand that is the same part."""
-    rows = assembly.disk_contacts(at, number)
-    places, hole = np.arange(len(rows)), at.contacts.hole[rows]
-    places[hole >= 0] = np.flatnonzero(hole >= 0)[made.holes[hole[hole >= 0]]]
-    return places
-
-
 def _rigid(job: Job, study: Study) -> Tables:
     """A disk without compliance, and without a mesh to draw."""
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
     matrices: dict[str, Any] = {}
-    for crank, at in reducers.items():
-        for disk in range(at.n_disks):
-            size = len(assembly.disk_contacts(at, disk))
+    for crank, reducer in reducers.items():
+        for disk in range(reducer.n_disks):
+            size = len(assembly.disk_contacts(reducer, disk))
             matrices[matrix_name(crank, disk)] = np.zeros((size, size))
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
     return {"contacts": _contact_rows(study, reducers, matrices)}
@@ -134,10 +125,12 @@ def _contact_rows(
 ) -> dict[str, np.ndarray]:
     width = {PIN: study.reduce.patch_half_width_mm}
     parts = []
-    for crank, at in reducers.items():
-        for disk in range(at.n_disks):
-            contact = assembly.disk_contacts(at, disk)
-            widths = [width.get(kind, study.reduce.roller_patch_half_width_mm) for kind in at.contacts.kind[contact]]
+    for crank, reducer in reducers.items():
+        for disk in range(reducer.n_disks):
+            contact = assembly.disk_contacts(reducer, disk)
+            widths = [
+                width.get(kind, study.reduce.roller_patch_half_width_mm) for kind in reducer.contacts.kind[contact]
+            ]
             parts.append(
                 {
                     "row": np.arange(len(contact)),

@@ -10,6 +10,7 @@ from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.style import save
+from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawings import drawings
 from pipeline.report.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
@@ -17,14 +18,16 @@ from pipeline.report.page import TableNote, report_page
 from pipeline.report.rendering import Picture
 from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
+from stages.curves import CONTACTS
 from stages.drivers import DRIVERS
-from stages.hysteresis import CONTACTS, HYSTERESIS
+from stages.hysteresis import HYSTERESIS
 from stages.reduce import MESH_FILE, REDUCE
 from stages.running import TURN_CONTACTS
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
+from stages.tails import TAILS
 
-UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, AGGREGATE)
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, TAILS, AGGREGATE)
 BAND_SAMPLES = 2000
 """Samples that a band of the figures is drawn from: more change it by less than its line's width."""
 BAND_ROWS = 2_000_000
@@ -40,8 +43,8 @@ def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
     """Rows of the first samples, as many as the bands need."""
     samples: int = job.study.samples.rows
     rows = max(1, job.inputs[stage].record["tables"][table]["rows"])
-    wanted = min(BAND_SAMPLES + 1, max(1, BAND_ROWS * samples // rows))
-    return pd.DataFrame(job.read_items(stage, table, 0, wanted))
+    band_samples = min(BAND_SAMPLES + 1, max(1, BAND_ROWS * samples // rows))
+    return pd.DataFrame(job.read_items(stage, table, 0, band_samples))
 
 
 def _kept(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:
@@ -66,7 +69,9 @@ def _frames(job: Job) -> Frames:
         units=_table(job, "aggregate", "units"),
         distributions=_table(job, "aggregate", "distributions"),
         convergence=_table(job, "aggregate", "convergence"),
+        sample_convergence=_table(job, "aggregate", "sample_convergence"),
         sensitivity=_table(job, "aggregate", "sensitivity"),
+        tails=_table(job, "tails", "tails"),
         status=status,
         contacts=_table(job, "clearance", "contacts"),
         gaps=_first_rows(job, "clearance", "gaps"),
@@ -109,16 +114,21 @@ def _notes(job: Job) -> list[TableNote]:
     for stage in UPSTREAM:
         for table in stage.tables:
             entry = job.inputs[stage.name].record["tables"][table.name]
-            place, _, _ = entry["files"][0]["name"].partition("/")  # one file, or a folder of parts
+            file_name, _, _ = entry["files"][0]["name"].partition("/")  # one file, or a folder of parts
             columns = tuple(column.name for column in table.columns)
-            notes.append(TableNote(f"{stage.name}/{place}", table.row_per, entry["rows"], columns))
+            notes.append(TableNote(f"{stage.name}/{file_name}", table.row_per, entry["rows"], columns))
     return notes
+
+
+def _stages(job: Job) -> list[StageNote]:
+    """What the page says of every stage before it."""
+    return [StageNote.of(stage.name, stage.reads, job.inputs[stage.name].record) for stage in UPSTREAM]
 
 
 def _run(job: Job) -> Tables:
     frames = _frames(job)
     versions = package_versions() | {name: importlib.metadata.version(name) for name in PRINTED_WITH}
-    page = report_page(frames, _pictures(job, frames), _notes(job), versions)
+    page = report_page(frames, _pictures(job, frames), _notes(job), _stages(job), versions)
     job.path("report.html").write_text(page, encoding="utf-8")
     return {}
 

@@ -75,8 +75,8 @@ def contacts_at_angle(study: Study, drive: Drive, response: CycleResponse, kept:
 
 def turn_contact_rows(study: Study, samples: np.ndarray, angles: Sequence[dict[str, np.ndarray]]) -> Columns:
     """Rows of the table of contacts over the turn, of kept ``samples`` at each loaded crank angle."""
-    held = assembly.definitions(study).rigidity_high
+    held_torque = assembly.definitions(study).rigidity_high
     contacts = np.arange(angles[0]["force_N"].shape[2])
-    axes = samples, np.array(study.cycle.crank_deg), np.array([held, -held]), contacts
+    axes = samples, np.array(study.cycle.crank_deg), np.array([held_torque, -held_torque]), contacts
     keys = dict(zip(("sample", "crank_deg", "torque_Nm", "contact"), repeated(*axes), strict=True))
     return keys | {name: np.stack([part[name] for part in angles], axis=1).ravel() for name in angles[0]}

@@ -28,7 +28,7 @@ def _columns(table: str) -> Iterator[Column]:
     for dimension in _dimensions(table):
         yield Column(dimension.column, "float64", "um", dimension.meaning)
         if dimension.direction:
-            yield Column(f"{dimension.phase}_rad", "float64", "rad", dimension.direction)
+            yield Column(dimension.phase_column, "float64", "rad", dimension.direction)
 
 
 def _fields(table: str) -> dict[str, str]:
@@ -37,7 +37,7 @@ def _fields(table: str) -> dict[str, str]:
     for dimension in _dimensions(table):
         fields[dimension.column] = dimension.field
         if dimension.direction:
-            fields[f"{dimension.phase}_rad"] = dimension.phase
+            fields[dimension.phase_column] = dimension.phase
     return fields
 
 
@@ -68,9 +68,21 @@ ROLLERS = Table(
         *_columns("rollers"),
     ),
 )
+HOLES = Table(
+    "holes",
+    "sample, disk, hole",
+    (
+        SAMPLE_COLUMN,
+        DISK_COLUMN,
+        Column(
+            "hole", "int32", "1", "hole of the disk, by the output pin in it; a disk without such holes has no rows"
+        ),
+        *_columns("holes"),
+    ),
+)
 
-
-SAMPLED = tuple(table.name for table in (REDUCER, DISKS, PINS, LOBES, ROLLERS))
+TABLES = (REDUCER, DISKS, PINS, LOBES, ROLLERS, HOLES)
+SAMPLED = tuple(table.name for table in TABLES)
 """Names of the tables of errors."""
 
 
@@ -83,12 +95,14 @@ def columns_of_errors(errors: Errors, start: int, interfaces: int) -> Tables:
     values[OF_REDUCER] = {
         name: getattr(errors, field).reshape(len(errors), -1)[:, 0] for name, field in columns[OF_REDUCER]
     }
+    holes = errors.hole_diameter.shape[1] // len(disks)
     lobes, per_interface = errors.lobe_profile.shape[1] // len(disks), errors.roller_diameter.shape[1] // interfaces
     keys = {
         OF_REDUCER: {"sample": number},
         OF_DISKS: dict(zip(("sample", "disk"), repeated(number, disks), strict=True)),
         "pins": dict(zip(("sample", "pin"), repeated(number, np.arange(errors.pin_radial.shape[1])), strict=True)),
         "lobes": dict(zip(("sample", "disk", "lobe"), repeated(number, disks, np.arange(lobes)), strict=True)),
+        "holes": dict(zip(("sample", "disk", "hole"), repeated(number, disks, np.arange(holes)), strict=True)),
         "rollers": dict(
             zip(
                 ("sample", "interface", "roller"),
@@ -135,8 +149,11 @@ SAMPLE = Stage(
         "design.disk.count",
         "design.output.contacts",
         "design.output.interfaces",
+        "design.output.pins_in_holes",
+        "design.output.has_bushes",
+        "design.operation",
     ),
-    tables=(REDUCER, DISKS, PINS, LOBES, ROLLERS),
+    tables=TABLES,
     module="stages.sample",
     unit="samples",
     items=_items,

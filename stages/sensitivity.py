@@ -94,11 +94,13 @@ def _scalars(job: Job, samples: np.ndarray) -> Mapping[str, np.ndarray]:
     means, reducer = {}, dict(tables["reducer"])
     for dimension in dimension_library().values():
         table = "disks" if dimension.of_disk and not dimension.elements else dimension.table
-        if dimension.elements or (several and dimension.of_disk):
+        if (dimension.elements or (several and dimension.of_disk)) and len(tables[table][dimension.column]):
             means[f"{dimension.name}_mean_um"] = tables[table][dimension.column].reshape(stop, -1).mean(axis=1)
             reducer.pop(dimension.column, None)
-    alone = {name: values for name, values in reducer.items() if name != "sample" and not name.endswith("_rad")}
-    return {name: np.asarray(values)[samples] for name, values in {**alone, **means}.items()}
+    scalar_columns = {
+        name: values for name, values in reducer.items() if name != "sample" and not name.endswith("_rad")
+    }
+    return {name: np.asarray(values)[samples] for name, values in {**scalar_columns, **means}.items()}
 
 
 def _shares(job: Job, units: Columns) -> list[dict]:
@@ -110,15 +112,17 @@ def _shares(job: Job, units: Columns) -> list[dict]:
     extra, shift = job.read("drivers", "units"), int(study.samples.nominal_first)
     drawn = slice(shift, shift + drawn_units(study))
     rows = []
-    columns = {(metric, over): f"{metric}_{over}" for metric in library() for over in EXPLAINED}
-    for (metric, over), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
+    columns = {
+        (metric, statistic_over): f"{metric}_{statistic_over}" for metric in library() for statistic_over in EXPLAINED
+    }
+    for (metric, statistic_over), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
         values = np.concatenate([np.asarray(units[column])[drawn], extra[column]])
-        base, other, *mixed = values.reshape(-1, n)
-        indices = variance_indices(base, other, np.array(mixed), study.metrics.confidence)
+        base, resampled, *mixed = values.reshape(-1, n)
+        indices = variance_indices(base, resampled, np.array(mixed), study.metrics.confidence)
         for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):
             triples = zip(shares.value, shares.ci_low, shares.ci_high, strict=True)
             rows += [
-                _row(metric, over, parameter, kind, triple, indices.n)
+                _row(metric, statistic_over, parameter, kind, triple, indices.n)
                 for parameter, triple in zip((*groups, SUM), triples, strict=True)
             ]
     return rows

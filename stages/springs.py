@@ -83,8 +83,8 @@ def _run(job: Job) -> Tables:
     coefficients, curves = [], []
     points = study.springs.table_points
     for crank in study.cycle.crank_deg:
-        at = assembly.reducer(study.design, crank)
-        laws = assembly.contact_laws(study, at)
+        reducer = assembly.reducer(study.design, crank)
+        laws = assembly.contact_laws(study, reducer)
         number = np.arange(len(laws))
         coefficients.append(
             pd.DataFrame(
@@ -96,8 +96,10 @@ def _run(job: Job) -> Tables:
             )
         )
         # up to the force with which one contact would carry the whole rated torque; dense where the law bends
-        most = assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm / np.max(np.abs(at.contacts.arm))
-        force = most * np.linspace(0, 1, points) ** 2
+        largest_force = (
+            assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm / np.max(np.abs(reducer.contacts.arm))
+        )
+        force = largest_force * np.linspace(0, 1, points) ** 2
         curves.append(
             pd.DataFrame(
                 {

@@ -45,7 +45,7 @@ ORDERS = Table(
 
 def transmission_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Columns:
     """Rows of the table of the transmission error."""
-    held = assembly.definitions(study).rigidity_high
+    held_torque = assembly.definitions(study).rigidity_high
     at_loaded = np.isin(rigid_angles(study), study.cycle.crank_deg)
     angle = np.stack([readings.free_angle[..., at_loaded], readings.loaded_angle], axis=2)  # (n, sense, torque, angle)
     force = np.full(angle.shape, np.nan)
@@ -54,7 +54,7 @@ def transmission_rows(study: Study, samples: np.ndarray, readings: TurnReadings)
     return {
         "sample": sample,
         "sense": labels(sense, SENSES),
-        "torque_Nm": held * share * np.where(sense == 0, 1.0, -1.0),
+        "torque_Nm": held_torque * share * np.where(sense == 0, 1.0, -1.0),
         "crank_deg": crank,
         "error_arcsec": ARCSEC_PER_ARCMIN * angle.ravel(),
         "bearing_force_N": force.ravel(),
@@ -66,10 +66,10 @@ def order_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Col
 
     None where the angles are too few or not even.
     """
-    held, parts = assembly.definitions(study).rigidity_high, [pd.DataFrame(ORDERS.empty())]
+    held_torque, parts = assembly.definitions(study).rigidity_high, [pd.DataFrame(ORDERS.empty())]
     curves = (
         (0.0, readings.free_angle[..., readings.free_even], study.cycle.rigid_crank_turns),
-        (held, readings.loaded_angle[..., readings.loaded_even], 1),
+        (held_torque, readings.loaded_angle[..., readings.loaded_even], 1),
     )
     for torque, angle, turns in (curve for curve in curves if curve[1].shape[2] >= FEWEST_ANGLES):
         harmonics = orders(ARCSEC_PER_ARCMIN * angle, turns)

@@ -122,8 +122,8 @@ def turn_readings(
     rigid_ends : (n, 2, n_rigid_angles) [arcmin], as `clearance.rigid_ends` has it.
     """
     angles = np.array(study.cycle.crank_deg)
-    held, free = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
-    missing = np.isnan(held[:, :1, :1, None])
+    loaded_angles, free = (_angles_of(loops, names, metric, len(angles)) for names, metric in _READ.items())
+    missing = np.isnan(loaded_angles[:, :1, :1, None])
     running = {
         column.name: np.where(missing[:, 0, :, 0], np.nan, loops[column.name].reshape(-1, len(angles)))
         for column in RUNNING
@@ -131,7 +131,7 @@ def turn_readings(
     cycloid, sense = study.design.cycloid, np.array([1.0, -1.0])[:, None]
     ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / cycloid.torque_ratio
     return TurnReadings(
-        loaded_angle=held,
+        loaded_angle=loaded_angles,
         free_angle=np.stack([_with_rigid(study, free[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),
         bearing_force=np.where(missing, np.nan, bearing_force),
         input_share=input_torque(cycloid.eccentricity_mm, np.radians(angles), bearing_force) / ideal,

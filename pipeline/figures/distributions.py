@@ -140,21 +140,21 @@ def crank_figure(
     figure = new_figure(2.8)
     for axes, metric in zip(figure.subplots(1, len(metrics), squeeze=False)[0], metrics, strict=True):
         rows = estimates[estimates["metric"] == metric].pivot(index="crank_deg", columns="statistic", values="value")
-        many = len(rows) > FEW_ANGLES
-        if many:
+        count = len(rows) > FEW_ANGLES
+        if count:
             axes.fill_between(rows.index, rows["p05"], rows["p95"], color=ACCENT, alpha=0.25, linewidth=0, label=BAND)
         else:
             axes.vlines(rows.index, rows["p05"], rows["p95"], color=ACCENT, linewidth=6, alpha=0.3, label=BAND)
-        size = 2.5 if many else 4.5
-        axes.plot(rows.index, rows["mean"], "-o" if many else "o", color=ACCENT, markersize=size, label="mean")
+        size = 2.5 if count else 4.5
+        axes.plot(rows.index, rows["mean"], "-o" if count else "o", color=ACCENT, markersize=size, label="mean")
         if len(nominal):
             style = {"color": INK, "markerfacecolor": "white", "markersize": size, "linewidth": 0.9}
-            axes.plot(nominal["crank_deg"], nominal[metric], "-D" if many else "D", label="nominal", **style)
+            axes.plot(nominal["crank_deg"], nominal[metric], "-D" if count else "D", label="nominal", **style)
         if metric in limits:
             axes.axhline(limits[metric], color=ALARM, linewidth=1.2, label="limit")
         axes.set(xlabel="crank angle (degrees)", title=METRICS[metric].title, ylabel=METRICS[metric].unit)
         axes.margins(x=0.15, y=0.12)
-        if not many:
+        if not count:
             axes.set_xticks(rows.index)
     legend_below(figure, axes)
     return figure

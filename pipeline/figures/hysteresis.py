@@ -103,18 +103,18 @@ def _centred_frame(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(angle_arcmin=angle)
 
 
-def _draw_spread(axes: Axes, spread: pd.DataFrame | None, what: str) -> None:
+def _draw_spread(axes: Axes, spread: pd.DataFrame | None, description: str) -> None:
     if spread is None:
         return
     for number, (_, rows) in enumerate(spread.groupby("branch", observed=True)):
-        once = number == 0
+        single = number == 0
         axes.fill_between(
             rows["torque_Nm"],
             rows["low"],
             rows["high"],
             color=ACCENT_LIGHT,
             linewidth=0,
-            label="5 % to 95 % of samples" if once else None,
+            label="5 % to 95 % of samples" if single else None,
         )
         axes.plot(
             rows["torque_Nm"],
@@ -122,7 +122,7 @@ def _draw_spread(axes: Axes, spread: pd.DataFrame | None, what: str) -> None:
             color=INK,
             linewidth=1.0,
             linestyle="--",
-            label=f"median {what}" if once else None,
+            label=f"median {description}" if single else None,
         )
 
 

@@ -34,10 +34,10 @@ def overlay_figure(
     for axes, metric in zip(figure.axes, metrics, strict=False):
         values = [frame[metric].dropna().to_numpy(float) for frame in runs.values()]
         edges = np.histogram_bin_edges(np.concatenate(values), BARS).tolist()
-        for label, one, colour, line, limit in zip(runs, values, COLOURS, LINES, limits, strict=False):
-            weight = np.full(one.size, 1 / max(one.size, 1))
-            axes.hist(one, edges, weights=weight, histtype="stepfilled", color=colour, alpha=0.18)
-            axes.hist(one, edges, weights=weight, histtype="step", color=colour, linestyle=line, label=label)
+        for label, entry, colour, line, limit in zip(runs, values, COLOURS, LINES, limits, strict=False):
+            weight = np.full(entry.size, 1 / max(entry.size, 1))
+            axes.hist(entry, edges, weights=weight, histtype="stepfilled", color=colour, alpha=0.18)
+            axes.hist(entry, edges, weights=weight, histtype="step", color=colour, linestyle=line, label=label)
             if metric in limit:
                 axes.axvline(limit[metric], color=colour, linestyle=line, linewidth=1.1)
         axes.set(xlabel=METRICS[metric].axis, ylabel="share of the samples")

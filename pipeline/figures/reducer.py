@@ -39,10 +39,10 @@ def reducer_figure(
     pin_radius : [mm]
     panels : drawings of the mechanism; a single one is as large as that of the pins.
     """
-    alone = len(panels) == 1
-    figure = new_figure(4.6 if alone else 6.0)
+    single = len(panels) == 1
+    figure = new_figure(4.6 if single else 6.0)
     mosaic = [["ring", str(k)] for k in range(len(panels))]
-    grid: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[1 if alone else 2.05, 1])
+    grid: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[1 if single else 2.05, 1])
     draw_ring(grid["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
     for k, panel in enumerate(panels):
         _draw_panel(grid[str(k)], panel, flank)

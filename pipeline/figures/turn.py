@@ -73,6 +73,51 @@ def turn_forces_figure(bearing: pd.DataFrame, spread: pd.DataFrame | None, pins:
     return figure
 
 
+@styled
+def output_turn_figure(errors: Mapping[str, pd.DataFrame], waves: Mapping[str, pd.DataFrame], lobes: int) -> Figure:
+    """One unit over a turn of the output: its error, the orders of that, and forces where a torque is held.
+
+    Parameters
+    ----------
+    errors : title -> ``sense``, ``crank_deg``, ``error_arcsec``, ``bearing_force_N``, ``pin_force_N``, a column each.
+    waves : title -> ``sense``, ``order_of_crank``, ``amplitude_arcsec``, by the same titles.
+    lobes : turns of the crank.
+    """
+    loaded = [rows for rows in errors.values() if rows["bearing_force_N"].notna().any()]
+    figure = new_figure(5.2 + 2.6 * bool(loaded))
+    panels = figure.subplots(2 + bool(loaded), max(len(errors), 1 + bool(loaded)), squeeze=False)
+    for column, (title, rows) in enumerate(errors.items()):
+        about_mean = rows["error_arcsec"] - rows.groupby("sense", observed=True)["error_arcsec"].transform("mean")
+        _over_output(panels[0, column], rows.assign(error_arcsec=about_mean), "error_arcsec", lobes)
+        panels[0, column].set(title=title[:1].upper() + title[1:], ylabel="error about its mean (arcsec)")
+        _waves(panels[1, column], waves[title])
+    for rows in loaded:
+        for axes, (name, what) in zip(panels[2], FORCES.items(), strict=False):
+            _over_output(axes, rows, name, lobes)
+            axes.set(title=what, ylabel="force (N)", ylim=(0, None))
+    legend_below(figure, panels[0, 0])
+    return figure
+
+
+FORCES = {"bearing_force_N": "Input bearing", "pin_force_N": "Pin 0"}
+"""Forces over a turn of the output and what they act on."""
+
+
+def _over_output(axes: Axes, rows: pd.DataFrame, column: str, lobes: int) -> None:
+    for sense, (colour, _) in SENSES.items():
+        part = rows[rows["sense"] == sense]
+        name = sense.replace("-", "−")
+        axes.plot(part["crank_deg"] / 360, part[column], color=colour, linewidth=0.4, label=f"sense {name}")
+    axes.set(xlabel="turns of the crank", xlim=(0, lobes))
+
+
+def _waves(axes: Axes, rows: pd.DataFrame) -> None:
+    for sense, (colour, _) in SENSES.items():
+        part = rows[rows["sense"] == sense]
+        axes.plot(part["order_of_crank"], part["amplitude_arcsec"], color=colour, linewidth=0.5)
+    axes.set(xlabel="waves per turn of the crank", ylabel="amplitude (arcsec)", xlim=(0, None), ylim=(0, None))
+
+
 def _band(axes: Axes, spread: pd.DataFrame | None) -> None:
     if spread is None:
         return

@@ -19,11 +19,11 @@ from pipeline.figures.spread import spread_frame
 from pipeline.figures.springs import spring_laws_figure
 from pipeline.figures.units import units_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
-from pipeline.model.geometry.reducer import OUTPUT
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer import explored_units
 from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.samples.section import sample_drawings
 from pipeline.report.turn.drawings import turn_drawings
 from pipeline.report.wording import counted, plain
 
@@ -45,6 +45,7 @@ def drawings(frames: Frames) -> Iterator[Drawing]:
     yield from turn_drawings(frames)
     if not frames.listed and len(frames.over_turn):
         yield _distributions(frames)
+        yield from sample_drawings(frames)
         yield from _units(frames)
         holding = [metric for metric in HEADLINES if metric in _varying(frames)]
         if len(frames.study.cycle.crank_deg) > 1 and holding:
@@ -66,12 +67,11 @@ def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
 
 def _reducer(frames: Frames) -> Drawing:
     design, crank = frames.study.design, frames.crank_deg
-    at, words = assembly.reducer(design, crank), design.output.words
-    of_disks = np.split(np.flatnonzero(at.contacts.kind == OUTPUT), len(at.disks))
+    reducer, words = assembly.reducer(design, crank), design.output.words
     panels = [
         panel
-        for disk, numbers in zip(at.disks, of_disks, strict=True)
-        for panel in design.output.panels(disk, at.contacts.some(numbers), numbers)
+        for disk, numbers in zip(reducer.disks, reducer.output_rows, strict=True)
+        for panel in design.output.panels(disk, reducer.contacts.some(numbers), numbers)
     ]
     return Drawing(
         "reducer",
@@ -132,17 +132,17 @@ def _clearances(frames: Frames) -> Drawing:
 
 def _loads(frames: Frames) -> Iterator[Drawing]:
     """Forces on pins and rollers of the drawn samples whose contacts were kept."""
-    kept = {
+    selected = {
         label: rows
         for label, sample in frames.drawn.items()
         if len(rows := frames.at_crank(frames.loads[frames.loads["sample"] == sample]))
     }
-    if not kept:
+    if not selected:
         return
     study, pins = frames.study, frames.study.design.cycloid.pins
-    torques = _rising_torques(frames, next(iter(kept.values())))
+    torques = _rising_torques(frames, next(iter(selected.values())))
     low, crank = torques[0], plain(frames.crank_deg)
-    at_low = {label: _at_torque(rows, low) for label, rows in kept.items()}
+    at_low = {label: _at_torque(rows, low) for label, rows in selected.items()}
     of_pins = {label: rows[rows["contact"] < pins] for label, rows in at_low.items()}
     yield Drawing(
         "dead_zones",
@@ -152,15 +152,15 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         dead_zones_figure(of_pins),
     )
     contacts = frames.at_crank(frames.contacts)
-    if len(kept) > 1:
-        traces, rising, what = at_low, False, f"at {plain(low)} N m"
+    if len(selected) > 1:
+        traces, rising, condition = at_low, False, f"at {plain(low)} N m"
     else:
-        ((label, rows),) = kept.items()
+        ((label, rows),) = selected.items()
         traces = {f"{plain(torque)} N m": _at_torque(rows, torque) for torque in torques}
-        rising, what = True, f"of {frames.owner(label)} under growing torque"
+        rising, condition = True, f"of {frames.owner(label)} under growing torque"
     yield Drawing(
         "pin_loads",
-        f"Contact forces and deformations of the pins {what}",
+        f"Contact forces and deformations of the pins {condition}",
         f"At crank angle {crank}°. The deformation is that of the contact and of the disk under it.",
         pin_loads_figure({name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
     )
@@ -169,7 +169,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         return
     yield Drawing(
         "output_loads",
-        f"Forces on the {words.contact}s {what}",
+        f"Forces on the {words.contact}s {condition}",
         f"At crank angle {crank}°; {words.loads}",
         output_loads_figure(traces, contacts, words.station, rising),
     )
@@ -179,8 +179,8 @@ def _rising_torques(frames: Frames, rows: pd.DataFrame) -> list[float]:
     """The lost-motion torque and some larger ones that the load cycle visits, ascending [N m]."""
     visited = np.unique(rows["torque_Nm"].to_numpy())
     lost_motion = frames.study.design.cycloid.rated_torque_Nm * frames.study.metrics.lost_motion_percent / 100
-    wanted = [lost_motion, *(share * visited[-1] for share in RISING)]
-    return sorted({float(visited[np.argmin(np.abs(visited - torque))]) for torque in wanted})
+    torques = [lost_motion, *(share * visited[-1] for share in RISING)]
+    return sorted({float(visited[np.argmin(np.abs(visited - torque))]) for torque in torques})
 
 
 def _at_torque(rows: pd.DataFrame, torque: float) -> pd.DataFrame:
@@ -298,8 +298,8 @@ def _of_band(frames: Frames, spread: object) -> str:
     """Which samples the band is of."""
     if spread is None:
         return ""
-    some = frames.curves["sample"].iloc[-1] + 1 < frames.study.samples.rows
-    return f" The band is over {'the first ' if some else ''}{counted(len(frames.band), 'sample')}."
+    subset = frames.curves["sample"].iloc[-1] + 1 < frames.study.samples.rows
+    return f" The band is over {'the first ' if subset else ''}{counted(len(frames.band), 'sample')}."
 
 
 def _direction(crank_deg: float) -> str:

@@ -86,14 +86,18 @@ def base_samples(frames: Frames) -> int:
 def constant_metrics(frames: Frames) -> list[str]:
     """Metrics that do not vary over the samples, which therefore nothing drives."""
     constant = np.ptp(frames.over_turn[frames.shown_metrics].to_numpy(), axis=0) == 0 if len(frames.over_turn) else ()
-    return [METRICS[name].inline for name, same in zip(frames.shown_metrics, constant, strict=False) if same]
+    return [
+        METRICS[name].inline
+        for name, repeated_torque in zip(frames.shown_metrics, constant, strict=False)
+        if repeated_torque
+    ]
 
 
 def _driver(metric: str, table: pd.DataFrame) -> Driver:
-    total, alone, ranks = (_leading(table, kind) for kind in (TOTAL, FIRST_ORDER, RANK_CORRELATION))
+    total, first_order, ranks = (_leading(table, kind) for kind in (TOTAL, FIRST_ORDER, RANK_CORRELATION))
     if len(total):
         name, share = total.index[0], float(total.iloc[0])
-        by_itself = f", {percent(float(alone[name]))} by itself" if name in alone else ""
+        by_itself = f", {percent(float(first_order[name]))} by itself" if name in first_order else ""
         largest = f"{parameter_title(name)}, {percent(share)} of the variance{by_itself}"
     elif len(ranks):
         largest = f"{parameter_title(ranks.index[0])}, rank correlation {signed(float(ranks.iloc[0]), 2)}"
@@ -104,7 +108,7 @@ def _driver(metric: str, table: pd.DataFrame) -> Driver:
         title=METRICS[metric].title,
         largest=largest,
         in_all=_names([f"{name} ({percent(share)})" for name, share in _titled(total)], table, TOTAL),
-        by_itself=_names([f"{name} ({percent(share)})" for name, share in _titled(alone)], table, FIRST_ORDER),
+        by_itself=_names([f"{name} ({percent(share)})" for name, share in _titled(first_order)], table, FIRST_ORDER),
         by_rank=_names([f"{name} ({signed(rank, 2)})" for name, rank in _titled(ranks)], table, RANK_CORRELATION),
         together=_together(table),
     )

@@ -54,8 +54,8 @@ def explored(frames: Frames) -> Mapping[str, object]:
 def kept_samples(study: Study) -> list[int]:
     """The first samples whose contacts the study keeps."""
     keep = study.cycle.keep_contacts
-    kept = range(study.samples.rows) if keep == "all" else sorted(keep)
-    return [sample for sample in kept if sample < study.samples.rows][:KEPT_UNITS]
+    kept_samples = range(study.samples.rows) if keep == "all" else sorted(keep)
+    return [sample for sample in kept_samples if sample < study.samples.rows][:KEPT_UNITS]
 
 
 def explored_units(frames: Frames) -> pd.DataFrame:

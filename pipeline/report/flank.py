@@ -15,24 +15,13 @@ CRANKS_PER_PITCH = 16
 
 def nominal_gaps(design: Design, crank_deg: float) -> pd.DataFrame:
     """Gaps of nominal pins at one crank angle by phase: phase_deg, exact_um, first_order_um."""
-    at, profile = assembly.reducer(design, crank_deg), assembly.profile(design)
-    pins = np.zeros((1, profile.pins))
-    nominal = Errors(
-        pins,
-        pins,
-        pins,
-        np.zeros((1, profile.lobes)),
-        np.zeros(1),
-        np.zeros((1, len(at.contacts) - at.n_pins)),
-        np.zeros(1),
-        np.zeros((1, profile.lobes)),
-        np.zeros((1, 2)),
-    )
+    reducer, profile = assembly.reducer(design, crank_deg), assembly.profile(design)
+    nominal = Errors.zero(profile.pins, profile.lobes, len(reducer.contacts) - reducer.n_pins)
     gaps = {
-        name: UM_PER_MM * method(profile, at, nominal, "radial")[0]
+        name: UM_PER_MM * method(profile, reducer, nominal, "radial")[0]
         for name, method in (("exact_um", exact_gaps), ("first_order_um", first_order_gaps))
     }
-    return pd.DataFrame({"phase_deg": np.degrees(at.pins.phase), **gaps})
+    return pd.DataFrame({"phase_deg": np.degrees(reducer.pins.phase), **gaps})
 
 
 def nominal_gap_curve(design: Design) -> pd.DataFrame:

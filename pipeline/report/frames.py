@@ -25,7 +25,8 @@ class Frames:
     Attributes
     ----------
     study : the settings.
-    metrics, units, distributions, convergence, sensitivity : of ``aggregate``, whole.
+    metrics, units, distributions, convergence, sample_convergence, sensitivity : of ``aggregate``, whole.
+    tails : of ``tails``, whole; no rows unless the study asks for them.
     status : of ``hysteresis``, whole.
     contacts : of ``clearance``: the nominal contacts at every crank angle.
     gaps, curves : of ``clearance`` and ``hysteresis``: the rows of the first samples, all of them or enough for a band.
@@ -41,7 +42,9 @@ class Frames:
     units: pd.DataFrame
     distributions: pd.DataFrame
     convergence: pd.DataFrame
+    sample_convergence: pd.DataFrame
     sensitivity: pd.DataFrame
+    tails: pd.DataFrame
     status: pd.DataFrame
     contacts: pd.DataFrame
     gaps: pd.DataFrame
@@ -115,12 +118,12 @@ class Frames:
 
         One disk carries all.
         """
-        alone = self.study.design.disk.count == 1
+        one_disk = self.study.design.disk.count == 1
         frictionless = not np.any(self.metrics["hysteresis_loss_arcmin"] > 0)
         redundant = [
             name
             for name, metric in METRICS.items()
-            if (metric.needs_friction and frictionless) or (metric.needs_disks and alone)
+            if (metric.needs_friction and frictionless) or (metric.needs_disks and one_disk)
         ]
         limits = self.limits
         return [name for name in METRICS if name not in redundant or name in limits]

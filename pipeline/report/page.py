@@ -9,11 +9,14 @@ from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import Metric
 from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
+from pipeline.report.chain.graph import BOX, StageNote, stage_graph
 from pipeline.report.drivers import base_samples, constant_metrics, driver_tables, drivers, first_drivers
 from pipeline.report.explorer import explored
 from pipeline.report.frames import DRAWN_CASES, Frames
 from pipeline.report.rendering import Picture, rendered
 from pipeline.report.results import Results
+from pipeline.report.samples.section import SamplesSection
+from pipeline.report.samples.tails import tail_lines
 from pipeline.report.turn.section import TurnSection
 from pipeline.report.validity import beyond_law, overloaded
 from pipeline.statistics.replicated import FEWEST_BEYOND
@@ -38,7 +41,11 @@ def definitions(study: Study) -> list[tuple[Metric, str]]:
 
 
 def report_page(
-    frames: Frames, pictures: Mapping[str, Picture], tables: Sequence[TableNote], versions: Mapping[str, str]
+    frames: Frames,
+    pictures: Mapping[str, Picture],
+    tables: Sequence[TableNote],
+    stages: Sequence[StageNote],
+    versions: Mapping[str, str],
 ) -> str:
     """The report as one self-contained HTML document.
 
@@ -47,9 +54,10 @@ def report_page(
     frames : the study and its tables.
     pictures : by the name of their drawing; the page leaves out what is not there.
     tables : the tables of the run.
+    stages : the stages that it rests on, upstream ones first.
     versions : package -> version.
     """
-    study, found = frames.study, drivers(frames)
+    study, driver_statements = frames.study, drivers(frames)
     numbers = inputs.design_numbers(study.design)
     cases = inputs.case_columns(study.cases)
     return rendered(
@@ -58,10 +66,12 @@ def report_page(
         frames=frames,
         results=Results(frames),
         turn=TurnSection(frames),
+        samples=SamplesSection(frames),
+        tail_lines=tail_lines(frames),
         case_rows=case_rows(frames) if frames.listed else [],
         case_crank_rows=case_crank_rows(frames) if frames.listed else [],
-        drivers=found,
-        first_drivers=first_drivers(found),
+        drivers=driver_statements,
+        first_drivers=first_drivers(driver_statements),
         base_samples=base_samples(frames),
         constant_metrics=constant_metrics(frames),
         beyond_law=beyond_law(frames),
@@ -72,6 +82,8 @@ def report_page(
         driver_tables=driver_tables(frames),
         pictures=pictures,
         tables=tables,
+        graph=stage_graph(stages),
+        box=BOX,
         versions=versions,
         numbers=numbers,
         calibrated=inputs.names_by_status(numbers, "calibrated"),

@@ -59,8 +59,8 @@ class Results:
         keys = zip(table["metric"], table["over"], table["crank_deg"], table["statistic"], strict=True)
         values = table[["value", "ci_low", "ci_high"]].to_numpy(float)
         return {
-            (metric, over, None if np.isnan(crank) else crank, statistic): tuple(row)
-            for (metric, over, crank, statistic), row in zip(keys, values, strict=True)
+            (metric, statistic_over, None if np.isnan(crank) else crank, statistic): tuple(row)
+            for (metric, statistic_over, crank, statistic), row in zip(keys, values, strict=True)
         }
 
     def _estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
@@ -135,24 +135,30 @@ class Results:
     def _doubled(self, metric: str, column: str) -> tuple[float, float]:
         """A value of the table of convergence now and with twice as many crank angles; NaN where they are too few."""
         part = self.frames.convergence[self.frames.convergence["metric"] == metric]
-        now, then = (part.loc[part["extrapolated"] == later, column] for later in (False, True))
-        return (float(now.iloc[-1]), float(then.iloc[-1])) if len(now) and len(then) else (np.nan, np.nan)
+        current, extrapolated = (part.loc[part["extrapolated"] == later, column] for later in (False, True))
+        return (
+            (float(current.iloc[-1]), float(extrapolated.iloc[-1]))
+            if len(current) and len(extrapolated)
+            else (np.nan, np.nan)
+        )
 
     @cached_property
     def doubled_yield(self) -> str:
         """Yield against all limits with twice as many crank angles, extrapolated; empty where they are too few."""
-        _, then = self._doubled(ALL_LIMITS, "yield")
-        return percent(then) if np.isfinite(then) and self.frames.over == "worst" else ""
+        _, extrapolated = self._doubled(ALL_LIMITS, "yield")
+        return percent(extrapolated) if np.isfinite(extrapolated) and self.frames.over == "worst" else ""
 
     @cached_property
     def doubled(self) -> list[str]:
         """How far the mean worst values would move with twice as many crank angles, one phrase each."""
         phrases = []
         for name in HEADLINES:
-            now, then = self._doubled(name, "worst_mean")
-            if np.isfinite(then):
+            current, extrapolated = self._doubled(name, "worst_mean")
+            if np.isfinite(extrapolated):
                 metric = METRICS[name]
-                phrases.append(f"the {metric.inline} by {signed(then - now, metric.decimals)} {metric.unit}")
+                phrases.append(
+                    f"the {metric.inline} by {signed(extrapolated - current, metric.decimals)} {metric.unit}"
+                )
         return phrases
 
     @cached_property
@@ -198,8 +204,8 @@ class Results:
         if not len(failed):
             return f"Every load cycle of every sample has reached equilibrium.{limits}"
         loops, samples = len(failed), failed["sample"].nunique()
-        whole = counted(len(self.frames.status), "load cycle")
+        load_cycles = counted(len(self.frames.status), "load cycle")
         return (
-            f"{loops:,} of {whole} {'has' if loops == 1 else 'have'} no result; they belong to "
+            f"{loops:,} of {load_cycles} {'has' if loops == 1 else 'have'} no result; they belong to "
             f"{counted(samples, 'sample')}, left out of all statistics.{limits}"
         )

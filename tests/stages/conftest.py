@@ -25,7 +25,7 @@ def small_study(**samples: object) -> Study:
 
 
 def run_study(study: Study, runs: Path, jobs: int = 1, chunk: int = 100) -> dict[str, Output]:
-    return run(STAGES, study, [LAST], runs, Resources(jobs, chunk))
+    return run(STAGES, study, [LAST, "tails"], runs, Resources(jobs, chunk))
 
 
 @pytest.fixture(scope="session")

@@ -44,6 +44,8 @@ def test_no_sample_lies_beyond_its_bounds(
         <= metrics["torsional_rigidity_Nm_per_arcmin"].min()
     )
     np.testing.assert_allclose(tables["contributions"].groupby("metric", observed=True)["percent"].sum(), 100.0)
+    assert (folder / "bounds/few/figures/bounds.png").stat().st_size > 10_000
+    assert 'id="figure-bounds"' in (folder / "bounds/few/report.html").read_text()
     assert "C<sub>pk</sub>" in (folder / "bounds/few/report.html").read_text()
 
 

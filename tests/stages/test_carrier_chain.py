@@ -7,19 +7,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline import assembly
 from pipeline.config import load_design, load_study, parse_design, parse_study
+from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
 from pipeline.population.tails import tails_of
 from pipeline.report.inputs import reducer_facts
 from stages.chain import STAGES
+from stages.condensed import COMPLIANCE_FILE, full_compliance
 
 ROOT = Path(__file__).parents[2]
-DESIGN = tomllib.loads((ROOT / "data/designs/rv_81.toml").read_text(encoding="utf-8"))
+DESIGN = tomllib.loads((ROOT / "data/designs/rv_81_two_disks.toml").read_text(encoding="utf-8"))
 
 
-def small_study(**changes):
-    data = tomllib.loads((ROOT / "data/studies/rv.toml").read_text(encoding="utf-8"))
+def small_study(study="rv", **changes):
+    data = tomllib.loads((ROOT / f"data/studies/{study}.toml").read_text(encoding="utf-8"))
     data["samples"]["count"] = 3
     data["cycle"] |= {"crank_deg": [37.0], "levels_per_branch": 4, "rigid_angles": 1, "keep_contacts": "all"}
     data["reduce"] |= {"flank_edges_per_lobe": 16, "patch_half_width_mm": 0.9, "growth": 0.6, "largest_edge_mm": 5.0}
@@ -28,8 +31,15 @@ def small_study(**changes):
     return parse_study(data, "rv_small", "rv_small.toml", lambda design: load_design(design, ROOT))
 
 
-def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path):
-    finished = run(STAGES, small_study(), ["aggregate"], tmp_path, Resources(1, 4))
+@pytest.mark.parametrize(("name", "rated"), [("rv", 200), ("rv_two_disks", 400)])
+def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, name, rated):
+    study = small_study(name)
+    finished = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
+    at, body = assembly.reducer(study.design, 37.0), elastic_disk(study)
+    condensed = full_compliance(finished["reduce"].path(COMPLIANCE_FILE), at, 37.0)
+    fresh = body.compliance(disk_patches(study, body, at)).matrix
+    rows = assembly.disk_contacts(at)
+    np.testing.assert_allclose(condensed[np.ix_(rows, rows)], fresh, atol=1e-9 * fresh.max())
     frames = {table: pd.DataFrame(finished["hysteresis"].read(table)) for table in ("contacts", "status", "loops")}
     assert set(frames["status"]["status"]) == {"ok"}
     assert frames["loops"]["bearing_force_N"].isna().all()
@@ -37,7 +47,7 @@ def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path):
     contacts["moment_Nm"] = 1e-3 * contacts["force_N"] * contacts["arm_mm"]
     steps = contacts.groupby(["sample", "step", "kind"])
     moment, torque = steps["moment_Nm"].sum().unstack("kind"), steps["torque_Nm"].first().unstack("kind")["pin"]
-    assert np.ptp(torque) == 400
+    assert np.ptp(torque) == 2 * rated
     np.testing.assert_allclose(moment["output"], -torque, atol=1e-5)
     np.testing.assert_allclose(moment["pin"], -torque * 40 * 39 / (20 + 40 * 40), atol=1e-5)
     metrics = pd.DataFrame(finished["aggregate"].read("metrics"))
@@ -66,7 +76,7 @@ def test_the_report_tells_cranks_gears_and_their_ratio():
         ("output", "cranks", 4, "output.cranks = 4; must be <= 3"),
         ("output", "bearing_rollers", 15, "output.bearing_rollers = 15; must be a multiple of 2"),
         ("cycloid", "fixed", "flange", 'cycloid.fixed = "flange"; must be "housing" with a carrier'),
-        ("disk", "count", 2, "disk.count = 2; must be 1 with the output carrier"),
+        ("output", "cranks", 3, 'disk.clocking = "same_part"; 3 holes and 39 lobes: no turn by whole holes'),
     ],
 )
 def test_a_wrong_carrier_names_file_key_value_and_remedy(section, key, value, line):

@@ -36,6 +36,33 @@ def test_the_pandas_snippet_runs_on_a_run(
     assert "disk_profile_um" in printed or "rank_correlation" in printed
 
 
+def test_the_lines_of_other_readers_say_what_pandas_says(
+    outputs: dict[str, Output], runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their answers, caught where they are printed, against the same questions asked of pandas."""
+    (snippet,) = [block for block in blocks("python") if "duckdb" in block]
+    (runs.parent / "data").mkdir(exist_ok=True)
+    link = runs.parent / "data" / "runs"
+    link.unlink(missing_ok=True)
+    link.symlink_to(runs)
+    monkeypatch.chdir(runs.parent)
+    printed: list = []
+    exec(compile(snippet, "README.md", "exec"), {"print": printed.append})
+    yields, forces = (relation.df() for relation in printed[:2])
+    table = pd.DataFrame(outputs["aggregate"].read("distributions"))
+    asked = table[(table["over"] == "worst") & (table["statistic"] == "yield")]
+    assert dict(zip(yields["metric"], yields["value"], strict=True)) == dict(
+        zip(asked["metric"], asked["value"], strict=True)
+    )
+    contacts = pd.DataFrame(outputs["hysteresis"].read("contacts")).groupby("sample")["force_N"].max()
+    assert forces.set_index("sample")["force_N"].sort_index().to_dict() == contacts.to_dict()
+    units = pd.DataFrame(outputs["aggregate"].read("units"))
+    asked_units = [name for name in units if name.endswith("_arcmin_worst")]
+    assert printed[2].row(0, named=True) == pytest.approx(
+        {name: units[name].quantile(0.95, interpolation="nearest") for name in asked_units}
+    )
+
+
 def test_one_unit_and_the_contacts_of_one_sample(
     outputs: dict[str, Output],
     runs: Path,

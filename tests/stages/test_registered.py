@@ -78,7 +78,7 @@ class Arcsine(Spread):
         yield from super().details(plain)
 """
 FOUR_LOBED = """
-from pipeline.config.dimensions._ovality import ovality
+from pipeline.config.dimensions.pins._ovality import ovality
 DIMENSION = ovality(4, "four-lobed", rank=110, drawn=(12, 13))
 """
 DOGS = """

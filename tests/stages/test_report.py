@@ -19,6 +19,7 @@ from pipeline.engine.stage import Job, Sections
 from pipeline.engine.store import Output
 from pipeline.figures.labels import METRICS
 from pipeline.report.cases import case_rows
+from pipeline.report.chain.graph import BOX, GAP, StageNote, stage_graph
 from pipeline.report.drawings import drawings
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.page import report_page
@@ -82,6 +83,8 @@ def frames_of(study: Study, runs: Path) -> Frames:
         units=table("aggregate/units"),
         distributions=table("aggregate/distributions"),
         convergence=table("aggregate/convergence"),
+        sample_convergence=table("aggregate/sample_convergence"),
+        tails=table("tails/tails"),
         sensitivity=table("aggregate/sensitivity"),
         status=table("hysteresis/status"),
         contacts=table("clearance/contacts"),
@@ -112,9 +115,25 @@ def test_the_section_of_the_turn_says_what_the_study_lacks(frames) -> None:
     assert titles["Transmission error without load"].estimates[0].value in page
 
 
+STAGES_RUN = [
+    StageNote("sample", (), "2026-01-02T03:04:05+00:00", 1.0, 10, 0, 80),
+    StageNote("clearance", ("sample",), "2026-01-02T03:05:05+00:00", 2.0, 10, 3, 80),
+    StageNote("hysteresis", ("sample", "clearance"), "2026-01-02T03:06:05+00:00", 5.0, 0, 0, 0),
+]
+
+
+def test_stages_stand_right_of_what_they_read():
+    graph = stage_graph(STAGES_RUN)
+    assert [stage.x for stage in graph.boxes] == [0, BOX[0] + GAP[0], 2 * (BOX[0] + GAP[0])]
+    assert len(graph.lines) == 2  # what hysteresis reads of sample goes by clearance too
+    assert [stage.share for stage in graph.boxes] == pytest.approx([1 / 8, 2 / 8, 5 / 8])
+    assert "clearance reads sample: 2.0 s, 3 items failed" in graph.description
+    assert [stage.note.state for stage in graph.boxes] == ["10 done", "3 of 10 failed", "nothing asked for"]
+
+
 def written(frames: Frames) -> str:
     """The page without pictures."""
-    return report_page(frames, {}, [], {"numpy": "2"}).replace("\u00a0", " ")
+    return report_page(frames, {}, [], STAGES_RUN, {"numpy": "2"}).replace("\u00a0", " ")
 
 
 class PageResources(HTMLParser):
@@ -410,7 +429,7 @@ def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(runs, fini
         tolerances=None,
         cycle={"crank_deg": [0.0, 90.0], "levels_per_branch": 4, "keep_contacts": "all"},
     )
-    run(STAGES, study, ["aggregate"], runs, Resources(1, 7))
+    run(STAGES, study, ["aggregate", "tails"], runs, Resources(1, 7))
     frames = frames_of(study, runs)
     text = written(frames)
     worst = frames.metrics.groupby("sample")["lost_motion_arcmin"].max()

@@ -18,7 +18,7 @@ from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
-from stages import hysteresis
+from stages import curves, hysteresis
 from stages.convergence import convergence_rows
 from stages.turn import Turn
 
@@ -56,6 +56,7 @@ CONTRACT = {
     ),
     "aggregate/units": ("sample", "lost_motion_arcmin_worst lost_motion_arcmin_mean lost_motion_arcmin_best status"),
     "aggregate/convergence": ("metric n_angles", "worst_mean yield extrapolated"),
+    "aggregate/sample_convergence": ("metric statistic n", "value ci_low ci_high"),
     "aggregate/distributions": ("metric over crank_deg statistic", "value ci_low ci_high n n_angles"),
     "aggregate/sensitivity": ("metric over parameter kind", "index ci_low ci_high n"),
 }
@@ -459,7 +460,7 @@ def test_numbers_of_a_curve_count_every_contact(study):
     response = CycleResponse(
         np.zeros(2, int), np.zeros(2), np.zeros((1, 2)), np.arange(2), states, np.zeros((1, 2)), np.ones(1, bool)
     )
-    values = hysteresis._curve_values(hysteresis.Solved(0.0, drive, response, {}))
+    values = curves._curve_values(curves.Solved(0.0, drive, response, {}))
     assert values["peak_pressure_MPa"][0, 0] == laws.pressure[100] * 100
     moment = np.abs(at.pins.arm[1:3]) * force[0, 0, 1:3]
     np.testing.assert_allclose(values["beyond_limit_share"], [[moment[0] / moment.sum(), 0.0]])

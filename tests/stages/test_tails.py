@@ -1,20 +1,25 @@
 """Far tails of a study: the metrics are those of the chain, and few solved units tell what all of them do."""
 
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from pipeline import assembly
-from pipeline.cli.tails import TRIAL, at_angles, springs
+from pipeline import api, assembly, cli
+from pipeline.cli import settings
 from pipeline.config.study import Limits
+from pipeline.config.tails import Tails
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError
 from pipeline.population import tails
 from pipeline.population.prediction import Prediction, Tail, rough_metrics
+from pipeline.report.samples.tails import tail_lines
 from pipeline.sampling import draw
 from stages import hysteresis
+from stages.tails import TRIAL, at_angles, springs
 
 LOST_MOTION, RIGIDITY, PRESSURE = "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin", "peak_pressure_MPa"
 UNITS = 4000
@@ -116,6 +121,49 @@ def test_a_metric_that_the_springs_do_not_tell_has_no_interval(one_angle, every)
     assert (rows[RIGIDITY, "beyond"].ci_low, rows[RIGIDITY, "beyond"].ci_high) == (0.0, 1.0)
     assert rows[RIGIDITY, "p0.27"].ci_low == -np.inf
     assert rows[RIGIDITY, "p0.27"].value < np.median(every[RIGIDITY])  # the lower tail is the bad one
+
+
+def chain(sampled):
+    """The sum of two uniform deviations and a rough model that sees nine tenths of one."""
+    ends = 1 + sampled.pin_radius[:, [5]], 1 + sampled.pin_radius[:, [7]]
+    return {LOST_MOTION: ends[0] + ends[1]}, {LOST_MOTION: ends[0] + 0.9 * ends[1]}
+
+
+def test_a_chain_of_two_has_the_tail_of_its_closed_form(one_angle):
+    """P(a + b > 2 - t) = t^2/2 of two uniform numbers: 2,000 ppm at t = 0.063; the far quantile lies at t = 0.0735."""
+    beyond, far = 2e-3, 2 - np.sqrt(2 * (1 - 0.9973))
+    asked = limited(one_angle, **{LOST_MOTION: 2 - np.sqrt(2 * beyond)})
+    rows = []
+    for seed in range(4):
+        samples = asked.samples.model_copy(update={"seed": seed})
+        seeded = asked.model_copy(update={"samples": samples})
+        rows += tails.far_tails(seeded, 8_000, 600, lambda one: chain(one)[1], lambda one: chain(one)[0])
+    shares, quantiles = rows[::2], rows[1::2]
+    assert {row.statistic for row in shares} == {"beyond"}
+    assert sum(row.ci_low < beyond < row.ci_high for row in shares) >= 3
+    assert sum(row.ci_low < far < row.ci_high for row in quantiles) >= 3
+    spread = np.sqrt(beyond / (4 * 8_000))  # of a mean of which every unit beyond is solved
+    assert np.mean([row.value for row in shares]) == pytest.approx(beyond, abs=3.5 * spread)
+    assert np.mean([row.value for row in quantiles]) == pytest.approx(far, abs=0.004)
+
+
+def test_a_study_asks_for_its_tails_and_the_page_tells_them(study, outputs, runs, tmp_path, monkeypatch, capsys):
+    (tmp_path / ".cache").symlink_to(runs / ".cache")
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    asked = study.model_copy(update={"name": "asked", "tails": Tails(units=1000, solve=200)})
+    rows = pd.DataFrame(api.run(asked, ["tails"], jobs=1).table("tails/tails"))
+    shared = hysteresis.prepare(Job(study, 1, runs, outputs, Cache(runs / ".cache", "")))
+    rough = partial(rough_metrics, study, springs(shared, draw(tails.population(study, 1000), 1000, 1050)))
+    again = pd.DataFrame(map(vars, tails.far_tails(study, 1000, 200, rough, partial(at_angles, shared))))
+    pd.testing.assert_frame_equal(rows.astype({"metric": str, "statistic": str}), again, check_dtype=False)
+    frames = SimpleNamespace(study=asked, tails=rows, limits=asked.limits.of_metrics)
+    line = {line.name: line for line in tail_lines(frames)}[PRESSURE]
+    share = rows[(rows["metric"] == PRESSURE) & (rows["statistic"] == "beyond")].iloc[0]
+    assert line.beyond.value == f"{1e6 * share['value']:,.0f}"
+    assert line.limit == "≤ 4,000"
+    capsys.readouterr()
+    assert cli.main(["tails", "--study", "quick", "--units", "100", "--solve", "1000"]) == 2
+    assert "--solve = 1000; must be from 1 to --units = 100" in capsys.readouterr().err
 
 
 def test_what_has_no_tail_is_refused(study):

@@ -35,10 +35,10 @@ def sentence(found: Allocation) -> str:
     )
     if found.equal is None:
         return f"{text} All priced tolerances scaled alike do not reach the yield."
-    less = 1 - found.found.cost / found.equal.cost
+    saving = 1 - found.found.cost / found.equal.cost
     return (
         f"{text} All of them scaled alike to the same yield ({_share(found.equal.passed.value)}) cost "
-        f"{found.equal.cost:.4g}: the allocation is {100 * less:.1f} % cheaper."
+        f"{found.equal.cost:.4g}: the allocation is {100 * saving:.1f} % cheaper."
     )
 
 
@@ -79,6 +79,7 @@ def write_allocation_page(found: Allocation, file: str, folder: Path) -> None:
         ],
         units=checks[0]["n"],
         tradeoff=[(_share(share), f"{cost:.4g}" if np.isfinite(cost) else NOTHING) for share, cost in found.tradeoff],
+        examples=[PARAMETERS[tolerance.name] for tolerance in found.priced if tolerance.cost.example],
         unmoved=[(PARAMETERS[name], reason) for name, reason in found.unmoved.items()],
         solved=found.solved,
         pictures=_pictures(found, folder),

@@ -8,8 +8,10 @@ import pandas as pd
 
 from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, Findings, table_rows
 from pipeline.engine.store import write_atomic
+from pipeline.figures.bounds import bounds_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
-from pipeline.report.rendering import rendered
+from pipeline.figures.style import save
+from pipeline.report.rendering import Picture, rendered
 from pipeline.report.wording import number, percent, percent_interval
 
 TEMPLATE = "decisions/bounds.html"
@@ -27,9 +29,22 @@ def write_bounds_page(found: Findings, folder: Path) -> None:
         cranks=sorted(set(tables[CONTRIBUTIONS]["crank_deg"])),
         contributions=_contributions(tables[CONTRIBUTIONS]),
         capabilities=[_capability(row) for row in tables[CAPABILITY].to_dict("records")],
-        pictures={},
+        pictures={"bounds": _picture(tables[BOUNDS], tables[STACKS], folder)},
     )
     write_atomic(folder / "report.html", page.encode())
+
+
+def _picture(bounds: pd.DataFrame, stacks: pd.DataFrame, folder: Path) -> Picture:
+    """The figure, written into ``folder`` too."""
+    stem = folder / "figures" / "bounds"
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    save(bounds_figure(bounds, stacks), stem)
+    caption = (
+        "Of single units at each crank angle. Diamonds: worst cases over the tolerance box, of the play its largest "
+        "and least from both sides. Bars: three standard deviations about the mean, of the full model and of the "
+        "linear stack; where they part, the metric is no sum of errors."
+    )
+    return Picture("Worst case, linear stack and Monte Carlo", caption, stem.with_suffix(".svg").read_bytes())
 
 
 def _bound(row: dict) -> tuple[str, str, str, str]:

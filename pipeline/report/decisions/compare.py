@@ -68,10 +68,10 @@ def sentence(a: Run, b: Run, rows: pd.DataFrame) -> str:
         known = row["ci_low"] > 0 or row["ci_high"] < 0
         change = f"{signed(100 * row['difference'], 1)} percentage points"
         ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
-        told = "" if known else " The samples do not tell the two apart."
+        visible = "" if known else " The samples do not tell the two apart."
         return (
             f"Of {a.label} {percent(row['a'])} of the units keep all limits, of {b.label} {percent(row['b'])}: "
-            f"{change} ({ends}).{told}"
+            f"{change} ({ends}).{visible}"
         )
     count = len(rows["metric"].unique()) if len(rows) else 0
     return f"{count} metrics are compared; no yield, since not both studies set limits."

@@ -13,8 +13,10 @@ from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
 from pipeline.report.wording import counted, plain
 
-UNBALANCED = " (in this model the plate, which only rotates, takes a share of it)"
+UNBALANCED = " (not known of this reducer, see below)"
 """Said of forces on a bearing that do not balance the torque on the output."""
+TILT = " That the offset of the disks' planes tilts them is not modelled: bearings carry more than this."
+"""Said of several disks."""
 MESH_ORDERS = 2
 """Orders about that of the pins that are drawn with the lowest."""
 
@@ -31,8 +33,8 @@ def turn_drawings(frames: Frames) -> Iterator[Drawing]:
 
 def _panels(frames: Frames) -> dict[str, float]:
     """Torque [N m] of the two curves by their titles."""
-    held = assembly.definitions(frames.study).rigidity_high
-    return {"Without load, at the end of the play": 0.0, f"{plain(held)} N m held": held}
+    held_torque = assembly.definitions(frames.study).rigidity_high
+    return {"Without load, at the end of the play": 0.0, f"{plain(held_torque)} N m held": held_torque}
 
 
 def _spread(frames: Frames, rows: pd.DataFrame, column: str, centred: bool) -> pd.DataFrame | None:
@@ -100,12 +102,13 @@ def _forces(frames: Frames) -> Drawing:
     if len(contacts):
         pin = contacts[contacts["contact"] == contacts["contact"].min()]
         of_pin.append(pin.assign(sense=np.where(pin["torque_Nm"] > 0, "+", "-")))
-    held = plain(assembly.definitions(frames.study).rigidity_high)
+    held_torque = plain(assembly.definitions(frames.study).rigidity_high)
     return Drawing(
         "turn_forces",
         "Forces over a turn of the crank",
-        f"{held} N m held. Left: force of the disk on the input bearing{_whose(frames, label, spread)}"
-        f"{UNBALANCED if frames.units['bearing_force_peak_N'].isna().all() else ''}. "
+        f"{held_torque} N m held. Left: force of the disk on the input bearing{_whose(frames, label, spread)}"
+        f"{UNBALANCED if frames.units['bearing_force_peak_N'].isna().all() else ''}."
+        f"{TILT if frames.study.design.disk.count > 1 else ''} "
         f"Right: contact force of one pin of {frames.owner(label)}; it carries in one half of the turn in each sense.",
         turn_forces_figure(rows[rows["sample"] == sample], spread, of_pin),
     )

@@ -90,14 +90,14 @@ class TurnSection:
     def lacking(self) -> set[str]:
         """What the study or its design does not have, of ``NEEDS``."""
         operation, even = self.frames.study.design.operation, bool(self.told_apart)
-        has = {
+        available = {
             TURN: even,
             BALANCE: not even or self._known("bearing_force_peak_N"),
             SPEED: operation is not None,
             RATING: operation is not None and operation.rating is not None,
             FRICTION: operation is not None and operation.friction is not None,
         }
-        return {need for need, there in has.items() if not there}
+        return {need for need, present in available.items() if not present}
 
     @property
     def unknown(self) -> list[str]:

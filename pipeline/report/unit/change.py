@@ -40,8 +40,8 @@ def write_change_page(of: Answer, folder: Path, shown_folder: Path) -> None:
     changes, positions, cells = (
         pd.read_parquet(folder / f"{name}.parquet") for name in ("changes", "positions", "difference")
     )
-    others = of.found.best.others
-    shown = [frame[frame["others"] == others] for frame in (changes, positions)]
+    unnamed = of.found.best.others
+    shown = [frame[frame["others"] == unnamed] for frame in (changes, positions)]
     figures = {"difference": difference_figure(cells), "changes": changes_figure(*shown)}
     (folder / "figures").mkdir(exist_ok=True)
     pictures = {}
@@ -55,7 +55,7 @@ def write_change_page(of: Answer, folder: Path, shown_folder: Path) -> None:
         titles=[state.measurement.unit.settings.title for state in (of.before, of.after)],
         changes=[_change(row) for row in changes.to_dict("records")],
         positions=_errors(of),
-        others=others,
+        others=unnamed,
         best=of.found.best.words,
         faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
         folder=shown_folder,
@@ -68,7 +68,9 @@ def _errors(of: Answer) -> list[tuple[str, str, str]]:
     """Crank angle and errors in noise floors at each position, without and with the change that says most."""
     best = of.found.best
     rows = zip(of.found.models, best.nothing, best.error, strict=True)
-    return [(digits(model.pair.crank_deg), digits(without), digits(left)) for model, without, left in rows]
+    return [
+        (digits(model.pair.crank_deg), digits(unchanged), digits(remaining)) for model, unchanged, remaining in rows
+    ]
 
 
 def _change(row: dict) -> dict[str, str | bool]:

@@ -52,7 +52,7 @@ def write_description_page(of: Description, left: Sequence[Signature], folder: P
         errors=[
             (title[:1].upper() + title[1:], digits(e.rms_arcmin), digits(e.to_noise)) for title, e in errors.items()
         ],
-        signatures=[_signature(one) for one in left if not one.why_not],
+        signatures=[_signature(signature) for signature in left if not signature.why_not],
         left=_left(of),
         folder=shown_folder,
         pictures=pictures,
@@ -76,10 +76,16 @@ def _left(of: Description) -> list[tuple[str, str]]:
     if of.left is None:
         return []
     rows = zip(of.numbers, of.left.moved.tolist(), of.left.error.tolist(), strict=True)
-    moved = [(n.meaning.split(":")[0], by, error, "" if n.unit == "1" else n.unit) for n, by, error in rows]
+    moved = [(n.meaning.split(":")[0], step, error, "" if n.unit == "1" else n.unit) for n, step, error in rows]
     return discrepancy_facts(of.left, moved)
 
 
-def _signature(one: Signature) -> tuple[str, str, str, str, bool]:
-    title = one.title[:1].upper() + one.title[1:]
-    return title, one.unit, digits(one.value), interval(one.ci_low, one.ci_high), one.significant
+def _signature(signature: Signature) -> tuple[str, str, str, str, bool]:
+    title = signature.title[:1].upper() + signature.title[1:]
+    return (
+        title,
+        signature.unit,
+        digits(signature.value),
+        interval(signature.ci_low, signature.ci_high),
+        signature.significant,
+    )

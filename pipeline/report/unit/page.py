@@ -99,9 +99,9 @@ def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], fold
         "design": unit.settings.design,
         "design_title": unit.study.design.title,
         "traced": [title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
-        "parameters": [_parameter(one) for one in verdict["parameters"]],
+        "parameters": [_parameter(parameter) for parameter in verdict["parameters"]],
         "faults": found.measurement.faults,
-        "not_testable": [(capitalised(title_of(name)), why) for name, why in verdict["not_testable"].items()],
+        "not_testable": [(capitalised(title_of(name)), reason) for name, reason in verdict["not_testable"].items()],
         "corrected": verdict["corrected"],
         "not_corrected": verdict["not_corrected"],
         "best": verdict["best"],
@@ -112,43 +112,46 @@ def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], fold
 
 def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
     """What the page says of a unit that was fitted."""
-    found = of.found
-    titles = STAGE_TITLES | {"after": _after(found)}
-    rows = pd.DataFrame(tables.candidate_rows(found))
+    identification = of.found
+    titles = STAGE_TITLES | {"after": _after(identification)}
+    rows = pd.DataFrame(tables.candidate_rows(identification))
     fitted = rows[rows["score_after"].notna()]
     screened = rows[rows["why_not"] == tables.NOT_SHORTLISTED]
     pairs = list(zip(*of.signatures.values(), strict=True))
-    floor = found.problem.data.noise
     return {
         "tested": True,
-        "judged_on": _judged_on(found),
-        "errors_title": "Errors in sample" if found.folds.in_sample else "Errors on held-out data",
-        "data_facts": _data_facts(found),
+        "judged_on": _judged_on(identification),
+        "errors_title": "Errors in sample" if identification.folds.in_sample else "Errors on held-out data",
+        "data_facts": _data_facts(identification),
         "headlines": [
             (
                 titles[stage],
-                digits(found.errors[stage].rms_arcmin),
+                digits(identification.errors[stage].rms_arcmin),
                 "arcmin",
-                f"{digits(found.errors[stage].to_noise)} noise floors",
+                f"{digits(identification.errors[stage].to_noise)} noise floors",
             )
             for stage in STAGES
         ],
-        "explained": remainder_cards(found),
+        "explained": remainder_cards(identification),
         "written": written_facts(verdict),
         "fitted": [_fitted(row) for row in fitted.to_dict("records")],
         "screened": list(screened["title"]),
         "signatures": [
-            {"title": capitalised(pair[0].title), "unit": pair[0].unit, "cells": [_signature(one) for one in pair]}
+            {
+                "title": capitalised(pair[0].title),
+                "unit": pair[0].unit,
+                "cells": [_signature(estimate) for estimate in pair],
+            }
             for pair in pairs
-            if any(math.isfinite(one.value) for one in pair)
+            if any(math.isfinite(estimate.value) for estimate in pair)
         ],
         "untested_signatures": [
             (capitalised(pair[0].title), pair[0].why_not)
             for pair in pairs
-            if not any(math.isfinite(one.value) for one in pair)
+            if not any(math.isfinite(estimate.value) for estimate in pair)
         ],
-        "cells": found.errors["after"].cells,
-        "floor": digits(floor),
+        "cells": identification.errors["after"].cells,
+        "floor": digits(identification.problem.data.noise),
         "angle_errors": [
             {
                 "title": titles[stage],
@@ -158,18 +161,18 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
                 "to_noise": digits(error.to_noise),
                 "expected": digits(error.expected_to_noise),
             }
-            for stage, error in found.errors.items()
+            for stage, error in identification.errors.items()
         ],
-        "baselines": [_baseline(title, error) for title, error in _beside(found).items()],
-        "left": _left(found),
-        "could_hide": [_limit(limit) for limit in found.could_hide],
-        "compared": _compared(found),
-        "held_out_cranks": [digits(crank) for crank in found.errors["after"].by_crank_deg],
+        "baselines": [_baseline(title, error) for title, error in _beside(identification).items()],
+        "left": _left(identification),
+        "could_hide": [_limit(limit) for limit in identification.could_hide],
+        "compared": _compared(identification),
+        "held_out_cranks": [digits(crank) for crank in identification.errors["after"].by_crank_deg],
         "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
         "calibrated": _calibrated(of, verdict["calibrated"]),
         "tolerances": "All tolerances are as measured."
-        if found.measurement.unit.dimensions is not None
-        else f"The tolerances were not measured: {counted(found.problem.n_modes, 'mode')} of them "
+        if identification.measurement.unit.dimensions is not None
+        else f"The tolerances were not measured: {counted(identification.problem.n_modes, 'mode')} of them "
         "stand for what units of the study's distributions differ by.",
     }
 
@@ -190,21 +193,21 @@ def discrepancy_facts(left: Discrepancy, moved: Sequence[tuple[str, float, float
         ("Largest", f"{digits(left.worst_arcmin)} arcmin at {digits(left.worst_torque_Nm)} N m, torque {sense}"),
     ]
     for name, change, error, unit in moved:
-        beyond = "by more than its uncertainty" if abs(change) > 2 * error else "within its uncertainty"
+        significance = "by more than its uncertainty" if abs(change) > 2 * error else "within its uncertainty"
         text = f"moves by {digits(change)} {unit}".rstrip()
-        facts.append((capitalised(name), f"{text} when the term is allowed, {beyond} ({digits(2 * error)})"))
+        facts.append((capitalised(name), f"{text} when the term is allowed, {significance} ({digits(2 * error)})"))
     return facts
 
 
 def _left(found: Identification) -> list[tuple[str, str]]:
     """What the model leaves, in words; nothing where nothing is left."""
-    left = found.discrepancy
-    if left is None:
+    residual = found.discrepancy
+    if residual is None:
         return []
     effects = found.selection.answer.fit.model.effects
     parameters = [(f"{effect.title}, {p.meaning}", shown_unit(p.unit)) for effect in effects for p in effect.parameters]
-    rows = zip(parameters, left.moved.tolist(), left.error.tolist(), strict=True)
-    return discrepancy_facts(left, [(name, by, error, unit) for (name, unit), by, error in rows])
+    rows = zip(parameters, residual.moved.tolist(), residual.error.tolist(), strict=True)
+    return discrepancy_facts(residual, [(name, change, error, unit) for (name, unit), change, error in rows])
 
 
 def _baseline(title: str, error: AngleError) -> dict[str, str]:
@@ -213,7 +216,7 @@ def _baseline(title: str, error: AngleError) -> dict[str, str]:
 
 def _beside(found: Identification) -> dict[str, AngleError]:
     """Errors that stand beside the model's: of the best description, where it is not claimed, and of the baselines."""
-    name = found.selection.answer.fit.model.name
+    name = found.selection.description.fit.model.name
     described = {f"best description, not claimed: {title_of(name)}": found.described} if found.described else {}
     return {**described, **found.baselines}
 
@@ -285,11 +288,11 @@ def _numbers(name: str, parameters: str) -> str:
     return "; ".join(texts)
 
 
-def _signature(one: Any) -> dict[str, Any]:
+def _signature(signature: Any) -> dict[str, Any]:
     return {
-        "value": digits(one.value),
-        "interval": one.why_not or interval(one.ci_low, one.ci_high),
-        "strong": one.significant,
+        "value": digits(signature.value),
+        "interval": signature.why_not or interval(signature.ci_low, signature.ci_high),
+        "strong": signature.significant,
     }
 
 
@@ -329,22 +332,26 @@ def _rows_facts(found: Identification | FaultyUnit) -> list[tuple[str, str]]:
 
 def _data_facts(found: Identification) -> list[tuple[str, str]]:
     measurement = found.measurement
-    noise = measurement.repeatability
-    errors: Sequence[tuple[str, Any]] = (
-        ("Noise floor", noise.floor),
+    noise = measurement.noise_of(found.problem.training)
+    scatters: Sequence[tuple[str, Any]] = (
+        ("Scatter of repeats, drift and running in included", noise.repeats),
         ("Scatter within a branch", noise.within_branch),
         ("Between positions", noise.between_positions),
     )
-    by = "crank positions" if len(measurement.rows.cranks) > 1 else "cycles"
+    held_out_by = "crank positions" if len(measurement.rows.cranks) > 1 else "cycles"
     chosen = measurement.unit.settings.held_out.train
     counts = counted(len(measurement.branches), "branch", "branches"), counted(len(measurement.cells), "cell")
     return [
         *_rows_facts(found),
         ("Branches and cells", ", ".join(counts)),
-        ("Held out", "what unit.toml names" if chosen else f"whole {by}, each predicted by a fit to the others"),
+        (
+            "Held out",
+            "what unit.toml names" if chosen else f"whole {held_out_by}, each predicted by a fit to the others",
+        ),
+        ("Noise floor of a cell", f"{digits(found.problem.data.noise)} arcmin: {noise.floor.words}"),
         *(
-            (title, f"{digits(one.value)} arcmin, interval {interval(one.ci_low, one.ci_high) or 'not determined'}")
-            for title, one in errors
+            (title, f"{digits(rms.value)} arcmin, interval {interval(rms.ci_low, rms.ci_high) or 'not determined'}")
+            for title, rms in scatters
         ),
         ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),
     ]

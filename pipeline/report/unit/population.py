@@ -66,8 +66,8 @@ def write_population_page(
 
 
 def _where(title: str, crank: float | None) -> str:
-    place = "worst crank" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
-    return f"{title}, {place}" if title else place
+    crank_text = "worst crank" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
+    return f"{title}, {crank_text}" if title else crank_text
 
 
 def _range(low: float, high: float) -> str:

@@ -17,12 +17,14 @@ def remainder_cards(found: Identification) -> list[tuple[str, str, str, str]]:
         return []
     rest, floor = found.remainder, found.remainder.noise_arcmin
     title, best = min(found.baselines.items(), key=lambda item: item[1].to_noise)
-    apart = "from position to position" if math.isfinite(rest.by_position_arcmin) else "one position: not known apart"
+    scatter_text = (
+        "from position to position" if math.isfinite(rest.by_position_arcmin) else "one position: not known apart"
+    )
     return [
         ("Explained", f"{rest.removed:.0%}", "", "of the refitted model's held-out error is removed"),
-        ("Not traced", digits(rest.rms_arcmin), "arcmin", f"beside a noise of {digits(floor)} arcmin a cell"),
+        ("Not traced", digits(rest.rms_arcmin), "arcmin", f"beside a noise floor of {digits(floor)} arcmin"),
         ("Of it alike everywhere", digits(rest.common_arcmin), "arcmin", "common to all positions"),
-        ("Of it by position", digits(rest.by_position_arcmin), "arcmin", apart),
+        ("Of it by position", digits(rest.by_position_arcmin), "arcmin", scatter_text),
         ("Best without a reducer", digits(best.rms_arcmin), "arcmin", title),
     ]
 

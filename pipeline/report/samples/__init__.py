@@ -1,0 +1,1 @@
+"""How many samples a study has and what more of them would tell: a section of the page, and of the summary."""

@@ -1,0 +1,107 @@
+"""How many samples a yield takes, and how a study that went on until it is known has ended."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pandas as pd
+
+from pipeline.config.study import ALL_LIMITS
+from pipeline.figures.sample_convergence import sample_convergence_figure
+from pipeline.report.drawing import Drawing
+from pipeline.report.frames import Frames
+from pipeline.report.wording import counted, percent_interval, plain
+from pipeline.statistics import Estimate
+from pipeline.statistics.sample_size import units_for_yield
+
+HALF_WIDTHS = (0.02, 0.01, 0.005, 0.001)
+"""Of the interval of a yield."""
+
+
+def yield_estimate(distributions: pd.DataFrame, over: str) -> Estimate | None:
+    """Yield against all limits with its interval; None where no unit tells it.
+
+    Parameters
+    ----------
+    distributions : table of ``aggregate``.
+    over : what the limits hold for: ``worst``, ``mean`` or ``best``.
+    """
+    key = {"metric": ALL_LIMITS, "over": over, "statistic": "yield"}
+    rows = distributions[(distributions[list(key)] == pd.Series(key)).all(axis=1)]
+    for row in rows.itertuples():
+        return Estimate(float(row.value), float(row.ci_low), float(row.ci_high), int(row.n))
+    return None
+
+
+def needed_units(estimate: Estimate, confidence: float) -> list[tuple[float, int]]:
+    """Half width of the interval of a yield, and the independent units that know it so well."""
+    return [(width, units_for_yield(estimate.value, width, confidence)) for width in HALF_WIDTHS]
+
+
+def needed_sentences(estimate: Estimate, confidence: float) -> Iterator[str]:
+    """The same as lines of a summary."""
+    for width, units in needed_units(estimate, confidence):
+        yield f"for +-{100 * width:g} % on the yield against all limits take {units:,} independent units"
+
+
+@dataclass(frozen=True)
+class SamplesSection:
+    """What the page says of the number of samples."""
+
+    frames: Frames
+
+    @property
+    def share(self) -> Estimate | None:
+        """Yield against all limits, over the turn as the limits mean it."""
+        return yield_estimate(self.frames.distributions, self.frames.over)
+
+    @property
+    def ended(self) -> str:
+        """How a study with a wanted accuracy came to its number of samples; empty where it states the number."""
+        samples, share = self.frames.study.samples, self.share
+        if samples.until is None:
+            return ""
+        count = counted(samples.count, "sample")
+        accuracy = f"±{plain(100 * samples.until.yield_half_width)} %"
+        if share is None:
+            return f"It ended at {count}, the most that it may take: no unit tells the yield."
+        half = (share.ci_high - share.ci_low) / 2
+        if half <= samples.until.yield_half_width:
+            return (
+                f"It went on in batches until the yield was known to {accuracy} and ended at {count}, which tell it to "
+                f"±{100 * half:.2g} %."
+            )
+        required = units_for_yield(share.value, samples.until.yield_half_width, self.frames.study.metrics.confidence)
+        return (
+            f"It ended at {count}, the most that it may take (samples.until.at_most): they tell the yield to "
+            f"±{100 * half:.2g} % and not to {accuracy}, for which about {required:,} would be needed."
+        )
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Half widths and the units that they take."""
+        if self.share is None or self.frames.study.samples.replicated:
+            return []
+        required = needed_units(self.share, self.frames.study.metrics.confidence)
+        return [(f"±{plain(100 * width)} %", f"{units:,}") for width, units in required]
+
+    @property
+    def interval(self) -> str:
+        """Ends of the yield's interval."""
+        return "" if self.share is None else percent_interval(self.share.ci_low, self.share.ci_high)
+
+
+def sample_drawings(frames: Frames) -> Iterator[Drawing]:
+    """The figure of the section; none of samples too few to tell how anything moves."""
+    rows = frames.sample_convergence
+    if rows["n"].nunique() < 3:
+        return
+    stop_rule = frames.study.samples.until
+    dotted = ", dotted the accuracy that was asked for" if stop_rule else ""
+    yield Drawing(
+        "sample_convergence",
+        "What more samples told",
+        f"Each estimate from the first samples alone, {frames.over} value over the turn; bands are "
+        f"{plain(100 * frames.study.metrics.confidence)} % intervals, drawn where both ends are determined{dotted}. "
+        "A curve wanders within its band, since each point holds the samples of those before it.",
+        sample_convergence_figure(rows, frames.limits, ALL_LIMITS, stop_rule.yield_half_width if stop_rule else None),
+    )

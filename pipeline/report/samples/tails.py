@@ -1,0 +1,49 @@
+"""Far tails as the page tells them: parts per million beyond each limit, and quantiles."""
+
+from dataclasses import dataclass
+
+from pipeline.figures.labels import METRICS
+from pipeline.report.frames import Frames
+from pipeline.report.results import Cell, Results
+from pipeline.report.wording import interval, number
+
+MILLION = 1e6
+"""Parts of a whole."""
+
+
+@dataclass(frozen=True)
+class TailLine:
+    """One metric as text: its limit, units beyond it, its far quantile, and how many units know each as well."""
+
+    name: str
+    title: str
+    unit: str
+    limit: str
+    beyond: Cell
+    beyond_effective: str
+    level: str
+    quantile: Cell
+    quantile_effective: str
+
+
+def tail_lines(frames: Frames) -> list[TailLine]:
+    """A line for each metric that has a far tail; none where the study does not ask for them."""
+    lines = []
+    for metric, rows in frames.tails.groupby("metric", sort=False, observed=True):
+        quantity, results = METRICS[metric], Results(frames)
+        exceeding, distant = (rows[(rows["statistic"] == "beyond") == shares].iloc[0] for shares in (True, False))
+        ends = [min(max(MILLION * float(exceeding[end]), 0.0), MILLION) for end in ("value", "ci_low", "ci_high")]
+        lines.append(
+            TailLine(
+                metric,
+                quantity.title,
+                quantity.unit,
+                results.limit(metric),
+                Cell(f"{ends[0]:,.0f}", f"{ends[1]:,.0f} to {ends[2]:,.0f}"),
+                f"{exceeding['effective']:,.0f}",
+                f"{str(distant['statistic']).removeprefix('p')} %",
+                Cell(number(distant["value"], quantity), interval(distant["ci_low"], distant["ci_high"], quantity)),
+                f"{distant['effective']:,.0f}",
+            )
+        )
+    return lines

@@ -1,0 +1,88 @@
+"""Stage 4d: units beyond each limit down to parts per million, and far quantiles, from few load-solved units."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from pipeline.engine.stage import Job, Stage, Tables
+from pipeline.engine.table import Column, Table
+from pipeline.model.load_history.winkler import secant_compliance
+from pipeline.model.metrics import library
+from pipeline.population import prediction
+from pipeline.population.tails import far_tails, population
+from pipeline.sampling import Errors, draw
+from stages.hysteresis import Shared, prepare, solve_samples, solved_loops
+from stages.turn import loop_metrics
+
+TRIAL = 50
+"""Units of the pilot whose contact forces tell the springs of the rough model."""
+
+FAR_TAILS = Table(
+    "tails",
+    "metric, statistic",
+    (
+        Column("metric", "label", "", "metric under load that has a limit"),
+        Column("statistic", "label", "", "beyond: share of units beyond the limit; p99.73 or p0.27: quantile"),
+        Column("value", "float64", "1 or the metric's", "estimate"),
+        Column("ci_low", "float64", "1 or the metric's", "lower end of the confidence interval"),
+        Column("ci_high", "float64", "1 or the metric's", "upper end of the confidence interval"),
+        Column("units", "int32", "1", "units that a rough model looked at"),
+        Column("solved", "int32", "1", "of them load-solved"),
+        Column("effective", "float64", "1", "independent units, all solved, that would know it as well"),
+    ),
+)
+
+
+def springs(shared: Shared, sampled: Errors) -> list[np.ndarray]:
+    """Compliance of independent springs (n_contacts,) [mm/N] at each loaded angle, by the forces of ``n`` units."""
+    compliances = []
+    for solved in solve_samples(replace(shared, curve=shared.brief), sampled):
+        states = solved.response.equilibria
+        compliances.append(secant_compliance(solved.drive, states.force[states.converged]))
+    return compliances
+
+
+def at_angles(shared: Shared, sampled: Errors) -> dict[str, np.ndarray]:
+    """Every metric of ``n`` units at the loaded angles (n, n_angles); missing where an angle has no result."""
+    loops = solved_loops(replace(shared, curve=shared.brief), sampled)
+    metrics = loop_metrics(shared.study, loops.columns)
+    return {name: metrics[name].reshape(len(sampled), -1) for name in library()}
+
+
+def _run(job: Job) -> Tables:
+    study, tails = job.study, job.study.tails
+    if tails is None:
+        return {FAR_TAILS.name: FAR_TAILS.empty()}
+    shared = prepare(job)
+    trial = draw(population(study, tails.units), tails.units, tails.units + TRIAL)
+    rough = partial(prediction.rough_metrics, study, springs(shared, trial))
+    rows = far_tails(study, tails.units, tails.solve, rough, partial(at_angles, shared), job.jobs)
+    frame = pd.DataFrame([vars(row) for row in rows])
+    return {FAR_TAILS.name: {name: frame[name].to_numpy() for name in frame}}
+
+
+TAILS = Stage(
+    name="tails",
+    reads=("springs", "reduce"),
+    sections=(
+        "tails",
+        "samples.experiment",
+        "samples.seed",
+        "tolerances",
+        "design",
+        "clearance",
+        "springs",
+        "reduce",
+        "cycle.crank_deg",
+        "cycle.curve_crank_deg",
+        "cycle.levels_per_branch",
+        "cycle.torque_fraction",
+        "metrics",
+        "limits",
+    ),
+    tables=(FAR_TAILS,),
+    module="stages.tails",
+    run=_run,
+)
