@@ -1,6 +1,7 @@
 """A validated design and study as objects of the model: where millimetres of a file become bodies and contacts."""
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +14,10 @@ from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.clocking import Clocking, clocking
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
-from pipeline.model.geometry.reducer import OUTPUT, Bearing, Reducer, nominal_reducer
+from pipeline.model.geometry.clocking import Clocking, clocking, same_places
+from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
+from pipeline.model.geometry.out_of_round import ORDERS
+from pipeline.model.geometry.reducer import OUTPUT, Bearing, OutputContacts, Reducer, nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import Definitions
 from pipeline.model.units import MM_PER_UM, NMM_PER_NM
@@ -31,8 +33,13 @@ def profile(design: Design) -> CycloidProfile:
 
 def reducer(design: Design, crank_deg: float) -> Reducer:
     """Bodies and contacts of the design at one crank angle [degrees]."""
-    held, disks = design.cycloid.fixed, design.disk.count
-    return nominal_reducer(profile(design), design.output, np.radians(crank_deg), held, disks)
+    return _reducer(profile(design), design.output, crank_deg, design.cycloid.fixed, design.disk.count)
+
+
+@lru_cache(maxsize=64)
+def _reducer(flank: CycloidProfile, output: OutputContacts, crank_deg: float, held: str, disks: int) -> Reducer:
+    """Kept: a fit makes hundreds of drives of one geometry."""
+    return nominal_reducer(flank, output, np.radians(crank_deg), held, disks)
 
 
 def bearing(design: Design) -> Bearing:
@@ -65,6 +72,8 @@ def errors(sampled: "SampledErrors") -> Errors:
     if sampled.disk_profile.ndim == 2:
         lobe, pitch = (values.reshape(*sampled.disk_profile.shape, -1) for values in (lobe, pitch))
     direction = np.stack([np.cos(sampled.bore_runout_phase), np.sin(sampled.bore_runout_phase)], axis=-1)
+    pins, holes = (_vector(sampled, name, 1) for name in ("output_pin_position", "hole_position"))
+    waves = [_vector(sampled, f"pin_roundness_{order}", -order) for order in ORDERS]
     return Errors(
         pin_radial=MM_PER_UM * sampled.pin_radial,
         pin_tangential=MM_PER_UM * sampled.pin_tangential,
@@ -75,7 +84,26 @@ def errors(sampled: "SampledErrors") -> Errors:
         eccentric_phase=MM_PER_UM * sampled.eccentric_phase,
         lobe_pitch=MM_PER_UM * pitch,
         bore_runout=MM_PER_UM * sampled.bore_runout_amplitude[:, None] * direction,
+        hole_diameter=MM_PER_UM * _of_disks(sampled.hole_diameter, sampled),
+        pin_off_hole=_pins_off_holes(pins, _of_disks(holes, sampled)),
+        pin_roundness=np.stack(waves, axis=-1),
     )
+
+
+def _vector(sampled: "SampledErrors", name: str, turns: int) -> Complex:
+    """Amplitude and so many times the direction of a dimension as a complex number (n, n_elements) [mm]."""
+    amplitude, direction = getattr(sampled, f"{name}_amplitude"), getattr(sampled, f"{name}_phase")
+    return MM_PER_UM * amplitude * np.exp(1j * turns * direction)
+
+
+def _of_disks(values: np.ndarray, sampled: "SampledErrors") -> np.ndarray:
+    """Values of holes (n, n_disks n_holes) as (n, n_disks, n_holes), of one disk (n, n_holes)."""
+    return values.reshape(*sampled.disk_profile.shape, -1) if sampled.disk_profile.ndim == 2 else values
+
+
+def _pins_off_holes(pins: np.ndarray, holes: np.ndarray) -> np.ndarray:
+    """Way of each output pin against its hole, in the shape of the holes'; none where there are no holes."""
+    return (pins[:, None] if holes.ndim > pins.ndim else pins) - holes if holes.shape[-1] else holes
 
 
 def bearing_clearance(design: Design, deviation_um: Real) -> Real:
@@ -116,7 +144,7 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
     radius, pin = design.cycloid.pin_radius_mm, inputs.materials[design.pins.material]
     on_flank = LineContact(1 / (1 / radius + at.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
     of_pins = inputs.law.on_mesh(on_flank, radius, reduce.patch_half_width_mm)
-    return concatenated([of_pins, *[design.output.laws(inputs)] * at.n_disks])
+    return concatenated([of_pins, *[design.output.laws(inputs)] * at.n_disks, design.output.laws_behind()])
 
 
 def output_compliance(design: Design, at: Reducer) -> Real:
@@ -124,15 +152,32 @@ def output_compliance(design: Design, at: Reducer) -> Real:
     full = np.zeros((len(at.contacts), len(at.contacts)))
     rows = np.flatnonzero(at.contacts.kind == OUTPUT)
     materials = {name: _material(section, design) for name, section in design.materials.items()}
-    between = design.output.compliance(at.contacts.some(rows), at.disk_of_contact[rows], materials)
-    if between is not None:
-        full[np.ix_(rows, rows)] = between
+    interval = design.output.compliance(at.contacts.some(rows), at.disk_of_contact[rows], materials)
+    if interval is not None:
+        full[np.ix_(rows, rows)] = interval
     return full
 
 
 def disk_contacts(at: Reducer, disk: int = 0) -> np.ndarray:
     """Numbers of the contacts that load a disk: the pins, then the rollers of its own slide or its output pins."""
     return np.flatnonzero(at.disk_of_contact == disk)
+
+
+def first_part(design: Design, crank_deg: float, disk: int) -> tuple[float, np.ndarray] | None:
+    """Crank angle [degrees] at which the first disk is what a disk is at ``crank_deg``, and its contacts' places there.
+
+    None where no turn makes them one: they are no part, or the rollers in their holes stand otherwise.
+    """
+    lobes = clockings(design)[disk].lobes
+    if lobes is None:
+        return None
+    turned_on = crank_deg + 360.0 * (disk / design.disk.count + lobes)
+    points = []
+    for angle, number in ((crank_deg, disk), (turned_on, 0)):
+        at = reducer(design, angle)
+        points.append(at.contacts.point[disk_contacts(at, number)] - at.disks[number].eccentric)
+    places = same_places(*points)
+    return None if places is None else (turned_on, places)
 
 
 def clockings(design: Design) -> tuple[Clocking, ...]:

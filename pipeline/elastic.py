@@ -17,12 +17,13 @@ EDGES_PER_HALF_WIDTH = 2
 """Edges of a hole's wall under half of a patch."""
 
 
-def elastic_disk(study: Study, turned: float = 0.0) -> ElasticBody:
+def elastic_disk(study: Study, turned: float = 0.0, hole_edges: int = EDGES_PER_HALF_WIDTH) -> ElasticBody:
     """The meshed lobed disk with its holes, if any, held by the mean motion of its bore.
 
     Parameters
     ----------
     turned : rotation of the holes [rad] from those of the first disk (``clocking``).
+    hole_edges : edges of a hole's wall under half of a patch.
 
     Notes
     -----
@@ -36,7 +37,7 @@ def elastic_disk(study: Study, turned: float = 0.0) -> ElasticBody:
     holes, sectors = design.output.holes(design.cycloid), design.cycloid.lobes
     if holes:
         sectors = 1
-        edge = reduce.roller_patch_half_width_mm / EDGES_PER_HALF_WIDTH
+        edge = reduce.roller_patch_half_width_mm / hole_edges
         mesh = perforated_mesh(mesh, holes.centres * np.exp(1j * turned), holes.radius, edge, reduce.growth)
     material = design.materials[design.disk.material]
     return elastic_body(

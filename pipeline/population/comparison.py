@@ -188,12 +188,12 @@ def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> t
     observed = _distances(label, group_end)[:, 0]
     reached = np.ones(len(TESTS))
     at_once = max(1, PERMUTED_AT_ONCE // pooled.size)
-    done = 0
-    while done < PERMUTATIONS:
-        rows = min(at_once, PERMUTATIONS - done)
+    finished = 0
+    while finished < PERMUTATIONS:
+        rows = min(at_once, PERMUTATIONS - finished)
         drawn = rng.permuted(np.repeat(label, rows, axis=0), axis=1)
         reached += np.sum(_distances(drawn, group_end) >= observed[:, None] * (1 - 1e-12), axis=1)
-        done += rows
+        finished += rows
     return tuple(
         Test(name, float(value), float(count / (1 + PERMUTATIONS)))
         for name, value, count in zip(TESTS, observed, reached, strict=True)
@@ -226,7 +226,7 @@ def _distances(label: NDArray[np.bool_], group_end: NDArray[np.bool_]) -> Real:
 def _comparison(
     metric: str, crank: float | None, units: Real, samples: Real, confidence: float, rng: np.random.Generator
 ) -> Comparison:
-    enough = units.size >= FEWEST_UNITS and samples.size >= FEWEST_UNITS
+    comparable = units.size >= FEWEST_UNITS and samples.size >= FEWEST_UNITS
     probability = np.arange(1, QUANTILE_POINTS + 1) / (QUANTILE_POINTS + 1)
     quantiles = [np.quantile(values, probability, method="median_unbiased") for values in (samples, units)]
     return Comparison(
@@ -235,9 +235,9 @@ def _comparison(
         units=units,
         samples=samples,
         bias=_bias(units, samples, confidence),
-        spread_ratio=_spread_ratio(units, samples, confidence) if enough else _unknown(units.size),
+        spread_ratio=_spread_ratio(units, samples, confidence) if comparable else _unknown(units.size),
         quantiles=np.column_stack([probability, *quantiles]),
-        tests=permutation_tests(units, samples, rng) if enough else (),
+        tests=permutation_tests(units, samples, rng) if comparable else (),
     )
 
 

@@ -5,8 +5,8 @@ turned by a lobe, and so is a disk of equal sectors: what it gives way between p
 from one condensation. Only a slide does not turn with the pattern; it is condensed at all lobes together with it.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from math import gcd
 
 import numpy as np
@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.elastic import disk_patches, elastic_disk
+from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import ElasticBody
-from pipeline.model.elastic.pressure_patches import joined, turned
-from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.geometry.clearance import Errors as ModelErrors
+from pipeline.model.geometry.clearance import after_turns
+from pipeline.model.geometry.drawn_flank import deviation_table
+from pipeline.model.geometry.reducer import OUTPUT, Reducer
 from pipeline.model.geometry.rigid_backlash import rigid_play
-from pipeline.model.load_history.drive import Drive
-from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
+from pipeline.model.turn.held_torque import bearing_force, held_forces
 from pipeline.model.units import ARCMIN
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
@@ -31,8 +33,10 @@ PHASES = 3
 """Phases of the pins' pitch that are condensed: the wave of the pitch itself is told from the mean of the turn."""
 LOADED_PER_TURN = 30
 """Loaded crank angles a turn of the crank, or as few more as visit all phases alike."""
-LOBES_AT_ONCE = 8
-"""Lobes whose slides are condensed together: more take more memory and no less time."""
+PROBE_DEG = 47.0
+"""Crank angle [degrees], of no symmetry, at which it is seen what a turn of the crank leaves as it was."""
+SAME = 1e-9
+"""Arms and gaps [mm] and directions [-] that differ by less are the same."""
 ARCSEC = 60 * ARCMIN
 """Seconds of arc in a radian."""
 
@@ -45,10 +49,14 @@ class OutputTurn:
     ----------
     crank : (n_angles,) [rad], evenly over all crank turns, ascending.
     error : (2, n_angles) [arcsec], angle of the output less that of the nominal ratio in the senses + and -.
+    bearing_force, pin_force : (2, n_angles) [N] of the disk on its input bearing and of the first pin's contact;
+        missing without a torque.
     """
 
     crank: Real
     error: Real
+    bearing_force: Real
+    pin_force: Real
 
 
 def rigid_cranks(study: Study) -> Real:
@@ -70,20 +78,53 @@ def loaded_steps(study: Study) -> NDArray[np.intp]:
 def free_error(study: Study, unit: Errors) -> OutputTurn:
     """Error of one unit at the ends of its play.
 
+    Notes
+    -----
+    Where the output's contacts lie alike after a turn of the crank, and no bearing is loose, the unit after 0, 1, ...
+    turns is so many units at one crank angle, with other lobes at the pins.
+
     Raises
     ------
     ArithmeticError
         If its contacts interfere at some crank angle: it has no play there.
     """
-    cranks = rigid_cranks(study)
+    cranks, lobes = rigid_cranks(study), study.design.cycloid.lobes
+    laws = assembly.contact_laws(study, assembly.reducer(study.design, 0.0))  # rigid bodies know none: any will do
+    errors, clearance = _mounted(study, unit)
+    per_turn = len(cranks) // lobes
+    one_batch = per_turn * lobes == len(cranks) and _turns_alike(study) and not np.any(clearance)
+    if one_batch:
+        errors, clearance = after_turns(errors, lobes), np.repeat(clearance, lobes, axis=0)
     ends = []
-    for drive in _drives(study, unit, cranks):
+    for crank in np.degrees(cranks[:per_turn] if one_batch else cranks):
+        drive = drive_of(study, float(crank), None, errors, clearance, laws)
         play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
-        if play.preloaded[0]:
-            at = np.degrees(drive.reducer.crank)
-            raise ArithmeticError(f"contacts interfere at crank angle {at:.4g} degrees, so that there is no play")
+        if np.any(play.preloaded):
+            crank_deg = crank + 360.0 * np.argmax(play.preloaded)
+            raise ArithmeticError(
+                f"contacts interfere at crank angle {crank_deg:.6g} degrees, so that there is no play"
+            )
         ends.append(play.ends)
-    return OutputTurn(cranks, ARCSEC * np.concatenate(ends, axis=1))
+    error = ARCSEC * np.stack(ends, axis=2).reshape(2, -1)
+    missing = np.full(error.shape, np.nan)
+    return OutputTurn(cranks, error, missing, missing)
+
+
+def _turns_alike(study: Study) -> bool:
+    """Whether a turn of the crank leaves one disk's flank and the output's contacts as they lie to each other."""
+    profile = assembly.profile(study.design)
+    if study.design.disk.count > 1 or (profile.modification.deviates and len(deviation_table(profile)) > 1):
+        return False
+    lists = [assembly.reducer(study.design, crank).contacts for crank in (PROBE_DEG, PROBE_DEG + 360.0)]
+    first_angle, second_angle = (part.some(part.kind == OUTPUT) for part in lists)
+    sides = [part.normal * np.conj(part.normal[:1]) for part in (first_angle, second_angle)]
+    pairs = ((first_angle.arm, second_angle.arm), (first_angle.gap, second_angle.gap), sides)
+    return all(np.allclose(before, after, rtol=0, atol=SAME) for before, after in pairs)
+
+
+def _mounted(study: Study, unit: Errors) -> tuple[ModelErrors, Real]:
+    """The errors of the unit and the clearance of its bearings, as the model takes them [mm]."""
+    return assembly.errors(unit), assembly.bearing_clearance(study.design, unit.bearing_clearance)
 
 
 def loaded_error(study: Study, unit: Errors) -> OutputTurn:
@@ -94,36 +135,41 @@ def loaded_error(study: Study, unit: Errors) -> OutputTurn:
     ArithmeticError
         If some crank angle has no equilibrium.
     """
-    steps = loaded_steps(study)
-    cranks = 2 * np.pi * steps / (study.design.cycloid.pins * PHASES)
+    steps, per_turn = loaded_steps(study), study.design.cycloid.pins * PHASES
+    errors, clearance = _mounted(study, unit)
+    cranks = 2 * np.pi * steps / per_turn
     body = elastic_disk(study)
     disks = {int(phase): TurnedDisk.of(study, body, int(phase)) for phase in np.unique(steps % PHASES)}
-    rated = assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm
-    cycle = LoadCycle(rated, np.array([study.metrics.rigidity_percent[1] / 100]))
-    angles = np.empty((2, len(steps)))
+    cycle = assembly.load_cycle(
+        study, 0
+    )  # the lower torques lead to the one held: straight to it costs 6 times as much
+    torques = assembly.definitions(study)
+    held_torque = assembly.NMM_PER_NM * torques.rigidity_high
+
+    @cache
+    def laws_at(place: int) -> ContactLaws:
+        """They repeat with every turn of the crank."""
+        return assembly.contact_laws(study, assembly.reducer(study.design, np.degrees(2 * np.pi * place / per_turn)))
+
+    angles, on_bearing, on_pin = np.empty((3, 2, len(steps)))
     for k, (step, crank) in enumerate(zip(steps, cranks, strict=True)):
         pitches, phase = divmod(int(step), PHASES)
-        (drive,) = _drives(study, unit, np.array([crank]), disks[phase].compliance(pitches))
+        compliance, laws = disks[phase].compliance(pitches), laws_at(int(step) % per_turn)
+        drive = drive_of(study, float(np.degrees(crank)), compliance, errors, clearance, laws)
         response = respond(drive, cycle)
         if not response.converged[0]:
             raise ArithmeticError(f"no equilibrium at crank angle {np.degrees(crank):.4g} degrees")
-        ends = [np.flatnonzero(response.torque == torque)[-1] for torque in cycle.state_torque[[1, 3]]]
+        ends = [np.flatnonzero(np.isclose(response.torque, sense * held_torque))[-1] for sense in (1, -1)]
         angles[:, k] = ARCSEC * response.angle[0, ends]
-    return OutputTurn(cranks, angles)
+        on_bearing[:, k] = np.abs(bearing_force(drive, response, torques)[0, :, 0])
+        on_pin[:, k] = held_forces(response, torques)[0, :, 0]
+    return OutputTurn(cranks, angles, on_bearing, on_pin)
 
 
 def symmetric(study: Study) -> bool:
     """Whether the disk repeats from lobe to lobe: a single elastic one without holes."""
     reducer = assembly.reducer(study.design, 0.0)
     return reducer.n_disks == 1 and study.reduce.disk == "elastic" and not np.any(reducer.contacts.hole >= 0)
-
-
-def _drives(study: Study, unit: Errors, cranks: Real, compliance: Real | None = None) -> Iterator[Drive]:
-    errors = assembly.errors(unit)
-    clearance = assembly.bearing_clearance(study.design, unit.bearing_clearance)
-    laws = assembly.contact_laws(study, assembly.reducer(study.design, 0.0)) if compliance is None else None
-    for crank in cranks:  # the play of rigid bodies knows no law: those of one angle do for all
-        yield drive_of(study, float(np.degrees(crank)), compliance, errors, clearance, laws)
 
 
 @dataclass(frozen=True)
@@ -144,19 +190,9 @@ class TurnedDisk:
     def of(cls, study: Study, disk: ElasticBody, phase: int) -> "TurnedDisk":
         """Condense the pins once with the slide at every lobe."""
         cycloid = study.design.cycloid
-        at = assembly.reducer(study.design, 360.0 * phase / (cycloid.pins * PHASES))
-        patches = disk_patches(study, disk, at)
-        slide = np.arange(at.n_pins, len(patches))
-        blocks = []
-        for start in range(0, cycloid.lobes, LOBES_AT_ONCE):
-            lobes = np.arange(start, min(start + LOBES_AT_ONCE, cycloid.lobes))
-            back = np.exp(-2j * np.pi * lobes / cycloid.lobes)
-            slides = [turned(disk.mesh, patches.some(slide), turn) for turn in back]
-            matrix = disk.compliance(joined(patches.some(np.arange(at.n_pins)), *slides)).matrix
-            for k in range(len(lobes)):
-                rows = np.concatenate([np.arange(at.n_pins), slide + k * len(slide)])
-                blocks.append(matrix[np.ix_(rows, rows)])
-        return cls(at, np.array(blocks))
+        reducer = assembly.reducer(study.design, 360.0 * phase / (cycloid.pins * PHASES))
+        patches = disk_patches(study, disk, reducer)
+        return cls(reducer, disk.turned_compliance(patches, np.arange(reducer.n_pins, len(patches))))
 
     def compliance(self, pitches: int) -> Real:
         """Compliance (n_contacts, n_contacts) [mm/N] between all contacts after so many pitches of the pins.

@@ -8,16 +8,18 @@ alike, and its interval is then as wide as that of plain sampling: ``effective``
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.cases import Case
+from pipeline.config.design import Design
+from pipeline.config.study import Samples, Study
+from pipeline.config.tails import limited_under_load, without_tails
+from pipeline.config.tolerances import Tolerances
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.population.prediction import LEVEL, Prediction, Tail
@@ -39,7 +41,7 @@ SELECTION = 2**31
 
 @dataclass(frozen=True)
 class TailRow:
-    """One row of ``tails.csv``: a statistic of ``units`` units of which ``solved`` have been load-solved.
+    """One row of the table: a statistic of ``units`` units of which ``solved`` have been load-solved.
 
     ``effective`` units, all solved, would know it as well. A share is that of the units beyond the limit.
     """
@@ -62,28 +64,29 @@ def tails_of(study: Study) -> tuple[Tail, ...]:
     InputError
         If there is none, the samples are listed cases, or no bearing holds the disk's centre.
     """
-    if study.samples.experiment == "cases":
-        raise InputError(f"study {study.name}: listed cases are no sample of anything; tails need random samples")
-    if study.design.output.carries_disks:
-        raise InputError(
-            f"study {study.name}: the rough model of the tails holds the disk's centre, which a "
-            f"{study.design.output.name} does not; take more samples"
-        )
+    if reason := without_tails(study.samples, study.limits, study.design):
+        raise InputError(f"study {study.name}: {reason}")
     tails = []
-    for name, limit in study.limits.of_metrics.items():
-        metric = library().get(name)  # metrics of the turn have no rough model
-        if metric is not None and not metric.turn_of_rigid_bodies:
-            sign = -1.0 if metric.smaller_is_worse else 1.0
-            tails.append(Tail(name, study.limits.over, sign, sign * limit))
-    if not tails:
-        raise InputError(f"study {study.name}: [limits] names no metric under load; set one, as lost_motion_arcmin")
+    for name, limit in limited_under_load(study.limits).items():
+        sign = -1.0 if library()[name].smaller_is_worse else 1.0
+        tails.append(Tail(name, study.limits.over, sign, sign * limit))
     return tuple(tails)
 
 
-def population(study: Study, units: int) -> Study:
+@dataclass(frozen=True)
+class Population:
+    """What is drawn of a study: so many independent units, and the pilot's behind them."""
+
+    samples: Samples
+    tolerances: Tolerances
+    design: Design
+    cases: tuple[Case, ...] = ()
+
+
+def population(study: Study, units: int) -> Population:
     """The study with so many independent units, and the pilot's behind them."""
-    samples = {"count": units + PILOT, "experiment": "monte_carlo", "nominal_first": False}
-    return study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
+    samples = Samples(count=units + PILOT, seed=study.samples.seed, experiment="monte_carlo", nominal_first=False)
+    return Population(samples, study.tolerances, study.design)
 
 
 def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve, jobs: int = 1) -> list[TailRow]:
@@ -104,38 +107,29 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     predictions = [Prediction.fitted(tail, loaded[tail.metric], looked, everyone) for tail in tails]
     probability = inclusion_probability(np.sum([metric.demand for metric in predictions], axis=0), budget)
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(SELECTION,)))
-    taken = np.flatnonzero(rng.random(units) < probability)
-    parts = Parallel(jobs)(delayed(_solved)(many, solve, taken[a : a + BATCH]) for a in range(0, taken.size, BATCH))
+    drawn = np.flatnonzero(rng.random(units) < probability)
+    parts = Parallel(jobs)(delayed(_solved)(many, solve, drawn[a : a + BATCH]) for a in range(0, drawn.size, BATCH))
     values = _joined(parts)
     rows = []
     for tail, prediction in zip(tails, predictions, strict=True):
         bad, expected = tail.over_turn(values[tail.metric]), prediction.expected(probability)
-        rows += _rows(tail, bad, probability[taken], units, study.metrics.confidence, expected)
+        rows += _rows(tail, bad, probability[drawn], units, study.metrics.confidence, expected)
     return rows
 
 
-def text(rows: list[TailRow]) -> str:
-    """The rows as comma-separated text with a header."""
-    out = io.StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow([field.name for field in fields(TailRow)])
-    table.writerows(astuple(row) for row in rows)
-    return out.getvalue()
-
-
-def _drawn(study: Study, rough: Solve, start: int, stop: int) -> Mapping[str, Real]:
-    return rough(draw(study, start, stop))
+def _drawn(population: Population, rough: Solve, start: int, stop: int) -> Mapping[str, Real]:
+    return rough(draw(population, start, stop))
 
 
 def _joined(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _solved(study: Study, solve: Solve, taken: NDArray[np.intp]) -> Mapping[str, Real]:
+def _solved(population: Population, solve: Solve, taken: NDArray[np.intp]) -> Mapping[str, Real]:
     """Metrics of the taken units; each is drawn by its own number."""
-    drawn = [draw(study, int(unit), int(unit) + 1) for unit in taken]
-    together = {name: np.concatenate([getattr(part, name) for part in drawn]) for name in vars(drawn[0])}
-    return solve(Errors(**together))
+    drawn = [draw(population, int(unit), int(unit) + 1) for unit in taken]
+    combined = {name: np.concatenate([getattr(part, name) for part in drawn]) for name in vars(drawn[0])}
+    return solve(Errors(**combined))
 
 
 def _rows(

@@ -101,7 +101,7 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
     ------
     InputError : the run has not got them.
     """
-    stages = {"metrics": "aggregate", "reducer": "sample", "pins": "sample", "lobes": "sample", "rollers": "sample"}
+    stages = {"metrics": "aggregate", **dict.fromkeys(("reducer", "pins", "lobes", "rollers", "holes"), "sample")}
     paths = {name: run / stage / f"{name}.parquet" for name, stage in stages.items()}
     missing = [
         f"{run.name}: {path.relative_to(run)} is missing; run the study first"
@@ -121,7 +121,7 @@ def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     columns = {}
     for dimension in sorted(dimension_library().values(), key=lambda dimension: dimension.drawn):
         table = tables[dimension.table]
-        if dimension.column in table:  # a reducer of one disk has no phase of its eccentrics
+        if dimension.column in table and len(table):  # one disk has no phase of its eccentric, and many have no holes
             columns[dimension.name] = table.groupby("sample")[dimension.column].mean()
     return pd.DataFrame(columns)
 

@@ -1,6 +1,6 @@
 """Manufacturing errors of any sample of a study, counted and not consumed. Arrays have the sample axis first."""
 
-from pipeline.config.dimensions._ovality import oval_shift
+from pipeline.config.dimensions.pins._ovality import oval_shift
 from pipeline.sampling.designs import replicates, uniforms
 from pipeline.sampling.errors import Errors, deviations_at, dimensions, draw, errors_at
 from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups

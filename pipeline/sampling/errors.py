@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, make_dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.cases import Case
 from pipeline.config.design import Design
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.study import Study
+from pipeline.config.study import Samples
+from pipeline.config.tolerances import Tolerances
 from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
 
@@ -29,7 +32,12 @@ class _Errors:
     lobe_profile : (n_samples, n_disks n_lobes) [um], beside disk_profile; lobes clockwise, disk after disk.
     lobe_pitch : (n_samples, n_disks n_lobes) [um], in the same order.
     bore_runout_amplitude, bore_runout_phase : (n_samples,) [um] and [rad], counterclockwise in the disk's frame.
-    roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts.
+    roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts; with bushes, less what their
+        bores are larger, and more by what the pins under them are thicker.
+    hole_diameter : (n_samples, n_disks n_holes) [um], in the order of the output's contacts, disk after disk.
+    output_pin_position_amplitude, output_pin_position_phase : (n_samples, n_output_contacts) [um] and [rad].
+    hole_position_amplitude, hole_position_phase : (n_samples, n_disks n_holes) [um] and [rad].
+    pin_roundness_2_amplitude, pin_roundness_2_phase : (n_samples, n_pins) [um] and [rad]; as well of order 3.
 
     Every other dimension has an attribute of its name, (n_samples,) or (n_samples, n_elements) [um]. One with a
     direction has ``<name>_amplitude`` [um] and ``<name>_phase`` [rad], counterclockwise from the crank at 0: of an
@@ -48,6 +56,15 @@ class _Errors:
     lobe_pitch: Real
     bore_runout_amplitude: Real
     bore_runout_phase: Real
+    output_pin_position_amplitude: Real
+    output_pin_position_phase: Real
+    hole_position_amplitude: Real
+    hole_position_phase: Real
+    hole_diameter: Real
+    pin_roundness_2_amplitude: Real
+    pin_roundness_2_phase: Real
+    pin_roundness_3_amplitude: Real
+    pin_roundness_3_phase: Real
 
     def __len__(self) -> int:
         return len(self.eccentricity)
@@ -64,7 +81,20 @@ else:
     Errors = make_dataclass("Errors", _others, bases=(_Errors,), frozen=True, namespace={"__module__": __name__})
 
 
-def draw(study: Study, start: int, stop: int) -> Errors:
+class Drawn(Protocol):
+    """What of a study its draws depend on."""
+
+    @property
+    def samples(self) -> Samples: ...
+    @property
+    def tolerances(self) -> Tolerances: ...
+    @property
+    def design(self) -> Design: ...
+    @property
+    def cases(self) -> Sequence[Case]: ...
+
+
+def draw(study: Drawn, start: int, stop: int) -> Errors:
     """Errors of the samples [start, stop); sample 0 is the nominal reducer where the study says so.
 
     Parameters
@@ -92,18 +122,18 @@ def draw(study: Study, start: int, stop: int) -> Errors:
     return drawn
 
 
-def _random(study: Study, start: int, stop: int) -> Errors:
+def _random(study: Drawn, start: int, stop: int) -> Errors:
     return errors_at(study, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
 
 
-def varies(study: Study, name: str) -> bool:
+def varies(study: Drawn, name: str) -> bool:
     """Whether a tolerance varies from unit to unit; an ovality of fixed amplitude varies by its phase."""
     tolerance = getattr(study.tolerances, name)
     directed = bool(dimension_library()[name].direction)
     return tolerance.varies or (directed and tolerance.allowance_um + tolerance.limits_um[0] > 0)
 
 
-def dimensions(study: Study) -> dict[str, int]:
+def dimensions(study: Drawn) -> dict[str, int]:
     """Dimensions of the design of experiment that belong to each tolerance and phase, in their order."""
     library = dimension_library().values()
     absent = [d for d in library if d.counted_where_varied and not varies(study, d.name)]
@@ -117,7 +147,8 @@ def _counts(design: Design) -> dict[str, int]:
     for name, dimension in dimension_library().items():
         places.append((dimension.drawn[0], name, dimension.count(design)))
         if dimension.direction:
-            places.append((dimension.drawn[1], dimension.phase, 1))
+            directions = dimension.count(design) if dimension.elements else 1
+            places.append((dimension.drawn[1], dimension.phase, directions))
     return {name: count for _, name, count in sorted(places)}
 
 
@@ -125,12 +156,12 @@ def _directions() -> list[str]:
     return [dimension.phase for dimension in dimension_library().values() if dimension.direction]
 
 
-def errors_at(study: Study, numbers: Real) -> Errors:
+def errors_at(study: Drawn, numbers: Real) -> Errors:
     """Errors at points of the unit cube, ``numbers`` (n_samples, n_dimensions)."""
     return _errors(deviations_at(study, numbers), study.design)
 
 
-def deviations_at(study: Study, numbers: Real) -> dict[str, Real]:
+def deviations_at(study: Drawn, numbers: Real) -> dict[str, Real]:
     """Deviations [um] and directions [rad] (n_samples, n_elements) of each tolerance at points of the unit cube."""
     sizes = dimensions(study)
     ends = np.cumsum(list(sizes.values()))
@@ -155,31 +186,36 @@ def _correlated(name: str, probability: Real, design: Design, length: float) -> 
     return correlated(circles, 2 * np.pi * elements.radius_mm(design), length).reshape(probability.shape)
 
 
-def _listed(study: Study, start: int, stop: int) -> Errors:
+def _listed(study: Drawn, start: int, stop: int) -> Errors:
     listed, counts = study.cases[start:stop], _counts(study.design)
     values = {
         name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in listed]).reshape(len(listed), n)
         for name, n in counts.items()
         if name in dimension_library()
     }
-    return _errors({**values, **dict.fromkeys(_directions(), np.zeros((len(listed), 1)))}, study.design)
+    return _errors({**values, **{name: np.zeros((len(listed), counts[name])) for name in _directions()}}, study.design)
 
 
-def _nominal(study: Study) -> Errors:
+def _nominal(study: Drawn) -> Errors:
     """The allowances without deviations, one sample."""
     counts = _counts(study.design)
     values = {name: np.full((1, counts[name]), tolerance.allowance_um) for name, tolerance in study.tolerances}
-    return _errors({**values, **dict.fromkeys(_directions(), np.zeros((1, 1)))}, study.design)
+    return _errors({**values, **{name: np.zeros((1, counts[name])) for name in _directions()}}, study.design)
 
 
 def _errors(values: dict[str, Real], design: Design) -> Errors:
     """Errors from one array (n_samples, n_elements) per tolerance and phase."""
     library = dimension_library().values()
     disks = design.disk.count
-    errors = {
-        d.field: values[d.name] if d.elements else _alone(values[d.name], disks if d.of_disk else 1) for d in library
-    }
-    errors |= {name: values[name][:, 0] for name in _directions()}
+    errors = {}
+    for dimension in library:
+        names = {dimension.field: dimension.name} | ({dimension.phase: dimension.phase} if dimension.direction else {})
+        for field, name in names.items():
+            if dimension.elements:
+                size = dimension.elements.count(design) * (disks if dimension.of_disk else 1)
+                errors[field] = values[name] if values[name].shape[1] else np.zeros((len(values[name]), size))
+            else:
+                errors[field] = _alone(values[name], disks if dimension.of_disk and field == dimension.field else 1)
     for dimension in library:
         if dimension.shift:
             deviation = errors[dimension.field]
