@@ -152,7 +152,7 @@ def _case_rows(a: Run, b: Run) -> list[tuple]:
     rows = []
     for label in common:
         for metric in library():
-            pair = [float(one.loc[label, metric]) for one in values]
+            pair = [float(entry.loc[label, metric]) for entry in values]
             rows.append((metric, label, *pair, pair[1] - pair[0], np.nan, np.nan, 1, 1, True))
     return rows
 
@@ -177,7 +177,7 @@ class _Pair:
     @property
     def replicated(self) -> bool:
         """Whether both come in independent randomisations."""
-        return all(one is not None for one in self.replicate)
+        return all(entry is not None for entry in self.replicate)
 
 
 def _sample_rows(a: Run, b: Run) -> list[tuple]:
@@ -193,11 +193,11 @@ def _sample_rows(a: Run, b: Run) -> list[tuple]:
     ]
     pair = _Pair((frames[0], frames[1]), (draws[0], draws[1]), a.study.metrics.confidence, n > 0, a.study.samples.seed)
     rows = [row for metric in library() for row in _metric_rows(pair, metric)]
-    kept = [run.study.limits.kept(frame) for run, frame in zip((a, b), frames, strict=True)]
-    for name in (name for name in kept[0] if name in kept[1]):
+    within_limits = [run.study.limits.kept(frame) for run, frame in zip((a, b), frames, strict=True)]
+    for name in (name for name in within_limits[0] if name in within_limits[1]):
         limited = [run.study.limits.limited(name, frame) for run, frame in zip((a, b), frames, strict=True)]
         known = [frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited, strict=True)]
-        rows += _yield_rows(pair, name, (kept[0][name], kept[1][name]), (known[0], known[1]))
+        rows += _yield_rows(pair, name, (within_limits[0][name], within_limits[1][name]), (known[0], known[1]))
     return rows
 
 
@@ -210,8 +210,8 @@ def _chosen(pair: _Pair, known: tuple, values: tuple) -> tuple[tuple, tuple]:
 
 
 def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple]:
-    whole = tuple(frame[metric].to_numpy(float) for frame in pair.values)
-    (a, b), replicate = _chosen(pair, tuple(np.isfinite(one) for one in whole), whole)
+    total = tuple(frame[metric].to_numpy(float) for frame in pair.values)
+    (a, b), replicate = _chosen(pair, tuple(np.isfinite(entry) for entry in total), total)
     if min(a.size, b.size) == 0:
         return
     statistics: dict[str, Callable[[Real], float]] = {"mean": mean, "std": standard_deviation}

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 Real = NDArray[np.float64]
 
 
+@lru_cache(maxsize=16)
 def resampled_counts(n_blocks: int, resamples: int, seed: int) -> NDArray[np.int64]:
     """How often each block is drawn (resamples, n_blocks), as many draws as blocks, with replacement."""
-    return np.random.default_rng(seed).multinomial(n_blocks, np.full(n_blocks, 1 / n_blocks), size=resamples)
+    counts = np.random.default_rng(seed).multinomial(n_blocks, np.full(n_blocks, 1 / n_blocks), size=resamples)
+    counts.flags.writeable = False  # callers share it
+    return counts
 
 
 def resampled_means(values: Real, resamples: int, seed: int) -> Real:

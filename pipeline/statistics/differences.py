@@ -61,10 +61,10 @@ def share_difference(a: NDArray[np.bool_], b: NDArray[np.bool_], confidence: flo
     share_a, share_b = float(a.mean()), float(b.mean())
     (low_a, high_a), (low_b, high_b) = _wilson(a, confidence), _wilson(b, confidence)
     phi = _pair_correlation(a, b) if paired else 0.0
-    down = np.array([share_b - low_b, high_a - share_a])
-    up = np.array([high_b - share_b, share_a - low_a])
+    downward = np.array([share_b - low_b, high_a - share_a])
+    upward = np.array([high_b - share_b, share_a - low_a])
     value = share_b - share_a
-    return value - _combined(down, phi), value + _combined(up, phi)
+    return value - _combined(downward, phi), value + _combined(upward, phi)
 
 
 def _combined(distances: Real, phi: float) -> float:
@@ -103,11 +103,11 @@ def order_differences(a: Real, b: Real, confidence: float, paired: bool, seed: i
         rows_b = rows_a if paired else rng.integers(b.size, size=b.size)
         row[:] = _std_and_quantiles(b[rows_b]) - _std_and_quantiles(a[rows_a])
     ends = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0).T
-    found = {"std": (float(ends[0, 0]), float(ends[0, 1]))}
+    intervals = {"std": (float(ends[0, 0]), float(ends[0, 1]))}
     for (name, level), (low, high) in zip(QUANTILES.items(), ends[1:], strict=True):
         known = enough_beyond(min(a.size, b.size), level)
-        found[name] = (float(low), float(high)) if known else (-np.inf, np.inf)
-    return found
+        intervals[name] = (float(low), float(high)) if known else (-np.inf, np.inf)
+    return intervals
 
 
 def enough_beyond(n: int, level: float) -> bool:
@@ -139,7 +139,7 @@ def replicated_difference(
     -----
     About the difference of the whole sets, whose bias is smaller.
     """
-    parts_a, parts_b = (by_replicate(statistic, *one) for one in zip(sets, replicate, strict=True))
+    parts_a, parts_b = (by_replicate(statistic, *pair_of_sets) for pair_of_sets in zip(sets, replicate, strict=True))
     low, high = mean_difference(parts_a, parts_b, confidence, paired)
     shift = statistic(sets[1]) - statistic(sets[0]) - 0.5 * (low + high)
     return low + shift, high + shift

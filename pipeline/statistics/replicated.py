@@ -26,10 +26,10 @@ def by_replicate(statistic: Statistic, values: Real, replicate: NDArray[np.integ
     return np.array([statistic(values[replicate == r]) for r in np.unique(replicate)])
 
 
-def replicated_interval(whole: float, parts: Real, confidence: float) -> Interval:
-    """Student's t interval about `whole`, from the spread of one statistic per independent replicate."""
+def replicated_interval(estimate: float, parts: Real, confidence: float) -> Interval:
+    """Student's t interval about `estimate`, from the spread of one statistic per independent replicate."""
     half = stats.t.ppf((1 + confidence) / 2, parts.size - 1) * np.std(parts, ddof=1) / np.sqrt(parts.size)
-    return whole - float(half), whole + float(half)
+    return estimate - float(half), estimate + float(half)
 
 
 def effective_number(inside: Real, share: float, confidence: float, replicate: NDArray[np.integer]) -> float:
@@ -74,13 +74,13 @@ def replicated_share_interval(passed: Real, confidence: float, replicate: NDArra
 
 
 def replicated_quantile_interval(
-    whole: float, values: Real, confidence: float, level: float, replicate: NDArray[np.integer]
+    estimate: float, values: Real, confidence: float, level: float, replicate: NDArray[np.integer]
 ) -> Interval:
     """Interval of the `level` quantile between two order statistics of all replicates together.
 
     Parameters
     ----------
-    whole : the quantile of all values.
+    estimate : the quantile of all values.
 
     Notes
     -----
@@ -95,7 +95,7 @@ def replicated_quantile_interval(
     # The product is rounded: 200 samples have 10 beyond 5 %, not 9.999.
     if round(values.size * min(level, 1 - level), 6) < FEWEST_BEYOND:
         return -np.inf, np.inf
-    below = np.asarray(values <= whole, float)
+    below = np.asarray(values <= estimate, float)
     n = effective_number(below, level, confidence, replicate)
     ends = rank_share(n, level, confidence), 1 - rank_share(n, 1 - level, confidence)
     low, high = np.quantile(values, ends, method="weibull")

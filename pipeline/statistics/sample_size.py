@@ -4,6 +4,9 @@ import math
 
 from scipy import stats
 
+GROWTH = 4
+"""Times as many samples that a batch asks for at most: the share of few units may mislead, and looks are to be few."""
+
 
 def units_for_yield(share: float, half_width: float, confidence: float) -> int:
     """Fewest units whose Clopper-Pearson interval of a share, at the share itself, is at most 2 ``half_width`` wide.
@@ -32,6 +35,23 @@ def units_for_yield(share: float, half_width: float, confidence: float) -> int:
         middle = (low + high) // 2
         low, high = (low, middle) if _width(share, middle, confidence) <= 2 * half_width else (middle, high)
     return high
+
+
+def next_units(share: float, units: int, samples: int, half_width: float, confidence: float) -> int:
+    """Samples after which a yield may be known as well as is wanted, when ``samples`` of them did not do.
+
+    Parameters
+    ----------
+    share : yield of the ``units`` among the samples that have a result.
+    half_width, confidence : as in ``units_for_yield``.
+
+    Notes
+    -----
+    What the share so far says, in proportion where samples have no result; `GROWTH` times as many at most, and one more
+    at least.
+    """
+    target_units = units_for_yield(share, half_width, confidence) * samples / max(units, 1)
+    return max(samples + 1, min(GROWTH * samples, math.ceil(target_units)))
 
 
 def _width(share: float, units: int, confidence: float) -> float:

@@ -66,8 +66,8 @@ def rank_correlation(
     correlation = _spearman(columns, metrics)
     z, n = _fisher(correlation), len(metrics)
     if replicate is None:
-        few = n < FEWEST_SAMPLES
-        deviation = np.full_like(correlation, np.nan) if few else np.sqrt((1 + correlation**2 / 2) / (n - 3))
+        too_few = n < FEWEST_SAMPLES
+        deviation = np.full_like(correlation, np.nan) if too_few else np.sqrt((1 + correlation**2 / 2) / (n - 3))
         half = stats.norm.ppf((1 + confidence) / 2) * deviation
     else:
         parts = [_fisher(_spearman(columns[replicate == r], metrics[replicate == r])) for r in np.unique(replicate)]

@@ -91,12 +91,12 @@ def inclusion_probability(chance: Real, budget: float) -> Real:
     return np.minimum(1.0, factor[first] * weight)
 
 
-def tail_share(beyond: NDArray[np.bool_], probability: Real, units: int, confidence: float) -> TailEstimate:
+def tail_share(in_tail: NDArray[np.bool_], probability: Real, units: int, confidence: float) -> TailEstimate:
     """Share of all units that lie beyond a limit.
 
     Parameters
     ----------
-    beyond : (n_solved,) whether each solved unit does.
+    in_tail : (n_solved,) whether each solved unit does.
     probability : (n_solved,) its inclusion probability.
     units : of phase 1.
 
@@ -108,12 +108,14 @@ def tail_share(beyond: NDArray[np.bool_], probability: Real, units: int, confide
     is the share that units of the smallest probability would not show in ``confidence`` of all experiments.
     """
     tail = (1 - confidence) / 2
-    if not np.any(beyond):
-        least = float(np.min(probability, initial=1.0))
-        return TailEstimate(0.0, 0.0, min(1.0, -np.log(tail) / (units * least)), units, beyond.size, 0.0)
-    share, effective = _share(beyond, probability, units)
+    if not np.any(in_tail):
+        smallest_probability = float(np.min(probability, initial=1.0))
+        return TailEstimate(
+            0.0, 0.0, min(1.0, -np.log(tail) / (units * smallest_probability)), units, in_tail.size, 0.0
+        )
+    share, effective = _share(in_tail, probability, units)
     low, high = stats.beta.ppf([tail, 1 - tail], effective * share + 0.5, effective * (1 - share) + 0.5)
-    return TailEstimate(share, float(low), float(high), units, beyond.size, effective)
+    return TailEstimate(share, float(low), float(high), units, in_tail.size, effective)
 
 
 def tail_quantile(values: Real, probability: Real, units: int, level: float, confidence: float) -> TailEstimate:
@@ -144,9 +146,9 @@ def tail_quantile(values: Real, probability: Real, units: int, level: float, con
     )
 
 
-def _share(beyond: NDArray[np.bool_], probability: Real, units: int) -> tuple[float, float]:
+def _share(in_tail: NDArray[np.bool_], probability: Real, units: int) -> tuple[float, float]:
     """Share of the units beyond a limit, and the effective number of units that know it."""
-    weight = 1 / probability[beyond]
+    weight = 1 / probability[in_tail]
     share = min(float(np.sum(weight)) / units, 1.0)
     variance = (float(np.sum(weight**2)) / units - share**2) / (units - 1)
     return share, share * (1 - share) / variance if variance > 0 else float(units)

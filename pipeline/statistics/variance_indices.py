@@ -102,13 +102,13 @@ def variance_indices(base: Real, other: Real, mixed: Real, confidence: float) ->
 
 def _moments(rows: Real) -> Real:
     """What each row adds to the estimators (n_rows, 2 + 2 n_groups): f and f^2 of the base sets, then both products."""
-    base, other, mixed = rows[:, :1], rows[:, 1:2], rows[:, 2:]
-    both = rows[:, :2]
+    base, resampled, mixed = rows[:, :1], rows[:, 1:2], rows[:, 2:]
+    base_pair = rows[:, :2]
     return np.hstack(
         [
-            both.mean(axis=1, keepdims=True),
-            (both**2).mean(axis=1, keepdims=True),
-            other * (mixed - base),
+            base_pair.mean(axis=1, keepdims=True),
+            (base_pair**2).mean(axis=1, keepdims=True),
+            resampled * (mixed - base),
             (base - mixed) ** 2 / 2,
         ]
     )

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pipeline.config.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, priced_tolerances, scaled
-from pipeline.decisions.allocation.search import TRUST, Rough, Search, Solve
+from pipeline.decisions.allocation.search import TRUST, Rough, Search
+from pipeline.decisions.fresh_units import Solve
 from pipeline.errors import InputError
 from pipeline.statistics import Estimate
 
@@ -93,14 +94,14 @@ def allocate(study: Study, target: float, units: int, solve: Solve, rough: Rough
     alike = Search(study, priced, (tuple(range(len(priced))),), units, solve, rough, jobs)
     sets = 2 * (REAIMS + 1)
     try:
-        together = alike.spread(_aimed(alike, target)[0])
-        equal = Choice(together, alike.cost(together), search.check(together, sets * units))
+        equal_scale = alike.spread(_aimed(alike, target)[0])
+        equal = Choice(equal_scale, alike.cost(equal_scale), search.check(equal_scale, sets * units))
     except InputError:
         equal = None
     low, high = search.bounds
-    for k, one in enumerate(priced):
+    for k, tolerance in enumerate(priced):
         if np.isclose(scale[k], low[k], rtol=2e-3) or np.isclose(scale[k], high[k], rtol=2e-3):
-            unmoved[one.name] = f"stands at the bound of its scale, {scale[k]:.3g}"
+            unmoved[tolerance.name] = f"stands at the bound of its scale, {scale[k]:.3g}"
     unscaled = np.ones(len(priced))
     return Allocation(
         study=scaled(study, search.names, scale),

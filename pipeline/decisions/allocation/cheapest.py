@@ -88,41 +88,44 @@ def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, lo
     Sequential quadratic programming in the logarithms of the scales, the yield softened at the limits. Of its scales
     those are taken that one common factor brings to the hard yield; the soft yield there is what the next round asks.
     """
-    total = sum(float(cost(np.clip(one, a, b))) for cost, one, a, b in zip(costs, units.scale, low, high, strict=True))
+    total = sum(
+        float(cost(np.clip(scale_factors, a, b)))
+        for cost, scale_factors, a, b in zip(costs, units.scale, low, high, strict=True)
+    )
 
     def cost(logs: Real) -> tuple[float, Real]:
         ends = np.clip(np.stack([logs - STEP, logs + STEP]), np.log(low), np.log(high))
-        values = np.array([one(np.exp(pair)) for one, pair in zip(costs, ends.T, strict=True)])
+        values = np.array([cost_law(np.exp(pair)) for cost_law, pair in zip(costs, ends.T, strict=True)])
         slope = (values[:, 1] - values[:, 0]) / (ends[1] - ends[0])
         return float(values.mean(axis=1).sum()) / total, slope / total
 
     nearest = _nearest(units, np.clip(units.scale, low, high), target, low, high)
     if not nearest.reached:
         return nearest
-    asked, scale, found = target, nearest.scale, [nearest.scale]
+    soft_target, scale, feasible = target, nearest.scale, [nearest.scale]
     for _ in range(ROUNDS):
-        logs = _minimum(cost, partial(_soft_yield, units, asked), np.log(scale), np.log(low), np.log(high))
+        logs = _minimum(cost, partial(_soft_yield, units, soft_target), np.log(scale), np.log(low), np.log(high))
         met = _meeting(units, np.exp(logs), target, low, high)
         if met is None:
             break
-        found.append(met)
-        scale, asked = met, units.soft(met)[0]
-    return Best(min(found, key=lambda one: cost(np.log(one))[0]), True)
+        feasible.append(met)
+        scale, soft_target = met, units.soft(met)[0]
+    return Best(min(feasible, key=lambda scale_factors: cost(np.log(scale_factors))[0]), True)
 
 
 def _minimum(cost: Callable, spare: Callable, logs: Real, low: Real, high: Real) -> Real:
     constraint = {"type": "ineq", "fun": lambda x: spare(x)[0], "jac": lambda x: spare(x)[1]}
     bounds = list(zip(low, high, strict=True))
     options = {"maxiter": 200, "ftol": 1e-9}
-    found = minimize(cost, logs, jac=True, method="SLSQP", bounds=bounds, constraints=[constraint], options=options)
-    return np.clip(found.x, low, high)
+    optimum = minimize(cost, logs, jac=True, method="SLSQP", bounds=bounds, constraints=[constraint], options=options)
+    return np.clip(optimum.x, low, high)
 
 
-def _soft_yield(units: LinearUnits, asked: float, logs: Real) -> tuple[float, Real]:
+def _soft_yield(units: LinearUnits, soft_target: float, logs: Real) -> tuple[float, Real]:
     """What the soft yield has to spare, and its slope by the logarithms of the scales."""
     scale = np.exp(logs)
     value, slope = units.soft(scale)
-    return value - asked, slope * scale
+    return value - soft_target, slope * scale
 
 
 def _nearest(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Best:
@@ -133,8 +136,8 @@ def _nearest(units: LinearUnits, scale: Real, target: float, low: Real, high: Re
         return -spare, -slope
 
     bounds = list(zip(np.log(low), np.log(high), strict=True))
-    found = minimize(lost, np.log(scale), jac=True, method="L-BFGS-B", bounds=bounds)
-    best = np.clip(np.exp(found.x), low, high)
+    optimum = minimize(lost, np.log(scale), jac=True, method="L-BFGS-B", bounds=bounds)
+    best = np.clip(np.exp(optimum.x), low, high)
     return Best(best, units.excess(best, target) <= 0)
 
 

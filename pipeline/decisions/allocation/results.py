@@ -54,17 +54,19 @@ TRADEOFF = Table(
 
 def allocation_rows(found: Allocation) -> Columns:
     """Rows of `ALLOCATION`."""
-    limits = np.array([getattr(found.study.tolerances, one.name).limits_um for one in found.priced])
+    limits = np.array([getattr(found.study.tolerances, tolerance.name).limits_um for tolerance in found.priced])
     return {
-        "dimension": np.array([one.name for one in found.priced], object),
+        "dimension": np.array([tolerance.name for tolerance in found.priced], object),
         "lower_um": limits[:, 0],
         "upper_um": limits[:, 1],
-        "was": np.array([one.width_um for one in found.priced]),
+        "was": np.array([tolerance.width_um for tolerance in found.priced]),
         "width_um": limits[:, 1] - limits[:, 0],
-        "was_cost": np.array([float(one.at(np.array(1.0))) for one in found.priced]),
-        "cost": np.array([float(one.at(f)) for one, f in zip(found.priced, found.found.scale, strict=True)]),
+        "was_cost": np.array([float(tolerance.at(np.array(1.0))) for tolerance in found.priced]),
+        "cost": np.array(
+            [float(tolerance.at(f)) for tolerance, f in zip(found.priced, found.found.scale, strict=True)]
+        ),
         "price_per_um": np.array(
-            [one.price_per_um(f) for one, f in zip(found.priced, found.found.scale, strict=True)], float
+            [tolerance.price_per_um(f) for tolerance, f in zip(found.priced, found.found.scale, strict=True)], float
         ),
     }
 
@@ -73,10 +75,10 @@ def check_rows(found: Allocation) -> Columns:
     """Rows of `CHECK`."""
     choices = {"before": found.before, "equal": found.equal, "found": found.found}
     rows = [
-        (label, metric, one.value, one.ci_low, one.ci_high, one.n, choice.cost)
+        (label, metric, estimate.value, estimate.ci_low, estimate.ci_high, estimate.n, choice.cost)
         for label, choice in choices.items()
         if choice is not None
-        for metric, one in choice.check.items()
+        for metric, estimate in choice.check.items()
     ]
     frame = pd.DataFrame(rows, columns=[column.name for column in CHECK.columns])
     return {name: frame[name].to_numpy() for name in frame}

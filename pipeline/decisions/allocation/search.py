@@ -6,7 +6,7 @@ linear in the rough model's (``population.prediction``), fitted to the round's o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,16 +17,14 @@ from numpy.typing import NDArray
 from pipeline.config.study import Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, scaled
+from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.population.prediction import Tail, predicted_turn
 from pipeline.sampling import Errors, draw
-from pipeline.statistics import Estimate, pass_share
+from pipeline.statistics import Estimate
 
 Real = NDArray[np.float64]
-Angles = Mapping[str, Real]
-Solve = Callable[[Errors], tuple[Angles, Angles]]
-"""Errors of ``n`` units to each metric at the loaded angles (n, n_angles), and over the turn as limits mean it (n,)."""
 Rough = Callable[[Errors], Angles]
 
 TRUST = 1.8
@@ -37,8 +35,6 @@ ROUNDS = 6
 """Linear models at most; four settled in the paper's study."""
 SETTLED = 0.03
 """Change of the scales between two rounds, in the logarithm, below which they have settled."""
-BATCH = 500
-"""Units that are solved together."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,7 @@ class Search:
     @property
     def names(self) -> list[str]:
         """Of the priced tolerances."""
-        return [one.name for one in self.priced]
+        return [tolerance.name for tolerance in self.priced]
 
     @property
     def bounds(self) -> tuple[Real, Real]:
@@ -74,13 +70,13 @@ class Search:
     def spread(self, scale: Real) -> Real:
         """Scales of the groups (n_groups,) as scales of the tolerances (n_priced,)."""
         spread = np.ones(len(self.priced))
-        for group, one in zip(self.groups, scale, strict=True):
-            spread[list(group)] = one
+        for group, factor in zip(self.groups, scale, strict=True):
+            spread[list(group)] = factor
         return spread
 
     def cost(self, scale: Real) -> float:
         """Of the whole reducer, at scales (n_priced,)."""
-        return float(sum(one.at(factor) for one, factor in zip(self.priced, scale, strict=True)))
+        return float(sum(tolerance.at(factor) for tolerance, factor in zip(self.priced, scale, strict=True)))
 
     def costs(self) -> list[Callable[[Real], Real]]:
         """Of each group by its scale."""
@@ -90,8 +86,8 @@ class Search:
         """Errors of units at scales (n_priced,); those behind the study's own are fresh."""
         first = self.study.samples.count
         samples = {"count": first + stop, "experiment": "monte_carlo", "nominal_first": False}
-        many = self.study.model_copy(update={"samples": self.study.samples.model_copy(update=samples)})
-        return draw(scaled(many, self.names, scale), first + start, first + stop)
+        larger_study = self.study.model_copy(update={"samples": self.study.samples.model_copy(update=samples)})
+        return draw(scaled(larger_study, self.names, scale), first + start, first + stop)
 
     def batches(self, start: int) -> list[tuple[int, int]]:
         """Units of the set that begins at ``start``, some at a time."""
@@ -100,26 +96,20 @@ class Search:
 
     def check(self, scale: Real, start: int) -> dict[str, Estimate]:
         """Yields at scales (n_priced,) by the units from ``start`` on."""
-        parts = Parallel(self.jobs)(delayed(_over_turn)(self, scale, *ends) for ends in self.batches(start))
-        values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        confidence = self.study.metrics.confidence
-        found = {}
-        for name, kept in self.study.limits.kept(values).items():
-            known = np.all([np.isfinite(values[metric]) for metric in self.study.limits.limited(name, values)], axis=0)
-            found[name] = pass_share(kept[known], confidence)
-        return found
+        at_scale = scaled(self.study, self.names, scale)
+        return fresh_yields(at_scale, self.study.samples.count + start, self.units, self.solve, self.jobs)
 
     def linear(self, scale: Real, start: int) -> LinearUnits:
         """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
         parts = Parallel(self.jobs)(delayed(_followed)(self, scale, *ends) for ends in self.batches(start))
-        angles, turns, here, *moved = (_joined([part[k] for part in parts]) for k in range(len(parts[0])))
+        angles, turns, chosen, *moved = (_joined([part[k] for part in parts]) for k in range(len(parts[0])))
         values, slopes = [], []
         for tail in tails(self.study):
             value = tail.sign * turns[tail.metric]
             spread = float(np.nanstd(value)) or 1.0
             changes = []
-            for k, there in enumerate(moved):
-                of_here, of_there = predicted_turn(angles[tail.metric], here, there)
+            for k, present in enumerate(moved):
+                of_here, of_there = predicted_turn(angles[tail.metric], chosen, present)
                 changes.append((tail.over_turn(of_there) - tail.over_turn(of_here)) / (STEP * scale[k]) / spread)
             values.append((value - tail.limit) / spread)
             slopes.append(np.stack(changes, axis=-1))
@@ -167,21 +157,17 @@ def tails(study: Study) -> list[Tail]:
 
 
 def _group_cost(group: Sequence[Priced], scale: Real) -> Real:
-    return np.sum([one.at(scale) for one in group], axis=0)
-
-
-def _over_turn(search: Search, scale: Real, start: int, stop: int) -> Angles:
-    return search.solve(search.drawn(scale, start, stop))[1]
+    return np.sum([entry.at(scale) for entry in group], axis=0)
 
 
 def _followed(search: Search, scale: Real, start: int, stop: int) -> list[Angles]:
     """Of units their metrics at the loaded angles and over the turn, and those of the rough model, here and moved."""
     angles, turns = search.solve(search.drawn(search.spread(scale), start, stop))
-    found = [angles, turns, search.rough(search.drawn(search.spread(scale), start, stop))]
+    results = [angles, turns, search.rough(search.drawn(search.spread(scale), start, stop))]
     for k in range(len(scale)):
         moved = scale * np.where(np.arange(len(scale)) == k, 1 + STEP, 1.0)
-        found.append(search.rough(search.drawn(search.spread(moved), start, stop)))
-    return found
+        results.append(search.rough(search.drawn(search.spread(moved), start, stop)))
+    return results
 
 
 def _joined(parts: Sequence[Angles]) -> dict[str, Real]:

@@ -36,13 +36,13 @@ class Box:
     Attributes
     ----------
     free : columns of the errors that vary, by tolerance.
-    waves : columns of amplitude and phase of the tolerances with a direction.
+    waves : columns of amplitude and phase of the tolerances with a direction, (n_elements, 2) each.
     n_columns : of a point.
     """
 
     study: Study
     free: dict[str, NDArray[np.intp]]
-    waves: dict[str, tuple[int, int]]
+    waves: dict[str, NDArray[np.intp]]
     n_columns: int
 
     @classmethod
@@ -59,7 +59,7 @@ class Box:
         varying = {name: tolerance for name, tolerance in study.tolerances if tolerance.varies}
         if not varying:
             raise InputError(f"study {study.name}: no tolerance varies; give one two limits, as tolerances.pin_radial")
-        sides = {name: _uniform(one) for name, one in varying.items()}
+        sides = {name: _uniform(entry) for name, entry in varying.items()}
         sizes = dimensions(study)
         ends = dict(zip(sizes, np.cumsum(list(sizes.values())), strict=True))
         columns = {name: np.arange(ends[name] - size, ends[name]) for name, size in sizes.items()}
@@ -67,7 +67,7 @@ class Box:
         return cls(
             study.model_copy(update={"tolerances": study.tolerances.model_copy(update=sides)}),
             {name: columns[name] for name in varying if name not in directed},
-            {name: (int(columns[name][0]), int(columns[dimension_library()[name].phase][0])) for name in directed},
+            {name: np.stack([columns[name], columns[dimension_library()[name].phase]], axis=1) for name in directed},
             sum(sizes.values()),
         )
 
@@ -75,8 +75,13 @@ class Box:
     def centre(self) -> Real:
         """(n_columns,) all errors in the middle of their zones, amplitudes at their lower limits."""
         point = np.full(self.n_columns, 0.5)
-        point[[amplitude for amplitude, _ in self.waves.values()]] = 0.0
+        point[self.all_waves[:, 0]] = 0.0
         return point
+
+    @property
+    def all_waves(self) -> NDArray[np.intp]:
+        """Columns of amplitude and phase (n_waves, 2) of all tolerances with a direction, one after the other."""
+        return np.concatenate([np.empty((0, 2), np.intp), *self.waves.values()])
 
     @property
     def columns(self) -> NDArray[np.intp]:
@@ -93,10 +98,10 @@ class Box:
         points[np.arange(len(self.columns)), self.columns] = to
         return points
 
-    def turned(self, point: Real, wave: str) -> Real:
-        """(PHASES, n_columns) the point with the full amplitude of a wave in every direction."""
+    def turned(self, point: Real, wave: NDArray[np.intp]) -> Real:
+        """(PHASES, n_columns) the point with the full amplitude of a wave, by its columns, in every direction."""
         points = np.repeat(point[None], PHASES, axis=0)
-        amplitude, phase = self.waves[wave]
+        amplitude, phase = wave
         points[:, amplitude], points[:, phase] = 1.0, np.arange(PHASES) / PHASES
         return points
 
@@ -120,18 +125,18 @@ def climbed(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, float]:
     """
     point, best = start, float(evaluate(start[None])[0])
     for _ in range(FLIPS):
-        moves = [box.flipped(point, to) for to in (0.0, 1.0)] + [box.turned(point, wave) for wave in box.waves]
+        moves = [box.flipped(point, to) for to in (0.0, 1.0)] + [box.turned(point, wave) for wave in box.all_waves]
         values = np.split(
             np.nan_to_num(evaluate(np.concatenate(moves)), nan=-np.inf), np.cumsum([len(m) for m in moves])[:-1]
         )
-        together = point.copy()
+        combined = point.copy()
         for to, gains in zip((0.0, 1.0), values[:2], strict=True):
-            together[box.columns[gains > best]] = to
-        for wave, rows, gains in zip(box.waves, moves[2:], values[2:], strict=True):
+            combined[box.columns[gains > best]] = to
+        for wave, rows, gains in zip(box.all_waves, moves[2:], values[2:], strict=True):
             if gains.max() > best:
-                together[list(box.waves[wave])] = rows[np.argmax(gains)][list(box.waves[wave])]
+                combined[wave] = rows[np.argmax(gains)][wave]
         everything, flat = np.concatenate(moves), np.concatenate(values)
-        candidates = [(float(np.nan_to_num(evaluate(together[None])[0], nan=-np.inf)), together)]
+        candidates = [(float(np.nan_to_num(evaluate(combined[None])[0], nan=-np.inf)), combined)]
         candidates.append((float(flat.max()), everything[np.argmax(flat)]))
         value, candidate = max(candidates, key=lambda pair: pair[0])
         if not value > best:

@@ -54,10 +54,10 @@ def largest_play(
     ArithmeticError
         If no errors leave room, or the play is unbounded.
     """
-    n_errors, n_motions, sizes = slopes.shape[1], jacobian.shape[1], [one.shape[1] for one in patterns]
+    n_errors, n_motions, sizes = slopes.shape[1], jacobian.shape[1], [entry.shape[1] for entry in patterns]
     errors = np.hstack([slopes, *patterns])
-    none = np.zeros_like(jacobian)
-    rows = [np.hstack([-errors, jacobian, none]), np.hstack([-errors, none, jacobian])]
+    nothing_flagged = np.zeros_like(jacobian)
+    rows = [np.hstack([-errors, jacobian, nothing_flagged]), np.hstack([-errors, nothing_flagged, jacobian])]
     limits = [gap, gap]
     width, first = errors.shape[1] + 2 * n_motions, n_errors
     for size in sizes:
@@ -77,8 +77,8 @@ def largest_play(
     objective = np.zeros(width)
     objective[errors.shape[1] + output], objective[errors.shape[1] + n_motions + output] = -1.0, 1.0
     bounds = [(-0.5, 0.5)] * n_errors + [(0.0, 1.0)] * sum(sizes) + [(None, None)] * (2 * n_motions)
-    found = linprog(objective, np.vstack(rows), np.concatenate(limits), bounds=bounds, method="highs")
-    if not found.success:
-        raise ArithmeticError(f"no largest play: {found.message}")
-    weights = np.split(found.x[n_errors : errors.shape[1]], np.cumsum(sizes)[:-1]) if sizes else []
-    return LargestPlay(-float(found.fun), found.x[:n_errors], tuple(weights))
+    results = linprog(objective, np.vstack(rows), np.concatenate(limits), bounds=bounds, method="highs")
+    if not results.success:
+        raise ArithmeticError(f"no largest play: {results.message}")
+    weights = np.split(results.x[n_errors : errors.shape[1]], np.cumsum(sizes)[:-1]) if sizes else []
+    return LargestPlay(-float(results.fun), results.x[:n_errors], tuple(weights))

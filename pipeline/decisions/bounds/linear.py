@@ -58,18 +58,21 @@ def stack(study: Study, box: Box, evaluate: Evaluate, numbers: Real) -> Stack:
     """
     centre, columns = box.centre, box.columns
     points = [centre[None], box.flipped(centre, 0.25), box.flipped(centre, 0.75)]
-    points += [box.turned(centre, wave) for wave in box.waves]
-    values = np.split(evaluate(np.concatenate(points)), np.cumsum([len(one) for one in points])[:-1])
+    points += [box.turned(centre, wave) for wave in box.all_waves]
+    values = np.split(evaluate(np.concatenate(points)), np.cumsum([len(entry) for entry in points])[:-1])
     middle = float(values[0][0])
     slope = dict(zip(columns.tolist(), 2 * (values[2] - values[1]), strict=True))
     drawn, parts = deviations_at(study, numbers), {}
     for name, of_name in box.free.items():
         steps = _share(study, name, drawn[name]) - 0.5
         parts[name] = steps @ np.array([slope[column] for column in of_name.tolist()])
-    for (name, (_, phase)), response in zip(box.waves.items(), values[3:], strict=True):
-        around = np.append(response, response[0]) - middle
-        turn = np.interp(numbers[:, phase], np.arange(PHASES + 1) / PHASES, around)
-        parts[name] = _share(study, name, drawn[name])[:, 0] * turn
+    responses = iter(values[3:])
+    for name, waves in box.waves.items():
+        shares = _share(study, name, drawn[name]).T
+        parts[name] = np.zeros(len(numbers))
+        for (_, phase), share, response in zip(waves, shares, responses, strict=False):
+            around = np.append(response, response[0]) - middle
+            parts[name] += share * np.interp(numbers[:, phase], np.arange(PHASES + 1) / PHASES, around)
     return Stack(middle, parts)
 
 

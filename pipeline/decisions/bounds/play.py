@@ -56,22 +56,22 @@ def play_bounds(box: Box, crank_deg: float, metric: str) -> Iterator[Bound]:
     ends = [UM_PER_MM * rigid_drive(box, crank_deg, box.flipped(centre, to)).gap for to in (0.0, 1.0)]
     slopes = (ends[1] - ends[0]).T
     patterns = [
-        UM_PER_MM * rigid_drive(box, crank_deg, box.turned(centre, wave)).gap.T - gap[:, None] for wave in box.waves
+        UM_PER_MM * rigid_drive(box, crank_deg, box.turned(centre, wave)).gap.T - gap[:, None] for wave in box.all_waves
     ]
     loosest = rigid_drive(box, crank_deg, np.where(np.isin(np.arange(box.n_columns), box.columns), 1.0, centre)[None])
     radii = UM_PER_MM * np.broadcast_to(loosest.bearing_clearance[0], middle.reducer.n_disks)
-    found = largest_play(middle.reducer.contact_jacobian, middle.reducer.output_motion, gap, slopes, patterns, radii)
-    yield Bound(metric, crank_deg, BY_PROGRAM, ARCMIN * found.play / UM_PER_MM)
+    results = largest_play(middle.reducer.contact_jacobian, middle.reducer.output_motion, gap, slopes, patterns, radii)
+    yield Bound(metric, crank_deg, BY_PROGRAM, ARCMIN * results.play / UM_PER_MM)
 
     start = centre.copy()
-    start[box.columns] = found.steps + 0.5
-    for wave, weights in zip(box.waves, found.weights, strict=True):
+    start[box.columns] = results.steps + 0.5
+    for wave, weights in zip(box.all_waves, results.weights, strict=True):
         if weights.sum() > 0.5:
-            start[list(box.waves[wave])] = 1.0, np.argmax(weights) / weights.size
+            start[wave] = 1.0, np.argmax(weights) / weights.size
     _, largest = climbed(box, lambda points: backlash(box, crank_deg, points), start)
     yield Bound(metric, crank_deg, ATTAINED, largest)
-    _, least = climbed(box, lambda points: -np.nan_to_num(backlash(box, crank_deg, points), nan=0.0), centre)
-    yield Bound(metric, crank_deg, LEAST_FOUND, -least)
-    tightest = gap - 0.5 * np.abs(slopes).sum(axis=1) + sum(np.minimum(one.min(axis=1), 0.0) for one in patterns)
+    _, lowest = climbed(box, lambda points: -np.nan_to_num(backlash(box, crank_deg, points), nan=0.0), centre)
+    yield Bound(metric, crank_deg, LEAST_FOUND, -lowest)
+    tightest = gap - 0.5 * np.abs(slopes).sum(axis=1) + sum(np.minimum(entry.min(axis=1), 0.0) for entry in patterns)
     play = rigid_play(middle.reducer, tightest[None] / UM_PER_MM, middle.bearing_clearance)
     yield Bound(metric, crank_deg, LEAST_BOUND, 0.0 if play.preloaded[0] else float(ARCMIN * play.backlash[0]))

@@ -160,7 +160,7 @@ def table_rows(found: Findings) -> dict[Table, Columns]:
         + (c.means_something,)
         for c in found.capabilities
     ]
-    bounds = [(one.metric, one.crank_deg, one.what, one.value) for one in found.bounds]
+    bounds = [(entry.metric, entry.crank_deg, entry.what, entry.value) for entry in found.bounds]
     rows = {BOUNDS: bounds, STACKS: found.stacks, CONTRIBUTIONS: found.contributions, CAPABILITY: capabilities}
     return {table: _columns(table, content) for table, content in rows.items()}
 

@@ -1,0 +1,41 @@
+"""Yields of units that decided nothing: load-solved behind the draws that a study has counted already."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from pipeline.config.study import Study
+from pipeline.sampling import Errors, draw
+from pipeline.statistics import Estimate, pass_share
+
+Real = NDArray[np.float64]
+Angles = Mapping[str, Real]
+Solve = Callable[[Errors], tuple[Angles, Angles]]
+"""Errors of ``n`` units to each metric at the loaded angles (n, n_angles), and over the turn as limits mean it (n,)."""
+
+BATCH = 500
+"""Units that are solved together."""
+
+
+def fresh_yields(study: Study, start: int, units: int, solve: Solve, jobs: int) -> dict[str, Estimate]:
+    """Yields by metric and against all limits of ``units`` independent draws of the study's seed, from ``start`` on."""
+    stop = start + units
+    samples = {"count": stop, "experiment": "monte_carlo", "nominal_first": False}
+    larger_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
+    parts = Parallel(jobs)(
+        delayed(_over_turn)(larger_study, solve, a, min(a + BATCH, stop)) for a in range(start, stop, BATCH)
+    )
+    values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    yields = {}
+    for name, within_limits in study.limits.kept(values).items():
+        known = np.all([np.isfinite(values[metric]) for metric in study.limits.limited(name, values)], axis=0)
+        yields[name] = pass_share(within_limits[known], study.metrics.confidence)
+    return yields
+
+
+def _over_turn(study: Study, solve: Solve, start: int, stop: int) -> Angles:
+    return solve(draw(study, start, stop))[1]
