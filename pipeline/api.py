@@ -13,10 +13,9 @@ import pandas as pd
 
 from pipeline import config
 from pipeline.cli import settings
+from pipeline.cli.running import up_to_date
 from pipeline.config import Study
-from pipeline.engine import runner
 from pipeline.engine.store import Output
-from stages.chain import STAGES
 
 
 @dataclass(frozen=True)
@@ -77,9 +76,8 @@ def run(study: Study | str | Path, stages: Sequence[str] = ("report",), jobs: in
         If a file or a setting is wrong, or another process writes the run.
     """
     loaded = study if isinstance(study, Study) else load_study(study)
-    with settings.resources(loaded, _options(jobs)) as resources:
-        outputs = runner.run(STAGES, loaded, stages, settings.RUNS, resources)
-    return Run(loaded, settings.RUNS / loaded.name, outputs)
+    finished = up_to_date(loaded, stages, _options(jobs))
+    return Run(finished.study, settings.RUNS / loaded.name, finished.outputs)
 
 
 def identify(unit: str | Path, jobs: int | None = None) -> dict[str, Any]:

@@ -8,11 +8,10 @@ from pipeline.checks.calculix import export
 from pipeline.checks.licences import UNKNOWN, licences
 from pipeline.checks.paper import comparison
 from pipeline.cli import settings
+from pipeline.cli.running import known_size, up_to_date
 from pipeline.config import load_study
-from pipeline.engine.runner import run
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
-from stages.chain import STAGES
 
 COARSE = "quick"
 """Study whose mesh CalculiX takes minutes for, not hours."""
@@ -35,8 +34,7 @@ def measure_speed(options: argparse.Namespace) -> None:
 def compare_paper(options: argparse.Namespace) -> None:
     """Hold the paper's numbers and figures against the model."""
     study = load_study(comparison.STUDY, settings.ROOT)
-    with settings.resources(study, options) as resources:
-        outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
+    outputs = up_to_date(study, ["aggregate"], options).outputs
     folder = settings.RUNS / study.name
     variations = settings.PUBLISHED.parent / comparison.VARIATIONS
     comparison.write(comparison.compared(study, outputs, settings.PUBLISHED, folder), folder, variations)
@@ -89,7 +87,7 @@ def count_coverage(options: argparse.Namespace) -> None:
 
 def export_deck(options: argparse.Namespace) -> None:
     """Write a sample as an input deck of CalculiX."""
-    study = load_study(options.study, settings.ROOT)
+    study = known_size(load_study(options.study, settings.ROOT))
     settings.check_sample(study, options.sample)
     crank = study.cycle.crank_deg[0] if options.crank is None else options.crank
     print(export(study, options.sample, crank, settings.RUNS / study.name / "calculix"))

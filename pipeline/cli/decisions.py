@@ -8,18 +8,18 @@ import numpy as np
 import pandas as pd
 
 from pipeline.cli import settings
-from pipeline.cli.tails import TRIAL, at_angles, springs
+from pipeline.cli.running import up_to_date
 from pipeline.config import Study, load_study
 from pipeline.config.writing import toml_of
 from pipeline.decisions.allocation import results as allocation_results
 from pipeline.decisions.allocation.allocate import allocate
 from pipeline.decisions.allocation.priced import priced_tolerances
-from pipeline.decisions.allocation.search import Angles
 from pipeline.decisions.bounds import results as bounds_results
 from pipeline.decisions.bounds.box import Box
+from pipeline.decisions.fresh_units import Angles, fresh_yields
+from pipeline.decisions.reweighting import moved_tolerances, reweighted
 from pipeline.decisions.run_comparison import Run, differences, differing_inputs, driver_changes
 from pipeline.engine.cache import Cache
-from pipeline.engine.runner import run
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
@@ -32,8 +32,8 @@ from pipeline.report.decisions.compare import sentence, write_comparison
 from pipeline.sampling import Errors, draw
 from stages import hysteresis
 from stages.aggregate import over_turn
-from stages.chain import STAGES
 from stages.clearance import rigid_ends
+from stages.tails import TRIAL, at_angles, springs
 from stages.turn import loop_metrics, metric_turns, over_turn_columns
 
 FEWEST_BAD = 20
@@ -52,37 +52,60 @@ def compare_runs(options: argparse.Namespace) -> None:
 
 
 def _run(study: Study, options: argparse.Namespace) -> Run:
-    with settings.resources(study, options) as resources:
-        outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
-    units, sensitivity = (pd.DataFrame(outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
-    return Run(study, over_turn(units, study.limits.over), sensitivity)
+    finished = up_to_date(study, ["aggregate"], options)
+    units, sensitivity = (pd.DataFrame(finished.outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
+    return Run(finished.study, over_turn(units, study.limits.over), sensitivity)
 
 
 def allocate_tolerances(options: argparse.Namespace) -> None:
     """Find the cheapest tolerances of a study at a wanted yield."""
     if not 0.5 <= options.target < 1:
         raise InputError(f"--yield = {options.target:g}; must be from 0.5 to below 1, as 0.99")
-    beyond = round(options.units * (1 - options.target), 6)
-    if beyond < FEWEST_BAD:
-        least = round(FEWEST_BAD / (1 - options.target))
-        raise InputError(f"--units = {options.units}; at this yield at least {least}, so that some break a limit")
+    expected_failures = round(options.units * (1 - options.target), 6)
+    if expected_failures < FEWEST_BAD:
+        fewest_units = round(FEWEST_BAD / (1 - options.target))
+        raise InputError(
+            f"--units = {options.units}; at this yield at least {fewest_units}, so that some break a limit"
+        )
     study = load_study(options.study, settings.ROOT)
     priced_tolerances(study)  # says what is missing before anything is condensed
-    with settings.resources(study, options) as resources:
-        outputs = run(STAGES, study, ["springs", "reduce"], settings.RUNS, resources)
-    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
+    condensed = up_to_date(study, ["springs", "reduce"], options)
+    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
     trial = draw(tails.population(study, TRIAL), 0, TRIAL)
     rough = partial(prediction.rough_metrics, study, springs(shared, trial))
-    found = allocate(study, options.target, options.units, partial(_loaded, shared), rough, resources.jobs)
+    allocation = allocate(study, options.target, options.units, partial(_loaded, shared), rough, condensed.jobs)
     folder = settings.RUNS / "allocate" / study.name
-    allocation_results.write_tables(found, folder)
+    allocation_results.write_tables(allocation, folder)
     file = f"{allocation_results.study_name(study)}.toml"
-    write_atomic(folder / file, allocation_results.study_text(found, DESIGN_FILE).encode())
+    write_atomic(folder / file, allocation_results.study_text(allocation, DESIGN_FILE).encode())
     write_atomic(folder / DESIGN_FILE, toml_of(study.design.model_dump()).encode())
-    write_allocation_page(found, file, folder)
-    print(allocation_sentence(found))
+    write_allocation_page(allocation, file, folder)
+    print(allocation_sentence(allocation))
     print(f"study: {settings.shown(folder / file)}")
     print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def reweigh_run(options: argparse.Namespace) -> None:
+    """Yield of a study from the run of a wider one, beside that of fresh load-solved units."""
+    if options.check < 1:
+        raise InputError(f"--check = {options.check}; must be at least 1")
+    wide, narrow = (load_study(name, settings.ROOT) for name in (options.wide, options.narrow))
+    moved_tolerances(wide, narrow)  # says what is in the way before anything is run
+    answer = reweighted(_run(wide, options), narrow)
+    condensed = up_to_date(narrow, ["springs", "reduce"], options)
+    shared = hysteresis.prepare(Job(narrow, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
+    fresh = fresh_yields(narrow, wide.samples.count, options.check, partial(_loaded, shared), condensed.jobs)
+    kinds = {"reweighted": answer.yields, "fresh": fresh}
+    rows = pd.DataFrame(
+        [{"metric": name, "units": kind, **vars(shares[name])} for name in fresh for kind, shares in kinds.items()]
+    )
+    table = settings.RUNS / "reweigh" / f"{wide.name}-{narrow.name}.csv"
+    write_atomic(table, rows.to_csv(index=False, float_format="%.9g").encode())
+    for name, share in answer.keeps.items():
+        print(f"{name}: its weights alone are worth {100 * share:.3g} % of the units")
+    print(f"{answer.units:,} units of {wide.name} are worth {answer.effective:,.0f} of {narrow.name}")
+    print(rows.to_string(index=False, float_format=lambda value: f"{value:.4f}"))
+    print(f"table: {settings.shown(table)}")
 
 
 def _loaded(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]:
@@ -90,24 +113,24 @@ def _loaded(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]
     study = shared.study
     loops = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
     metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled)
-    over = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
+    statistic_over = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
     angles = {name: metrics[name].reshape(len(sampled), -1) for name in library()}
-    return angles, {name: over[f"{name}_{study.limits.over}"] for name in library()}
+    return angles, {name: statistic_over[f"{name}_{study.limits.over}"] for name in library()}
 
 
 def bound_metrics(options: argparse.Namespace) -> None:
     """Bound the metrics of a study over its tolerance box, beside linear stacks and capability."""
     study = load_study(options.study, settings.ROOT)
     Box.of(study)  # says what is missing before anything is condensed
-    with settings.resources(study, options) as resources:
-        outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
+    finished = up_to_date(study, ["aggregate"], options)
+    study, outputs = finished.study, finished.outputs
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
     units = over_turn(pd.DataFrame(outputs["aggregate"].read("units")), study.limits.over)
     units = units.drop(index=[0] if study.samples.nominal_first else [], errors="ignore")
-    found = bounds_results.findings(study, study.cycle.curve_crank_deg, partial(_at_crank, shared), units)
+    findings = bounds_results.findings(study, study.cycle.curve_crank_deg, partial(_at_crank, shared), units)
     folder = settings.RUNS / "bounds" / study.name
-    bounds_results.write_tables(found, folder)
-    write_bounds_page(found, folder)
+    bounds_results.write_tables(findings, folder)
+    write_bounds_page(findings, folder)
     print((folder / "bounds.csv").read_text(), end="")
     print(f"report: {settings.shown(folder / 'report.html')}")
 
@@ -116,6 +139,8 @@ def _at_crank(shared: hysteresis.Shared, crank_deg: float, sampled: Errors) -> d
     """Every metric of ``n`` units at one loaded crank angle, (n,) each."""
     study, k = shared.study, shared.study.cycle.crank_deg.index(crank_deg)
     cycle = study.cycle.model_copy(update={"crank_deg": (crank_deg,), "loaded_angles": None})
-    alone = study.model_copy(update={"cycle": cycle})
-    single = replace(shared, study=alone, laws=shared.laws[k : k + 1], compliances=shared.compliances[k : k + 1])
+    reduced_study = study.model_copy(update={"cycle": cycle})
+    single = replace(
+        shared, study=reduced_study, laws=shared.laws[k : k + 1], compliances=shared.compliances[k : k + 1]
+    )
     return {name: values[:, 0] for name, values in at_angles(single, sampled).items()}

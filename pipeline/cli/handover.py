@@ -6,25 +6,23 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.cli import settings
+from pipeline.cli.running import up_to_date
 from pipeline.config import load_study
 from pipeline.decisions.joint import FORMATS, JOINTS, joints
 from pipeline.engine.provenance import FILE, crate
-from pipeline.engine.runner import run
 from pipeline.engine.store import write_atomic, write_json
-from stages.chain import STAGES
 
 
 def write_joints(options: argparse.Namespace) -> None:
     """Write backlash, stiffness and friction of a study's quantiles for simulators."""
     study = load_study(options.study, settings.ROOT)
-    with settings.resources(study, options) as resources:
-        outputs = run(STAGES, study, ["aggregate"], settings.RUNS, resources)
-    found = joints(pd.DataFrame(outputs["aggregate"].read("units")).iloc[int(study.samples.nominal_first) :])
+    outputs = up_to_date(study, ["aggregate"], options).outputs
+    joint_rows = joints(pd.DataFrame(outputs["aggregate"].read("units")).iloc[int(study.samples.nominal_first) :])
     folder = settings.RUNS / "joints" / study.name
-    rows = pd.DataFrame([vars(joint) for joint in found])
+    rows = pd.DataFrame([vars(joint) for joint in joint_rows])
     write_atomic(folder / "joints.parquet", JOINTS.part({name: rows[name].to_numpy() for name in rows}).data)
     write_atomic(folder / "joints.csv", rows.to_csv(index=False, float_format="%.9g").encode())
-    for joint in found:
+    for joint in joint_rows:
         for ending, text in FORMATS.items():
             write_atomic(folder / f"{joint.quantile}.{ending}", text(joint).encode())
     print(rows.to_string(index=False, float_format=lambda value: f"{value:.5g}"))

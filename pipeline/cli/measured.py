@@ -8,9 +8,10 @@ import numpy as np
 from pipeline import assembly
 from pipeline.checks.blind.report import write_reports
 from pipeline.checks.blind.run import FULL_RUN, SEED, blind
+from pipeline.checks.rig import states_of, table, write_unit
 from pipeline.cli import settings
+from pipeline.cli.running import up_to_date
 from pipeline.config import Study, load_study
-from pipeline.engine.runner import run
 from pipeline.errors import InputError
 from pipeline.identification.change import results as change_results
 from pipeline.identification.change.results import answer
@@ -28,7 +29,6 @@ from pipeline.report.unit.change import write_change_page
 from pipeline.report.unit.description import write_description_page
 from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
-from stages.chain import STAGES
 from stages.condensed import COMPLIANCE_FILE, full_compliance
 
 
@@ -39,8 +39,7 @@ def identify_designed(measurement: Measurement, options: argparse.Namespace) -> 
         at_cranks = study.model_copy(
             update={"cycle": study.cycle.model_copy(update={"crank_deg": tuple(float(crank) for crank in cranks)})}
         )
-        with settings.resources(study, options) as resources:
-            outputs = run(STAGES, at_cranks, ["reduce"], settings.RUNS, resources)
+        outputs = up_to_date(at_cranks, ["reduce"], options).outputs
         path = outputs["reduce"].path(COMPLIANCE_FILE)
         return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 
@@ -55,6 +54,19 @@ def identify_designed(measurement: Measurement, options: argparse.Namespace) -> 
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 
+def identify_rig(options: argparse.Namespace) -> None:
+    """Identify every state of the printed drive's rig, and tell how the descriptions stand beside the baselines."""
+    home = settings.RUNS / "rig"
+    for state in states_of([options.data]):
+        measurement = Measurement.read(load_measured_unit(write_unit(state, home / state.name), settings.ROOT))
+        print("\n".join(measurement.summary), flush=True)
+        identify_designed(measurement, options)
+    held_out = table([settings.RUNS / "identify" / state.name for state in states_of([options.data])])
+    held_out.to_csv(home / "held_out.csv", index=False)
+    print(held_out.to_string(index=False))
+    print(f"table: {settings.shown(home / 'held_out.csv')}")
+
+
 def describe_generic(measurement: Measurement) -> None:
     """Describe a measured drive of which no design is known."""
     folder = settings.RUNS / "identify" / measurement.unit.name
@@ -62,8 +74,8 @@ def describe_generic(measurement: Measurement) -> None:
         print(f"{FAULT}: {described_results.write_fault(measurement, folder)}")
         return
     description = described(measurement)
-    left = described_results.write(description, folder)
-    write_description_page(description, left, folder, settings.shown(folder))
+    residual_signatures = described_results.write(description, folder)
+    write_description_page(description, residual_signatures, folder, settings.shown(folder))
     print(f"{description.verdict}: {described_results.sentence(description)}")
     if advice := described_results.advice(description):
         print(advice)
@@ -76,20 +88,22 @@ def compare_states(options: argparse.Namespace) -> None:
         Measurement.read(load_measured_unit(name, settings.ROOT)) for name in (options.before, options.after)
     )
     print("\n".join([*before.summary, *after.summary]), flush=True)
-    found = answer(before, after)
+    answers = answer(before, after)
     folder = settings.RUNS / "changed" / f"{before.unit.name}-{after.unit.name}"
-    change_results.write(found, folder)
-    write_change_page(found, folder, settings.shown(folder))
-    print("\n".join(filter(None, [f"{found.found.verdict}: {found.sentence}", found.pattern_sentence, found.advice])))
+    change_results.write(answers, folder)
+    write_change_page(answers, folder, settings.shown(folder))
+    print(
+        "\n".join(
+            filter(None, [f"{answers.found.verdict}: {answers.sentence}", answers.pattern_sentence, answers.advice])
+        )
+    )
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 
 def compare_population(options: argparse.Namespace) -> None:
     """Hold measured units against the distributions of a study."""
     units = load_population(options.units)
-    study = load_study(options.study, settings.ROOT)
-    with settings.resources(study, options) as resources:
-        run(STAGES, study, ["aggregate"], settings.RUNS, resources)
+    study = up_to_date(load_study(options.study, settings.ROOT), ["aggregate"], options).study
     population = read_population_run(settings.RUNS / study.name, study)
     confidence = study.metrics.confidence
     comparisons = compared(units, population.metrics, confidence)
@@ -113,9 +127,9 @@ def run_blind(options: argparse.Namespace) -> None:
     """Test the identification on generated units."""
     cases = FULL_RUN if options.cases is None else options.cases
     seed = SEED if options.seed is None else options.seed
-    for name, value, least in (("cases", cases, 1), ("jobs", options.jobs, 1), ("seed", seed, 0)):
-        if value < least:
-            raise InputError(f"--{name} = {value}; must be at least {least}")
+    for name, value, lowest in (("cases", cases, 1), ("jobs", options.jobs, 1), ("seed", seed, 0)):
+        if value < lowest:
+            raise InputError(f"--{name} = {value}; must be at least {lowest}")
     rows = blind(cases, seed, options.jobs, settings.ROOT, settings.RUNS)
     folder = settings.RUNS / "blind"
     write_reports(rows, folder)

@@ -67,8 +67,8 @@ def _studies(command: Commands) -> None:
     sparing = command("tails", "tails.find_tails", "units beyond the limits in parts per million, and far quantiles")
     _study(sparing)
     _where(sparing)
-    sparing.add_argument("--units", type=int, default=100_000, help="looked at by a rough model; default: 100,000")
-    sparing.add_argument("--solve", type=int, default=4_000, help="of them load-solved on average; default: 4,000")
+    sparing.add_argument("--units", type=int, help="looked at by a rough model; default: the study's, or 100,000")
+    sparing.add_argument("--solve", type=int, help="of them load-solved on average; default: the study's, or 4,000")
 
     drawing = command("flank", "flank.write_flank", "write the flank of a design as CSV and DXF, drawn and measured")
     drawing.add_argument("--design", required=True, help="design file, or the stem of one in data/designs")
@@ -104,6 +104,14 @@ def _decisions(command: Commands) -> None:
     choosing.add_argument("--units", type=int, default=4_000, help="load-solved in each round; default: 4,000")
     _where(choosing)
 
+    counting = command(
+        "reweigh", "decisions.reweigh_run", "yield of a study with tighter tolerances from the run of a wider one"
+    )
+    counting.add_argument("wide", help="study file, or the stem of one in data/studies, whose run is counted anew")
+    counting.add_argument("narrow", help="the study with the tighter tolerances")
+    counting.add_argument("--check", type=int, default=1_000, help="fresh load-solved units; default: 1,000")
+    _where(counting)
+
     bounding = command(
         "bounds", "decisions.bound_metrics", "worst cases over the tolerance box, linear stacks, capability"
     )
@@ -126,6 +134,14 @@ def _measured(command: Commands) -> None:
     )
     naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
     _where(naming)
+
+    touring = command(
+        "rig", "measured.identify_rig", "identify all states of the printed drive's rig, beside baselines"
+    )
+    touring.add_argument(
+        "--data", required=True, type=Path, help="folder with a folder of position files for each state"
+    )
+    _where(touring)
 
     changing = command("changed", "measured.compare_states", "say what changed between two measurements of one drive")
     for state in ("before", "after"):

@@ -9,24 +9,21 @@ import numpy as np
 import pandas as pd
 
 from pipeline.cli import settings
+from pipeline.cli.running import known_size, up_to_date
 from pipeline.config import Study, load_study, load_unit
-from pipeline.config.study import ALL_LIMITS
 from pipeline.engine.cache import Cache
 from pipeline.engine.lock import locked
-from pipeline.engine.runner import damages, plan, run, why
+from pipeline.engine.runner import damages, plan, why
 from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.statistics.sample_size import units_for_yield
+from pipeline.report.samples.section import needed_sentences, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
+from stages.curves import CONTACTS, contact_rows
 from stages.sample import SAMPLED, errors_of_columns
 
-HALF_WIDTHS = (0.02, 0.01, 0.005)
-"""Of the interval of a yield."""
-CONFIDENCE = 0.95
-"""Of that interval, as studies have it unless they say otherwise."""
 REASONS_SHOWN = 3
 """Of a stage in the answer of a dry run."""
 
@@ -38,8 +35,7 @@ def run_stages(options: argparse.Namespace) -> None:
     if options.dry_run:
         print("\n".join(_planned(study, stages)))
         return
-    with settings.resources(study, options) as resources:
-        run(STAGES, study, stages, settings.RUNS, resources)
+    up_to_date(study, stages, options)
     report = settings.RUNS / study.name / "report" / "report.html"
     if STAGES[-1].name in stages:
         print(f"report: {settings.shown(report)}")
@@ -47,14 +43,14 @@ def run_stages(options: argparse.Namespace) -> None:
 
 def _planned(study: Study, targets: Sequence[str]) -> Iterator[str]:
     """A line for each stage: whether it would run, why, and for about how long."""
-    planned = plan(STAGES, study, targets, settings.RUNS)
+    planned = plan(STAGES, known_size(study), targets, settings.RUNS)
     for stage in planned:
         if not stage.reasons:
             yield f"{stage.stage}  up to date"
             continue
         seconds = "no former timing" if stage.seconds is None else f"about {stage.seconds:.3g} s"
-        more = len(stage.reasons) - REASONS_SHOWN
-        rest = [f"and {more} more, see: why {stage.stage}"] if more > 0 else []
+        remainder_text = len(stage.reasons) - REASONS_SHOWN
+        rest = [f"and {remainder_text} more, see: why {stage.stage}"] if remainder_text > 0 else []
         yield f"{stage.stage}  would run, {seconds}: {'; '.join([*stage.reasons[:REASONS_SHOWN], *rest])}"
     total = sum(stage.seconds or 0.0 for stage in planned)
     yield f"in all about {total:.3g} s by former timings; nothing was run" if total else "nothing was run"
@@ -66,8 +62,13 @@ def show_run(options: argparse.Namespace) -> None:
     outputs = {stage.name: output for stage in STAGES if (output := Output.open(folder / stage.name))}
     if "aggregate" not in outputs:
         raise InputError(f"{settings.shown(folder)}: no results; run: python -m pipeline run --study {folder.name}")
-    print("\n".join(summary(pd.DataFrame(outputs["aggregate"].read("distributions")), folder.name)))
-    print("\n".join(needed_units(pd.DataFrame(outputs["aggregate"].read("distributions")))))
+    distributions, known = (
+        pd.DataFrame(outputs["aggregate"].read("distributions")),
+        outputs["aggregate"].record["settings"],
+    )
+    print("\n".join(summary(distributions, folder.name)))
+    if share := yield_estimate(distributions, known["limits.over"]):
+        print("\n".join(needed_sentences(share, known["metrics.confidence"])))
     status = outputs["aggregate"].read("units")["status"]
     print(f"{len(status)} units, {np.count_nonzero(np.asarray(status) != 'ok')} with a remark in status")
     for name, output in outputs.items():
@@ -91,27 +92,16 @@ def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
         yield f"{metric}  {'  '.join(shown)}"
 
 
-def needed_units(distributions: pd.DataFrame) -> Iterator[str]:
-    """A line for each half width: how many independent units would know the yield against all limits as well."""
-    wanted = {"over": "worst", "statistic": "yield", "metric": ALL_LIMITS}
-    rows = np.logical_and.reduce([distributions[column] == name for column, name in wanted.items()])
-    for share in distributions.loc[rows, "value"]:
-        for half_width in HALF_WIDTHS:
-            units = units_for_yield(float(share), half_width, CONFIDENCE)
-            yield f"for +-{100 * half_width:g} % on the yield against all limits take {units:,} independent units"
-
-
 def reasons(options: argparse.Namespace) -> None:
     """Print why a stage would run."""
-    for reason in why(STAGES, load_study(options.study, settings.ROOT), options.stage, settings.RUNS):
+    for reason in why(STAGES, known_size(load_study(options.study, settings.ROOT)), options.stage, settings.RUNS):
         print(reason)
 
 
 def solve_unit(options: argparse.Namespace) -> None:
     """Solve a unit with as-measured dimensions and print its metrics."""
     study = load_unit(options.dimensions, options.design, options.study, settings.ROOT)
-    with settings.resources(study, options) as resources:
-        outputs = run(STAGES, study, ["report"], settings.RUNS, resources)
+    outputs = up_to_date(study, ["report"], options).outputs
     metrics = pd.DataFrame(outputs["aggregate"].read("metrics"))
     shown = metrics.loc[metrics["sample"] == 1, ["crank_deg", *library(), "status"]]
     print(shown.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
@@ -120,14 +110,13 @@ def solve_unit(options: argparse.Namespace) -> None:
 
 def resolve_contacts(options: argparse.Namespace) -> None:
     """Write the contact forces of one sample."""
-    study = load_study(options.study, settings.ROOT)
+    study = known_size(load_study(options.study, settings.ROOT))
     sample = options.sample
     settings.check_sample(study, sample)
-    with settings.resources(study, options) as resources:
-        outputs = run(STAGES, study, ["hysteresis"], settings.RUNS, resources)
+    outputs = up_to_date(study, ["hysteresis"], options).outputs
     path = settings.RUNS / study.name / "resolved" / f"contacts-{sample}.parquet"
     path.parent.mkdir(exist_ok=True)
-    write_atomic(path, hysteresis.CONTACTS.part(_resolved(study, sample, outputs)).data)
+    write_atomic(path, CONTACTS.part(_resolved(study, sample, outputs)).data)
     print(f"contacts of sample {sample}: {path}")
 
 
@@ -137,7 +126,7 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
     tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in SAMPLED}
     solved = hysteresis.solve_samples(shared, errors_of_columns(tables))
     curves = [loop for loop in solved if loop.crank_deg in study.cycle.curve_crank_deg]
-    return hysteresis.contact_rows(np.array([sample]), curves)
+    return contact_rows(np.array([sample]), curves)
 
 
 def check_run(options: argparse.Namespace) -> None:
@@ -162,10 +151,10 @@ def clean_runs(_: argparse.Namespace) -> None:
         If another process writes one of them: nothing is removed then.
     """
     folders = [path for path in sorted(settings.RUNS.glob("*")) if path.is_dir() and not path.is_symlink()]
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as locks:
         for folder in folders:
             if not folder.name.startswith("."):
-                held.enter_context(locked(folder))
+                locks.enter_context(locked(folder))
         problems = [problem for path in sorted(settings.RUNS.glob("*")) for problem in _removed(path)]
     if problems:
         raise InputError(problems)

@@ -6,10 +6,13 @@ import numpy as np
 import pandas as pd
 
 from pipeline.cli import settings
+from pipeline.cli.running import known_size
 from pipeline.config import Study, load_study
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
+from pipeline.figures.style import save
+from pipeline.figures.turn import output_turn_figure
 from pipeline.model.turn.orders import orders
 from pipeline.population.output_turn import OutputTurn, free_error, loaded_error, symmetric
 from pipeline.sampling import draw
@@ -23,7 +26,14 @@ SHOWN = 6
 ERROR = Table(
     "error",
     "sense, torque, crank of the output turn",
-    (SENSE, TORQUE, CRANK, Column("error_arcsec", "float64", "arcsec", "angle of the output less the nominal ratio's")),
+    (
+        SENSE,
+        TORQUE,
+        CRANK,
+        Column("error_arcsec", "float64", "arcsec", "angle of the output less the nominal ratio's"),
+        Column("bearing_force_N", "float64", "N", "force of the disk on its input bearing; null without torque"),
+        Column("pin_force_N", "float64", "N", "contact force of pin 0; null without torque"),
+    ),
 )
 ORDERS = Table(
     "orders",
@@ -41,12 +51,12 @@ ORDERS = Table(
 
 def turn_unit(options: argparse.Namespace) -> None:
     """Write the transmission error of one sample over a turn of the output, and its orders."""
-    study = load_study(options.study, settings.ROOT)
+    study = known_size(load_study(options.study, settings.ROOT))
     settings.check_sample(study, options.sample)
     unit = draw(study, options.sample, options.sample + 1)
-    held = study.metrics.rigidity_percent[1] / 100 * study.design.cycloid.rated_torque_Nm
+    held_torque = study.metrics.rigidity_percent[1] / 100 * study.design.cycloid.rated_torque_Nm
     curves, reasons = {}, [] if symmetric(study) else [ASYMMETRIC]
-    for torque, error_of in ((0.0, free_error), *([(held, loaded_error)] if symmetric(study) else [])):
+    for torque, error_of in ((0.0, free_error), *([(held_torque, loaded_error)] if symmetric(study) else [])):
         try:
             curves[torque] = error_of(study, unit)
         except ArithmeticError as error:
@@ -55,12 +65,19 @@ def turn_unit(options: argparse.Namespace) -> None:
         raise InputError([f"sample {options.sample} of study {study.name}: {reason}" for reason in reasons])
     folder = settings.RUNS / study.name / "output_turn"
     folder.mkdir(parents=True, exist_ok=True)
-    for table, rows in ((ERROR, _error_rows(curves)), (ORDERS, _order_rows(study, curves))):
+    errors, waves = _error_rows(curves), _order_rows(study, curves)
+    for table, rows in ((ERROR, errors), (ORDERS, waves)):
         columns = {name: rows[name].array if name == "sense" else rows[name].to_numpy() for name in rows}
         write_atomic(folder / f"{table.name}-{options.sample}.parquet", table.part(columns).data)
+    titles = {_what(torque): torque for torque in curves}
+    of_errors, of_waves = (
+        {title: rows[rows["torque_Nm"].abs() == torque] for title, torque in titles.items()} for rows in (errors, waves)
+    )
+    figure = output_turn_figure(of_errors, of_waves, study.design.cycloid.lobes)
+    save(figure, folder / f"turn-{options.sample}")
     _say(study, curves)
     print(*(f"not known at {reason}" for reason in reasons), sep="\n", end="\n" if reasons else "")
-    print(f"tables: {settings.shown(folder)}")
+    print(f"tables and figure turn-{options.sample}: {settings.shown(folder)}")
 
 
 def _error_rows(curves: dict[float, OutputTurn]) -> pd.DataFrame:
@@ -71,6 +88,8 @@ def _error_rows(curves: dict[float, OutputTurn]) -> pd.DataFrame:
                 "torque_Nm": torque * (1 - 2 * k),
                 "crank_deg": np.degrees(turn.crank),
                 "error_arcsec": turn.error[k],
+                "bearing_force_N": turn.bearing_force[k],
+                "pin_force_N": turn.pin_force[k],
             }
         )
         for torque, turn in curves.items()
@@ -98,11 +117,16 @@ def _order_rows(study: Study, curves: dict[float, OutputTurn]) -> pd.DataFrame:
     return pd.concat(parts)
 
 
+def _what(torque: float) -> str:
+    return f"{torque:g} N m held" if torque else "without load, at the ends of the play"
+
+
 def _say(study: Study, curves: dict[float, OutputTurn]) -> None:
     for torque, turn in curves.items():
-        what = f"{torque:g} N m held" if torque else "without load, at the ends of the play"
         spans = " and ".join(f"{span:.2f}" for span in np.ptp(turn.error, axis=1))
-        print(f"{what}: {spans} arcsec peak to peak in the senses + and -, from {len(turn.crank)} crank angles")
+        print(
+            f"{_what(torque)}: {spans} arcsec peak to peak in the senses + and -, from {len(turn.crank)} crank angles"
+        )
         harmonics = orders(turn.error, turns=study.design.cycloid.lobes)
         strongest = np.argsort(-harmonics.amplitude[0], kind="stable")[:SHOWN]
         shown = ", ".join(f"{harmonics.order[k]:.4g}: {harmonics.amplitude[0, k]:.3g}" for k in strongest)

@@ -32,7 +32,8 @@ FOUND_BY_FILE = {
     "pipeline.model.effects": "cycloid_effects",
     "pipeline.model.metrics": "cycloid_metrics",
 }
-"""Packages that import whatever modules lie in them, and the group of entry points in which others register more."""
+"""Packages that import whatever modules lie in them and in their rooms, and the group of entry points in which others
+register more."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,8 @@ def source_hashes(module: str) -> dict[str, str]:
                 if name in FOUND_BY_FILE:
                     registered = [entry.module for entry in importlib.metadata.entry_points(group=FOUND_BY_FILE[name])]
                     packages |= {module.partition(".")[0] for module in registered}
-                    waiting += [f"{name}.{file.stem}" for file in sorted(path.parent.glob("*.py"))] + registered
+                    files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
+                    waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + registered
             waiting += imports
             waiting.append(name.rpartition(".")[0])
     if not hashes:

@@ -64,9 +64,9 @@ def run(
         If a body fails on a chunk.
     """
     outputs: dict[str, Output] = {}
-    needed = _needed(stages, targets)
+    required = needed_stages(stages, targets)
     with locked(runs / study.name):
-        for stage in needed:
+        for stage in required:
             inputs = {name: outputs[name] for name in stage.reads}
             current = fingerprint(stage, study, _content(inputs))
             output = Output.open(runs / study.name / stage.name)
@@ -121,7 +121,7 @@ def plan(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path
     InputError
         If a target is unknown.
     """
-    found: list[Planned] = []
+    results: list[Planned] = []
     running: set[str] = set()
     for stage, reasons in _staleness(stages, study, targets, runs):
         upstream = [name for name in stage.reads if name in running]
@@ -129,8 +129,8 @@ def plan(stages: Sequence[Stage], study: Any, targets: Sequence[str], runs: Path
             reasons = [f"{', '.join(upstream)} may come out different"]
         if reasons:
             running.add(stage.name)
-        found.append(Planned(stage.name, tuple(reasons), _former_seconds(stage, study, runs) if reasons else None))
-    return found
+        results.append(Planned(stage.name, tuple(reasons), _former_seconds(stage, study, runs) if reasons else None))
+    return results
 
 
 def _former_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
@@ -152,7 +152,7 @@ def _staleness(
 ) -> Iterator[tuple[Stage, list[str]]]:
     """Every stage that the targets depend on, upstream first, and why it would run by itself."""
     outputs: dict[str, Output] = {}
-    for stage in _needed(stages, targets):
+    for stage in needed_stages(stages, targets):
         output = Output.open(runs / study.name / stage.name)
         if output is None:
             yield stage, ["never run"]
@@ -190,19 +190,25 @@ def damages(run_folder: Path) -> list[Damage]:
     return damage
 
 
-def _needed(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:
-    """The targets and what they depend on, upstream first."""
+def needed_stages(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:
+    """The targets and what they depend on, upstream first.
+
+    Raises
+    ------
+    InputError
+        If a target is unknown.
+    """
     names = [stage.name for stage in stages]
     unknown = [target for target in targets if target not in names]
     if unknown:
         raise InputError(
             f"stage {name} is unknown; stages are {', '.join(names)}{_hint(name, names)}" for name in unknown
         )
-    needed = set(targets)
+    required = set(targets)
     for stage in reversed(stages):
-        if stage.name in needed:
-            needed |= set(stage.reads)
-    return [stage for stage in stages if stage.name in needed]
+        if stage.name in required:
+            required |= set(stage.reads)
+    return [stage for stage in stages if stage.name in required]
 
 
 def _hint(name: str, names: Sequence[str]) -> str:
@@ -263,9 +269,9 @@ def _run_whole(stage: Stage, job: Job, work: Work) -> dict[str, int]:
     assert stage.run is not None
     declared, tables = {table.name: table for table in stage.tables}, stage.run(job)
     blocks = {name: columns for name, columns in tables.items() if isinstance(columns, Iterator)}
-    held = {name: columns for name, columns in tables.items() if not isinstance(columns, Iterator)}
-    whole = parts_of(stage, held | {name: declared[name].empty() for name in blocks if name in declared})
-    work.write_whole({name: part for name, part in whole.items() if name in held})
+    fixed = {name: columns for name, columns in tables.items() if not isinstance(columns, Iterator)}
+    total = parts_of(stage, fixed | {name: declared[name].empty() for name in blocks if name in declared})
+    work.write_whole({name: part for name, part in total.items() if name in fixed})
     for name, columns in blocks.items():
         for block in columns:
             work.write_block(name, declared[name].part(block))

@@ -1,0 +1,113 @@
+"""Bringing a study up to date: with the samples that it states, or with as many as its yield takes.
+
+A study that asks for samples `until` its yield is known runs in batches. What a batch has answered is remembered under
+the settings and sources that it rests on, so that a killed study goes on where it was and a finished one asks nothing.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.cli import settings
+from pipeline.config import Study
+from pipeline.config.study import Drivers
+from pipeline.engine import progress, runner
+from pipeline.engine.cache import Cache
+from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
+from pipeline.engine.runner import Resources
+from pipeline.engine.store import Output, write_json
+from pipeline.report.samples.section import yield_estimate
+from pipeline.statistics import Estimate
+from pipeline.statistics.sample_size import next_units
+from stages.aggregate import AGGREGATE
+from stages.chain import STAGES
+
+UNKNOWN = Estimate(0.5, 0.0, 1.0, 0)
+"""The yield where no unit has a result."""
+ANSWER = "yield.json"
+"""In the cache: the yield of a batch with its interval."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A study with the samples that it came to, the outputs of its stages, and the processes that it may use."""
+
+    study: Study
+    outputs: dict[str, Output]
+    jobs: int
+
+
+def up_to_date(study: Study, targets: Sequence[str], options: argparse.Namespace) -> Finished:
+    """Bring stages of a study up to date; if one of them draws samples, their number is settled before.
+
+    Raises
+    ------
+    InputError
+        If a setting is wrong, or another process writes the run.
+    """
+    with settings.resources(study, options) as resources:
+        if any("samples" in stage.sections for stage in runner.needed_stages(STAGES, targets)):
+            study = _settled(study, resources)
+        outputs = runner.run(STAGES, study, targets, settings.RUNS, resources)
+        return Finished(study, outputs, resources.jobs)
+
+
+def known_size(study: Study) -> Study:
+    """The study with the samples that the batches so far have come to; nothing is run."""
+    return _settled(study, None)
+
+
+def _settled(study: Study, resources: Resources | None) -> Study:
+    """The study with the samples that its yield takes; without resources, as far as former batches tell."""
+    stop_rule = study.samples.until
+    if stop_rule is None:
+        return study
+    batch = count = study.samples.count
+    while True:
+        study = study.model_copy(update={"samples": study.samples.model_copy(update={"count": count})})
+        answer = _answer(study, resources)
+        if (
+            answer is None
+            or count >= stop_rule.at_most
+            or answer.ci_high - answer.ci_low <= 2 * stop_rule.yield_half_width
+        ):
+            return study
+        required = next_units(answer.value, answer.n, count, stop_rule.yield_half_width, study.metrics.confidence)
+        count = min(-(-required // batch) * batch, stop_rule.at_most)
+
+
+class _NotYet(Exception):
+    """A batch has not been run."""
+
+
+def _answer(study: Study, resources: Resources | None) -> Estimate | None:
+    """Yield of a batch, run if nothing remembers it; None if it must not be run."""
+
+    def run(folder: Path) -> None:
+        if resources is None:
+            raise _NotYet
+        write_json(folder / ANSWER, asdict(_yield(study, resources)))
+
+    code = code_of(source_hashes(AGGREGATE.module), package_versions())
+    left_out = dict.fromkeys(("name", "title", "description", "run", "costs", "drivers"), True)
+    values = study.model_dump(mode="json", exclude={**left_out, "samples": {"until"}})
+    try:
+        folder = Cache(settings.RUNS / ".cache", code).folder(f"yield of {json.dumps(values, sort_keys=True)}", run)
+    except _NotYet:
+        return None
+    return Estimate(**json.loads((folder / ANSWER).read_text()))
+
+
+def _yield(study: Study, resources: Resources) -> Estimate:
+    """Yield against all limits of a study with the samples that it states, without shares of the variance."""
+    reduced_study = study.model_copy(update={"drivers": Drivers()})
+    outputs = runner.run(STAGES, reduced_study, [AGGREGATE.name], settings.RUNS, resources)
+    distributions = pd.DataFrame(outputs[AGGREGATE.name].read("distributions"))
+    answer = yield_estimate(distributions, study.limits.over) or UNKNOWN
+    width = (answer.ci_high - answer.ci_low) / 2
+    progress.say("samples", f"{study.samples.count}: yield {answer.value:.4f} +-{width:.4f}")
+    return answer
