@@ -7,16 +7,17 @@ NO_PYTHON := found no Python 3.11 to 3.14 with its module venv (on Debian: apt-g
 	if it has another name, say make PYTHON=<name>
 STUDY ?= paper
 VENV := .venv
-STAGES := sample clearance springs reduce hysteresis drivers aggregate report
+STAGES := sample clearance springs reduce hysteresis drivers tails aggregate report
+PLAIN_STAGES := $(filter-out tails,$(STAGES))
 PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test attack lint types docs identify changed population blind \
-	bench paper calibrate verify coverage tails flank compare allocate bounds check licences clean-runs
+.PHONY: help setup study $(STAGES) why test attack lint types docs identify rig changed population blind \
+	bench paper calibrate verify coverage tails flank compare allocate bounds joints provenance check licences clean-runs
 
 help:  ## list the targets
-	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(STAGES)/$(STAGES)/' \
+	@sed -n 's/^\([a-z$$][^:=]*\):[^=]*## \(.*\)/\1|\2/p' Makefile | sed 's/$$(PLAIN_STAGES)/$(PLAIN_STAGES)/' \
 		| while IFS='|' read -r name text; do printf '  make %-10s %s\n' "$$name" "$$text"; done
 
 $(VENV)/installed: pyproject.toml constraints.txt
@@ -30,7 +31,7 @@ setup: $(VENV)/installed  ## make the virtual environment with the pinned packag
 study: $(VENV)/installed  ## run all stages of a study: make study STUDY=quick JOBS=2
 	$(PIPELINE) run report --study $(STUDY) $(JOBS_OPTION)
 
-$(STAGES): $(VENV)/installed  ## run one stage of STUDY and what it needs that is missing or stale
+$(PLAIN_STAGES): $(VENV)/installed  ## run one stage of STUDY and what it needs that is missing or stale
 	$(PIPELINE) run $@ --study $(STUDY) $(JOBS_OPTION)
 
 check: $(VENV)/installed  ## compare every byte of a run with its records: make check STUDY=quick
@@ -49,8 +50,17 @@ allocate: $(VENV)/installed  ## find the cheapest tolerances of STUDY that keep 
 bounds: $(VENV)/installed  ## worst cases of STUDY over its tolerances, beside linear stacks and capability
 	$(PIPELINE) bounds --study $(STUDY) $(JOBS_OPTION)
 
+joints: $(VENV)/installed  ## write backlash, stiffness and friction of STUDY as joints for MuJoCo, URDF and SDFormat
+	$(PIPELINE) joints --study $(STUDY) $(JOBS_OPTION)
+
+provenance: $(VENV)/installed  ## write inputs, versions and hashes of the run of STUDY as an RO-Crate
+	$(PIPELINE) provenance $(STUDY)
+
 identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
 	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)
+
+rig: $(VENV)/installed  ## identify all states of the printed drive's rig, beside the baselines: make rig DATA=<folder>
+	$(PIPELINE) rig --data $(or $(DATA),$(error say where its data are: make rig DATA=<folder>)) $(JOBS_OPTION)
 
 changed: $(VENV)/installed  ## say what changed between two measurements of one drive: make changed A=before B=after
 	$(PIPELINE) changed --before $(or $(A),$(error say which units: make changed A=<folder> B=<folder>)) \
@@ -99,7 +109,7 @@ flank: $(VENV)/installed  ## write a design's flank as CSV and DXF: make flank D
 	$(PIPELINE) flank --design $(or $(DESIGN),$(error say which design: make flank DESIGN=<file> OUT=<folder>)) \
 		--out $(or $(OUT),$(error say where to: make flank DESIGN=<file> OUT=<folder>))
 
-tails: $(VENV)/installed  ## yield in parts per million and the 99.73 % quantile of STUDY, from few load-solved units
+tails: $(VENV)/installed  ## run the stage tails, for any STUDY: units beyond limits in parts per million, far quantiles
 	$(PIPELINE) tails --study $(STUDY) $(JOBS_OPTION)
 
 coverage: $(VENV)/installed  ## count how often intervals hold the truth, over 2,000 experiments on the rigid play

@@ -59,6 +59,8 @@ def room_pictures() -> dict[str, str]:
     graph = grimp.build_graph("pipeline", "stages", cache_dir=None)
     pictures = {}
     for contract in tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]:
+        if contract["type"] != "layers":
+            continue
         prefix = "".join(f"{container}." for container in contract.get("containers", ()))
         rows = [[prefix + room.strip() for room in re.split(r"[|:]", layer)] for layer in contract["layers"]]
         files = {room: {room} | graph.find_descendants(room) for row in rows for room in row}

@@ -42,7 +42,8 @@ def test_every_path_exists() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page: Path) -> None:
     contracts = PROJECT["tool"]["importlinter"]["contracts"]
-    drawn = {f"generated/{name}.svg" for name in (*(contract["id"] for contract in contracts), "chain")}
+    rooms = [contract["id"] for contract in contracts if contract["type"] == "layers"]
+    drawn = {f"generated/{name}.svg" for name in (*rooms, "chain")}
     links = [link for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()) if "://" not in link]
     assert not [link for link in links if link not in drawn and not (page.parent / link.partition("#")[0]).exists()]
 
