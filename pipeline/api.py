@@ -75,9 +75,9 @@ def run(study: Study | str | Path, stages: Sequence[str] = ("report",), jobs: in
     InputError
         If a file or a setting is wrong, or another process writes the run.
     """
-    loaded = study if isinstance(study, Study) else load_study(study)
-    finished = up_to_date(loaded, stages, _options(jobs))
-    return Run(finished.study, settings.RUNS / loaded.name, finished.outputs)
+    checked_study = study if isinstance(study, Study) else load_study(study)
+    outputs = up_to_date(checked_study, stages, _options(jobs))
+    return Run(outputs.study, settings.RUNS / checked_study.name, outputs.outputs)
 
 
 def identify(unit: str | Path, jobs: int | None = None) -> dict[str, Any]:

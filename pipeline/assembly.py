@@ -37,9 +37,9 @@ def reducer(design: Design, crank_deg: float) -> Reducer:
 
 
 @lru_cache(maxsize=64)
-def _reducer(flank: CycloidProfile, output: OutputContacts, crank_deg: float, held: str, disks: int) -> Reducer:
+def _reducer(flank: CycloidProfile, output: OutputContacts, crank_deg: float, fixed_side: str, disks: int) -> Reducer:
     """Kept: a fit makes hundreds of drives of one geometry."""
-    return nominal_reducer(flank, output, np.radians(crank_deg), held, disks)
+    return nominal_reducer(flank, output, np.radians(crank_deg), fixed_side, disks)
 
 
 def bearing(design: Design) -> Bearing:
@@ -123,7 +123,7 @@ def contact_law(study: Study) -> ContactLaw:
     return replace(law, on_mesh=lambda contact, radius, patch_half_width: law.on_solid(contact, radius))
 
 
-def contact_laws(study: Study, at: Reducer) -> ContactLaws:
+def contact_laws(study: Study, reducer: Reducer) -> ContactLaws:
     """Laws of every contact of the reducer, pins first.
 
     Raises
@@ -142,25 +142,25 @@ def contact_laws(study: Study, at: Reducer) -> ContactLaws:
         patch_half_width=reduce.roller_patch_half_width_mm,
     )
     radius, pin = design.cycloid.pin_radius_mm, inputs.materials[design.pins.material]
-    on_flank = LineContact(1 / (1 / radius + at.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
+    on_flank = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
     of_pins = inputs.law.on_mesh(on_flank, radius, reduce.patch_half_width_mm)
-    return concatenated([of_pins, *[design.output.laws(inputs)] * at.n_disks, design.output.laws_behind()])
+    return concatenated([of_pins, *[design.output.laws(inputs)] * reducer.n_disks, design.output.laws_behind()])
 
 
-def output_compliance(design: Design, at: Reducer) -> Real:
+def output_compliance(design: Design, reducer: Reducer) -> Real:
     """What the bodies behind the disks give way between all contacts (n_contacts, n_contacts) [mm/N]."""
-    full = np.zeros((len(at.contacts), len(at.contacts)))
-    rows = np.flatnonzero(at.contacts.kind == OUTPUT)
+    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    rows = np.flatnonzero(reducer.contacts.kind == OUTPUT)
     materials = {name: _material(section, design) for name, section in design.materials.items()}
-    interval = design.output.compliance(at.contacts.some(rows), at.disk_of_contact[rows], materials)
+    interval = design.output.compliance(reducer.contacts.some(rows), reducer.disk_of_contact[rows], materials)
     if interval is not None:
         full[np.ix_(rows, rows)] = interval
     return full
 
 
-def disk_contacts(at: Reducer, disk: int = 0) -> np.ndarray:
+def disk_contacts(reducer: Reducer, disk: int = 0) -> np.ndarray:
     """Numbers of the contacts that load a disk: the pins, then the rollers of its own slide or its output pins."""
-    return np.flatnonzero(at.disk_of_contact == disk)
+    return np.flatnonzero(reducer.disk_of_contact == disk)
 
 
 def first_part(design: Design, crank_deg: float, disk: int) -> tuple[float, np.ndarray] | None:
@@ -174,8 +174,8 @@ def first_part(design: Design, crank_deg: float, disk: int) -> tuple[float, np.n
     turned_on = crank_deg + 360.0 * (disk / design.disk.count + lobes)
     points = []
     for angle, number in ((crank_deg, disk), (turned_on, 0)):
-        at = reducer(design, angle)
-        points.append(at.contacts.point[disk_contacts(at, number)] - at.disks[number].eccentric)
+        geometry = reducer(design, angle)
+        points.append(geometry.contacts.point[disk_contacts(geometry, number)] - geometry.disks[number].eccentric)
     places = same_places(*points)
     return None if places is None else (turned_on, places)
 

@@ -17,12 +17,12 @@ EDGES_PER_HALF_WIDTH = 2
 """Edges of a hole's wall under half of a patch."""
 
 
-def elastic_disk(study: Study, turned: float = 0.0, hole_edges: int = EDGES_PER_HALF_WIDTH) -> ElasticBody:
+def elastic_disk(study: Study, rotation: float = 0.0, hole_edges: int = EDGES_PER_HALF_WIDTH) -> ElasticBody:
     """The meshed lobed disk with its holes, if any, held by the mean motion of its bore.
 
     Parameters
     ----------
-    turned : rotation of the holes [rad] from those of the first disk (``clocking``).
+    rotation : rotation of the holes [rad] from those of the first disk (``clocking``).
     hole_edges : edges of a hole's wall under half of a patch.
 
     Notes
@@ -38,7 +38,7 @@ def elastic_disk(study: Study, turned: float = 0.0, hole_edges: int = EDGES_PER_
     if holes:
         sectors = 1
         edge = reduce.roller_patch_half_width_mm / hole_edges
-        mesh = perforated_mesh(mesh, holes.centres * np.exp(1j * turned), holes.radius, edge, reduce.growth)
+        mesh = perforated_mesh(mesh, holes.centres * np.exp(1j * rotation), holes.radius, edge, reduce.growth)
     material = design.materials[design.disk.material]
     return elastic_body(
         mesh,
@@ -51,7 +51,7 @@ def elastic_disk(study: Study, turned: float = 0.0, hole_edges: int = EDGES_PER_
     )
 
 
-def disk_patches(study: Study, disk: ElasticBody, at: Reducer, number: int = 0) -> Patches:
+def disk_patches(study: Study, disk: ElasticBody, reducer: Reducer, number: int = 0) -> Patches:
     """Patches of ``disk_contacts`` on a disk, in the frame of its lobes, directed as the contacts push it.
 
     Notes
@@ -60,7 +60,7 @@ def disk_patches(study: Study, disk: ElasticBody, at: Reducer, number: int = 0) 
     contact. A tongue stands out of the plane of the slice; its rollers' forces enter the slice along the tongue's
     faces, spread over the patch of a roller.
     """
-    contacts, reduce, pose = at.contacts.some(disk_contacts(at, number)), study.reduce, at.disks[number]
+    contacts, reduce, pose = reducer.contacts.some(disk_contacts(reducer, number)), study.reduce, reducer.disks[number]
     turn = np.exp(-1j * disk_rotation(profile(study.design), pose.crank))
     point, normal = (contacts.point - pose.eccentric) * turn, contacts.normal * turn
     pins = contacts.kind == PIN

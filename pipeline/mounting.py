@@ -33,19 +33,19 @@ def drive_of(
     laws : of the contacts; the study's where none are given.
     """
     reducer = assembly.reducer(study.design, crank_deg)
-    contacts, behind = len(reducer.contacts), assembly.output_compliance(study.design, reducer)
+    contacts, compliance_behind = len(reducer.contacts), assembly.output_compliance(study.design, reducer)
     shift = np.zeros((len(clearance), contacts))
     if not reducer.centred:
         output = np.flatnonzero(reducer.contacts.kind == OUTPUT)
-        opened = output[study.design.output.bearing_rows(reducer.contacts.some(output))]
-        shift[:, opened] = np.reshape(clearance, (len(clearance), -1))[:, :1]
+        bearing_rows = output[study.design.output.bearing_rows(reducer.contacts.some(output))]
+        shift[:, bearing_rows] = np.reshape(clearance, (len(clearance), -1))[:, :1]
         clearance = np.full(len(clearance), study.design.cycloid.eccentricity_mm)  # no bearing is met within it
     drive = Drive(
         profile=assembly.profile(study.design),
         reducer=reducer,
         bearing=assembly.bearing(study.design),
         laws=assembly.contact_laws(study, reducer) if laws is None else laws,
-        compliance=np.zeros((contacts, contacts)) if compliance is None else compliance + behind,
+        compliance=np.zeros((contacts, contacts)) if compliance is None else compliance + compliance_behind,
         rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
         errors=errors,
         reading=GapReading(**dict(study.clearance)),

@@ -11,10 +11,10 @@ from pipeline.model.turn.contact_load import Running
 from pipeline.model.turn.sliding import sliding_speed
 
 
-def running(design: Design, at: Reducer) -> Running:
+def running(design: Design, reducer: Reducer) -> Running:
     """How the contacts run: their lengths, seats, sliding and friction, as far as the design states them."""
-    operation, thickness, n_contacts = design.operation, design.disk.thickness_mm, len(at.contacts)
-    of_pins, in_holes = at.contacts.kind == PIN, at.contacts.hole >= 0
+    operation, thickness, n_contacts = design.operation, design.disk.thickness_mm, len(reducer.contacts)
+    of_pins, in_holes = reducer.contacts.kind == PIN, reducer.contacts.hole >= 0
     length = np.where(of_pins, thickness, design.output.contact_length_mm(thickness))
     unknown = np.full(n_contacts, np.nan)
     if operation is None:
@@ -27,7 +27,7 @@ def running(design: Design, at: Reducer) -> Running:
     if operation.friction:
         output = np.where(in_holes, operation.friction.output_coefficient, 0.0)
         friction = np.where(of_pins, operation.friction.pin_coefficient, output)
-    speed = sliding_speed(profile(design), at, 2 * np.pi * operation.input_speed_rpm / 60)
+    speed = sliding_speed(profile(design), reducer, 2 * np.pi * operation.input_speed_rpm / 60)
     speed *= np.where(in_holes & output_rolls, output_seat / design.output.contact_radius_mm, 1.0)
     return Running(length, np.where(rolls, diameter * length, 0.0), speed, friction)
 

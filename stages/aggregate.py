@@ -102,12 +102,12 @@ def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
     study: Study = job.study
     status, loops = (job.read_items("hysteresis", name, start, stop) for name in ("status", "loops"))
     kinematic = job.read_items("clearance", "kinematic", start, stop)
-    loaded = np.isin(kinematic["crank_deg"], study.cycle.crank_deg)
+    is_loaded = np.isin(kinematic["crank_deg"], study.cycle.crank_deg)
     return {
         "sample": status["sample"],
         "crank_deg": status["crank_deg"],
         **loop_metrics(study, loops),
-        "preloaded": kinematic["preloaded"][loaded],
+        "preloaded": kinematic["preloaded"][is_loaded],
     }
 
 
@@ -160,7 +160,7 @@ def _part(replicate: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
 
 
 def _distribution_rows(
-    study: Study, values: pd.DataFrame, over: str, crank_deg: float, angles: Mapping[str, int]
+    study: Study, values: pd.DataFrame, statistic: str, crank_deg: float, angles: Mapping[str, int]
 ) -> list[dict[str, object]]:
     """Rows of the distributions of one population, indexed by sample; ``angles`` behind each metric that is told."""
     confidence, replicate = study.metrics.confidence, replicates(study.samples, values.index.to_numpy())
@@ -170,20 +170,20 @@ def _distribution_rows(
         if holding.any():
             statistics = distribution(values[metric].to_numpy()[holding], confidence, _part(replicate, holding))
             estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
-    for name, passed in study.limits.kept(values).items():
+    for name, passes in study.limits.kept(values).items():
         limited = study.limits.limited(name, values)
-        if name not in angles and (name != ALL_LIMITS or over == OVER_ALL):
+        if name not in angles and (name != ALL_LIMITS or statistic == OVER_ALL):
             continue
         holding = ~np.isnan(values[limited].to_numpy(float)).any(axis=1)
         if holding.any():
-            estimates.append((name, "yield", pass_share(passed[holding], confidence, _part(replicate, holding))))
-    if len(values) and over != OVER_ALL:
+            estimates.append((name, "yield", pass_share(passes[holding], confidence, _part(replicate, holding))))
+    if len(values) and statistic != OVER_ALL:
         estimates.append(("preloaded", "mean", pass_share(values["preloaded"].to_numpy(bool), confidence, replicate)))
     fewest = min(angles.values())
     return [
         {
             "metric": metric,
-            "over": over,
+            "over": statistic,
             "crank_deg": crank_deg,
             "statistic": name,
             **vars(estimate),
@@ -193,14 +193,14 @@ def _distribution_rows(
     ]
 
 
-def over_turn(units: pd.DataFrame, over: str) -> pd.DataFrame:
+def over_turn(units: pd.DataFrame, statistic: str) -> pd.DataFrame:
     """The metrics of the units that have a result, (n, n_metrics) by sample, as `worst`, `mean` or `best`.
 
     Those of the whole turn stand beside them. A metric that does not hold at some crank angle is missing.
     """
-    named = {f"{name}_{over}": name for name in library()}
-    solved = units[units[list(named)].notna().any(axis=1)].set_index("sample")
-    return solved[[*named, *turn_library(), "preloaded"]].rename(columns=named)
+    metric_columns = {f"{name}_{statistic}": name for name in library()}
+    solved_units = units[units[list(metric_columns)].notna().any(axis=1)].set_index("sample")
+    return solved_units[[*metric_columns, *turn_library(), "preloaded"]].rename(columns=metric_columns)
 
 
 def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> Columns:

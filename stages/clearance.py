@@ -72,16 +72,16 @@ KINEMATIC = Table(
 )
 
 
-def contact_columns(at: Reducer, crank_deg: float) -> dict[str, np.ndarray]:
+def contact_columns(reducer: Reducer, crank_deg: float) -> dict[str, np.ndarray]:
     """Columns of the dimension table at one crank angle."""
-    contacts = at.contacts
+    contacts = reducer.contacts
     return {
         "contact": np.arange(len(contacts)),
         "crank_deg": np.full(len(contacts), crank_deg),
         "kind": contacts.kind.astype(object),
         "body_a": contacts.body_a.astype(object),
         "body_b": contacts.body_b.astype(object),
-        "disk": at.disk_of_contact,
+        "disk": reducer.disk_of_contact,
         "interface": contacts.interface,
         "face": contacts.face,
         "end": contacts.end,

@@ -16,11 +16,11 @@ def matrix_name(crank_deg: float, disk: int = 0) -> str:
     return f"crank_{crank_deg:.9g}" + (f"_disk_{disk}" if disk else "")
 
 
-def full_compliance(path: Path, at: Reducer, crank_deg: float) -> np.ndarray:
+def full_compliance(path: Path, reducer: Reducer, crank_deg: float) -> np.ndarray:
     """Compliance (n_contacts, n_contacts) [mm/N] between all contacts: each disk's, and rigid bodies elsewhere."""
-    full = np.zeros((len(at.contacts), len(at.contacts)))
+    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
     with np.load(path) as matrices:
-        for disk in range(at.n_disks):
-            rows = assembly.disk_contacts(at, disk)
+        for disk in range(reducer.n_disks):
+            rows = assembly.disk_contacts(reducer, disk)
             full[np.ix_(rows, rows)] = matrices[matrix_name(crank_deg, disk)] / UM_PER_MM
     return full

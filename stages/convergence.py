@@ -61,11 +61,11 @@ def convergence_rows(
             values = turn.values[counted]
             part = values[:, turn.even][:, ::stride] if stride > 1 else values
             worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
-        within = study.limits.kept(worst)
-        for name in (*turns, *of_turn[stride], *([ALL_LIMITS] if within else [])):
+        passes_limit = study.limits.kept(worst)
+        for name in (*turns, *of_turn[stride], *([ALL_LIMITS] if passes_limit else [])):
             limited = study.limits.limited(name, worst)
             holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
-            share = float(within[name][holding].mean()) if name in within and holding.any() else np.nan
+            share = float(passes_limit[name][holding].mean()) if name in passes_limit and holding.any() else np.nan
             mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan
             n_angles = angles.get(name, min(angles.values()))
             rows.append(
@@ -86,6 +86,6 @@ def continued(values: np.ndarray) -> float:
     The last change goes on at the rate at which the changes shrank, or as large as it was where they did not.
     """
     changes = np.diff(values)
-    before, last = changes[-2], changes[-1]
-    rate = min(abs(last / before), 1.0) if before != 0 else 1.0
-    return float(values[-1] + rate * last)
+    change_before, last_change = changes[-2], changes[-1]
+    rate = min(abs(last_change / change_before), 1.0) if change_before != 0 else 1.0
+    return float(values[-1] + rate * last_change)

@@ -80,31 +80,33 @@ class Solved:
         return Solved(self.crank_deg, self.drive.some(samples), response, invalid)
 
 
-def _curve_values(solved: Solved) -> dict[str, np.ndarray]:
+def _curve_values(solution: Solved) -> dict[str, np.ndarray]:
     """Values of the curve table at every step, (n, n_steps) each."""
-    drive, response = solved.drive, solved.response
+    drive, response = solution.drive, solution.response
     states = response.equilibria
-    closed = states.force > 0
+    in_contact = states.force > 0
     of_pins = drive.reducer.contacts.kind == PIN
     of_states = {
         "bearing_x_um": UM_PER_MM * states.motion[..., 0],
         "bearing_y_um": UM_PER_MM * states.motion[..., 1],
-        "pins_in_contact": np.count_nonzero(closed[..., of_pins], axis=2),
-        "outputs_in_contact": np.count_nonzero(closed[..., ~of_pins], axis=2),
+        "pins_in_contact": np.count_nonzero(in_contact[..., of_pins], axis=2),
+        "outputs_in_contact": np.count_nonzero(in_contact[..., ~of_pins], axis=2),
         "peak_pressure_MPa": np.max(drive.laws.peak_pressure(states.force), axis=2),
         "beyond_limit_share": beyond_limit_share(drive, states),
         "iterations": states.iterations,
         "residual": states.residual,
     }
-    visited = {name: values[:, response.state] for name, values in of_states.items()}
-    return {"angle_arcmin": ARCMIN * response.angle, **visited}
+    state_values = {name: values[:, response.state] for name, values in of_states.items()}
+    return {"angle_arcmin": ARCMIN * response.angle, **state_values}
 
 
 def curve_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
     """Rows of the table of curves for ``samples`` (n,), solved at each kept crank angle."""
     branch, torque = curves[0].response.branch, curves[0].response.torque
-    sample, crank, step = repeated(samples, np.array([solved.crank_deg for solved in curves]), np.arange(len(torque)))
-    values = [_curve_values(solved) for solved in curves]
+    sample, crank, step = repeated(
+        samples, np.array([solution.crank_deg for solution in curves]), np.arange(len(torque))
+    )
+    values = [_curve_values(solution) for solution in curves]
     loops = len(samples) * len(curves)
     return {
         "sample": sample,
@@ -120,17 +122,17 @@ def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
     """Rows of the table of contacts for ``samples`` (n,), solved at each kept crank angle."""
     torque = NM_PER_NMM * curves[0].response.torque
     contacts = curves[0].drive.gap.shape[1]
-    cranks = np.array([solved.crank_deg for solved in curves])
+    cranks = np.array([solution.crank_deg for solution in curves])
     sample, crank, step, contact = repeated(samples, cranks, np.arange(len(torque)), np.arange(contacts))
     parts = []
-    for solved in curves:
-        drive, states, visited = solved.drive, solved.response.equilibria, solved.response.state
-        force = states.force[:, visited]
+    for solution in curves:
+        drive, states, state_values = solution.drive, solution.response.equilibria, solution.response.state
+        force = states.force[:, state_values]
         local, elastic = drive.laws.deflection(force), force @ drive.compliance
         parts.append(
             {
                 "clearance_um": UM_PER_MM * np.broadcast_to(drive.gap[:, None], force.shape),
-                "approach_um": UM_PER_MM * states.motion[:, visited] @ drive.reducer.contact_jacobian.T,
+                "approach_um": UM_PER_MM * states.motion[:, state_values] @ drive.reducer.contact_jacobian.T,
                 "penetration_um": UM_PER_MM * (local + elastic),
                 "elastic_um": UM_PER_MM * elastic,
                 "local_um": UM_PER_MM * local,

@@ -114,9 +114,9 @@ def solve_samples(shared: Shared, sampled: Errors) -> Iterator[Solved]:
         yield Solved(crank, drive, response, invalid_metrics(drive, response, assembly.definitions(study)))
 
 
-def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
+def loop_columns(study: Study, solution: Solved) -> dict[str, np.ndarray]:
     """What the table of loops says of every sample at one crank angle, (n,) each."""
-    drive, response = solved.drive, solved.response
+    drive, response = solution.drive, solution.response
     states = response.equilibria
     peak = np.max(drive.laws.peak_pressure(states.force), axis=(1, 2))
     shares = torque_shares(drive, response, assembly.definitions(study))
@@ -125,25 +125,25 @@ def loop_columns(study: Study, solved: Solved) -> dict[str, np.ndarray]:
     return {
         "solved": response.converged,
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
-        **{library()[name].valid_column: reason == "" for name, reason in solved.invalid.items()},
+        **{library()[name].valid_column: reason == "" for name, reason in solution.invalid.items()},
         "bearing_force_N": np.where(drive.reducer.centred, np.max(thrust, axis=(1, 2)), np.nan),
         **running_columns(study, drive, response),
         "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
     }
 
 
-def _status(solved: Solved) -> np.ndarray:
+def _status(solution: Solved) -> np.ndarray:
     """Status of every sample at one crank angle (n,): the first step that failed, or metrics that do not hold."""
-    response = solved.response
+    response = solution.response
     states = response.equilibria
     texts = np.full(len(response.converged), "ok", object)
-    for sample in np.flatnonzero(np.any([reason != "" for reason in solved.invalid.values()], axis=0)):
-        texts[sample] = _doubts({name: reason[sample] for name, reason in solved.invalid.items() if reason[sample]})
+    for sample in np.flatnonzero(np.any([reason != "" for reason in solution.invalid.values()], axis=0)):
+        texts[sample] = _doubts({name: reason[sample] for name, reason in solution.invalid.items() if reason[sample]})
     for sample in np.flatnonzero(~response.converged):
-        lost = np.flatnonzero(~states.converged[sample, response.state])
-        if len(lost):
-            torque = NM_PER_NMM * response.torque[lost[0]]
-            residual = states.residual[sample, response.state[lost[0]]]
+        failed_steps = np.flatnonzero(~states.converged[sample, response.state])
+        if len(failed_steps):
+            torque = NM_PER_NMM * response.torque[failed_steps[0]]
+            residual = states.residual[sample, response.state[failed_steps[0]]]
             texts[sample] = f"no equilibrium at {torque:.4g} N m or before: residual {residual:.1e}"
         else:
             texts[sample] = "no equilibrium without friction at the ends of the play"
@@ -177,10 +177,10 @@ class SolvedLoops:
 def solved_loops(shared: Shared, sampled: Errors) -> SolvedLoops:
     """Every loop of ``n`` units."""
     loops, status, thrust = [], [], []
-    for solved in solve_samples(shared, sampled):
-        loops.append(loop_columns(shared.study, solved))
-        status.append(_status(solved))
-        thrust.append(bearing_force(solved.drive, solved.response, assembly.definitions(shared.study)))
+    for solution in solve_samples(shared, sampled):
+        loops.append(loop_columns(shared.study, solution))
+        status.append(_status(solution))
+        thrust.append(bearing_force(solution.drive, solution.response, assembly.definitions(shared.study)))
     return SolvedLoops(_by_sample(loops), np.stack(status, axis=1).ravel(), np.stack(thrust, axis=2))
 
 
@@ -196,14 +196,14 @@ def _solve(shared: Shared, chunk: Chunk) -> Tables:
     keep = study.cycle.keep_contacts
     kept_samples = np.arange(len(samples)) if keep == "all" else np.flatnonzero(np.isin(samples, keep))
     loops, status, thrust, shares, curves, contacts = [], [], [], [], [], []
-    for solved in solve_samples(shared, sampled):
-        loops.append(loop_columns(study, solved))
-        status.append(_status(solved))
-        thrust.append(bearing_force(solved.drive, solved.response, assembly.definitions(study)))
-        shares.append(torque_shares(solved.drive, solved.response, assembly.definitions(study)))
-        contacts.append(contacts_at_angle(study, solved.drive, solved.response, kept_samples))
-        if solved.crank_deg in study.cycle.curve_crank_deg:
-            curves.append(solved)
+    for solution in solve_samples(shared, sampled):
+        loops.append(loop_columns(study, solution))
+        status.append(_status(solution))
+        thrust.append(bearing_force(solution.drive, solution.response, assembly.definitions(study)))
+        shares.append(torque_shares(solution.drive, solution.response, assembly.definitions(study)))
+        contacts.append(contacts_at_angle(study, solution.drive, solution.response, kept_samples))
+        if solution.crank_deg in study.cycle.curve_crank_deg:
+            curves.append(solution)
     sample, crank = repeated(samples, np.array(study.cycle.crank_deg))
     return {
         "loops": {

@@ -38,19 +38,19 @@ CONTACTS = Table(
 )
 
 
-def _write_mesh(study: Study, disk: ElasticBody, at: Reducer, folder: Path) -> None:
+def _write_mesh(study: Study, disk: ElasticBody, reducer: Reducer, folder: Path) -> None:
     """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
-    patches = elastic.disk_patches(study, disk, at)
-    pin = int(np.argmax(np.abs(at.disks[0].pins.arm)))
-    moved = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
-    write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": moved})
+    patches = elastic.disk_patches(study, disk, reducer)
+    pin = int(np.argmax(np.abs(reducer.disks[0].pins.arm)))
+    displacement = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
+    write_vtk(folder / "mesh.vtu", disk.nodes, disk.triangles, {f"displacement_um_per_N_on_pin_{pin}": displacement})
     np.savez(
         folder / MESH_FILE,
         nodes=disk.nodes,
         triangles=disk.triangles,
         patch_points=patches.points,
-        hole_points=patches.points[at.contacts.hole[assembly.disk_contacts(at)] >= 0],
-        displacement=moved,
+        hole_points=patches.points[reducer.contacts.hole[assembly.disk_contacts(reducer)] >= 0],
+        displacement=displacement,
     )
 
 
@@ -71,13 +71,13 @@ def _run(job: Job) -> Tables:
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
 
     @cache
-    def disk(turned: float) -> ElasticBody:
-        return elastic.elastic_disk(study, turned)
+    def disk(rotation: float) -> ElasticBody:
+        return elastic.elastic_disk(study, rotation)
 
-    def condensed(at: Reducer, number: int, turned: float, key: str) -> np.ndarray:
+    def condensed(reducer: Reducer, number: int, rotation: float, key: str) -> np.ndarray:
         def condense(folder: Path) -> None:
-            patches = elastic.disk_patches(study, disk(turned), at, number)
-            np.save(folder / "matrix.npy", UM_PER_MM * disk(turned).compliance(patches).matrix)
+            patches = elastic.disk_patches(study, disk(rotation), reducer, number)
+            np.save(folder / "matrix.npy", UM_PER_MM * disk(rotation).compliance(patches).matrix)
 
         return np.load(job.memo(f"{settings} {key}", condense) / "matrix.npy")
 
@@ -91,14 +91,15 @@ def _run(job: Job) -> Tables:
             turned_on, places = part
             first_disk = condensed(assembly.reducer(study.design, turned_on), 0, 0.0, f"crank {turned_on:.9g}")
             matrices[name] = first_disk[np.ix_(places, places)]
-    first = next(iter(reducers.values()))
-    drawn = job.memo(
-        f"{settings} mesh at {first.crank:.9g}", lambda folder: _write_mesh(study, disk(0.0), first, folder)
+    first_reducer = next(iter(reducers.values()))
+    drawn_disk = job.memo(
+        f"{settings} mesh at {first_reducer.crank:.9g}",
+        lambda folder: _write_mesh(study, disk(0.0), first_reducer, folder),
     )
     for name in (MESH_FILE, "mesh.vtu"):
-        job.path(name).write_bytes((drawn / name).read_bytes())
+        job.path(name).write_bytes((drawn_disk / name).read_bytes())
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
-    with np.load(drawn / MESH_FILE) as mesh:
+    with np.load(drawn_disk / MESH_FILE) as mesh:
         save(
             mesh_figure(
                 mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"], mesh["hole_points"]

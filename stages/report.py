@@ -50,16 +50,16 @@ def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
 def _kept(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:
     """Contacts of the drawn samples and of the page's single units, as far as the study keeps them."""
     keep = job.study.cycle.keep_contacts
-    drawn = {sample for sample in samples if keep == "all" or sample in keep}
-    kept = sorted(drawn | set(kept_samples(job.study)))
-    parts = [pd.DataFrame(job.read_items("hysteresis", table.name, sample, sample + 1)) for sample in kept]
+    drawn_set = {sample for sample in samples if keep == "all" or sample in keep}
+    kept_list = sorted(drawn_set | set(kept_samples(job.study)))
+    parts = [pd.DataFrame(job.read_items("hysteresis", table.name, sample, sample + 1)) for sample in kept_list]
     return pd.concat(parts) if parts else pd.DataFrame(table.empty())
 
 
 def _frames(job: Job) -> Frames:
     study: Study = job.study
     metrics, status = _table(job, "aggregate", "metrics"), _table(job, "hysteresis", "status")
-    drawn, size = list(drawn_samples(study, unsolved(metrics)).values()), None
+    drawn_set, size = list(drawn_samples(study, unsolved(metrics)).values()), None
     if study.reduce.disk == "elastic":
         with np.load(job.input_path("reduce", MESH_FILE)) as mesh:
             size = len(mesh["triangles"]), len(mesh["nodes"])
@@ -76,10 +76,10 @@ def _frames(job: Job) -> Frames:
         contacts=_table(job, "clearance", "contacts"),
         gaps=_first_rows(job, "clearance", "gaps"),
         curves=_first_rows(job, "hysteresis", "curves"),
-        loads=_kept(job, CONTACTS, drawn),
+        loads=_kept(job, CONTACTS, drawn_set),
         transmission=_first_rows(job, "aggregate", "transmission"),
         orders=_first_rows(job, "aggregate", "orders"),
-        turn_contacts=_kept(job, TURN_CONTACTS, drawn),
+        turn_contacts=_kept(job, TURN_CONTACTS, drawn_set),
         laws=_table(job, "springs", "laws"),
         mesh=size,
     )

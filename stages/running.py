@@ -59,9 +59,11 @@ def running_columns(study: Study, drive: Drive, response: CycleResponse) -> dict
     }
 
 
-def contacts_at_angle(study: Study, drive: Drive, response: CycleResponse, kept: np.ndarray) -> dict[str, np.ndarray]:
+def contacts_at_angle(
+    study: Study, drive: Drive, response: CycleResponse, kept_states: np.ndarray
+) -> dict[str, np.ndarray]:
     """Values (n_kept, 2, n_contacts) of the table of contacts over the turn at one crank angle."""
-    force = held_forces(response, assembly.definitions(study))[kept]
+    force = held_forces(response, assembly.definitions(study))[kept_states]
     running, pressure = operation.running(study.design, drive.reducer), drive.laws.peak_pressure(force)
     return {
         "force_N": force,

@@ -16,11 +16,11 @@ from stages.keys import repeated
 
 def _dimensions(table: str) -> list[Dimension]:
     """The dimensions of a table in the order of its columns; what each disk has once stands in two tables."""
-    known = dimension_library().values()
+    library = dimension_library().values()
     if table == OF_DISKS:
-        dimensions = [dimension for dimension in known if dimension.table == OF_REDUCER and dimension.of_disk]
+        dimensions = [dimension for dimension in library if dimension.table == OF_REDUCER and dimension.of_disk]
     else:
-        dimensions = [dimension for dimension in known if dimension.table == table and dimension.fewest_disks == 1]
+        dimensions = [dimension for dimension in library if dimension.table == table and dimension.fewest_disks == 1]
     return sorted(dimensions, key=lambda dimension: dimension.drawn)
 
 

@@ -60,21 +60,21 @@ def sensitivity(job: Job, units: Columns, worst: pd.DataFrame) -> Columns:
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def _row(metric: str, over: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:
+def _row(metric: str, statistic: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:
     index, low, high = values
-    row = {"metric": metric, "over": over, "parameter": parameter, "kind": kind}
+    row = {"metric": metric, "over": statistic, "parameter": parameter, "kind": kind}
     return {**row, "index": index, "ci_low": low, "ci_high": high, "n": n}
 
 
 def _ranks(job: Job, worst: pd.DataFrame) -> list[dict]:
     """Rank correlations of every metric, each over the samples for which it holds."""
     study: Study = job.study
-    everything, rows = _scalars(job, worst.index.to_numpy()), []
+    scalar_table, rows = _scalars(job, worst.index.to_numpy()), []
     for metric in (*library(), *turn_library()):
         holding = worst[metric].notna().to_numpy()
         if not holding.any():
             continue
-        scalars = {name: values[holding] for name, values in everything.items()}
+        scalars = {name: values[holding] for name, values in scalar_table.items()}
         samples = worst.index.to_numpy()[holding]
         values = worst[metric].to_numpy()[holding, None]
         indices = rank_correlation(scalars, values, study.metrics.confidence, replicates(study.samples, samples))
@@ -110,13 +110,13 @@ def _shares(job: Job, units: Columns) -> list[dict]:
     if not (n and groups):
         return []
     extra, shift = job.read("drivers", "units"), int(study.samples.nominal_first)
-    drawn = slice(shift, shift + drawn_units(study))
+    drawn_rows = slice(shift, shift + drawn_units(study))
     rows = []
     columns = {
         (metric, statistic_over): f"{metric}_{statistic_over}" for metric in library() for statistic_over in EXPLAINED
     }
     for (metric, statistic_over), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
-        values = np.concatenate([np.asarray(units[column])[drawn], extra[column]])
+        values = np.concatenate([np.asarray(units[column])[drawn_rows], extra[column]])
         base, resampled, *mixed = values.reshape(-1, n)
         indices = variance_indices(base, resampled, np.array(mixed), study.metrics.confidence)
         for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):

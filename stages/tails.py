@@ -38,9 +38,9 @@ FAR_TAILS = Table(
 def springs(shared: Shared, sampled: Errors) -> list[np.ndarray]:
     """Compliance of independent springs (n_contacts,) [mm/N] at each loaded angle, by the forces of ``n`` units."""
     compliances = []
-    for solved in solve_samples(replace(shared, curve=shared.brief), sampled):
-        states = solved.response.equilibria
-        compliances.append(secant_compliance(solved.drive, states.force[states.converged]))
+    for solution in solve_samples(replace(shared, curve=shared.brief), sampled):
+        states = solution.response.equilibria
+        compliances.append(secant_compliance(solution.drive, states.force[states.converged]))
     return compliances
 
 

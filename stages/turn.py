@@ -20,9 +20,9 @@ from stages.running import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR, SHEAR
 OVER = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""
 OVER_TURN = tuple(
-    Column(f"{name}_{over}", "float64", metric.unit, f"{metric.inline}, {over} over the turn")
+    Column(f"{name}_{statistic}", "float64", metric.unit, f"{metric.inline}, {statistic} over the turn")
     for name, metric in library().items()
-    for over in OVER
+    for statistic in OVER
 )
 """Columns of a unit's metrics over the turn."""
 OF_TURN = tuple(
@@ -84,10 +84,10 @@ def metric_turns(study: Study, metrics: Mapping[str, np.ndarray], rigid_backlash
     for name, metric in library().items():
         values = np.asarray(metrics[name]).reshape(len(rigid_backlash), -1)
         values = np.where(np.isnan(values).any(axis=1)[:, None], np.nan, values)
-        even = np.full(values.shape[1], True)
+        even_angles = np.full(values.shape[1], True)
         if metric.turn_of_rigid_bodies:
-            values, even = _with_rigid(study, values, rigid_backlash), _rigid_even(study)
-        turns[name] = Turn(values, even)
+            values, even_angles = _with_rigid(study, values, rigid_backlash), _rigid_even(study)
+        turns[name] = Turn(values, even_angles)
     return turns
 
 
@@ -96,17 +96,17 @@ def _rigid_even(study: Study) -> np.ndarray:
     return np.isin(rigid_angles(study), study.cycle.rigid_crank_deg)
 
 
-def _with_rigid(study: Study, loaded: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+def _with_rigid(study: Study, loaded_values: np.ndarray, rigid: np.ndarray) -> np.ndarray:
     """Values of elastic bodies (n, n_angles) at the loaded angles, of rigid ones (n, n_rigid_angles) between them.
 
     Where the ``rigid`` ones are missing, straight from one loaded angle to the next.
     """
     rigid_deg, values = rigid_angles(study), rigid.copy()
-    values[np.isnan(loaded[:, 0])] = np.nan
-    values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded
-    for unit in np.flatnonzero(np.isnan(values).any(axis=1) & ~np.isnan(loaded[:, 0])):
+    values[np.isnan(loaded_values[:, 0])] = np.nan
+    values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded_values
+    for unit in np.flatnonzero(np.isnan(values).any(axis=1) & ~np.isnan(loaded_values[:, 0])):
         gaps = np.isnan(values[unit])
-        values[unit, gaps] = np.interp(rigid_deg[gaps], study.cycle.crank_deg, loaded[unit], period=360.0)
+        values[unit, gaps] = np.interp(rigid_deg[gaps], study.cycle.crank_deg, loaded_values[unit], period=360.0)
     return values
 
 

@@ -172,8 +172,8 @@ def calibrated(
         body = disk or condensed(with_numbers(study, dict(zip(keys, best, strict=True))))
 
         def misfit(numbers: Real, body: Condensed = body) -> Real:
-            changed = with_numbers(study, dict(zip(keys, numbers, strict=True)))
-            return computed(changed, body, targets)[counted] / value[counted] - 1
+            trial_study = with_numbers(study, dict(zip(keys, numbers, strict=True)))
+            return computed(trial_study, body, targets)[counted] / value[counted] - 1
 
         fit = fitted(misfit, best, lower, upper, None)
         change, best = np.max(np.abs(np.log(fit.value / best))), fit.value

@@ -29,12 +29,12 @@ def licences(constraints: Path) -> list[Licence]:
 
 def _of(package: str) -> Licence:
     try:
-        about = importlib.metadata.metadata(package)
+        metadata = importlib.metadata.metadata(package)
     except importlib.metadata.PackageNotFoundError:
         return Licence(package, UNKNOWN, UNKNOWN)
-    classes = [text.split(" :: ")[-1] for text in about.get_all("Classifier") or () if text.startswith("License ::")]
-    stated = [text.split("\n")[0] for text in about.get_all("License") or ()]
-    named = [text for text in classes if text != "OSI Approved"]
-    named = named or [text for text in stated if 0 < len(text) <= LONGEST]
-    expression = ", ".join(about.get_all("License-Expression") or named)
-    return Licence(package, about["Version"], expression or UNKNOWN)
+    classes = [text.split(" :: ")[-1] for text in metadata.get_all("Classifier") or () if text.startswith("License ::")]
+    licence_texts = [text.split("\n")[0] for text in metadata.get_all("License") or ()]
+    licence_names = [text for text in classes if text != "OSI Approved"]
+    licence_names = licence_names or [text for text in licence_texts if 0 < len(text) <= LONGEST]
+    expression = ", ".join(metadata.get_all("License-Expression") or licence_names)
+    return Licence(package, metadata["Version"], expression or UNKNOWN)

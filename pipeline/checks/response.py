@@ -96,10 +96,12 @@ def with_numbers(study: Study, values: Mapping[str, float]) -> Study:
 
 
 def _replaced(section: Any, path: list[str], value: float) -> Any:
-    name, *rest = path
+    name, *inner_path = path
     model = isinstance(section, BaseModel)
-    changed = _replaced(getattr(section, name) if model else section[name], rest, value) if rest else value
-    return section.model_copy(update={name: changed}) if model else {**section, name: changed}
+    new_value = (
+        _replaced(getattr(section, name) if model else section[name], inner_path, value) if inner_path else value
+    )
+    return section.model_copy(update={name: new_value}) if model else {**section, name: new_value}
 
 
 def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> Solved:

@@ -70,15 +70,15 @@ def write_unit(state: Path, folder: Path) -> Path:
     return folder
 
 
-def thinned(path: Path, drawn: Sequence[float]) -> tuple[pd.DataFrame, float]:
-    """Rows of one lock position in the columns of a measured unit, and its crank angle [deg], which none has ``drawn``.
+def thinned(path: Path, crank_angles: Sequence[float]) -> tuple[pd.DataFrame, float]:
+    """Rows of one lock position in the columns of a measured unit, and its crank angle [deg], none of ``crank_angles``.
 
     The angle is the middle of POSITION times the ratio, as if the encoder kept its zero between the positions.
     """
     raw = pd.read_csv(path)
     rows = raw[raw["test_nr"] >= FIRST_RAMP].iloc[::EVERY]
     crank = float(round(180 * RATIO * (rows["POSITION"].min() + rows["POSITION"].max())) % 360)
-    while crank in drawn:
+    while crank in crank_angles:
         crank += 1
     columns = {
         "cycle": rows["test_nr"] - FIRST_RAMP,

@@ -52,9 +52,9 @@ def compare_runs(options: argparse.Namespace) -> None:
 
 
 def _run(study: Study, options: argparse.Namespace) -> Run:
-    finished = up_to_date(study, ["aggregate"], options)
-    units, sensitivity = (pd.DataFrame(finished.outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
-    return Run(finished.study, over_turn(units, study.limits.over), sensitivity)
+    outputs = up_to_date(study, ["aggregate"], options)
+    units, sensitivity = (pd.DataFrame(outputs.outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
+    return Run(outputs.study, over_turn(units, study.limits.over), sensitivity)
 
 
 def allocate_tolerances(options: argparse.Namespace) -> None:
@@ -122,8 +122,8 @@ def bound_metrics(options: argparse.Namespace) -> None:
     """Bound the metrics of a study over its tolerance box, beside linear stacks and capability."""
     study = load_study(options.study, settings.ROOT)
     Box.of(study)  # says what is missing before anything is condensed
-    finished = up_to_date(study, ["aggregate"], options)
-    study, outputs = finished.study, finished.outputs
+    run_outputs = up_to_date(study, ["aggregate"], options)
+    study, outputs = run_outputs.study, run_outputs.outputs
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
     units = over_turn(pd.DataFrame(outputs["aggregate"].read("units")), study.limits.over)
     units = units.drop(index=[0] if study.samples.nominal_first else [], errors="ignore")

@@ -24,8 +24,8 @@ def write_flank(options: argparse.Namespace) -> None:
     if not FEWEST <= options.points <= MOST:
         raise InputError(f"--points = {options.points}; must be {FEWEST} to {MOST} of a lobe")
     measured = assembly.profile(load_design(options.design, settings.ROOT))
-    drawn = replace(measured, modification=replace(measured.modification, measured=None))
-    tables = {"drawn": flank_points(drawn, options.points)}
+    drawn_profile = replace(measured, modification=replace(measured.modification, measured=None))
+    tables = {"drawn": flank_points(drawn_profile, options.points)}
     if measured.modification.measured is not None:
         tables["measured"] = flank_points(measured, options.points)
     for name, table in tables.items():

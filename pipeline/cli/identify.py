@@ -26,12 +26,12 @@ def plan(measurement: Measurement) -> list[str]:
     unit, cranks = measurement.unit, len(measurement.rows.cranks)
     cycles = len({*measurement.rows.cycle.tolist()})
     if unit.settings.held_out.train:
-        judged = "what unit.toml holds out judges"
+        split = "what unit.toml holds out judges"
     elif cranks > 1:
-        judged = f"each of {cranks} crank positions is predicted from the others"
+        split = f"each of {cranks} crank positions is predicted from the others"
     else:
-        judged = f"each of {cycles} cycles is predicted from the others" if cycles > 1 else "nothing can be held out"
+        split = f"each of {cycles} cycles is predicted from the others" if cycles > 1 else "nothing can be held out"
     fitted = f"the model of design {unit.settings.design}" if unit.designed else "play, friction and a spring"
     return [
-        f"plan: {fitted}, fitted to {len(measurement.cells)} cells of {len(measurement.branches)} branches; {judged}"
+        f"plan: {fitted}, fitted to {len(measurement.cells)} cells of {len(measurement.branches)} branches; {split}"
     ]

@@ -84,12 +84,12 @@ def describe_generic(measurement: Measurement) -> None:
 
 def compare_states(options: argparse.Namespace) -> None:
     """Say what changed between two measurements of one drive."""
-    before, after = (
+    state_before, state_after = (
         Measurement.read(load_measured_unit(name, settings.ROOT)) for name in (options.before, options.after)
     )
-    print("\n".join([*before.summary, *after.summary]), flush=True)
-    answers = answer(before, after)
-    folder = settings.RUNS / "changed" / f"{before.unit.name}-{after.unit.name}"
+    print("\n".join([*state_before.summary, *state_after.summary]), flush=True)
+    answers = answer(state_before, state_after)
+    folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     change_results.write(answers, folder)
     write_change_page(answers, folder, settings.shown(folder))
     print(

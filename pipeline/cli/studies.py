@@ -50,8 +50,8 @@ def _planned(study: Study, targets: Sequence[str]) -> Iterator[str]:
             continue
         seconds = "no former timing" if stage.seconds is None else f"about {stage.seconds:.3g} s"
         remainder_text = len(stage.reasons) - REASONS_SHOWN
-        rest = [f"and {remainder_text} more, see: why {stage.stage}"] if remainder_text > 0 else []
-        yield f"{stage.stage}  would run, {seconds}: {'; '.join([*stage.reasons[:REASONS_SHOWN], *rest])}"
+        remainder_line = [f"and {remainder_text} more, see: why {stage.stage}"] if remainder_text > 0 else []
+        yield f"{stage.stage}  would run, {seconds}: {'; '.join([*stage.reasons[:REASONS_SHOWN], *remainder_line])}"
     total = sum(stage.seconds or 0.0 for stage in planned)
     yield f"in all about {total:.3g} s by former timings; nothing was run" if total else "nothing was run"
 
@@ -62,13 +62,13 @@ def show_run(options: argparse.Namespace) -> None:
     outputs = {stage.name: output for stage in STAGES if (output := Output.open(folder / stage.name))}
     if "aggregate" not in outputs:
         raise InputError(f"{settings.shown(folder)}: no results; run: python -m pipeline run --study {folder.name}")
-    distributions, known = (
+    distributions, known_statistics = (
         pd.DataFrame(outputs["aggregate"].read("distributions")),
         outputs["aggregate"].record["settings"],
     )
     print("\n".join(summary(distributions, folder.name)))
-    if share := yield_estimate(distributions, known["limits.over"]):
-        print("\n".join(needed_sentences(share, known["metrics.confidence"])))
+    if share := yield_estimate(distributions, known_statistics["limits.over"]):
+        print("\n".join(needed_sentences(share, known_statistics["metrics.confidence"])))
     status = outputs["aggregate"].read("units")["status"]
     print(f"{len(status)} units, {np.count_nonzero(np.asarray(status) != 'ok')} with a remark in status")
     for name, output in outputs.items():
@@ -84,12 +84,12 @@ def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
     }
     yield f"{name}: worst over the turn, with confidence intervals"
     for metric in dict.fromkeys(metric for metric, _ in cells):
-        shown = [
+        shown_statistics = [
             f"{statistic} {cells[metric, statistic][1]}"
             for statistic in ("mean", "p05", "p95", "yield")
             if (metric, statistic) in cells
         ]
-        yield f"{metric}  {'  '.join(shown)}"
+        yield f"{metric}  {'  '.join(shown_statistics)}"
 
 
 def reasons(options: argparse.Namespace) -> None:
@@ -103,8 +103,8 @@ def solve_unit(options: argparse.Namespace) -> None:
     study = load_unit(options.dimensions, options.design, options.study, settings.ROOT)
     outputs = up_to_date(study, ["report"], options).outputs
     metrics = pd.DataFrame(outputs["aggregate"].read("metrics"))
-    shown = metrics.loc[metrics["sample"] == 1, ["crank_deg", *library(), "status"]]
-    print(shown.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
+    metric_rows = metrics.loc[metrics["sample"] == 1, ["crank_deg", *library(), "status"]]
+    print(metric_rows.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
     print(f"tables and report: {settings.RUNS / study.name}")
 
 
@@ -124,8 +124,8 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
     """Rows of the contacts of one sample of a finished run."""
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
     tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in SAMPLED}
-    solved = hysteresis.solve_samples(shared, errors_of_columns(tables))
-    curves = [loop for loop in solved if loop.crank_deg in study.cycle.curve_crank_deg]
+    solution = hysteresis.solve_samples(shared, errors_of_columns(tables))
+    curves = [loop for loop in solution if loop.crank_deg in study.cycle.curve_crank_deg]
     return contact_rows(np.array([sample]), curves)
 
 

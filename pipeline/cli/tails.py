@@ -17,11 +17,11 @@ def find_tails(options: argparse.Namespace) -> None:
     study = load_study(options.study, settings.ROOT)
     if reason := without_tails(study.samples, study.limits, study.design):
         raise InputError(f"study {study.name}: {reason}")
-    stated = study.tails or Tails()
-    typed = {"units": options.units or stated.units, "solve": options.solve or stated.solve}
+    tail_settings = study.tails or Tails()
+    typed = {"units": options.units or tail_settings.units, "solve": options.solve or tail_settings.solve}
     if not 0 < typed["solve"] <= typed["units"]:
         raise InputError(f"--solve = {typed['solve']}; must be from 1 to --units = {typed['units']}")
-    asked_study = study.model_copy(update={"tails": stated.model_copy(update=typed)})
+    asked_study = study.model_copy(update={"tails": tail_settings.model_copy(update=typed)})
     rows = pd.DataFrame(up_to_date(asked_study, ["tails"], options).outputs["tails"].read("tails"))
     table = settings.RUNS / "tails" / f"{study.name}.csv"
     write_atomic(table, rows.to_csv(index=False).encode())

@@ -57,10 +57,10 @@ def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[
     """
     labels: dict[str, int] = {}
     for position, case in cases.items():
-        earlier = labels.setdefault(case.label, position)
-        if earlier != position:
+        earlier_position = labels.setdefault(case.label, position)
+        if earlier_position != position:
             yield Problem(
-                f"cases[{position}].label", case.label, f"cases[{earlier}] has it already; labels must differ"
+                f"cases[{position}].label", case.label, f"cases[{earlier_position}] has it already; labels must differ"
             )
         for name, dimension in dimension_library().items():
             if dimension.one_sided and np.min(case.deviation_um(name)) < 0:

@@ -113,15 +113,17 @@ def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Ite
 
 def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Problem]:
     cases = raw.get("cases", ())
-    listed = len(cases) if isinstance(cases, tuple) else 0
+    n_cases = len(cases) if isinstance(cases, tuple) else 0
     if samples.experiment == "cases":
-        if listed == 0:
+        if n_cases == 0:
             yield Problem("cases", MISSING, 'experiment = "cases" needs at least one [[cases]]')
-        elif samples.count != listed:
-            yield Problem("samples.count", samples.count, f"must be {listed}, the number of [[cases]]; or leave it out")
+        elif samples.count != n_cases:
+            yield Problem(
+                "samples.count", samples.count, f"must be {n_cases}, the number of [[cases]]; or leave it out"
+            )
         if "tolerances" in raw:
             yield Problem("tolerances", None, "a case states total values; delete the section, or the cases")
-    elif listed:
+    elif n_cases:
         yield Problem("samples.experiment", samples.experiment, 'must be "cases" where [[cases]] are listed')
     if samples.experiment == "latin_hypercube" and samples.count > LARGEST_HYPERCUBE:
         yield Problem(
@@ -212,7 +214,7 @@ def _phases(cycle: Cycle, design: Design | None) -> Iterator[Problem]:
 def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Iterator[Problem]:
     if {"loaded_angles", "crank_deg"} <= set(raw["cycle"]):
         yield Problem("cycle.crank_deg", cycle.crank_deg, "stands beside loaded_angles; keep the one or the other")
-    if any(after <= before for before, after in itertools.pairwise(cycle.crank_deg)):
+    if any(angle_after <= angle_before for angle_before, angle_after in itertools.pairwise(cycle.crank_deg)):
         yield Problem("cycle.crank_deg", cycle.crank_deg, "angles must rise")
     if cycle.keep_contacts == "all":
         return
@@ -226,13 +228,13 @@ def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Problem]:
     low, high = metrics.rigidity_percent
     if low >= high:
         yield Problem("metrics.rigidity_percent", metrics.rigidity_percent, "must rise: [lower, upper]")
-    reached = 100 * cycle.torque_fraction
+    top_percent = 100 * cycle.torque_fraction
     for name, percent in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
-        if percent > reached:
+        if percent > top_percent:
             yield Problem(
                 f"metrics.{name}",
                 getattr(metrics, name),
-                f"must be <= {reached:g}, which cycle.torque_fraction reaches; raise the one or lower the other",
+                f"must be <= {top_percent:g}, which cycle.torque_fraction reaches; raise the one or lower the other",
             )
 
 

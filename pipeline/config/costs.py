@@ -161,15 +161,15 @@ class IsoGrade(Cost):
     def of_one(self, width_um: Real) -> Real:
         """See `Cost`; missing beyond the grades."""
         widths, costs = self._steps
-        asked = np.append(np.asarray(width_um, float), self._width_um(self.grade))
-        logs = np.interp(np.log(asked), np.log(widths), np.log(costs), left=np.nan, right=np.nan)
+        widths_um = np.append(np.asarray(width_um, float), self._width_um(self.grade))
+        logs = np.interp(np.log(widths_um), np.log(widths), np.log(costs), left=np.nan, right=np.nan)
         return self.cost * np.exp(logs[:-1] - logs[-1]).reshape(np.shape(width_um))
 
     def problems(self, key: str) -> Iterator[Problem]:
         """Grades that are none, or that do not cost the less the coarser they are."""
-        known = {str(grade) for grade in TOLERANCES_UM}
+        grades = {str(grade) for grade in TOLERANCES_UM}
         relative_costs = self.relative_costs or EXAMPLE_COSTS
-        if set(relative_costs) - known or len(relative_costs) < 2:
+        if set(relative_costs) - grades or len(relative_costs) < 2:
             allowed = f"must have two or more of the grades {min(TOLERANCES_UM)} to {max(TOLERANCES_UM)}, as 5 = 1.6"
             yield Problem(f"{key}.relative_costs", sorted(relative_costs), allowed)
         elif np.any(np.diff([relative_costs[name] for name in sorted(relative_costs, key=int)]) >= 0):

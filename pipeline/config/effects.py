@@ -38,10 +38,10 @@ def effect_problems(effects: Effects) -> Iterator[Problem]:
             yield Problem(f"effects.{name}", None, f"unknown effect; known are {', '.join(available)}")
             continue
         allowed = {parameter.name: parameter for parameter in available[name].parameters}
-        shown = ", ".join(allowed)
+        allowed_text = ", ".join(allowed)
         for key, value in values.items():
             if key not in allowed:
-                yield Problem(f"effects.{name}.{key}", value, f"unknown parameter; {name} has {shown}")
+                yield Problem(f"effects.{name}.{key}", value, f"unknown parameter; {name} has {allowed_text}")
                 continue
             lower, upper = PHYSICAL_RANGE.get(allowed[key].unit, (-inf, inf))
             if not lower <= value <= upper:

@@ -78,8 +78,8 @@ def flank_profile(cycloid: Cycloid, flank: Flank | None) -> CycloidProfile:
     profile = CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
     if flank is None:
         return profile
-    drawn = CycloidProfile(*profile.numbers, _modification(flank, None))
-    measured = None if flank.measured is None else _measured(flank.measured, drawn)
+    drawn_profile = CycloidProfile(*profile.numbers, _modification(flank, None))
+    measured = None if flank.measured is None else _measured(flank.measured, drawn_profile)
     return CycloidProfile(*profile.numbers, _modification(flank, measured))
 
 
@@ -92,18 +92,18 @@ def _modification(flank: Flank, measured: MeasuredFlank | None) -> FlankModifica
     )
 
 
-def _measured(measured: Measured, drawn: CycloidProfile) -> MeasuredFlank:
+def _measured(measured: Measured, drawn_profile: CycloidProfile) -> MeasuredFlank:
     if measured.phase_deg is not None:
         phase = np.radians(measured.phase_deg)
     else:
-        phase = phase_of_arc(drawn, np.array(measured.arc_mm))
+        phase = phase_of_arc(drawn_profile, np.array(measured.arc_mm))
     return MeasuredFlank(phase, MM_PER_UM * np.array(measured.deviation_um))
 
 
 def flank_problems(cycloid: Cycloid, flank: Flank) -> Iterator[Problem]:
     """What cannot be made or read of a flank whose nominal form is possible."""
-    drawn = flank_profile(cycloid, flank.model_copy(update={"measured": None}))
-    generating = drawn.generating
+    drawn_profile = flank_profile(cycloid, flank.model_copy(update={"measured": None}))
+    generating = drawn_profile.generating
     if generating.pin_radius <= 0 or generating.pin_circle_radius <= 0:
         key = "equidistant_um" if generating.pin_radius <= 0 else "moved_distance_um"
         yield Problem(f"flank.{key}", getattr(flank, key), "leaves no generating roller; micrometres are asked for")
@@ -118,27 +118,35 @@ def flank_problems(cycloid: Cycloid, flank: Flank) -> Iterator[Problem]:
         allowed = f"must be < {(locus - cycloid.pin_radius_mm) / MM_PER_UM:.4g}, or the drawn flank is undercut"
         yield Problem("flank.equidistant_um", flank.equidistant_um, allowed)
         return
-    if fold := _fold(drawn):
+    if fold := _fold(drawn_profile):
         allowed = f"the flank folds at a phase of {fold[1]:.3g} deg; take a smaller rotation"
         yield Problem("flank.rotation_arcmin", flank.rotation_arcmin, allowed)
     elif flank.measured is not None:
-        yield from _measured_problems(cycloid, flank, flank.measured, drawn)
+        yield from _measured_problems(cycloid, flank, flank.measured, drawn_profile)
 
 
-def _measured_problems(cycloid: Cycloid, flank: Flank, measured: Measured, drawn: CycloidProfile) -> Iterator[Problem]:
+def _measured_problems(
+    cycloid: Cycloid, flank: Flank, measured: Measured, drawn_profile: CycloidProfile
+) -> Iterator[Problem]:
     """The problems of a measured flank; of those that make others, the first."""
-    for checked in (_layout(cycloid, measured), _places(measured, lobe_length(drawn)), _coverage(measured, drawn)):
+    for checked in (
+        _layout(cycloid, measured),
+        _places(measured, lobe_length(drawn_profile)),
+        _coverage(measured, drawn_profile),
+    ):
         if problems := list(checked):
             yield from problems
             return
     if fold := _fold(flank_profile(cycloid, flank)):
         lobe, degrees = fold
-        after = int(np.searchsorted(np.degrees(_measured(measured, drawn).phase), degrees))
-        first, last = (measured.row(lobe, point) for point in (max(after - 1, 0), min(after, measured.points - 1)))
+        phase_index = int(np.searchsorted(np.degrees(_measured(measured, drawn_profile).phase), degrees))
+        first_row, last_row = (
+            measured.row(lobe, point) for point in (max(phase_index - 1, 0), min(phase_index, measured.points - 1))
+        )
         allowed = (
             f"the flank folds or cuts itself at a phase of {degrees:.4g} deg; correct these points, or leave them out"
         )
-        yield Problem(f"flank.measured: {first} to {last}", None, allowed)
+        yield Problem(f"flank.measured: {first_row} to {last_row}", None, allowed)
 
 
 def _layout(cycloid: Cycloid, measured: Measured) -> Iterator[Problem]:
@@ -158,17 +166,17 @@ def _layout(cycloid: Cycloid, measured: Measured) -> Iterator[Problem]:
 
 def _places(measured: Measured, length: float) -> Iterator[Problem]:
     key, places = f"flank.measured.{measured.place}", measured.places
-    for k, (before, after) in enumerate(itertools.pairwise(places)):
-        if after <= before:
-            allowed = f"stands after {before:g}: points must ascend along a lobe, none twice"
-            yield Problem(f"{key}, {measured.row(0, k)} and {measured.row(0, k + 1)}", after, allowed)
+    for k, (place_before, place_after) in enumerate(itertools.pairwise(places)):
+        if place_after <= place_before:
+            allowed = f"stands after {place_before:g}: points must ascend along a lobe, none twice"
+            yield Problem(f"{key}, {measured.row(0, k)} and {measured.row(0, k + 1)}", place_after, allowed)
     if measured.arc_mm is not None and places[-1] >= length:
         allowed = f"must be < {length:.6g}, the length of a lobe"
         yield Problem(f"{key}, {measured.row(0, measured.points - 1)}", places[-1], allowed)
 
 
-def _coverage(measured: Measured, drawn: CycloidProfile) -> Iterator[Problem]:
-    phase = np.degrees(_measured(measured, drawn).phase)
+def _coverage(measured: Measured, drawn_profile: CycloidProfile) -> Iterator[Problem]:
+    phase = np.degrees(_measured(measured, drawn_profile).phase)
     gaps = np.diff(np.append(phase, phase[0] + 360))
     widest = int(np.argmax(gaps))
     if gaps[widest] > WIDEST_GAP_DEG:

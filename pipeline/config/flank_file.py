@@ -33,8 +33,10 @@ def with_flank_file(raw: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     path = folder / flank["measured"]
     if path.suffix.lower() != ".csv" or not path.is_file():
         reason = "is no CSV file" if path.is_file() else "no such file beside the design"
-        shown = shown_value(flank["measured"])
-        raise InputError([f"flank.measured = {shown}; {reason}; name a CSV file, its path from the design's folder"])
+        shown_text = shown_value(flank["measured"])
+        raise InputError(
+            [f"flank.measured = {shown_text}; {reason}; name a CSV file, its path from the design's folder"]
+        )
     return {**raw, "flank": {**flank, "measured": flank_table(path)}}
 
 
@@ -61,9 +63,9 @@ def flank_table(path: Path) -> dict[str, Any]:
     for column in numbers:
         if len(wrong := np.flatnonzero(~np.isfinite(numbers[column].to_numpy(float)))):
             rows = ", ".join(str(row + 2) for row in wrong[:SHOWN_ROWS])
-            shown = shown_value(table[column].iloc[wrong[0]])
+            shown_text = shown_value(table[column].iloc[wrong[0]])
             remainder_text = " and more" if len(wrong) > SHOWN_ROWS else ""
-            raise InputError([f"{name}: {column} = {shown}; must be a number; correct row {rows}{remainder_text}"])
+            raise InputError([f"{name}: {column} = {shown_text}; must be a number; correct row {rows}{remainder_text}"])
     lists = _lobes(numbers, station_column, name)
     return {station_column: lists[0][0], DEVIATION: tuple(deviation for _, deviation in lists), "file": name}
 
@@ -74,20 +76,20 @@ def _columns() -> str:
 
 def _checked_columns(columns: list[str], name: str) -> str:
     places = [column for column in PLACES if column in columns]
-    known = (*PLACES, DEVIATION, LOBE)
+    known_columns = (*PLACES, DEVIATION, LOBE)
     for column in columns:
-        if column not in known:
-            advice = nearest_name(column, known)
+        if column not in known_columns:
+            advice = nearest_name(column, known_columns)
             raise InputError([f"{name}: column {shown_value(column)} is unknown; {advice}; columns are {_columns()}"])
     if len(places) != 1 or DEVIATION not in columns:
         raise InputError([f"{name}: columns {', '.join(columns)}; must be {_columns()}"])
     return places[0]
 
 
-def _lobes(numbers: pd.DataFrame, place: str, name: str) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+def _lobes(numbers: pd.DataFrame, place_column: str, name: str) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
     """Places and deviations of each lobe."""
     if LOBE not in numbers:
-        return [(tuple(numbers[place].astype(float)), tuple(numbers[DEVIATION].astype(float)))]
+        return [(tuple(numbers[place_column].astype(float)), tuple(numbers[DEVIATION].astype(float)))]
     lobe = numbers[LOBE].to_numpy(float)
     count = int(np.argmax(lobe != lobe[0])) or len(lobe)
     expected = np.arange(len(lobe)) // count
@@ -95,7 +97,7 @@ def _lobes(numbers: pd.DataFrame, place: str, name: str) -> list[tuple[tuple[flo
         allowed = f"must be {expected[wrong[0]]}: {count} rows a lobe as of the first, lobes from 0, clockwise"
         raise InputError([f"{name}: lobe = {lobe[wrong[0]]:g} in row {wrong[0] + 2}; {allowed}"])
     values = (
-        [numbers[column].to_numpy(float).reshape(-1, count) for column in (place, DEVIATION)]
+        [numbers[column].to_numpy(float).reshape(-1, count) for column in (place_column, DEVIATION)]
         if (len(lobe) % count == 0)
         else []
     )
@@ -104,9 +106,9 @@ def _lobes(numbers: pd.DataFrame, place: str, name: str) -> list[tuple[tuple[flo
     places, deviations = values
     if len(differing := np.argwhere(places != places[0])):
         k, point = differing[0]
-        shown = f"{place} = {places[k, point]:g} in row {2 + k * count + point}"
+        shown_text = f"{place_column} = {places[k, point]:g} in row {2 + k * count + point}"
         allowed = f"must be {places[0, point]:g} as in row {2 + point}: all lobes are measured at the same points"
-        raise InputError([f"{name}: {shown}; {allowed}"])
+        raise InputError([f"{name}: {shown_text}; {allowed}"])
     return [
         (tuple(stations.tolist()), tuple(deviations_of_lobe.tolist()))
         for stations, deviations_of_lobe in zip(places, deviations, strict=True)

@@ -47,8 +47,8 @@ def _several_disks(
     if output and output.one_disk_because:
         allowed = f"must be 1 with the output {output.name}: {output.one_disk_because}; take pin_in_hole"
         yield Problem("disk.count", disk.count, allowed)
-    carried = output is not None and output.carries_disks
-    if bearing and not carried and (bearing.exponent != 1 or bearing.clearance_um > 0):
+    has_carrier = output is not None and output.carries_disks
+    if bearing and not has_carrier and (bearing.exponent != 1 or bearing.clearance_um > 0):
         key = "exponent" if bearing.exponent != 1 else "clearance_um"
         allowed = (
             f"must be {1 if key == 'exponent' else 0} with {disk.count} disks: their bearings are linear and tight"

@@ -38,10 +38,12 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]
     problems: dict[str, Problem] = {}
     for detail in error.errors(include_url=False):
         problem = _problem(detail, model)
-        earlier = problems.get(problem.key)
-        if earlier and problem.allowed not in earlier.allowed:
+        earlier_problem = problems.get(problem.key)
+        if earlier_problem and problem.allowed not in earlier_problem.allowed:
             problem = Problem(
-                earlier.key, earlier.found, f"{earlier.allowed}, or {problem.allowed.removeprefix('must be ')}"
+                earlier_problem.key,
+                earlier_problem.found,
+                f"{earlier_problem.allowed}, or {problem.allowed.removeprefix('must be ')}",
             )
         problems[problem.key] = problem
     return list(problems.values())

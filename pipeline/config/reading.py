@@ -170,9 +170,9 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
     if wrong := temperature_problems(temperature, design):
         return remaining, design, wrong
     warm = warmed(temperature, design)
-    listed = remaining.get("cases")
-    if isinstance(listed, tuple) and listed:
-        cases = (warm_case(warm, case, design) if isinstance(case, Mapping) else case for case in listed)
+    raw_cases = remaining.get("cases")
+    if isinstance(raw_cases, tuple) and raw_cases:
+        cases = (warm_case(warm, case, design) if isinstance(case, Mapping) else case for case in raw_cases)
         remaining["cases"] = tuple(cases)
     elif isinstance(remaining.get("tolerances", {}), Mapping):
         remaining["tolerances"] = warm_tolerances(warm, remaining.get("tolerances", {}), design)
@@ -273,7 +273,7 @@ def _design_tables(path: Path) -> dict[str, Any]:
         ) from None
 
 
-def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], where: str = "") -> Path:
+def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], key: str = "") -> Path:
     """The file of a path (under one of `bases`) or of a stem (under data/`kind`).
 
     Raises
@@ -282,18 +282,18 @@ def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], where
     """
     home = root / "data" / kind
     if not NAME.fullmatch(Path(name).stem):
-        raise InputError([f"{where or kind} = {shown_value(str(name))}; the file's name {NAME_RULE}"])
+        raise InputError([f"{key or kind} = {shown_value(str(name))}; the file's name {NAME_RULE}"])
     places = [base / name for base in bases] if Path(name).suffix == ".toml" else [home / f"{name}.toml"]
     for candidate in places:
         if candidate.is_file():
             return candidate
     stems = [path.stem for path in home.glob("*.toml")]
     advice = nearest_name(Path(name).stem, stems) if stems else f"data/{kind} is empty"
-    raise InputError([f"{where or kind} = {str(name)!r}; no such file; {advice}"])
+    raise InputError([f"{key or kind} = {str(name)!r}; no such file; {advice}"])
 
 
-def raise_if(problems: list[Problem], file: str, others: Sequence[str] = ()) -> None:
-    """Raise InputError with the `problems` of `file` and the lines of `others`, if there are any."""
-    lines = [problem.line(file) for problem in problems] + list(others)
+def raise_if(problems: list[Problem], file: str, other_files: Sequence[str] = ()) -> None:
+    """Raise InputError with the `problems` of `file` and the lines of `other_files`, if there are any."""
+    lines = [problem.line(file) for problem in problems] + list(other_files)
     if lines:
         raise InputError(lines)

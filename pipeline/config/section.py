@@ -56,10 +56,10 @@ class Problem:
     def line(self, file: str) -> str:
         """The problem in one line: where, what was found, what is allowed."""
         if self.found is MISSING:
-            shown = " is missing"
+            found_text = " is missing"
         else:
-            shown = "" if self.found is None else f" = {shown_value(self.found)}"
-        return f"{file}: {self.key}{shown}; {self.allowed}"
+            found_text = "" if self.found is None else f" = {shown_value(self.found)}"
+        return f"{file}: {self.key}{found_text}; {self.allowed}"
 
 
 def shown_value(value: object) -> str:
@@ -71,8 +71,8 @@ def shown_value(value: object) -> str:
     return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 4]} ..."
 
 
-def nearest_name(name: str, known: Iterable[str]) -> str:
-    """The advice for an unknown `name`: the most similar of the `known` names, else all of them."""
-    names = sorted(known)
+def nearest_name(name: str, known_names: Iterable[str]) -> str:
+    """The advice for an unknown `name`: the most similar of the `known_names` names, else all of them."""
+    names = sorted(known_names)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"did you mean {close[0]!r}?" if close else f"known names: {', '.join(names)}"

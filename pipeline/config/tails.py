@@ -26,8 +26,8 @@ class Tails(Section):
 
 def limited_under_load(limits: Limits) -> dict[str, float]:
     """Limits by metric, of those that have a rough model: rigid bodies need none, metrics of the turn have none."""
-    known = library()
-    return {n: limit for n, limit in limits.of_metrics.items() if n in known and not known[n].turn_of_rigid_bodies}
+    metrics = library()
+    return {n: limit for n, limit in limits.of_metrics.items() if n in metrics and not metrics[n].turn_of_rigid_bodies}
 
 
 def without_tails(samples: Samples, limits: Limits, design: Design) -> str:

@@ -153,10 +153,13 @@ def warm_tolerances(warm: Warm, tolerances: Mapping[str, Any], design: Design) -
     shifts = shifts_um(warm, design)
     resolved = {}
     for name, settings in tolerances.items():
-        grown = _grown(settings, _growth_of(warm, name))
-        if isinstance(grown, Mapping) and shifts.get(name):
-            grown = {**grown, "allowance_um": _shifted(grown.get("allowance_um", 0.0), shifts[name])}
-        resolved[name] = grown
+        warm_settings = _grown(settings, _growth_of(warm, name))
+        if isinstance(warm_settings, Mapping) and shifts.get(name):
+            warm_settings = {
+                **warm_settings,
+                "allowance_um": _shifted(warm_settings.get("allowance_um", 0.0), shifts[name]),
+            }
+        resolved[name] = warm_settings
     for name, shift in shifts.items():
         if name not in resolved and shift:
             resolved[name] = {"distribution": "fixed", "value_um": 0.0, "allowance_um": shift}

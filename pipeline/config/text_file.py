@@ -70,6 +70,6 @@ def header(columns: Iterable[object], name: str) -> list[str]:
     stripped = [str(column).strip() for column in columns]
     doubled = sorted({column for column in stripped if stripped.count(column) > 1})
     if doubled:
-        shown = ", ".join(map(shown_value, doubled))
-        raise InputError(f"{name}: more than one column {shown}, blanks aside; rename one")
+        doubled_text = ", ".join(map(shown_value, doubled))
+        raise InputError(f"{name}: more than one column {doubled_text}, blanks aside; rename one")
     return stripped

@@ -32,8 +32,8 @@ def fresh_yields(study: Study, start: int, units: int, solve: Solve, jobs: int) 
     values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     yields = {}
     for name, within_limits in study.limits.kept(values).items():
-        known = np.all([np.isfinite(values[metric]) for metric in study.limits.limited(name, values)], axis=0)
-        yields[name] = pass_share(within_limits[known], study.metrics.confidence)
+        has_metrics = np.all([np.isfinite(values[metric]) for metric in study.limits.limited(name, values)], axis=0)
+        yields[name] = pass_share(within_limits[has_metrics], study.metrics.confidence)
     return yields
 
 

@@ -81,8 +81,8 @@ def reweighted(wide: Run, narrow: Study) -> Reweighted:
     yields = {}
     confidence = narrow.metrics.confidence
     for name, within_limits in narrow.limits.kept(units).items():
-        known = units[narrow.limits.limited(name, units)].notna().all(axis=1).to_numpy()
-        yields[name] = weighted_share(within_limits[known], weight[known], confidence)
+        has_metrics = units[narrow.limits.limited(name, units)].notna().all(axis=1).to_numpy()
+        yields[name] = weighted_share(within_limits[has_metrics], weight[has_metrics], confidence)
     return Reweighted(keeps, len(weight), effective, yields)
 
 
@@ -106,16 +106,16 @@ def moved_tolerances(wide: Study, narrow: Study) -> tuple[str, ...]:
     ]
     names = []
     for key, _, _ in differing_inputs(wide, narrow):
-        section, _, rest = key.partition(".")
+        section, _, key_tail = key.partition(".")
         if section == "tolerances":
-            names.append(rest.partition(".")[0])
+            names.append(key_tail.partition(".")[0])
         elif not key.startswith(FREE):
             problems.append(f"{key} differs between {wide.name} and {narrow.name}; reweighting moves tolerances alone")
-    moved = tuple(dict.fromkeys(names))
-    problems += [problem for name in moved if (problem := _unmovable(wide, narrow, name))]
+    moved_names = tuple(dict.fromkeys(names))
+    problems += [problem for name in moved_names if (problem := _unmovable(wide, narrow, name))]
     if problems:
         raise InputError(problems)
-    return moved
+    return moved_names
 
 
 def effective_units(weight: Real) -> float:
@@ -124,7 +124,7 @@ def effective_units(weight: Real) -> float:
     return total**2 / float(np.sum(weight**2)) if total > 0 else 0.0
 
 
-def weighted_share(passed: NDArray[np.bool_], weight: Real, confidence: float) -> Estimate:
+def weighted_share(passes: NDArray[np.bool_], weight: Real, confidence: float) -> Estimate:
     """Share of weighted units (n,) with its interval.
 
     Notes
@@ -133,20 +133,25 @@ def weighted_share(passed: NDArray[np.bool_], weight: Real, confidence: float) -
     (sum w)^2; where all pass or all fail at the effective number of units.
     """
     total = float(np.sum(weight))
-    share = float(np.sum(weight[passed])) / total
-    variance = float(np.sum(weight**2 * (passed - share) ** 2)) / total**2
+    share = float(np.sum(weight[passes])) / total
+    variance = float(np.sum(weight**2 * (passes - share) ** 2)) / total**2
     units = min(share * (1 - share) / variance, float(len(weight))) if variance > 0 else effective_units(weight)
     tail = (1 - confidence) / 2
     low, high = stats.beta.ppf([tail, 1 - tail], units * share + 0.5, units * (1 - share) + 0.5)
     return Estimate(share, float(low), float(high), int(units))
 
 
-def _ratios(wide: Study, sample: NDArray[np.integer], narrow: Study, moved: tuple[str, ...]) -> dict[str, Real]:
+def _ratios(wide: Study, sample: NDArray[np.integer], narrow: Study, moved_names: tuple[str, ...]) -> dict[str, Real]:
     """Likelihood ratios (n,) of samples (n,) of a study, by tolerance."""
-    drawn = sample - int(wide.samples.nominal_first)
-    numbers = uniforms(wide.samples, sum(dimensions(wide).values()), 0, int(drawn.max(initial=0)) + 1)[drawn]
-    total, before, after = deviations_at(wide, numbers), wide.tolerances, narrow.tolerances
-    return {name: np.prod(_ratio(getattr(before, name), getattr(after, name), total[name]), axis=1) for name in moved}
+    drawn_number = sample - int(wide.samples.nominal_first)
+    numbers = uniforms(wide.samples, sum(dimensions(wide).values()), 0, int(drawn_number.max(initial=0)) + 1)[
+        drawn_number
+    ]
+    total, wide_tolerance, narrow_tolerance = deviations_at(wide, numbers), wide.tolerances, narrow.tolerances
+    return {
+        name: np.prod(_ratio(getattr(wide_tolerance, name), getattr(narrow_tolerance, name), total[name]), axis=1)
+        for name in moved_names
+    }
 
 
 def _ratio(wide: Distribution, narrow: Distribution, total_um: Real) -> Real:
@@ -156,11 +161,11 @@ def _ratio(wide: Distribution, narrow: Distribution, total_um: Real) -> Real:
 
 def _unmovable(wide: Study, narrow: Study, name: str) -> str:
     """Why a tolerance cannot be reweighted; empty if it can."""
-    before, after = getattr(wide.tolerances, name), getattr(narrow.tolerances, name)
-    if not (before.varies and after.varies):
+    wide_tolerance, narrow_tolerance = getattr(wide.tolerances, name), getattr(narrow.tolerances, name)
+    if not (wide_tolerance.varies and narrow_tolerance.varies):
         return f"tolerances.{name} does not vary in both studies; a fixed number has no likelihood"
     (low, high), (bottom, top) = (
-        np.array(tolerance.limits_um) + tolerance.allowance_um for tolerance in (before, after)
+        np.array(tolerance.limits_um) + tolerance.allowance_um for tolerance in (wide_tolerance, narrow_tolerance)
     )
     if bottom < low or top > high:
         return (
@@ -171,7 +176,7 @@ def _unmovable(wide: Study, narrow: Study, name: str) -> str:
     if elements is None:
         return ""
     count = elements.count(wide.design)
-    keeps = kept_of_one(before, after) ** count
+    keeps = kept_of_one(wide_tolerance, narrow_tolerance) ** count
     return (
         f"tolerances.{name} moves {count} elements at once, of which independent ones keep {100 * keeps:.2g} % of the "
         "effective units; the same draws rescaled tell it: make compare"

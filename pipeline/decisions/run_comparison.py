@@ -134,11 +134,11 @@ def differences(a: Run, b: Run) -> Columns:
     InputError
         If one study lists cases and the other draws samples, or the lists have no label in common.
     """
-    listed = [run.study.samples.experiment == "cases" for run in (a, b)]
-    if any(listed) and not all(listed):
-        name = (a if listed[0] else b).label
+    has_cases = [run.study.samples.experiment == "cases" for run in (a, b)]
+    if any(has_cases) and not all(has_cases):
+        name = (a if has_cases[0] else b).label
         raise InputError(f"study {name}: listed cases are no sample of anything; compare it with another list of cases")
-    rows = _case_rows(a, b) if all(listed) else _sample_rows(a, b)
+    rows = _case_rows(a, b) if all(has_cases) else _sample_rows(a, b)
     frame = pd.DataFrame(rows, columns=[column.name for column in DIFFERENCES.columns])
     return {name: frame[name].to_numpy() for name in frame}
 
@@ -196,17 +196,17 @@ def _sample_rows(a: Run, b: Run) -> list[tuple]:
     within_limits = [run.study.limits.kept(frame) for run, frame in zip((a, b), frames, strict=True)]
     for name in (name for name in within_limits[0] if name in within_limits[1]):
         limited = [run.study.limits.limited(name, frame) for run, frame in zip((a, b), frames, strict=True)]
-        known = [frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited, strict=True)]
-        rows += _yield_rows(pair, name, (within_limits[0][name], within_limits[1][name]), (known[0], known[1]))
+        has_value = [frame[names].notna().all(axis=1).to_numpy() for frame, names in zip(frames, limited, strict=True)]
+        rows += _yield_rows(pair, name, (within_limits[0][name], within_limits[1][name]), (has_value[0], has_value[1]))
     return rows
 
 
-def _chosen(pair: _Pair, known: tuple, values: tuple) -> tuple[tuple, tuple]:
+def _chosen(pair: _Pair, has_value: tuple, values: tuple) -> tuple[tuple, tuple]:
     """Values and replicates of what is known, of both runs where they are paired."""
     if pair.paired:
-        known = (known[0] & known[1],) * 2
-    replicate = tuple(None if r is None else r[k] for r, k in zip(pair.replicate, known, strict=True))
-    return tuple(v[k] for v, k in zip(values, known, strict=True)), replicate
+        has_value = (has_value[0] & has_value[1],) * 2
+    replicate = tuple(None if r is None else r[k] for r, k in zip(pair.replicate, has_value, strict=True))
+    return tuple(v[k] for v, k in zip(values, has_value, strict=True)), replicate
 
 
 def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple]:
@@ -231,8 +231,8 @@ def _metric_rows(pair: _Pair, metric: str) -> Iterator[tuple]:
         yield (metric, name, of_a, of_b, of_b - of_a, *ends[name], a.size, b.size, pair.paired)
 
 
-def _yield_rows(pair: _Pair, name: str, kept: tuple, known: tuple) -> Iterator[tuple]:
-    (a, b), replicate = _chosen(pair, known, kept)
+def _yield_rows(pair: _Pair, name: str, within_limit: tuple, has_value: tuple) -> Iterator[tuple]:
+    (a, b), replicate = _chosen(pair, has_value, within_limit)
     if min(a.size, b.size) == 0:
         return
     if pair.replicated and np.ptp(a) and np.ptp(b):

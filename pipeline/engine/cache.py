@@ -58,9 +58,9 @@ class Cache:
         present = {path.name for path in target.iterdir()} - {ENTRY}
         for name in sorted(present ^ set(entry["files"])):
             return f"{name}: {'not of this entry' if name in present else 'missing'}"
-        for name, written in entry["files"].items():
-            if _described(target / name) != written:
-                return f"{name}: not what was written ({json.dumps(written)})"
+        for name, file_entry in entry["files"].items():
+            if _described(target / name) != file_entry:
+                return f"{name}: not what was written ({json.dumps(file_entry)})"
         return ""
 
 

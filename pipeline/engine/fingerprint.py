@@ -71,14 +71,14 @@ class Fingerprint:
     def changes_since(self, record: Mapping[str, Any]) -> list[str]:
         """Plain sentences: what differs from the fingerprint in a stage's record."""
         changes = []
-        for name, before, after in _differences(record["settings"], self.settings):
-            changes.append(f"setting {name} changed: {_short(before)} -> {_short(after)}")
-        for name, before, after in _differences(record["sources"], self.sources):
+        for name, earlier_value, value in _differences(record["settings"], self.settings):
+            changes.append(f"setting {name} changed: {_short(earlier_value)} -> {_short(value)}")
+        for name, earlier_value, value in _differences(record["sources"], self.sources):
             changes.append(
-                f"source {name} {'added' if before is _NONE else 'removed' if after is _NONE else 'changed'}"
+                f"source {name} {'added' if earlier_value is _NONE else 'removed' if value is _NONE else 'changed'}"
             )
-        for name, before, after in _differences(record["packages"], self.packages):
-            changes.append(f"package {name} {before} -> {after}")
+        for name, earlier_value, value in _differences(record["packages"], self.packages):
+            changes.append(f"package {name} {earlier_value} -> {value}")
         for name, _, _ in _differences(record["inputs"], self.inputs):
             changes.append(f"input {name} changed")
         return changes
@@ -123,13 +123,13 @@ def source_hashes(module: str) -> dict[str, str]:
     """
     packages = {*OWN_PACKAGES, module.partition(".")[0]}
     hashes: dict[str, str] = {}
-    visited: set[str] = set()
+    seen_modules: set[str] = set()
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        if name in visited or name in NO_EFFECT or name.partition(".")[0] not in packages:
+        if name in seen_modules or name in NO_EFFECT or name.partition(".")[0] not in packages:
             continue
-        visited.add(name)
+        seen_modules.add(name)
         root, path = _locate(name)
         if path is not None:
             hashes[path.relative_to(root).as_posix()], imports = _source(path, path.stat().st_mtime_ns, name)
@@ -193,8 +193,8 @@ def _imported(tree: ast.AST, package: str) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-            base = ".".join([*above, *([node.module] if node.module else [])])
+            parent_package = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*parent_package, *([node.module] if node.module else [])])
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
@@ -202,9 +202,9 @@ def _imported(tree: ast.AST, package: str) -> Iterator[str]:
 _NONE = object()
 
 
-def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-    for name in sorted({*before, *after}):
-        pair = before.get(name, _NONE), after.get(name, _NONE)
+def _differences(record: Mapping[str, Any], current: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    for name in sorted({*record, *current}):
+        pair = record.get(name, _NONE), current.get(name, _NONE)
         if pair[0] != pair[1]:
             yield name, *pair
 

@@ -140,8 +140,8 @@ def parts_of(stage: Stage, tables: Tables) -> dict[str, Part]:
 
 def _check_items(stage: Stage, parts: Mapping[str, Part], chunk: Chunk) -> None:
     for name in (table.name for table in stage.tables if ITEM in table.schema.names and table.name in parts):
-        first, last = parts[name].first, parts[name].last
-        if first is None or last is None or first < chunk.start or last >= chunk.stop:
+        first_item, last_item = parts[name].first, parts[name].last
+        if first_item is None or last_item is None or first_item < chunk.start or last_item >= chunk.stop:
             raise TypeError(f"table {name}: column {ITEM} must be sorted and inside the chunk")
 
 

@@ -101,8 +101,10 @@ def valid_record(raw: object, stage: str) -> dict[str, Any] | None:
     except ValidationError:
         return None
     assert isinstance(raw, dict)
-    named = all(_is_part(file["name"], table) for table, entry in raw["tables"].items() for file in entry["files"])
-    return raw if named and raw["stage"] == stage and raw["seal"] == seal(raw) else None
+    names_valid = all(
+        _is_part(file["name"], table) for table, entry in raw["tables"].items() for file in entry["files"]
+    )
+    return raw if names_valid and raw["stage"] == stage and raw["seal"] == seal(raw) else None
 
 
 def valid_note(raw: object, start: int) -> dict[str, Any] | None:

@@ -158,9 +158,11 @@ def _staleness(
             yield stage, ["never run"]
             continue
         available = {name: outputs[name] for name in stage.reads if name in outputs}
-        lost = {name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in available}
+        missing_inputs = {
+            name: digest for name, digest in output.record["inputs"].items() if name.split("/")[0] not in available
+        }
         outputs[stage.name] = output
-        yield stage, _reasons(output, fingerprint(stage, study, _content(available) | lost))
+        yield stage, _reasons(output, fingerprint(stage, study, _content(available) | missing_inputs))
 
 
 @dataclass(frozen=True)
@@ -296,8 +298,8 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
         shared = stage.prepare(job) if unfinished else None
         with closing(
             solved_chunks(stage, shared, unfinished, read, work.folder, resources.jobs, resources.backend, code)
-        ) as solved:
-            for part in solved:
+        ) as results:
+            for part in results:
                 work.write_chunk(part.start, part.parts, part.failed)
                 line.advance(part.stop - part.start, part.failed)
     return {"items": total, "failed": line.failed, "chunk": resources.chunk}

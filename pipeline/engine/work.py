@@ -63,8 +63,8 @@ class Work:
     def write_block(self, table: str, part: Part) -> None:
         """Write a block of a table that is not held as a whole, named by its first item."""
         start = part.first or 0
-        written = self._write(f"{table}.parquet/part-{start:09d}.parquet", part)
-        self.finished.setdefault(start, {"parts": {}})["parts"][table] = written
+        file_entry = self._write(f"{table}.parquet/part-{start:09d}.parquet", part)
+        self.finished.setdefault(start, {"parts": {}})["parts"][table] = file_entry
 
     def write_chunk(self, start: int, parts: Mapping[str, Part], failed: int) -> None:
         """Write the parts of a chunk, then the note that says it is finished."""
@@ -93,9 +93,12 @@ class Work:
             # a table without rows still says its columns
             files = files or [self._write(f"{table.name}.parquet/part-{0:09d}.parquet", table.part(table.empty()))]
             described[table.name] = table_record(table, files)
-        written = {file["name"] for entry in described.values() for file in entry["files"]} | {RECORD}
+        file_names = {file["name"] for entry in described.values() for file in entry["files"]} | {RECORD}
         names = sorted(p.relative_to(self.output).as_posix() for p in self.output.rglob("*") if p.is_file())
-        return {"tables": described, "files": {name: self._file_record(name) for name in names if name not in written}}
+        return {
+            "tables": described,
+            "files": {name: self._file_record(name) for name in names if name not in file_names},
+        }
 
     def _file_record(self, name: str) -> dict[str, Any]:
         digest = sha256_of(self.output / name)

@@ -44,17 +44,17 @@ def bounds_figure(bounds: pd.DataFrame, stacks: pd.DataFrame) -> Figure:
     return figure
 
 
-def _crank(axes: Axes, place: int, bounds: pd.DataFrame, stacks: pd.DataFrame) -> None:
+def _crank(axes: Axes, crank_index: int, bounds: pd.DataFrame, stacks: pd.DataFrame) -> None:
     """The three of one metric at one crank angle; labelled at the first."""
-    values, first = stacks.set_index("statistic"), place == 0
+    values, is_first = stacks.set_index("statistic"), crank_index == 0
     for lane, (column, (label, colour)) in enumerate(ROWS.items()):
-        y = place - 0.12 + 0.24 * lane
+        y = crank_index - 0.12 + 0.24 * lane
         mean, spread = (float(values.loc[name, column]) for name in ("mean", "std"))
         axes.plot(mean + DEVIATIONS * spread * np.array([-1, 1]), [y, y], color=colour, linewidth=4.0, alpha=0.4)
-        axes.plot([mean], [y], "o", color=colour, markersize=4.5, label=f"{label}: mean ± 3 σ" if first else None)
-        tail_label = "99.73 % on the bad side" if first and column == "full" else None
+        axes.plot([mean], [y], "o", color=colour, markersize=4.5, label=f"{label}: mean ± 3 σ" if is_first else None)
+        tail_label = "99.73 % on the bad side" if is_first and column == "full" else None
         axes.plot(
             [float(values.loc["far", column])], [y], "|", color=INK, markersize=9, markeredgewidth=1.4, label=tail_label
         )
-    worst = "worst cases" if first else None
-    axes.plot(bounds["value"], np.full(len(bounds), place), "D", color=ALARM, markersize=4.5, label=worst)
+    worst = "worst cases" if is_first else None
+    axes.plot(bounds["value"], np.full(len(bounds), crank_index), "D", color=ALARM, markersize=4.5, label=worst)

@@ -176,8 +176,8 @@ def _zoom(axes: Axes, loops: Mapping[str, pd.DataFrame], spread: pd.DataFrame | 
     top = 0.0
     for rows, columns in frames:
         for column in columns:
-            shown = np.abs(rows["torque_Nm"].to_numpy()) <= 1.1 * reach
-            top = max(top, float(np.max(np.abs(rows[column].to_numpy()[shown]), initial=0.0)))
+            in_view = np.abs(rows["torque_Nm"].to_numpy()) <= 1.1 * reach
+            top = max(top, float(np.max(np.abs(rows[column].to_numpy()[in_view]), initial=0.0)))
     axes.set_xlim(-reach, reach)
     if top > 0:
         axes.set_ylim(-1.1 * top, 1.1 * top)

@@ -41,13 +41,13 @@ def mesh_figure(
     scale = figure.colorbar(shaded, ax=overview, label="deflection by 1 N on one pin (µm/N)", shrink=0.85)
     scale.outline.set_visible(False)
     centres = patch_points.mean(axis=1)
-    loaded = _loaded_patch(nodes, centres, size)
-    distance = np.abs(centres - centres[loaded])
+    loaded_patch = _loaded_patch(nodes, centres, size)
+    distance = np.abs(centres - centres[loaded_patch])
     reach = PATCH_PITCHES_SHOWN * float(np.min(distance[distance > 0]))
-    corner = centres[loaded] - reach * (1 + 1j)
+    corner = centres[loaded_patch] - reach * (1 + 1j)
     side = 2 * reach
     overview.add_patch(Rectangle((corner.real, corner.imag), side, side, fill=False, edgecolor=INK, linewidth=1.2))
-    _draw_flank(close, plane, patch_points, loaded, reach)
+    _draw_flank(close, plane, patch_points, loaded_patch, reach)
     overview.set_title(f"{len(triangles):,} quadratic triangles, {len(nodes):,} nodes")
     close.set_title("Flank at the loaded pin")
     for patch in hole_points:
@@ -91,16 +91,19 @@ def _loaded_patch(nodes: NDArray[np.complex128], centres: NDArray[np.complex128]
 
 
 def _draw_flank(
-    axes: Axes, plane: Triangulation, patch_points: NDArray[np.complex128], loaded: int, reach: float
+    axes: Axes, plane: Triangulation, patch_points: NDArray[np.complex128], loaded_patch: int, reach: float
 ) -> None:
     """The triangles and patches within ``reach`` [mm] of the loaded patch."""
-    centre = patch_points[loaded].mean()
+    centre = patch_points[loaded_patch].mean()
     corners = plane.x[plane.triangles] + 1j * plane.y[plane.triangles] - centre
     visible = np.min(np.maximum(np.abs(corners.real), np.abs(corners.imag)), axis=1) < reach
     axes.triplot(Triangulation(plane.x, plane.y, plane.triangles[visible]), color="0.7", linewidth=0.5)
     patches_shown = np.flatnonzero(np.min(np.abs(patch_points - centre), axis=1) < 2 * reach)
-    neighbours = patches_shown[patches_shown != loaded]
-    for numbers, colour, label in ((neighbours, ACCENT, "contact patches"), ([loaded], ALARM, "of the loaded pin")):
+    neighbours = patches_shown[patches_shown != loaded_patch]
+    for numbers, colour, label in (
+        (neighbours, ACCENT, "contact patches"),
+        ([loaded_patch], ALARM, "of the loaded pin"),
+    ):
         points = patch_points[numbers].T
         lines = axes.plot(points.real, points.imag, color=colour, linewidth=4.0, solid_capstyle="butt")
         lines[0].set_label(label)

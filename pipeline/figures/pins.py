@@ -26,17 +26,22 @@ def dead_zones_figure(traces: Mapping[str, pd.DataFrame]) -> Figure:
     figure = new_figure(0.6 + 2.3 * len(traces))
     panels = figure.subplots(len(traces), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (label, rows) in zip(panels, traces.items(), strict=True):
-        loaded = rows[rows["force_N"] > 0]
+        is_loaded = rows[rows["force_N"] > 0]
         axes.bar(rows["contact"], rows["clearance_um"], width=0.8, color="#d3dae1", label="clearance")
         axes.plot(
             rows["contact"], rows["approach_um"], "o", color="#66727f", markersize=3, label="approach of the bodies"
         )
         axes.plot(
-            loaded["contact"], loaded["approach_um"], "s", color=ALARM, markersize=4.5, label="approach, in contact"
+            is_loaded["contact"],
+            is_loaded["approach_um"],
+            "s",
+            color=ALARM,
+            markersize=4.5,
+            label="approach, in contact",
         )
         top = max(rows["clearance_um"].max(), rows["approach_um"].max(), 0.0)
         axes.set_ylim(min(rows["clearance_um"].min(), 0.0) * 1.1, 1.08 * top if top > 0 else 1.0)
-        axes.set(title=f"{label}: {len(loaded)} pins in contact", ylabel="distance (µm)")
+        axes.set(title=f"{label}: {len(is_loaded)} pins in contact", ylabel="distance (µm)")
         axes.margins(x=0.01)
     pin_axis(panels[-1])
     legend_below(figure, panels[0])
@@ -67,9 +72,9 @@ def pin_loads_figure(traces: Mapping[str, pd.DataFrame], rising: bool = False) -
 def _draw_loads(force: Axes, depth: Axes, traces: Mapping[str, pd.DataFrame], number: str, rising: bool) -> None:
     """Lines of contact force and deformation of the loaded contacts against the column ``number``."""
     for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
-        loaded = rows["force_N"] > 0
-        force.plot(rows[number], rows["force_N"].where(loaded), **style)
-        depth.plot(rows[number], rows["penetration_um"].where(loaded), **style)
+        is_loaded = rows["force_N"] > 0
+        force.plot(rows[number], rows["force_N"].where(is_loaded), **style)
+        depth.plot(rows[number], rows["penetration_um"].where(is_loaded), **style)
     force.set(ylabel="contact force (N)", ylim=(0, None))
     depth.set(ylabel="deformation (µm)", ylim=(0, None))
 
@@ -99,12 +104,12 @@ def output_loads_figure(
     grid = figure.subplots(2, len(interfaces), sharex=True, sharey="row", squeeze=False)
     for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
         for (interface, end, _), row in rows.merge(output, on="contact").groupby(["interface", "end", "face"]):
-            loaded, row = row["force_N"] > 0, row.sort_values("station")
-            if not loaded.any():
+            is_loaded, row = row["force_N"] > 0, row.sort_values("station")
+            if not is_loaded.any():
                 continue
             line = {**style, "label": style["label"] if end == 0 else None, "linestyle": "-" if end == 0 else ":"}
-            grid[0, interface].plot(row["station"], row["force_N"].where(loaded), **line)
-            grid[1, interface].plot(row["station"], row["penetration_um"].where(loaded), **line)
+            grid[0, interface].plot(row["station"], row["force_N"].where(is_loaded), **line)
+            grid[1, interface].plot(row["station"], row["penetration_um"].where(is_loaded), **line)
     for interface, row in interfaces:
         if len(interfaces) > 1:
             grid[0, interface].set_title(f"{row['body_a'].iloc[0]} to {row['body_b'].iloc[0]}".capitalize())

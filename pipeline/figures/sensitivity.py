@@ -35,15 +35,15 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     that do not vary in the study have an index of exactly 0, or none, and no bar.
     """
     estimated = np.isfinite(indices["index"].to_numpy(float)) & (indices["ci_low"] != indices["ci_high"]).to_numpy()
-    shown = indices[estimated]
-    panels = [kind for kind in PANELS if (shown["kind"] == kind).any()]
+    shown_indices = indices[estimated]
+    panels = [kind for kind in PANELS if (shown_indices["kind"] == kind).any()]
     bars = {
-        RANK_CORRELATION: int((shown["kind"] == RANK_CORRELATION).sum()),
-        TOTAL: int((shown["kind"] == TOTAL).sum() * 1.6),
+        RANK_CORRELATION: int((shown_indices["kind"] == RANK_CORRELATION).sum()),
+        TOTAL: int((shown_indices["kind"] == TOTAL).sum() * 1.6),
     }
     figure = new_figure(0.85 + 0.24 * max((bars[kind] for kind in panels), default=1))
     for axes, kind in zip(figure.subplots(1, max(len(panels), 1), squeeze=False)[0], panels, strict=False):
-        _panel(axes, shown, (RANK_CORRELATION,) if kind == RANK_CORRELATION else (FIRST_ORDER, TOTAL))
+        _panel(axes, shown_indices, (RANK_CORRELATION,) if kind == RANK_CORRELATION else (FIRST_ORDER, TOTAL))
         axes.set_title(PANELS[kind])
     return figure
 

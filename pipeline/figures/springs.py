@@ -41,8 +41,8 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str =
             (_others_title(contacts, output), _other_curves(contacts, curves, output)),
         )
     ):
-        shown = {label: curves[contact] for label, contact in chosen.items()}
-        for style, rows in zip(line_styles(shown), shown.values(), strict=True):
+        shown_curves = {label: curves[contact] for label, contact in chosen.items()}
+        for style, rows in zip(line_styles(shown_curves), shown_curves.values(), strict=True):
             style = {"color": style["color"], "label": style["label"]}
             _draw(grid[0, column], rows, "local_um", style)
             _draw(grid[1, column], rows, "stiffness_N_per_um", style)
@@ -61,11 +61,11 @@ def _others_title(contacts: pd.DataFrame, name: str) -> str:
 
 
 def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict) -> None:
-    loaded = rows[rows["force_N"] > 0]
-    values, beyond_limit = loaded[column].to_numpy(), loaded["beyond_limit"].to_numpy()
+    loaded_rows = rows[rows["force_N"] > 0]
+    values, beyond_limit = loaded_rows[column].to_numpy(), loaded_rows["beyond_limit"].to_numpy()
     tangent = beyond_limit | np.append(beyond_limit[1:], False)  # joined to the last point of the law proper
-    axes.plot(loaded["force_N"], np.where(beyond_limit, np.nan, values), **style)
-    axes.plot(loaded["force_N"], np.where(tangent, values, np.nan), color=style["color"], linestyle=(0, (3, 2)))
+    axes.plot(loaded_rows["force_N"], np.where(beyond_limit, np.nan, values), **style)
+    axes.plot(loaded_rows["force_N"], np.where(tangent, values, np.nan), color=style["color"], linestyle=(0, (3, 2)))
 
 
 def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:

@@ -22,8 +22,8 @@ def tradeoff_figure(
     """
     figure = new_figure(3.4, 6.5)
     axes = figure.subplots()
-    known = curve[np.isfinite(curve[:, 1])]
-    axes.plot(100 * (1 - known[:, 0]), known[:, 1], "-", color=ACCENT, label="least cost, linear model")
+    finite_curve = curve[np.isfinite(curve[:, 1])]
+    axes.plot(100 * (1 - finite_curve[:, 0]), finite_curve[:, 1], "-", color=ACCENT, label="least cost, linear model")
     for (label, (cost, value, low, high)), colour, marker in zip(
         choices.items(), COLOURS[1:], MARKERS[1:], strict=False
     ):

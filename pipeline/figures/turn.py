@@ -83,18 +83,18 @@ def output_turn_figure(errors: Mapping[str, pd.DataFrame], waves: Mapping[str, p
     waves : title -> ``sense``, ``order_of_crank``, ``amplitude_arcsec``, by the same titles.
     lobes : turns of the crank.
     """
-    loaded = [rows for rows in errors.values() if rows["bearing_force_N"].notna().any()]
-    figure = new_figure(5.2 + 2.6 * bool(loaded))
-    panels = figure.subplots(2 + bool(loaded), max(len(errors), 1 + bool(loaded)), squeeze=False)
+    loaded_errors = [rows for rows in errors.values() if rows["bearing_force_N"].notna().any()]
+    figure = new_figure(5.2 + 2.6 * bool(loaded_errors))
+    panels = figure.subplots(2 + bool(loaded_errors), max(len(errors), 1 + bool(loaded_errors)), squeeze=False)
     for column, (title, rows) in enumerate(errors.items()):
         about_mean = rows["error_arcsec"] - rows.groupby("sense", observed=True)["error_arcsec"].transform("mean")
         _over_output(panels[0, column], rows.assign(error_arcsec=about_mean), "error_arcsec", lobes)
         panels[0, column].set(title=title[:1].upper() + title[1:], ylabel="error about its mean (arcsec)")
         _waves(panels[1, column], waves[title])
-    for rows in loaded:
-        for axes, (name, what) in zip(panels[2], FORCES.items(), strict=False):
+    for rows in loaded_errors:
+        for axes, (name, quantity) in zip(panels[2], FORCES.items(), strict=False):
             _over_output(axes, rows, name, lobes)
-            axes.set(title=what, ylabel="force (N)", ylim=(0, None))
+            axes.set(title=quantity, ylabel="force (N)", ylim=(0, None))
     legend_below(figure, panels[0, 0])
     return figure
 

@@ -54,8 +54,8 @@ def loops_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]]
         cycle_rows = position_rows[position_rows["cycle"] == cycles[min(1, len(cycles) - 1)]]
         middle = cycle_rows["angle_arcmin"].mean()
         for stage, (label, colour, line) in models.items():
-            shown = cycle_rows[f"{stage}_arcmin"] - middle
-            axes.plot(cycle_rows["torque_Nm"], shown, color=colour, linestyle=line, linewidth=1.2, label=label)
+            shown_angle = cycle_rows[f"{stage}_arcmin"] - middle
+            axes.plot(cycle_rows["torque_Nm"], shown_angle, color=colour, linestyle=line, linewidth=1.2, label=label)
         axes.plot(
             cycle_rows["torque_Nm"],
             cycle_rows["angle_arcmin"] - middle,
@@ -124,7 +124,7 @@ def time_figure(cells: pd.DataFrame) -> Figure:
 
 
 @styled
-def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
+def candidates_figure(candidates: pd.DataFrame, base_error: float) -> Figure:
     """Score of every effect that was fitted, against that of the recalibrated model and the noise."""
     fitted = candidates[candidates["score_after"].notna()].iloc[::-1]
     figure = new_figure(0.9 + 0.27 * max(len(fitted), 3))
@@ -138,7 +138,7 @@ def candidates_figure(candidates: pd.DataFrame, before: float) -> Figure:
     axes.set_yticks(
         positions, [_label(*candidate) for candidate in zip(fitted["effect"], fitted["title"], strict=True)]
     )
-    axes.axvline(before, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
+    axes.axvline(base_error, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
     axes.axvline(1.0, color=INK, linewidth=1.0, linestyle=":", label="noise of the cells")
     axes.set_xlabel("score (1: noise of the cells)")
     axes.set_xlim(left=0)

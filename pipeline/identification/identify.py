@@ -110,11 +110,11 @@ def identify_measured(
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
     described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
-    rest = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
+    structure_left = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
     cells = measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
-    plain = baselines(data, cycles, splits_of(data, trained), fitter.offsets)
-    nothing = np.zeros(len(data))
+    baseline_angles = baselines(data, cycles, splits_of(data, trained), fitter.offsets)
+    zeros = np.zeros(len(data))
     adequate = verdict.verdict == ADEQUATE and not folds.in_sample
     limits = detection_limits(fitter, selection.base, trained, selector.testable) if adequate else ()
     effects = selection.description.fit.model.effects
@@ -122,14 +122,14 @@ def identify_measured(
     return Identification(
         measurement,
         verdict,
-        stated(verdict, selection, errors["recalibrated"], best, rest, folds.in_sample),
+        stated(verdict, selection, errors["recalibrated"], best, structure_left, folds.in_sample),
         fitter.problem,
         selection,
         {name: reason for name, reason in reasons.items() if reason},
         folds,
         errors,
-        {title: angle_error(data, cranks, curve, nothing, folds.cells) for title, curve in plain.items()},
-        rest,
+        {title: angle_error(data, cranks, curve, zeros, folds.cells) for title, curve in baseline_angles.items()},
+        structure_left,
         discrepancy_of(fitter, selection.answer.fit, cells.direction, trained)
         if verdict.verdict in (MOSTLY, UNEXPLAINED)
         else None,

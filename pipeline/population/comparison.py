@@ -186,17 +186,17 @@ def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> t
     label = (order < units.size)[None, :]
     group_end = np.append(np.diff(pooled[order]) > 0, True)
     observed = _distances(label, group_end)[:, 0]
-    reached = np.ones(len(TESTS))
+    n_reached = np.ones(len(TESTS))
     at_once = max(1, PERMUTED_AT_ONCE // pooled.size)
-    finished = 0
-    while finished < PERMUTATIONS:
-        rows = min(at_once, PERMUTATIONS - finished)
-        drawn = rng.permuted(np.repeat(label, rows, axis=0), axis=1)
-        reached += np.sum(_distances(drawn, group_end) >= observed[:, None] * (1 - 1e-12), axis=1)
-        finished += rows
+    n_permuted = 0
+    while n_permuted < PERMUTATIONS:
+        rows = min(at_once, PERMUTATIONS - n_permuted)
+        permuted_labels = rng.permuted(np.repeat(label, rows, axis=0), axis=1)
+        n_reached += np.sum(_distances(permuted_labels, group_end) >= observed[:, None] * (1 - 1e-12), axis=1)
+        n_permuted += rows
     return tuple(
         Test(name, float(value), float(count / (1 + PERMUTATIONS)))
-        for name, value, count in zip(TESTS, observed, reached, strict=True)
+        for name, value, count in zip(TESTS, observed, n_reached, strict=True)
     )
 
 
@@ -209,8 +209,8 @@ def _distances(label: NDArray[np.bool_], group_end: NDArray[np.bool_]) -> Real:
     m = int(label[0].sum())
     rank = np.flatnonzero(group_end) + 1
     weight = np.diff(np.concatenate([[0], rank]))
-    below = np.cumsum(label, axis=1)[:, group_end]
-    difference = below / m - (rank - below) / (n - m)
+    count_below = np.cumsum(label, axis=1)[:, group_end]
+    difference = count_below / m - (rank - count_below) / (n - m)
     pairs = m * (n - m)
     inner = rank < n
     spread = rank[inner] * (n - rank[inner])

@@ -119,7 +119,7 @@ def _turns_alike(study: Study) -> bool:
     first_angle, second_angle = (part.some(part.kind == OUTPUT) for part in lists)
     sides = [part.normal * np.conj(part.normal[:1]) for part in (first_angle, second_angle)]
     pairs = ((first_angle.arm, second_angle.arm), (first_angle.gap, second_angle.gap), sides)
-    return all(np.allclose(before, after, rtol=0, atol=SAME) for before, after in pairs)
+    return all(np.allclose(row_before, row_after, rtol=0, atol=SAME) for row_before, row_after in pairs)
 
 
 def _mounted(study: Study, unit: Errors) -> tuple[ModelErrors, Real]:
@@ -147,9 +147,11 @@ def loaded_error(study: Study, unit: Errors) -> OutputTurn:
     held_torque = assembly.NMM_PER_NM * torques.rigidity_high
 
     @cache
-    def laws_at(place: int) -> ContactLaws:
+    def laws_at(turn_number: int) -> ContactLaws:
         """They repeat with every turn of the crank."""
-        return assembly.contact_laws(study, assembly.reducer(study.design, np.degrees(2 * np.pi * place / per_turn)))
+        return assembly.contact_laws(
+            study, assembly.reducer(study.design, np.degrees(2 * np.pi * turn_number / per_turn))
+        )
 
     angles, on_bearing, on_pin = np.empty((3, 2, len(steps)))
     for k, (step, crank) in enumerate(zip(steps, cranks, strict=True)):

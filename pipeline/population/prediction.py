@@ -63,20 +63,20 @@ def rough_metrics(study: Study, compliances: Sequence[Real], sampled: Errors) ->
     }
 
 
-def predicted_turn(loaded: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]) -> tuple[Real, Real]:
+def predicted_turn(loaded_values: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]) -> tuple[Real, Real]:
     """A metric under load of the pilot and of the units (n, n_angles), by least squares at each crank angle.
 
     Parameters
     ----------
-    loaded : (n_pilot, n_angles), what it is of the pilot.
+    loaded_values : (n_pilot, n_angles), what it is of the pilot.
     pilot, units : all rough metrics (n, n_angles), in which it is taken to be linear.
     """
-    samples = [np.stack([np.ones_like(loaded), *pilot.values()], axis=2)]
+    samples = [np.stack([np.ones_like(loaded_values), *pilot.values()], axis=2)]
     samples.append(np.stack([np.ones_like(next(iter(units.values()))), *units.values()], axis=2))
-    finite = np.all(np.isfinite(loaded) & np.all(np.isfinite(samples[0]), axis=2), axis=1)
+    finite = np.all(np.isfinite(loaded_values) & np.all(np.isfinite(samples[0]), axis=2), axis=1)
     slopes = [
-        np.linalg.lstsq(samples[0][finite, angle], loaded[finite, angle], rcond=None)[0]
-        for angle in range(loaded.shape[1])
+        np.linalg.lstsq(samples[0][finite, angle], loaded_values[finite, angle], rcond=None)[0]
+        for angle in range(loaded_values.shape[1])
     ]
     of_pilot, of_units = (np.einsum("nam,am->na", metrics, np.stack(slopes)) for metrics in samples)
     return of_pilot, of_units
@@ -100,17 +100,19 @@ class Prediction:
     limits: tuple[float, float]
 
     @classmethod
-    def fitted(cls, tail: Tail, loaded: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]) -> Prediction:
+    def fitted(
+        cls, tail: Tail, loaded_values: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]
+    ) -> Prediction:
         """From the rough metrics of the units, and of the pilot whose metric under load is known (n, n_angles)."""
-        rough, of_units = (tail.over_turn(turn) for turn in predicted_turn(loaded, pilot, units))
-        values = tail.over_turn(loaded)
+        rough, of_units = (tail.over_turn(turn) for turn in predicted_turn(loaded_values, pilot, units))
+        values = tail.over_turn(loaded_values)
         finite = np.isfinite(values) & np.isfinite(rough)
         line = np.polynomial.Polynomial.fit(rough[finite], values[finite], 1)
-        missed = values[finite] - line(rough[finite])
-        scale = max(float(np.std(missed, ddof=2)), LEAST_SCATTER * float(np.std(values[finite])))
+        prediction_errors = values[finite] - line(rough[finite])
+        scale = max(float(np.std(prediction_errors, ddof=2)), LEAST_SCATTER * float(np.std(values[finite])))
         value = np.where(np.isfinite(of_units), line(of_units), tail.limit)  # what no rough model tells is looked at
-        quantile = float(np.quantile(value + np.resize(missed, value.size), LEVEL))
-        return cls(value, missed, scale, (tail.limit, quantile))
+        quantile = float(np.quantile(value + np.resize(prediction_errors, value.size), LEVEL))
+        return cls(value, prediction_errors, scale, (tail.limit, quantile))
 
     @property
     def demand(self) -> Real:

@@ -75,12 +75,12 @@ def sentence(closing: Closing) -> str:
             f"The units differ from the study (p = {closing.p_value:.2g}) and no single tolerance closes the "
             "difference within its limits: it takes an effect, or several tolerances. Measure one unit's loops."
         )
-    named = "; or ".join(
+    differences_text = "; or ".join(
         f"{candidate.tolerance} shifted by {candidate.shift_um:.2g} um "
         f"({candidate.shift_low_um:.2g} to {candidate.shift_high_um:.2g})"
         for candidate in closers
     )
-    return f"The units differ from the study (p = {closing.p_value:.2g}); it would be closed by {named}."
+    return f"The units differ from the study (p = {closing.p_value:.2g}); it would be closed by {differences_text}."
 
 
 def write(comparisons: Sequence[Comparison], closings: Mapping[float | None, Closing], folder: Path) -> None:

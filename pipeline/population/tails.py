@@ -98,22 +98,25 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     budget : units that are load-solved on average, besides the pilot.
     rough, solve : cheap metrics of units, in which those under load are nearly linear, and these.
     """
-    tails, many = tails_of(study), population(study, units)
+    tails, large_population = tails_of(study), population(study, units)
     starts = range(0, units, BATCH)
-    parts = Parallel(jobs)(delayed(_drawn)(many, rough, a, min(a + BATCH, units)) for a in starts)
-    everyone = _joined(parts)
-    pilot = draw(many, units, units + PILOT)
-    loaded, looked = solve(pilot), rough(pilot)
-    predictions = [Prediction.fitted(tail, loaded[tail.metric], looked, everyone) for tail in tails]
+    parts = Parallel(jobs)(delayed(_drawn)(large_population, rough, a, min(a + BATCH, units)) for a in starts)
+    rough_units = _joined(parts)
+    pilot = draw(large_population, units, units + PILOT)
+    loaded_pilot, rough_pilot = solve(pilot), rough(pilot)
+    predictions = [Prediction.fitted(tail, loaded_pilot[tail.metric], rough_pilot, rough_units) for tail in tails]
     probability = inclusion_probability(np.sum([metric.demand for metric in predictions], axis=0), budget)
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(SELECTION,)))
-    drawn = np.flatnonzero(rng.random(units) < probability)
-    parts = Parallel(jobs)(delayed(_solved)(many, solve, drawn[a : a + BATCH]) for a in range(0, drawn.size, BATCH))
+    selected_units = np.flatnonzero(rng.random(units) < probability)
+    parts = Parallel(jobs)(
+        delayed(_solved)(large_population, solve, selected_units[a : a + BATCH])
+        for a in range(0, selected_units.size, BATCH)
+    )
     values = _joined(parts)
     rows = []
     for tail, prediction in zip(tails, predictions, strict=True):
         bad, expected = tail.over_turn(values[tail.metric]), prediction.expected(probability)
-        rows += _rows(tail, bad, probability[drawn], units, study.metrics.confidence, expected)
+        rows += _rows(tail, bad, probability[selected_units], units, study.metrics.confidence, expected)
     return rows
 
 
@@ -125,10 +128,10 @@ def _joined(parts: Sequence[Mapping[str, Real]]) -> Mapping[str, Real]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _solved(population: Population, solve: Solve, taken: NDArray[np.intp]) -> Mapping[str, Real]:
+def _solved(population: Population, solve: Solve, selected_units: NDArray[np.intp]) -> Mapping[str, Real]:
     """Metrics of the taken units; each is drawn by its own number."""
-    drawn = [draw(population, int(unit), int(unit) + 1) for unit in taken]
-    combined = {name: np.concatenate([getattr(part, name) for part in drawn]) for name in vars(drawn[0])}
+    unit_errors = [draw(population, int(unit), int(unit) + 1) for unit in selected_units]
+    combined = {name: np.concatenate([getattr(part, name) for part in unit_errors]) for name in vars(unit_errors[0])}
     return solve(Errors(**combined))
 
 

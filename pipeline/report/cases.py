@@ -45,12 +45,12 @@ def _first_cases(frames: Frames) -> pd.DataFrame:
 def _case_row(frames: Frames, sample: int, rows: pd.DataFrame, crank: str, values: dict[str, float]) -> CaseRow:
     notes = ["no result"] if len(unsolved(rows)) else sorted({str(text) for text in rows["status"] if text != OK})
     notes += ["preloaded"] if rows["preloaded"].any() else []
-    shown = frames.shown_metrics
+    metrics_shown = frames.shown_metrics
     return CaseRow(
         case_label(frames.study, sample),
         crank,
-        tuple(number(values[name], METRICS[name]) for name in shown),
-        tuple(_fails(frames, name, values[name]) for name in shown),
+        tuple(number(values[name], METRICS[name]) for name in metrics_shown),
+        tuple(_fails(frames, name, values[name]) for name in metrics_shown),
         ", ".join(notes),
     )
 

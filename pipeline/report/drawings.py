@@ -177,10 +177,10 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
 
 def _rising_torques(frames: Frames, rows: pd.DataFrame) -> list[float]:
     """The lost-motion torque and some larger ones that the load cycle visits, ascending [N m]."""
-    visited = np.unique(rows["torque_Nm"].to_numpy())
+    state_torques = np.unique(rows["torque_Nm"].to_numpy())
     lost_motion = frames.study.design.cycloid.rated_torque_Nm * frames.study.metrics.lost_motion_percent / 100
-    torques = [lost_motion, *(share * visited[-1] for share in RISING)]
-    return sorted({float(visited[np.argmin(np.abs(visited - torque))]) for torque in torques})
+    torques = [lost_motion, *(share * state_torques[-1] for share in RISING)]
+    return sorted({float(state_torques[np.argmin(np.abs(state_torques - torque))]) for torque in torques})
 
 
 def _at_torque(rows: pd.DataFrame, torque: float) -> pd.DataFrame:

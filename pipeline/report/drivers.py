@@ -119,8 +119,8 @@ def _titled(indices: pd.Series) -> list[tuple[str, float]]:
 
 
 def _names(leaders: list[str], table: pd.DataFrame, kind: str) -> str:
-    known = np.isfinite(table.loc[table["kind"] == kind, "index"].to_numpy(float)).any()
-    return "; ".join(leaders) or (NONE_LEADS if known else UNDETERMINED)
+    has_index = np.isfinite(table.loc[table["kind"] == kind, "index"].to_numpy(float)).any()
+    return "; ".join(leaders) or (NONE_LEADS if has_index else UNDETERMINED)
 
 
 def _leading(table: pd.DataFrame, kind: str) -> pd.Series:

@@ -24,20 +24,20 @@ def explored(frames: Frames) -> Mapping[str, object]:
     over the turn; ``torque`` [N m] of every step and ``angle`` [arcmin] of every unit's loop, ``force`` [N] on every
     pin at the largest torque of the units whose contacts were kept, all at one ``crank`` angle [deg].
     """
-    shown = explored_units(frames)
-    if not len(shown):
+    shown_units = explored_units(frames)
+    if not len(shown_units):
         return {}
     curves = frames.at_crank(frames.curves)
     angles = {
         int(sample): rows["angle_arcmin"].to_numpy()
         for sample, rows in curves.groupby("sample")
-        if sample in shown.index
+        if sample in shown_units.index
     }
     torque = curves["torque_Nm"].to_numpy()[: len(next(iter(angles.values())))]
-    forces = _pin_forces(frames, shown.index)
+    forces = _pin_forces(frames, shown_units.index)
     return {
         "crank": frames.crank_deg,
-        "metrics": [_metric(frames, name) for name in shown.columns],
+        "metrics": [_metric(frames, name) for name in shown_units.columns],
         "units": [
             {
                 "label": case_label(frames.study, sample),
@@ -45,7 +45,7 @@ def explored(frames: Frames) -> Mapping[str, object]:
                 "angle": _rounded(angles[sample], 4),
                 "force": _rounded(forces[sample], 1) if sample in forces else None,
             }
-            for sample, values in zip(map(int, shown.index), shown.to_numpy(float), strict=True)
+            for sample, values in zip(map(int, shown_units.index), shown_units.to_numpy(float), strict=True)
         ],
         "torque": _rounded(torque, 4),
     }
@@ -61,8 +61,12 @@ def kept_samples(study: Study) -> list[int]:
 def explored_units(frames: Frames) -> pd.DataFrame:
     """Metrics over the turn (n_units, n_metrics) of the first units that have all of them, and their loop."""
     metrics = [name for name in frames.shown_metrics if frames.over_turn[name].notna().any()]
-    solved = frames.over_turn[metrics].dropna()
-    return solved[solved.index.isin(np.unique(frames.curves["sample"]))].head(UNITS_SHOWN) if metrics else solved[:0]
+    solved_units = frames.over_turn[metrics].dropna()
+    return (
+        solved_units[solved_units.index.isin(np.unique(frames.curves["sample"]))].head(UNITS_SHOWN)
+        if metrics
+        else solved_units[:0]
+    )
 
 
 def _pin_forces(frames: Frames, samples: pd.Index) -> dict[int, np.ndarray]:
@@ -73,8 +77,8 @@ def _pin_forces(frames: Frames, samples: pd.Index) -> dict[int, np.ndarray]:
     if not len(rows):
         return {}
     largest = rows[rows["torque_Nm"] == rows["torque_Nm"].max()]
-    loaded = largest[largest["step"] == largest["step"].min()]
-    return {int(sample): part["force_N"].to_numpy() for sample, part in loaded.groupby("sample")}
+    first_loaded = largest[largest["step"] == largest["step"].min()]
+    return {int(sample): part["force_N"].to_numpy() for sample, part in first_loaded.groupby("sample")}
 
 
 def _metric(frames: Frames, name: str) -> Mapping[str, object]:

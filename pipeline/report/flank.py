@@ -41,8 +41,8 @@ def flank_fact(design: Design) -> str:
         "moved distance {} µm": flank.moved_distance_um,
         "rotation {}′": flank.rotation_arcmin,
     }
-    drawn = [text.format(plain(value)) for text, value in parts.items() if value]
+    modifications = [text.format(plain(value)) for text, value in parts.items() if value]
     if flank.measured is not None:
         lobes = "each lobe" if len(flank.measured.deviation_um) > 1 else "one for all lobes"
-        drawn.append(f"and a measured deviation at {flank.measured.points} points, {lobes}")
-    return listed(drawn) if drawn else "as the pins generate it"
+        modifications.append(f"and a measured deviation at {flank.measured.points} points, {lobes}")
+    return listed(modifications) if modifications else "as the pins generate it"

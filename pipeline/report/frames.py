@@ -81,8 +81,8 @@ class Frames:
         """(n,) metrics over the turn as limits mean it, by sample; without the nominal sample and failed ones."""
         nominal = [0] if self.study.samples.nominal_first else []
         columns = {f"{name}_{self.over}": name for name in METRICS}
-        solved = self.units[self.units[list(columns)].notna().any(axis=1)].set_index("sample")
-        return solved.drop(index=nominal, errors="ignore")[list(columns)].rename(columns=columns)
+        solved_units = self.units[self.units[list(columns)].notna().any(axis=1)].set_index("sample")
+        return solved_units.drop(index=nominal, errors="ignore")[list(columns)].rename(columns=columns)
 
     def turn_of(self, sample: int) -> dict[str, float]:
         """Each metric of one sample over the turn, as the limits mean it; NaN where a crank angle has no result."""
@@ -150,9 +150,9 @@ class Frames:
     def of_band(self, table: pd.DataFrame, column: str) -> NDArray[np.float64]:
         """Values (n_band, n_columns) of a table on the full grid, at the crank angle of the figures."""
         samples = table["sample"].to_numpy()
-        first, n = int(samples[0]), len(np.unique(samples))
+        first_sample, n = int(samples[0]), len(np.unique(samples))
         values = table[column].to_numpy().reshape(n, len(self.study.cycle.curve_crank_deg), -1)
-        return values[self.band - first, 0]
+        return values[self.band - first_sample, 0]
 
 
 def unsolved(metrics: pd.DataFrame) -> pd.DataFrame:
@@ -178,5 +178,5 @@ def drawn_samples(study: Study, failed: pd.DataFrame) -> dict[str, int]:
     failed : ``sample`` and ``crank_deg`` of the loops without a result.
     """
     n = min(study.samples.rows, DRAWN_CASES) if study.samples.experiment == "cases" else 1
-    lost = set(failed.loc[failed["crank_deg"] == study.cycle.crank_deg[0], "sample"])
-    return {case_label(study, sample): sample for sample in range(n) if sample not in lost}
+    failed_samples = set(failed.loc[failed["crank_deg"] == study.cycle.crank_deg[0], "sample"])
+    return {case_label(study, sample): sample for sample in range(n) if sample not in failed_samples}

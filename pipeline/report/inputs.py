@@ -76,8 +76,8 @@ def design_numbers(design: Design) -> list[tuple[str, list[DesignNumber]]]:
     raw = design.model_dump()
     sections: dict[str, list[DesignNumber]] = {}
     for key in number_keys(raw):
-        section, _, rest = key.partition(".")
-        name, unit = _name_and_unit(rest)
+        section, _, key_tail = key.partition(".")
+        name, unit = _name_and_unit(key_tail)
         provenance = design.provenance.get(key)
         sections.setdefault(section, []).append(
             DesignNumber(
@@ -161,11 +161,11 @@ def law_fact(study: Study) -> str:
 
 def _crank_angles(cycle: Cycle) -> str:
     if cycle.loaded_angles:
-        loaded = f"{cycle.loaded_angles} evenly over the turn"
+        angles_text = f"{cycle.loaded_angles} evenly over the turn"
     else:
-        loaded = listed([f"{plain(crank)}°" for crank in cycle.crank_deg])
+        angles_text = listed([f"{plain(crank)}°" for crank in cycle.crank_deg])
     turns = "a turn" if cycle.rigid_crank_turns == 1 else f"each of {cycle.rigid_crank_turns} turns"
-    return f"loaded at {loaded}; rigid bodies at these and at {cycle.rigid_angles} of {turns}"
+    return f"loaded at {angles_text}; rigid bodies at these and at {cycle.rigid_angles} of {turns}"
 
 
 def study_facts(frames: Frames) -> list[tuple[str, str]]:

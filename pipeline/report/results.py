@@ -64,8 +64,8 @@ class Results:
         }
 
     def _estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
-        of = self.frames.over if crank is None else "angle"
-        return self._estimates.get((metric, of, crank, statistic), (np.nan, np.nan, np.nan))
+        position = self.frames.over if crank is None else "angle"
+        return self._estimates.get((metric, position, crank, statistic), (np.nan, np.nan, np.nan))
 
     def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
         value, low, high = self._estimate(metric, statistic, crank)
@@ -84,8 +84,8 @@ class Results:
     @cached_property
     def nominal(self) -> dict[str, float]:
         """Each metric of the nominal reducer over the turn, as the limits mean it; NaN without such a sample."""
-        first = 0 if self.frames.study.samples.nominal_first else -1
-        return self.frames.turn_of(first)
+        first_row = 0 if self.frames.study.samples.nominal_first else -1
+        return self.frames.turn_of(first_row)
 
     @cached_property
     def metric_rows(self) -> list[MetricRow]:
@@ -129,13 +129,15 @@ class Results:
     def angles(self) -> str:
         """From how many crank angles a worst value is taken."""
         counts = self.frames.units.iloc[0]
-        loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
-        return f"{counted(loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
+        n_loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
+        return f"{counted(n_loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
 
     def _doubled(self, metric: str, column: str) -> tuple[float, float]:
         """A value of the table of convergence now and with twice as many crank angles; NaN where they are too few."""
         part = self.frames.convergence[self.frames.convergence["metric"] == metric]
-        current, extrapolated = (part.loc[part["extrapolated"] == later, column] for later in (False, True))
+        current, extrapolated = (
+            part.loc[part["extrapolated"] == is_extrapolated, column] for is_extrapolated in (False, True)
+        )
         return (
             (float(current.iloc[-1]), float(extrapolated.iloc[-1]))
             if len(current) and len(extrapolated)

@@ -12,8 +12,8 @@ def beyond_law(frames: Frames) -> str:
     """Share of the pins' moment on contacts beyond the range of their law, at the largest torque of the cycle."""
     curves = frames.curves
     torque = np.abs(curves["torque_Nm"].to_numpy())
-    lost = curves["sample"].isin(frames.failed["sample"]).to_numpy()
-    shares = curves["beyond_limit_share"].to_numpy()[(torque >= (1 - 1e-9) * torque.max()) & ~lost]
+    has_failed = curves["sample"].isin(frames.failed["sample"]).to_numpy()
+    shares = curves["beyond_limit_share"].to_numpy()[(torque >= (1 - 1e-9) * torque.max()) & ~has_failed]
     if not shares.size:
         return NOTHING
     return f"{percent(float(shares.mean()))} on average and {percent(float(shares.max()))} at most"
@@ -47,4 +47,6 @@ def ranges(numbers: list[int]) -> str:
             runs[-1][1] = item
         else:
             runs.append([item, item])
-    return ", ".join(f"{first}" if first == last else f"{first}\u2013{last}" for first, last in runs)
+    return ", ".join(
+        f"{run_start}" if run_start == run_end else f"{run_start}\u2013{run_end}" for run_start, run_end in runs
+    )

@@ -77,12 +77,12 @@ def _interleaved(samples: Samples, dimensions: int, start: int, stop: int) -> Re
     numbers = np.empty((len(draw), dimensions))
     for r in np.unique(replicate):
         selected = replicate == r
-        first, last = int(point[selected][0]), int(point[selected][-1])
+        first_point, last_point = int(point[selected][0]), int(point[selected][-1])
         if samples.experiment == "sobol":
-            numbers[selected] = _sobol(samples.seed, int(r), dimensions, first, last + 1)
+            numbers[selected] = _sobol(samples.seed, int(r), dimensions, first_point, last_point + 1)
         else:
             strata = samples.count // samples.randomisations
-            numbers[selected] = _hypercube(samples.seed, int(r), dimensions, strata)[first : last + 1]
+            numbers[selected] = _hypercube(samples.seed, int(r), dimensions, strata)[first_point : last_point + 1]
     return numbers
 
 

@@ -115,11 +115,15 @@ def draw(study: Drawn, start: int, stop: int) -> Errors:
     if not 0 <= start <= stop <= study.samples.rows:
         raise ValueError(f"samples {start} to {stop} asked of {study.samples.rows}")
     shift = int(study.samples.nominal_first)
-    first, last = max(start - shift, 0), max(stop - shift, 0)
-    drawn = _listed(study, first, last) if study.samples.experiment == "cases" else _random(study, first, last)
+    first_row, last_row = max(start - shift, 0), max(stop - shift, 0)
+    drawn_errors = (
+        _listed(study, first_row, last_row)
+        if study.samples.experiment == "cases"
+        else _random(study, first_row, last_row)
+    )
     if shift and start == 0 < stop:
-        drawn = _joined(_nominal(study), drawn)
-    return drawn
+        drawn_errors = _joined(_nominal(study), drawn_errors)
+    return drawn_errors
 
 
 def _random(study: Drawn, start: int, stop: int) -> Errors:
@@ -187,13 +191,13 @@ def _correlated(name: str, probability: Real, design: Design, length: float) -> 
 
 
 def _listed(study: Drawn, start: int, stop: int) -> Errors:
-    listed, counts = study.cases[start:stop], _counts(study.design)
+    cases, counts = study.cases[start:stop], _counts(study.design)
     values = {
-        name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in listed]).reshape(len(listed), n)
+        name: np.array([np.broadcast_to(case.deviation_um(name), n) for case in cases]).reshape(len(cases), n)
         for name, n in counts.items()
         if name in dimension_library()
     }
-    return _errors({**values, **{name: np.zeros((len(listed), counts[name])) for name in _directions()}}, study.design)
+    return _errors({**values, **{name: np.zeros((len(cases), counts[name])) for name in _directions()}}, study.design)
 
 
 def _nominal(study: Drawn) -> Errors:

@@ -40,8 +40,8 @@ def max_t(gains: Real, resamples: int, seed: int) -> tuple[Real, Real]:
     mean, spread = gains.mean(axis=0), gains.std(axis=0, ddof=1) / np.sqrt(n)
     safe = np.where(spread > 0, spread, np.inf)
     t = mean / safe
-    drawn = resampled_means(gains - mean, resamples, seed) / safe
-    largest = drawn.max(axis=1)
+    resampled_gains = resampled_means(gains - mean, resamples, seed) / safe
+    largest = resampled_gains.max(axis=1)
     p = (1 + np.sum(largest[:, None] >= t, axis=0)) / (resamples + 1)
     return t, p
 
@@ -58,11 +58,11 @@ def confidence_set(losses: Real, level: float, resamples: int, seed: int) -> NDA
     losses : (n_blocks, n_models)
     """
     members = np.ones(losses.shape[1], bool)
-    drawn = resampled_means(losses, resamples, seed)
+    resampled_gains = resampled_means(losses, resamples, seed)
     while members.sum() > 1:
         member_losses = losses[:, members]
         relative = member_losses.mean(axis=0) - member_losses.mean()
-        noise = drawn[:, members] - drawn[:, members].mean(axis=1, keepdims=True) - relative
+        noise = resampled_gains[:, members] - resampled_gains[:, members].mean(axis=1, keepdims=True) - relative
         spread = np.sqrt(np.mean(noise**2, axis=0))
         if np.all(spread <= 0):
             break

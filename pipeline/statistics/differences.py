@@ -71,8 +71,8 @@ def _combined(distances: Real, phi: float) -> float:
     return float(np.sqrt(max(np.sum(distances**2) - 2 * phi * np.prod(distances), 0.0)))
 
 
-def _wilson(passed: NDArray[np.bool_], confidence: float) -> Interval:
-    ends = stats.binomtest(int(passed.sum()), passed.size).proportion_ci(confidence, method="wilson")
+def _wilson(passes: NDArray[np.bool_], confidence: float) -> Interval:
+    ends = stats.binomtest(int(passes.sum()), passes.size).proportion_ci(confidence, method="wilson")
     return float(ends.low), float(ends.high)
 
 
@@ -97,16 +97,16 @@ def order_differences(a: Real, b: Real, confidence: float, paired: bool, seed: i
     Efron, Tibshirani, An Introduction to the Bootstrap (1993), chapter 13: percentile intervals.
     """
     rng = np.random.default_rng(seed)
-    drawn = np.empty((RESAMPLES, 1 + len(QUANTILES)))
-    for row in drawn:
+    resamples = np.empty((RESAMPLES, 1 + len(QUANTILES)))
+    for row in resamples:
         rows_a = rng.integers(a.size, size=a.size)
         rows_b = rows_a if paired else rng.integers(b.size, size=b.size)
         row[:] = _std_and_quantiles(b[rows_b]) - _std_and_quantiles(a[rows_a])
-    ends = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0).T
+    ends = np.quantile(resamples, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0).T
     intervals = {"std": (float(ends[0, 0]), float(ends[0, 1]))}
     for (name, level), (low, high) in zip(QUANTILES.items(), ends[1:], strict=True):
-        known = enough_beyond(min(a.size, b.size), level)
-        intervals[name] = (float(low), float(high)) if known else (-np.inf, np.inf)
+        is_known = enough_beyond(min(a.size, b.size), level)
+        intervals[name] = (float(low), float(high)) if is_known else (-np.inf, np.inf)
     return intervals
 
 

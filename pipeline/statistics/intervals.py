@@ -86,12 +86,12 @@ def distribution(values: Real, confidence: float, replicate: NDArray[np.integer]
     return estimates
 
 
-def pass_share(passed: NDArray[np.bool_], confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:
+def pass_share(passes: NDArray[np.bool_], confidence: float, replicate: NDArray[np.integer] | None = None) -> Estimate:
     """Yield: the share of samples that keep a limit.
 
     Parameters
     ----------
-    passed : (n_samples,) whether each sample keeps it.
+    passes : (n_samples,) whether each sample keeps it.
     confidence, replicate : as in `distribution`.
 
     Notes
@@ -99,7 +99,7 @@ def pass_share(passed: NDArray[np.bool_], confidence: float, replicate: NDArray[
     Clopper-Pearson for independent samples. Replicates that all pass, or all fail, have no spread to tell how sure that
     is; they then get the interval of independent samples, which is wider than theirs.
     """
-    counts = np.asarray(passed, float)
+    counts = np.asarray(passes, float)
     if replicate is None or np.ptp(counts) == 0:
         ends = share_interval(counts, confidence)
     else:
@@ -156,9 +156,9 @@ def quantile_interval(values: Real, confidence: float, level: float) -> Interval
     return (ordered[low - 1] if low >= 1 else -np.inf), (ordered[high] if high < n else np.inf)
 
 
-def share_interval(passed: Real, confidence: float) -> Interval:
-    """Clopper-Pearson interval of a share; `passed` holds 0 and 1."""
-    test = stats.binomtest(int(np.sum(passed)), passed.size)
+def share_interval(passes: Real, confidence: float) -> Interval:
+    """Clopper-Pearson interval of a share; `passes` holds 0 and 1."""
+    test = stats.binomtest(int(np.sum(passes)), passes.size)
     interval = test.proportion_ci(confidence_level=confidence, method="exact")
     return float(interval.low), float(interval.high)
 

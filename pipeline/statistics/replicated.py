@@ -32,12 +32,12 @@ def replicated_interval(estimate: float, parts: Real, confidence: float) -> Inte
     return estimate - float(half), estimate + float(half)
 
 
-def effective_number(inside: Real, share: float, confidence: float, replicate: NDArray[np.integer]) -> float:
+def effective_number(in_tail: Real, share: float, confidence: float, replicate: NDArray[np.integer]) -> float:
     """Number of independent samples that would know a share as well as the replicates do.
 
     Parameters
     ----------
-    inside : (n_samples,) 1 for a sample that counts, 0 for another.
+    in_tail : (n_samples,) 1 for a sample that counts, 0 for another.
     share : at which the binomial variance is taken, in (0, 1).
 
     Notes
@@ -51,23 +51,23 @@ def effective_number(inside: Real, share: float, confidence: float, replicate: N
     Korn and Graubard, Confidence intervals for proportions with small expected number of positive counts estimated from
     survey data, Survey Methodology 24 (1998) 193.
     """
-    parts = by_replicate(np.mean, inside, replicate)
+    parts = by_replicate(np.mean, in_tail, replicate)
     count = parts.size
-    rounding = (count / inside.size) ** 2 / 12
+    rounding = (count / in_tail.size) ** 2 / 12
     variance = max(float(np.var(parts, ddof=1)), rounding) / count
     tail = (1 + confidence) / 2
     return float(share * (1 - share) / variance * (stats.norm.ppf(tail) / stats.t.ppf(tail, count - 1)) ** 2)
 
 
-def replicated_share_interval(passed: Real, confidence: float, replicate: NDArray[np.integer]) -> Interval:
-    """Jeffreys' interval of a share for the effective number of samples; `passed` holds 0 and 1, and both of them.
+def replicated_share_interval(passes: Real, confidence: float, replicate: NDArray[np.integer]) -> Interval:
+    """Jeffreys' interval of a share for the effective number of samples; `passes` holds 0 and 1, and both of them.
 
     Source
     ------
     Brown, Cai, DasGupta, Interval estimation for a binomial proportion, Stat. Sci. 16 (2001) 101.
     """
-    share = float(np.mean(passed))
-    n = effective_number(passed, share, confidence, replicate)
+    share = float(np.mean(passes))
+    n = effective_number(passes, share, confidence, replicate)
     tails = [(1 - confidence) / 2, (1 + confidence) / 2]
     low, high = stats.beta.ppf(tails, n * share + 0.5, n * (1 - share) + 0.5)
     return float(low), float(high)
@@ -95,8 +95,8 @@ def replicated_quantile_interval(
     # The product is rounded: 200 samples have 10 beyond 5 %, not 9.999.
     if round(values.size * min(level, 1 - level), 6) < FEWEST_BEYOND:
         return -np.inf, np.inf
-    below = np.asarray(values <= estimate, float)
-    n = effective_number(below, level, confidence, replicate)
+    is_below = np.asarray(values <= estimate, float)
+    n = effective_number(is_below, level, confidence, replicate)
     ends = rank_share(n, level, confidence), 1 - rank_share(n, 1 - level, confidence)
     low, high = np.quantile(values, ends, method="weibull")
     rank = np.array(ends) * (values.size + 1)

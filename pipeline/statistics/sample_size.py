@@ -56,7 +56,7 @@ def next_units(share: float, units: int, samples: int, half_width: float, confid
 
 def _width(share: float, units: int, confidence: float) -> float:
     """Width of the interval of ``units`` with the share; a count need not be a whole number."""
-    tail, passed = (1 - confidence) / 2, share * units
-    low = 0.0 if passed <= 0 else float(stats.beta.ppf(tail, passed, units - passed + 1))
-    high = 1.0 if math.isclose(passed, units) else float(stats.beta.isf(tail, passed + 1, units - passed))
+    tail, n_passes = (1 - confidence) / 2, share * units
+    low = 0.0 if n_passes <= 0 else float(stats.beta.ppf(tail, n_passes, units - n_passes + 1))
+    high = 1.0 if math.isclose(n_passes, units) else float(stats.beta.isf(tail, n_passes + 1, units - n_passes))
     return high - low

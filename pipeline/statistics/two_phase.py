@@ -84,11 +84,11 @@ def inclusion_probability(chance: Real, budget: float) -> Real:
     if budget >= weight.size:
         return np.ones_like(weight)
     descending = np.sort(weight)[::-1]
-    below = np.append(np.cumsum(descending[::-1])[::-1], 0.0)  # sum of all weights from each place on
+    weight_below = np.append(np.cumsum(descending[::-1])[::-1], 0.0)  # sum of all weights from each place on
     certain = np.arange(weight.size)  # number of units at 1
-    factor = (budget - certain) / below[:-1]
-    first = int(np.argmax(factor * descending <= 1))
-    return np.minimum(1.0, factor[first] * weight)
+    factor = (budget - certain) / weight_below[:-1]
+    first_certain = int(np.argmax(factor * descending <= 1))
+    return np.minimum(1.0, factor[first_certain] * weight)
 
 
 def tail_share(in_tail: NDArray[np.bool_], probability: Real, units: int, confidence: float) -> TailEstimate:
@@ -134,13 +134,13 @@ def tail_quantile(values: Real, probability: Real, units: int, level: float, con
     """
     order = np.argsort(values)[::-1]
     descending, weight = values[order], 1 / probability[order]
-    above = np.cumsum(weight)
-    value = _interpolated(1 - level, (above - weight / 2) / units, descending)
+    weight_above = np.cumsum(weight)
+    value = _interpolated(1 - level, (weight_above - weight / 2) / units, descending)
     if not np.isfinite(value):
         return TailEstimate(np.nan, -np.inf, np.inf, units, values.size, 0.0)
     _, effective = _share(values >= value, probability, units)
     ends = 1 - rank_share(effective, level, confidence), rank_share(effective, 1 - level, confidence)
-    low, high = (_interpolated(share, above / (units + 1), descending) for share in ends)
+    low, high = (_interpolated(share, weight_above / (units + 1), descending) for share in ends)
     return TailEstimate(
         value, -np.inf if np.isnan(low) else low, np.inf if np.isnan(high) else high, units, values.size, effective
     )

@@ -61,13 +61,13 @@ def determined(index: Real, ci_low: Real, ci_high: Real) -> NDArray[np.bool_]:
     return ci_high - ci_low < np.abs(index)  # an unknown index compares as false
 
 
-def variance_indices(base: Real, other: Real, mixed: Real, confidence: float) -> VarianceIndices:
+def variance_indices(base: Real, second_base: Real, mixed: Real, confidence: float) -> VarianceIndices:
     """First-order and total indices of every group on one metric.
 
     Parameters
     ----------
-    base, other : (n_rows,) the metric of two independent sets of units; NaN where a unit has none.
-    mixed : (n_groups, n_rows) the metric of the units of ``base`` with one group's errors taken from ``other``.
+    base, second_base : (n_rows,) the metric of two independent sets of units; NaN where a unit has none.
+    mixed : (n_groups, n_rows) the metric of the units of ``base`` with one group's errors taken from ``second_base``.
     confidence : level of the intervals, in (0, 1).
 
     Returns
@@ -85,7 +85,7 @@ def variance_indices(base: Real, other: Real, mixed: Real, confidence: float) ->
     Saltelli, Annoni, Azzini, Campolongo, Ratto, Tarantola, Variance based sensitivity analysis of model output,
     Comput. Phys. Commun. 181 (2010) 259, table 2 (b) and (f); the total index is Jansen's, ibid. 117 (1999) 35.
     """
-    rows = np.column_stack([base, other, mixed.T])
+    rows = np.column_stack([base, second_base, mixed.T])
     rows = rows[np.all(np.isfinite(rows), axis=1)]
     groups = len(mixed)
     if len(rows) < FEWEST_BASE_SAMPLES or np.ptp(rows[:, :2]) == 0:

@@ -182,7 +182,7 @@ def stale_unit(change):
 @pytest.mark.parametrize("change", [-1.0, 1.0])
 def test_stale_derivatives_that_lead_nowhere_are_taken_anew(change):
     fitter, near = stale_unit(change)
-    fit = fitter.fit(near.model, everything(fitter.problem.data), near.unknowns, near=near)
+    fit = fitter.fit(near.model, everything(fitter.problem.data), near.unknowns, base_fit=near)
     assert fit.unknowns.scales[0] == pytest.approx(0.04, rel=1e-2)
     np.testing.assert_allclose(fit.jacobian, fitter.design, atol=1e-6)
 

@@ -78,13 +78,13 @@ def _unloaded(
 
 def _solved(shared: hysteresis.Shared, sampled: SampledErrors) -> list[Equilibria]:
     """Equilibria at every crank angle, the gaps included."""
-    return [solved.response.equilibria for solved in hysteresis.solve_samples(shared, sampled)]
+    return [cycle.response.equilibria for cycle in hysteresis.solve_samples(shared, sampled)]
 
 
-def _sizes(solved: list[Equilibria], motions: int) -> np.ndarray:
+def _sizes(solutions: list[Equilibria], motions: int) -> np.ndarray:
     """Unknowns of every distinct loaded equilibrium: active contacts and rigid motions."""
-    closed = np.concatenate([np.count_nonzero(states.force > 0, axis=2).ravel() for states in solved])
-    return closed[closed > 0] + motions
+    loaded_contacts = np.concatenate([np.count_nonzero(states.force > 0, axis=2).ravel() for states in solutions])
+    return loaded_contacts[loaded_contacts > 0] + motions
 
 
 def _floor_seconds(sizes: np.ndarray) -> float:

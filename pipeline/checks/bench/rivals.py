@@ -69,22 +69,22 @@ def calculix(study: Study, verified: Path) -> Iterator[Result]:
     specimen = Specimen(study).in_stress("plane_strain")
     cycle = assembly.load_cycle(study, study.cycle.levels_per_branch)
     torque = SHARES * specimen.rated_torque
-    ours = loaded(specimen, torque)
+    solution = loaded(specimen, torque)
     errors = assembly.errors(draw(specimen.study, specimen.sample, specimen.sample + 1))
     clearance = np.array([specimen.bearing_clearance])
     drive = drive_of(specimen.study, specimen.crank_deg, specimen.compliance, errors, clearance, specimen.laws)
     copies = drive.some(np.zeros(COPIES, int))
     seconds = seconds_of(partial(solve_cycle, copies, cycle)) / (COPIES * 2 * len(cycle.fractions))
     with tempfile.TemporaryDirectory() as folder:
-        answer = run_calculix(calculix_deck(specimen, torque, ours), Path(folder))
-    theirs = answer.seconds / len(torque)
+        answer = run_calculix(calculix_deck(specimen, torque, solution), Path(folder))
+    rival_seconds = answer.seconds / len(torque)
     freedoms = specimen.disk.freedoms.size
-    note = f"{theirs:.3g} s on {THREADS} threads over {1e6 * seconds:.3g} us a load step, {freedoms} freedoms"
-    yield Result("calculix_ratio", theirs / seconds, "1", COPIES, 1, note)
+    note = f"{rival_seconds:.3g} s on {THREADS} threads over {1e6 * seconds:.3g} us a load step, {freedoms} freedoms"
+    yield Result("calculix_ratio", rival_seconds / seconds, "1", COPIES, 1, note)
     if verified.exists():
         with verified.open(newline="") as file:
             times = [float(row["computed"]) for row in csv.DictReader(file) if row["quantity"] == VERIFIED]
         for run_time in times:
-            theirs = run_time / len(torque)
-            note = f"{theirs:.3g} s of the last make verify, which the size of the mesh does not change in ours"
-            yield Result("calculix_ratio", theirs / seconds, "1", COPIES, 1, note)
+            rival_seconds = run_time / len(torque)
+            note = f"{rival_seconds:.3g} s of the last make verify, which the size of the mesh does not change in ours"
+            yield Result("calculix_ratio", rival_seconds / seconds, "1", COPIES, 1, note)

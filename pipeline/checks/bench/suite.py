@@ -60,8 +60,8 @@ def bench(study: Study, coarse: Study, runs: Path) -> Iterator[Result]:
 def _outputs(study: Study, samples: int, jobs: int, target: str, folder: Path) -> dict[str, Output]:
     """Outputs of a run of its own."""
     sized = study.samples.model_copy(update={"count": samples})
-    named = study.model_copy(update={"name": f"{samples}-{jobs}", "samples": sized})
-    return run(STAGES, named, [target], folder, Resources(jobs, study.run.chunk))
+    sized_study = study.model_copy(update={"name": f"{samples}-{jobs}", "samples": sized})
+    return run(STAGES, sized_study, [target], folder, Resources(jobs, study.run.chunk))
 
 
 def _seconds(outputs: Mapping[str, Output]) -> dict[str, float]:

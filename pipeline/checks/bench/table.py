@@ -64,14 +64,14 @@ def bench_figure(results: Sequence[Result]) -> Figure:
 def _stages(axes: Axes, rows: Sequence[Result]) -> None:
     """Bars of the seconds of the stages, one for every number of samples."""
     sizes = sorted({row.samples for row in rows})
-    finished = dict.fromkeys(sizes, 0.0)
+    durations = dict.fromkeys(sizes, 0.0)
     for number, name in enumerate(dict.fromkeys(row.name for row in rows)):
         seconds = {row.samples: row.value for row in rows if row.name == name}
         width = [seconds.get(size, 0.0) for size in sizes]
         colour = COLOURS[number] if number < len(COLOURS) else RULE
         style: dict[str, Any] = {"color": colour, "label": name[len(STAGE) :]}
-        axes.barh([f"{size:,}" for size in sizes], width, left=list(finished.values()), **style)
-        finished = {size: finished[size] + seconds.get(size, 0.0) for size in sizes}
+        axes.barh([f"{size:,}" for size in sizes], width, left=list(durations.values()), **style)
+        durations = {size: durations[size] + seconds.get(size, 0.0) for size in sizes}
     axes.set_title("Seconds of the stages")
     axes.set_xlabel("s")
     axes.set_ylabel("samples")

@@ -130,15 +130,15 @@ def draw_bench(rng: np.random.Generator, cranks: tuple[float, ...], rated_torque
 
 def _plan(rng: np.random.Generator) -> list[tuple[float, int]]:
     """Turns as shares of the largest torque, each with the cycle of its leg; the first is the start."""
-    first = float(rng.choice([1.0, -1.0]))
+    first_sense = float(rng.choice([1.0, -1.0]))
     start = 0.0 if rng.random() < 0.7 else float(rng.uniform(-0.5, 0.5))
     inner = float(rng.uniform(-0.3, 0.5)) if rng.random() < 0.35 else None
     plan = [(start, 0)]
     for cycle in range(int(rng.integers(2, 5))):
-        plan.append((first, cycle))
+        plan.append((first_sense, cycle))
         if inner is not None:
-            plan += [(first * inner, cycle), (first, cycle)]
-        plan.append((-first, cycle))
+            plan += [(first_sense * inner, cycle), (first_sense, cycle)]
+        plan.append((-first_sense, cycle))
     return plan
 
 

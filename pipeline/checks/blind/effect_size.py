@@ -63,8 +63,8 @@ class Yardstick:
         """The yardstick of a unit's folder."""
         problem, over_cells = problem_of(load_measured_unit(folder, root), condensed)
         fitter = Fitter(problem)
-        everything = np.ones(len(problem.data), bool)
-        fit = fitter.fit(Model(), everything, fitter.start(Model()), 3)
+        all_cells = np.ones(len(problem.data), bool)
+        fit = fitter.fit(Model(), all_cells, fitter.start(Model()), 3)
         unknowns = fit.unknowns.flat
         reach = tuple(fit.unknowns.like(unknowns + sense * 1e9).flat - unknowns for sense in (-1, 1))
         return cls(
@@ -74,9 +74,9 @@ class Yardstick:
     def size(self, change: Sequence[Real]) -> float:
         """Size of a change [arcmin] of the angle at the rows of every position, in noise floors."""
         data = self.problem.data
-        moved = Fitter(self.problem).centred(self.over_cells(np.concatenate(change)), 1 / data.sigma**2)
+        centred_change = Fitter(self.problem).centred(self.over_cells(np.concatenate(change)), 1 / data.sigma**2)
         rows = np.vstack([self.jacobian / data.sigma[:, None], np.diag(self.penalty)])
-        goal = np.concatenate([moved / data.sigma, np.zeros(len(self.penalty))])
+        goal = np.concatenate([centred_change / data.sigma, np.zeros(len(self.penalty))])
         if rows.shape[1]:
             goal = goal - rows @ lsq_linear(rows, goal, self.reach).x
         return float(np.sqrt(np.mean(goal[: len(data)] ** 2)))
@@ -89,16 +89,16 @@ def amplitude_of(size: Callable[[float], float], target: float) -> tuple[float, 
     """
     low, high, amplitude = SMALLEST_AMPLITUDE, 1.0, START
     for _ in range(SEARCHES):
-        reached = size(amplitude)
-        if abs(reached / target - 1) <= AGREEMENT:
-            return amplitude, reached
-        if reached < target:
+        trial_size = size(amplitude)
+        if abs(trial_size / target - 1) <= AGREEMENT:
+            return amplitude, trial_size
+        if trial_size < target:
             if amplitude >= 1.0:
                 return None
             low = amplitude
         else:
             high = amplitude
-        guess = amplitude * target / max(reached, 1e-3 * target)
+        guess = amplitude * target / max(trial_size, 1e-3 * target)
         amplitude = (
             guess if low < guess < high else (1.0 if high == 1.0 and guess >= 1.0 else float(np.sqrt(low * high)))
         )
@@ -117,10 +117,10 @@ def at_amplitude(
     shape : (n_parameters,) shares of the bounds of the others.
     """
     shares = []
-    for (low, high), along, share in zip(bounds, direction, shape, strict=True):
+    for (low, high), component, share in zip(bounds, direction, shape, strict=True):
         if low <= 0 <= high:
-            reach = high if along > 0 else -low
-            shares.append(amplitude * along * reach)
+            reach = high if component > 0 else -low
+            shares.append(amplitude * component * reach)
         elif low > 0 and high / low > 30:
             shares.append(low * (high / low) ** share)
         else:

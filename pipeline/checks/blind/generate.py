@@ -86,8 +86,8 @@ def kind_of(case: int) -> str:
 
 def simulator_of(case: int) -> str:
     """Which simulator makes a case: of the units of each kind every other one."""
-    before = sum(kind_of(earlier) == kind_of(case) for earlier in range(case))
-    return (ELASTIC, RIGID)[before % 2]
+    case_rank = sum(kind_of(previous_case) == kind_of(case) for previous_case in range(case))
+    return (ELASTIC, RIGID)[case_rank % 2]
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ class _Draw:
         return float(np.exp(self.rng.uniform(low, high)))
 
     def _change(self, angles: Sequence[Real]) -> list[Real]:
-        return [angle - plain for angle, plain in zip(angles, self.plain, strict=True)]
+        return [angle - bare_angle for angle, bare_angle in zip(angles, self.plain, strict=True)]
 
     @staticmethod
     def _sought(size: Callable[[float], float], target: float) -> tuple[float, float] | None:
@@ -236,7 +236,7 @@ class _Draw:
             return None
 
     def _library(self, yardstick: Yardstick, kind: str) -> tuple[list[Real], dict[str, Any]]:
-        known = {
+        library = {
             name: effect
             for name, effect in candidates().items()
             if self.unit.knows(name) and not yardstick.problem.why_not(effect)
@@ -246,25 +246,25 @@ class _Draw:
         for _ in range(REDRAWS):
             if len(chosen) == effect_count:
                 break
-            name = str(self.rng.choice([effect for effect in sorted(known) if effect not in chosen]))
-            bounds = yardstick.problem.bounds(known[name])
+            name = str(self.rng.choice([effect for effect in sorted(library) if effect not in chosen]))
+            bounds = yardstick.problem.bounds(library[name])
             direction, shape = draw_shape(self.rng, bounds)
             target, record = self._target(), yardstick.problem.record
-            constants = zip(known[name].parameters, at_amplitude(bounds, 1.0, direction, shape), strict=True)
+            constants = zip(library[name].parameters, at_amplitude(bounds, 1.0, direction, shape), strict=True)
             if any(p.record and value > record[p.record] for p, value in constants):  # nothing may be claimed of it
                 continue
 
             def size(amplitude: float, name=name, bounds=bounds, direction=direction, shape=shape) -> float:
                 values = at_amplitude(bounds, amplitude, direction, shape)
-                return yardstick.size(self._change(self.unit.angles([known[name]], values)))
+                return yardstick.size(self._change(self.unit.angles([library[name]], values)))
 
-            sought = self._sought(size, target)
-            if sought and sought[0] <= LARGEST:
-                chosen[name] = at_amplitude(bounds, sought[0], direction, shape), sought[1]
+            trial_amplitude = self._sought(size, target)
+            if trial_amplitude and trial_amplitude[0] <= LARGEST:
+                chosen[name] = at_amplitude(bounds, trial_amplitude[0], direction, shape), trial_amplitude[1]
         if len(chosen) < effect_count:
             raise UnsoundError("no effect reaches its size")
         values = [value for values_of_effect, _ in chosen.values() for value in values_of_effect]
-        angles = self.unit.angles([known[name] for name in chosen], values)
+        angles = self.unit.angles([library[name] for name in chosen], values)
         effects = [
             {"name": name, "values": list(values_of_effect), "size_over_noise": size}
             for name, (values_of_effect, size) in chosen.items()
@@ -280,15 +280,15 @@ class _Draw:
             def size(amplitude: float, effect=effect, shape=shape) -> float:
                 return yardstick.size(self._change(self.unit.angles_outside(effect.at(amplitude, shape))))
 
-            sought = self._sought(size, target)
-            if sought:
-                angles = self.unit.angles_outside(effect.at(sought[0], shape))
+            trial_amplitude = self._sought(size, target)
+            if trial_amplitude:
+                angles = self.unit.angles_outside(effect.at(trial_amplitude[0], shape))
                 effect_facts = {
                     "name": effect.name,
-                    "amplitude": sought[0],
+                    "amplitude": trial_amplitude[0],
                     "shape": dict(shape),
-                    "size_over_noise": sought[1],
+                    "size_over_noise": trial_amplitude[1],
                 }
                 name = f"{OUTSIDE_PREFIX}{effect.name}"
-                return angles, {"truth": name, "size_over_noise": sought[1], "effects": [effect_facts]}
+                return angles, {"truth": name, "size_over_noise": trial_amplitude[1], "effects": [effect_facts]}
         raise UnsoundError("no effect reaches its size")

@@ -36,12 +36,12 @@ SHAPES = (0.15, 0.4, 0.65)
 """Shares of the bounds at which parameters without a zero are looked at."""
 
 
-def distances(made: Made, folder: Path, root: Path) -> dict[str, float]:
+def distances(unit_made: Made, folder: Path, root: Path) -> dict[str, float]:
     """Rms distance [noise floors] from the true curves of the nearest effects that are not the true one, by name.
 
     Parameters
     ----------
-    made : a unit with one effect of the library, or one outside it.
+    unit_made : a unit with one effect of the library, or one outside it.
     folder : of its files: their rows are the places that are compared.
 
     Notes
@@ -50,37 +50,37 @@ def distances(made: Made, folder: Path, root: Path) -> dict[str, float]:
     parameters is left out: the simpler of the two is named anyway.
     """
     unit = load_measured_unit(folder, root)
-    listed: dict[str, Any] = {
-        name: tuple(value.tolist()) if np.ndim(value := getattr(made.dimensions, name)[0]) else float(value)
+    true_errors: dict[str, Any] = {
+        name: tuple(value.tolist()) if np.ndim(value := getattr(unit_made.dimensions, name)[0]) else float(value)
         for name in DIMENSIONS
     }
-    known = replace(unit, designed=made.unit.study, dimensions=Case(label="true", **listed))
-    nominal = made.reducer.truth.design.disk.thickness_mm / made.unit.study.design.disk.thickness_mm
+    true_unit = replace(unit, designed=unit_made.unit.study, dimensions=Case(label="true", **true_errors))
+    nominal = unit_made.reducer.truth.design.disk.thickness_mm / unit_made.unit.study.design.disk.thickness_mm
 
     def softened(study: Study, cranks: Sequence[float]) -> list[Real]:
-        return [nominal * matrix for matrix in made.compliances(study, cranks)]
+        return [nominal * matrix for matrix in unit_made.compliances(study, cranks)]
 
-    problem, over_cells = problem_of(known, softened)
-    true = made.truth["truth"]
+    problem, over_cells = problem_of(true_unit, softened)
+    true = unit_made.truth["truth"]
     fitter = Fitter(problem)
-    if made.truth["kind"] == OUTSIDE_KIND:
-        curves = over_cells(np.concatenate(made.angles))
+    if unit_made.truth["kind"] == OUTSIDE_KIND:
+        curves = over_cells(np.concatenate(unit_made.angles))
     else:
         model = Model((candidates()[true],))
-        shares = unmapped(fitter.bounds(model), made.truth["effects"][0]["values"])
+        shares = unmapped(fitter.bounds(model), unit_made.truth["effects"][0]["values"])
         curves = fitter.predict(model, fitter.start(model, shares)).angle
     problem = replace(problem, data=replace(problem.data, angle=curves))
-    fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
-    base = fitter.fit(Model(), everything, fitter.start(Model()))
-    looked = {
+    fitter, all_cells = Fitter(problem), np.ones(len(problem.data), bool)
+    base = fitter.fit(Model(), all_cells, fitter.start(Model()))
+    misfits = {
         name: _look(fitter, base, candidate)
         for name, candidate in candidates().items()
         if not problem.why_not(candidate) and name != true and limit_cases().get(name) != true
     }
     distance_by_name = {}
-    for name in sorted(looked, key=lambda name: looked[name][0])[:NEAREST]:
-        start = replace(base.unknowns, shares=looked[name][1])
-        fit = fitter.fit(Model((candidates()[name],)), everything, start, ITERATIONS)
+    for name in sorted(misfits, key=lambda name: misfits[name][0])[:NEAREST]:
+        start = replace(base.unknowns, shares=misfits[name][1])
+        fit = fitter.fit(Model((candidates()[name],)), all_cells, start, ITERATIONS)
         if np.isfinite(fit.cost):
             misfit = (curves - fit.predicted) / problem.data.sigma
             distance_by_name[name] = float(np.sqrt(np.mean(misfit**2)))
@@ -103,16 +103,16 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
 
     def moved(shares: Real) -> Real:
         angle = fitter.predict(model, replace(base.unknowns, shares=shares)).angle
-        return free(fitter.centred(np.nan_to_num(angle - plain), weight) / data.sigma)
+        return free(fitter.centred(np.nan_to_num(angle - base_angle), weight) / data.sigma)
 
-    plain = fitter.predict(Model(), base.unknowns).angle
+    base_angle = fitter.predict(Model(), base.unknowns).angle
     zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
     goal, best = free(residual), (np.inf, zero)
     for shape, step in product(SHAPES if not np.all(grows) else SHAPES[:1], STEPS):
-        at = np.where(grows, zero, shape)
-        columns = np.column_stack([moved(at + step * direction) for direction in np.eye(len(bounds))[grows]])
+        trial_shape = np.where(grows, zero, shape)
+        columns = np.column_stack([moved(trial_shape + step * direction) for direction in np.eye(len(bounds))[grows]])
         amounts = np.linalg.lstsq(columns, goal, rcond=None)[0]
-        shares = at.copy()
+        shares = trial_shape.copy()
         shares[grows] = np.clip(zero[grows] + step * amounts, 0, 1)
         misfit = float(np.sum((goal - moved(shares)) ** 2))
         if misfit < best[0]:

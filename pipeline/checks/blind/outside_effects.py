@@ -46,10 +46,10 @@ def _one_sided_play(amplitude: float, shape: Mapping[str, float]) -> Outside:
 
 def _tooth_ripple(amplitude: float, shape: Mapping[str, float]) -> Outside:
     def angle(track: Track) -> Real:
-        plain = track.angle_at(track.ramp.torque)
+        smooth_angle = track.angle_at(track.ramp.torque)
         load = np.abs(track.ramp.torque) / _top(track.ramp)
-        ripple = np.sin(2 * np.pi * shape["waves"] * plain / track.span + shape["phase"])
-        return plain + 0.5 * amplitude * track.span * load * ripple
+        ripple = np.sin(2 * np.pi * shape["waves"] * smooth_angle / track.span + shape["phase"])
+        return smooth_angle + 0.5 * amplitude * track.span * load * ripple
 
     return angle
 
@@ -80,9 +80,9 @@ def _stick_slip(amplitude: float, shape: Mapping[str, float]) -> Outside:
 def _dead_band(amplitude: float, shape: Mapping[str, float]) -> Outside:
     def angle(track: Track) -> Real:
         torque, top = track.ramp.torque, _top(track.ramp)
-        around = shape["centre"] * top
-        passed = torque - around
-        return track.angle_at(around + passed + np.sign(passed) * 0.5 * amplitude * top)
+        band_centre = shape["centre"] * top
+        torque_past_band = torque - band_centre
+        return track.angle_at(band_centre + torque_past_band + np.sign(torque_past_band) * 0.5 * amplitude * top)
 
     return angle
 

@@ -59,9 +59,9 @@ class Rate:
         return None if np.isnan(self.needed) or not self.of else self.rate >= self.needed
 
 
-def lower_bound(passed: int, of: int, level: float = LEVEL) -> float:
+def lower_bound(successes: int, trials: int, level: float = LEVEL) -> float:
     """One-sided lower bound of a share by Clopper and Pearson, Biometrika 26 (1934) 404; 0 without cases."""
-    return float(beta.ppf(1 - level, passed, of - passed + 1)) if passed and of else 0.0
+    return float(beta.ppf(1 - level, successes, trials - successes + 1)) if successes and trials else 0.0
 
 
 def rates(rows: Sequence[Row]) -> list[Rate]:
@@ -79,19 +79,19 @@ def numbers_to_meet(rows: Sequence[Row]) -> list[Rate]:
     """Rates of some units over all sizes of what was put into them."""
     kinds = {kind: [row for row in rows if row.kind == kind] for kind in (NONE, ONE, TWO, OUTSIDE_KIND)}
     visible = [row for row in kinds[ONE] if row.size_over_noise >= VISIBLE]
-    told = [row for row in visible if row.oracle_separates]
-    outside = [row for row in kinds[OUTSIDE_KIND] if row.size_over_noise >= VISIBLE]
-    clear = [row for row in outside if row.nearest_floors >= STRUCTURE]
+    separable = [row for row in visible if row.oracle_separates]
+    visible_outside = [row for row in kinds[OUTSIDE_KIND] if row.size_over_noise >= VISIBLE]
+    clear = [row for row in visible_outside if row.nearest_floors >= STRUCTURE]
     right = [row for row in kinds[ONE] if row.correct]
     with_interval = [row for row in right if row.parameter_covered is not None]
     large = f">= {VISIBLE:g}"
     return [
         _rate("one effect: right, or in a class of at most three", large, visible, lambda r: r.correct, 0.95),
-        _rate("one effect, oracle separates: named alone", large, told, _alone, 0.8),
+        _rate("one effect, oracle separates: named alone", large, separable, _alone, 0.8),
         _rate("one effect: oracle separates it", large, visible, lambda r: bool(r.oracle_separates)),
         _rate("no effect: none named", "all", kinds[NONE], lambda r: r.correct, 0.98),
         _rate("no effect: adequate", "all", kinds[NONE], lambda r: r.verdict == "adequate"),
-        _rate("outside: unexplained", large, outside, lambda r: r.verdict == UNEXPLAINED, 0.9),
+        _rate("outside: unexplained", large, visible_outside, lambda r: r.verdict == UNEXPLAINED, 0.9),
         _rate("outside, clear: unexplained", large, clear, lambda r: r.verdict == UNEXPLAINED, 0.9),
         _rate("outside, clear: nothing named", large, clear, lambda r: not r.named, 1.0),
         _rate("two effects: both named together", "all", kinds[TWO], lambda r: bool(r.both)),
@@ -106,10 +106,12 @@ def by_size(singles: Sequence[Row]) -> list[Rate]:
     """Rates of units with one effect by its size, and of classes by theirs."""
     size_rates = []
     for low, high in zip(BINS[:-1], BINS[1:], strict=True):
-        inside = [row for row in singles if low <= row.size_over_noise < high]
+        rows_of_size = [row for row in singles if low <= row.size_over_noise < high]
         span = f"{low:g} to {high:g}"
-        size_rates.append(_rate("one effect: right, or in a class of at most three", span, inside, lambda r: r.correct))
-        size_rates.append(_rate("one effect: named alone", span, inside, _alone))
+        size_rates.append(
+            _rate("one effect: right, or in a class of at most three", span, rows_of_size, lambda r: r.correct)
+        )
+        size_rates.append(_rate("one effect: named alone", span, rows_of_size, _alone))
     for size in sorted({row.class_size for row in singles}):
         size_rates.append(_rate(f"one effect: class of {size}", "all", singles, partial(_of_class, size)))
     return size_rates
@@ -137,14 +139,16 @@ def _fits(row: Row) -> bool:
     return row.rms_after_arcmin <= HELD_OUT * row.noise_floor_arcmin
 
 
-def write_rates(path: Path, found: Sequence[Rate]) -> None:
+def write_rates(path: Path, rates: Sequence[Rate]) -> None:
     """rates.csv."""
     lines = ["rate,size_over_noise,passed,of,share,lower_bound_95,needed,met"]
-    for rate in found:
+    for rate in rates:
         required = "" if np.isnan(rate.needed) else f"{rate.needed:g}"
-        met = "" if rate.met is None else str(rate.met).lower()
+        outcome = "" if rate.met is None else str(rate.met).lower()
         share = "" if not rate.of else f"{rate.rate:.4f}"
-        lines.append(f'"{rate.name}",{rate.sizes},{rate.passed},{rate.of},{share},{rate.bound:.4f},{required},{met}')
+        lines.append(
+            f'"{rate.name}",{rate.sizes},{rate.passed},{rate.of},{share},{rate.bound:.4f},{required},{outcome}'
+        )
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 
@@ -160,5 +164,5 @@ def confusion(rows: Sequence[Row]) -> dict[tuple[str, str], int]:
 
 def write_confusion(path: Path, counts: dict[tuple[str, str], int]) -> None:
     """confusion.csv, one line a cell that is not zero."""
-    lines = ["truth,named,cases", *(f"{truth},{named},{n}" for (truth, named), n in sorted(counts.items()))]
+    lines = ["truth,named,cases", *(f"{truth},{answer},{n}" for (truth, answer), n in sorted(counts.items()))]
     write_atomic(path, ("\n".join(lines) + "\n").encode())

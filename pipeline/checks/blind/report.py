@@ -38,21 +38,21 @@ def _said(row: Row) -> list[str]:
 def confusion_figure(rows: Sequence[Row]) -> Figure:
     """Truth against what was named; a case whose class has n members counts 1/n for each."""
     truths = sorted({_truth(row) for row in rows}, key=lambda name: (name != "none", ":" in name, name))
-    stated = sorted(
+    answers = sorted(
         {name for row in rows for name in _said(row)}, key=lambda name: (name in truths, name), reverse=True
     )
-    counts = np.zeros((len(truths), len(stated)))
+    counts = np.zeros((len(truths), len(answers)))
     for row in rows:
         names = _said(row)
         for name in names:
-            counts[truths.index(_truth(row)), stated.index(name)] += 1 / len(names)
-    figure = new_figure(1.6 + 0.24 * len(truths), 2.5 + 0.32 * len(stated))
+            counts[truths.index(_truth(row)), answers.index(name)] += 1 / len(names)
+    figure = new_figure(1.6 + 0.24 * len(truths), 2.5 + 0.32 * len(answers))
     axes = figure.add_subplot()
     axes.grid(visible=False)
     axes.imshow(counts, cmap="Blues", vmin=0, vmax=max(1.5 * counts.max(), 1), aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
         axes.text(j, i, f"{counts[i, j]:.2g}", ha="center", va="center", color=INK, fontsize=7.5)
-    axes.set_xticks(range(len(stated)), stated, rotation=60, ha="right")
+    axes.set_xticks(range(len(answers)), answers, rotation=60, ha="right")
     axes.set_yticks(range(len(truths)), truths)
     axes.set_xlabel("named, or the verdict where nothing was")
     axes.set_ylabel("truth")

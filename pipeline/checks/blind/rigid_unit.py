@@ -94,13 +94,13 @@ def machined(study: Study, sampled: Errors, rng: np.random.Generator) -> Errors:
 
     Half of each deviation is the lot's, the other half each element's own; neighbours are not alike.
     """
-    drawn = {}
+    deviations = {}
     for name in LOTS:
         tolerance, shape = getattr(study.tolerances, name), np.shape(getattr(sampled, name))
         low, high = tolerance.limits_um
         share = 0.5 * rng.uniform() + 0.5 * rng.uniform(size=shape) if len(shape) > 1 else rng.uniform(size=shape)
-        drawn[name] = tolerance.allowance_um + low + (high - low) * share
-    return replace(sampled, **drawn)
+        deviations[name] = tolerance.allowance_um + low + (high - low) * share
+    return replace(sampled, **deviations)
 
 
 def rigid_unit(study: Study, dimensions: Errors, bench: Bench) -> RigidUnit:

@@ -91,8 +91,10 @@ def blind(cases: int, seed: int, jobs: int, root: Path, runs: Path) -> list[Row]
     rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code and row.case < cases}
     remaining = [case for case in range(cases) if case not in rows]
     with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        solved = Parallel(return_as="generator_unordered")(delayed(one_case)(maker, case, code) for case in remaining)
-        for row in solved:
+        rows_solved = Parallel(return_as="generator_unordered")(
+            delayed(one_case)(maker, case, code) for case in remaining
+        )
+        for row in rows_solved:
             rows[row.case] = row
             write_rows(table, [rows[case] for case in sorted(rows)])
             progress.say("blind", f"{len(rows)} of {cases}", f"{row.truth}: {row.verdict} {row.named}")
@@ -127,13 +129,15 @@ def _failed(unit: Made, error: Exception, **case_facts: Any) -> Row:
     return Row(**{**values, **case_facts, "verdict": FAILED, "reason": f"{type(error).__name__}: {error}"})
 
 
-def _row(unit: Made, found: Identification | FaultyUnit, near: Mapping[str, float], **case_facts: Any) -> Row:
-    truth, verdict = unit.truth, found.verdict
+def _row(
+    unit: Made, identification: Identification | FaultyUnit, distances: Mapping[str, float], **case_facts: Any
+) -> Row:
+    truth, verdict = unit.truth, identification.verdict
     kind, size = truth["kind"], truth["size_over_noise"]
     parts = [frozenset(name.split("+")) for name in verdict.named]
     true = frozenset(truth["truth"].split(";"))
-    nearest = min(near, key=lambda name: near[name], default="")
-    declared, recalibrated, after = errors_of(found)
+    nearest = min(distances, key=lambda name: distances[name], default="")
+    declared, recalibrated, best = errors_of(identification)
     return Row(
         **case_facts,
         truth=truth["truth"],
@@ -142,18 +146,20 @@ def _row(unit: Made, found: Identification | FaultyUnit, near: Mapping[str, floa
         named=";".join(verdict.named),
         class_size=len(verdict.named),
         correct=is_correct(kind, size, true, parts, verdict.verdict),
-        oracle_separates=near[nearest] >= 1 if near else None,
+        oracle_separates=distances[nearest] >= 1 if distances else None,
         rms_declared_arcmin=declared,
         rms_recalibrated_arcmin=recalibrated,
-        rms_after_arcmin=after,
-        noise_floor_arcmin=found.problem.data.noise if isinstance(found, Identification) else float("nan"),
-        parameter_covered=_covered(found, truth) if kind == ONE else None,
+        rms_after_arcmin=best,
+        noise_floor_arcmin=identification.problem.data.noise
+        if isinstance(identification, Identification)
+        else float("nan"),
+        parameter_covered=_covered(identification, truth) if kind == ONE else None,
         both=true in parts if kind == TWO else None,
         nearest=nearest,
-        nearest_floors=near.get(nearest, float("nan")),
+        nearest_floors=distances.get(nearest, float("nan")),
         structure=verdict.structure,
         traced=";".join(verdict.traced),
-        parameters=_parameters(found, truth),
+        parameters=_parameters(identification, truth),
         reason="",
         kind=kind,
         reducer=truth["reducer"],
@@ -162,44 +168,46 @@ def _row(unit: Made, found: Identification | FaultyUnit, near: Mapping[str, floa
     )
 
 
-def is_correct(kind: str, size: float, true: frozenset[str], named: Sequence[frozenset[str]], verdict: str) -> bool:
+def is_correct(
+    kind: str, size: float, true: frozenset[str], named_sets: Sequence[frozenset[str]], verdict: str
+) -> bool:
     """Whether a verdict is right; see ``Row``."""
     if kind == NONE:
-        return not named
+        return not named_sets
     if kind == OUTSIDE_KIND:
         return verdict == UNEXPLAINED or (verdict == ADEQUATE and size < VISIBLE)
-    if not 0 < len(named) <= LARGEST_CLASS:
+    if not 0 < len(named_sets) <= LARGEST_CLASS:
         return False
-    return any(effect_set <= true for effect_set in named)
+    return any(effect_set <= true for effect_set in named_sets)
 
 
-def _covered(found: Identification | FaultyUnit, truth: Mapping[str, Any]) -> bool | None:
+def _covered(identification: Identification | FaultyUnit, truth: Mapping[str, Any]) -> bool | None:
     """Whether all parameters of the true effect lie in their intervals; None if it has none."""
     effect = truth["effects"][0]
-    of_effect = [p for p in found.verdict.parameters if p.effect == effect["name"]]
+    of_effect = [p for p in identification.verdict.parameters if p.effect == effect["name"]]
     if not of_effect or any(np.isnan(p.ci_low) for p in of_effect):
         return None
     return all(p.ci_low <= value <= p.ci_high for p, value in zip(of_effect, effect["values"], strict=True))
 
 
-def _parameters(found: Identification | FaultyUnit, truth: Mapping[str, Any]) -> str:
+def _parameters(identification: Identification | FaultyUnit, truth: Mapping[str, Any]) -> str:
     values = {effect["name"]: effect.get("values", ()) for effect in truth["effects"]}
     phrases = []
-    for name in dict.fromkeys(p.effect for p in found.verdict.parameters):
-        of_effect = [p for p in found.verdict.parameters if p.effect == name]
+    for name in dict.fromkeys(p.effect for p in identification.verdict.parameters):
+        of_effect = [p for p in identification.verdict.parameters if p.effect == name]
         phrases += [f"{name}.{p.name} = {p.value:.4g} ({p.ci_low:.4g} to {p.ci_high:.4g})" for p in of_effect]
         if name in values:
             phrases.append(f"truly {' '.join(f'{value:.4g}' for value in values[name])}")
     return "; ".join(phrases)
 
 
-def errors_of(found: Identification | FaultyUnit) -> tuple[float, float, float]:
+def errors_of(identification: Identification | FaultyUnit) -> tuple[float, float, float]:
     """Held-out errors [arcmin] as declared, recalibrated and with the chosen model: rms in sigmas times the floor."""
-    if isinstance(found, FaultyUnit):
+    if isinstance(identification, FaultyUnit):
         return (float("nan"),) * 3
-    floor = found.problem.data.noise
-    declared, recalibrated, after = (floor * found.errors[stage].to_noise for stage in STAGES)
-    return declared, recalibrated, after
+    floor = identification.problem.data.noise
+    declared, recalibrated, best = (floor * identification.errors[stage].to_noise for stage in STAGES)
+    return declared, recalibrated, best
 
 
 def source_hash(reducers: Sequence[Reducer]) -> str:

@@ -80,10 +80,12 @@ class TrueUnit:
         angles = []
         for drive, ramp, encoder_angle in zip(drives, self.bench.ramps, encoder_place, strict=True):
             angle = _solved(drive, ramp, instrument)
-            turned = turns * angle + encoder_angle
-            passed = ramp.time + (ramp.begin if self.bench.common else 0.0)
-            read = ARCMIN * angle + instrument.drift * passed / SECONDS_AN_HOUR
-            angles.append(read + instrument.encoder[0] * np.cos(turned) + instrument.encoder[1] * np.sin(turned))
+            encoder_reading = turns * angle + encoder_angle
+            elapsed = ramp.time + (ramp.begin if self.bench.common else 0.0)
+            read = ARCMIN * angle + instrument.drift * elapsed / SECONDS_AN_HOUR
+            angles.append(
+                read + instrument.encoder[0] * np.cos(encoder_reading) + instrument.encoder[1] * np.sin(encoder_reading)
+            )
         return angles
 
     @staticmethod
@@ -144,7 +146,7 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
     """Angle [rad] at the rows of a ramp."""
     turns, true_torque = instrument.true_torque(ramp.turns), instrument.true_torque(ramp.torque)
     curve = _fine(drive, float(np.max(np.abs(turns))) / NMM_PER_NM)
-    angle, carried = np.empty(len(true_torque)), np.empty(len(true_torque))
+    angle, carried_torque = np.empty(len(true_torque)), np.empty(len(true_torque))
     for state in range(len(curve.angle)):
         of_cycle = ramp.cycle == state
         levels = drive.stiffening(state) * curve.torque
@@ -152,38 +154,40 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
         if instrument.ripple.amplitude or len(drive.sliders.acting):
             steps, is_row = _every_row(turns, true_torque, ramp.leg)
             if drive.sliders.at_contacts:
-                turned, inside = _followed(drive, state, curve, steps)
+                output_angle, play_torque = _followed(drive, state, curve, steps)
             else:
                 leaning = 1 + drive.lean
                 sliders = drive.sliders.of_scaled_load(leaning)
-                turned, inside = condensed_path(steps, leaning * levels, elastic_angle, sliders, instrument.ripple)
-                inside = inside / leaning
-            angle[of_cycle], carried[of_cycle] = turned[is_row][of_cycle], inside[is_row][of_cycle]
+                output_angle, play_torque = condensed_path(
+                    steps, leaning * levels, elastic_angle, sliders, instrument.ripple
+                )
+                play_torque = play_torque / leaning
+            angle[of_cycle], carried_torque[of_cycle] = output_angle[is_row][of_cycle], play_torque[is_row][of_cycle]
         else:
-            angle[of_cycle], carried[of_cycle] = (
+            angle[of_cycle], carried_torque[of_cycle] = (
                 np.interp(true_torque[of_cycle], levels, elastic_angle),
                 true_torque[of_cycle],
             )
     if drive.creep is not None:
-        angle = angle + _crept(carried, ramp.time, drive.creep.compliance, drive.creep.time_constant)
+        angle = angle + _crept(carried_torque, ramp.time, drive.creep.compliance, drive.creep.time_constant)
     if drive.rayleigh:
-        angle = angle + _plays(carried, drive.rayleigh)
+        angle = angle + _plays(carried_torque, drive.rayleigh)
     return angle
 
 
 def _plays(torque: Real, coefficient: float) -> Real:
     """Twist [rad] of a Rayleigh hysteresis along torques (n_rows,) [N mm] as the sum of plays of every width."""
     half = np.max(np.abs(torque)) * (np.arange(PLAYS) + 0.5) / PLAYS
-    inside, twist = np.zeros(PLAYS), np.empty(len(torque))
+    play_torque, twist = np.zeros(PLAYS), np.empty(len(torque))
     for k, load in enumerate(torque):
-        inside = np.clip(inside, load - half, load + half)
-        twist[k] = inside.sum()
+        play_torque = np.clip(play_torque, load - half, load + half)
+        twist[k] = play_torque.sum()
     return 2 * coefficient * (half[1] - half[0]) * twist
 
 
-def _every_row(turns: Real, at: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:
+def _every_row(turns: Real, row_torque: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:
     """Torques of all rows with the turns between them, and which of them are rows."""
-    parts = [turns[:1], *(np.append(at[leg == k], end) for k, end in enumerate(turns[1:]))]
+    parts = [turns[:1], *(np.append(row_torque[leg == k], end) for k, end in enumerate(turns[1:]))]
     is_row = [np.append(np.ones(len(part) - 1, bool), False) for part in parts]
     return np.concatenate(parts), np.concatenate(is_row)
 
@@ -195,18 +199,18 @@ def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[R
     )
     if worst > UNSOUND:
         raise UnsoundError("the path with friction")
-    turned = motion[:, drive.reducer.output_motion]
-    return turned + drive.twist(steps), np.interp(turned, curve.angle[state], curve.torque)
+    output_angle = motion[:, drive.reducer.output_motion]
+    return output_angle + drive.twist(steps), np.interp(output_angle, curve.angle[state], curve.torque)
 
 
-def _crept(carried: Real, time: Real, compliance: float, time_constant: float) -> Real:
+def _crept(carried_torque: Real, time: Real, compliance: float, time_constant: float) -> Real:
     """Delayed rotation [rad] for a torque that is linear between rows."""
-    crept, strain = np.zeros_like(carried), 0.0
-    for k in range(1, len(carried)):
+    crept, strain = np.zeros_like(carried_torque), 0.0
+    for k in range(1, len(carried_torque)):
         step = (time[k] - time[k - 1]) / time_constant
         decay = np.exp(-step)
-        before, after = carried[k - 1], carried[k]
-        slope = (after - before) / step if step > 0 else 0.0
-        strain = strain * decay + compliance * (after - slope + (slope - before) * decay)
+        torque_before, torque_after = carried_torque[k - 1], carried_torque[k]
+        slope = (torque_after - torque_before) / step if step > 0 else 0.0
+        strain = strain * decay + compliance * (torque_after - slope + (slope - torque_before) * decay)
         crept[k] = strain
     return crept

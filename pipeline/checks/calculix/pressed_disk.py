@@ -102,21 +102,22 @@ class PressedDisk:
         """
         execute("\n".join(self._deck(forces)) + "\n", len(forces), NAME, folder)
         blocks = printed(folder / f"{NAME}.dat")["displacements"]
-        moved = np.zeros((len(blocks), len(self.mesh.nodes)), complex)
+        displacement = np.zeros((len(blocks), len(self.mesh.nodes)), complex)
         for case, values in enumerate(blocks):
             nodes = np.array(list(values)) - 1
-            moved[case, nodes] = [complex(x, y) for x, y, _ in values.values()]
+            displacement[case, nodes] = [complex(x, y) for x, y, _ in values.values()]
         nodes, share = self.bore
         arm = self.mesh.nodes[nodes]
-        shift = moved[:, nodes] @ share
-        turn = np.imag(np.conj(arm) * moved[:, nodes] / np.abs(arm) ** 2) @ share
-        return moved - shift[:, None] - 1j * turn[:, None] * self.mesh.nodes
+        shift = displacement[:, nodes] @ share
+        turn = np.imag(np.conj(arm) * displacement[:, nodes] / np.abs(arm) ** 2) @ share
+        return displacement - shift[:, None] - 1j * turn[:, None] * self.mesh.nodes
 
-    def along(self, moved: Complex) -> Real:
+    def along(self, displacement: Complex) -> Real:
         """Mean displacement of every patch along its force (n_cases, n_presses) [mm]."""
         pairs = zip(self.presses, self.shares, strict=True)
         return np.stack(
-            [np.real(moved[:, nodes] @ share * np.conj(press.direction)) for press, (nodes, share) in pairs], axis=1
+            [np.real(displacement[:, nodes] @ share * np.conj(press.direction)) for press, (nodes, share) in pairs],
+            axis=1,
         )
 
     def _deck(self, forces: Real) -> Iterator[str]:
@@ -159,13 +160,13 @@ def ring(loop: Loop) -> tuple[np.ndarray, Real]:
     return nodes, np.repeat([SIMPSON[0] + SIMPSON[2], SIMPSON[1]], count) / count
 
 
-def _parameters(curve: Curve, press: Press, across: Real) -> Real:
-    """Parameters at which the coordinate across the force, from the patch's point, is ``across`` (n,) [mm]."""
+def _parameters(curve: Curve, press: Press, transverse: Real) -> Real:
+    """Parameters at which the coordinate across the force, from the patch's point, is ``transverse`` (n,) [mm]."""
     parameter, points = curve.samples(DENSE)
     distance = np.abs(points - press.point)
     foot = parameter[np.argmin(distance)]
-    under = distance < REACH * press.half_width
-    offset = (parameter[under] - foot + 0.5) % 1.0 - 0.5
-    tangential = np.real((points[under] - press.point) * np.conj(1j * press.direction))
+    is_pressed = distance < REACH * press.half_width
+    offset = (parameter[is_pressed] - foot + 0.5) % 1.0 - 0.5
+    tangential = np.real((points[is_pressed] - press.point) * np.conj(1j * press.direction))
     order = np.argsort(tangential)
-    return (foot + np.interp(across, tangential[order], offset[order])) % 1.0
+    return (foot + np.interp(transverse, tangential[order], offset[order])) % 1.0

@@ -103,9 +103,9 @@ def execute(text: str, steps: int, name: str, folder: Path) -> Run:
         process.returncode = os.waitstatus_to_exitcode(status)
     seconds = time.perf_counter() - start
     output = (folder / f"{name}.log").read_text(errors="replace")
-    solved = len(printed(folder / f"{name}.dat")["displacements"])
-    if process.returncode != 0 or solved != steps:
-        raise RuntimeError(f"{PROGRAM} solved {solved} of {steps} load steps: {output[-500:]}")
+    increments = len(printed(folder / f"{name}.dat")["displacements"])
+    if process.returncode != 0 or increments != steps:
+        raise RuntimeError(f"{PROGRAM} solved {increments} of {steps} load steps: {output[-500:]}")
     return Run(seconds, usage.ru_maxrss * KIB, output)
 
 

@@ -127,7 +127,8 @@ def _sources(
     """Points from which edges of one length grow: the fine ones, and boundaries of equal edges together."""
     lengths = {curve.edge for curve in curves}
     sources = [
-        ([on for curve, on in zip(curves, points, strict=True) if curve.edge == length], length) for length in lengths
+        ([curve_points for curve, curve_points in zip(curves, points, strict=True) if curve.edge == length], length)
+        for length in lengths
     ]
     return tuple((KDTree(_plane(np.concatenate(parts))), length) for parts, length in [([fine], edge), *sources])
 
@@ -157,17 +158,17 @@ def _leaves(radius: float, size: EdgeLength) -> Complex:
 def _within(polygons: list[Path], points: Complex) -> np.ndarray:
     """Whether points lie inside the first polygon and outside of the others."""
     plane = _plane(points)
-    inside = polygons[0].contains_points(plane)
+    is_inside = polygons[0].contains_points(plane)
     for polygon in polygons[1:]:
-        inside &= ~polygon.contains_points(plane)
-    return inside
+        is_inside &= ~polygon.contains_points(plane)
+    return is_inside
 
 
 def _smoothed(points: Complex, fixed: int) -> Complex:
     """Nodes behind the first ``fixed``, each moved to the mean of its neighbours."""
-    first, neighbour = Delaunay(_plane(points)).vertex_neighbor_vertices
-    count = np.diff(first)
-    total = np.add.reduceat(points[neighbour], first[:-1])
+    first_neighbour, neighbour = Delaunay(_plane(points)).vertex_neighbor_vertices
+    count = np.diff(first_neighbour)
+    total = np.add.reduceat(points[neighbour], first_neighbour[:-1])
     return (total / count)[fixed:]
 
 
@@ -181,9 +182,9 @@ def _quadratic(points: Complex, triangles: Index, curves: tuple[Curve, ...], par
     for curve, parameter in zip(curves, parameters, strict=True):
         corner = start + np.arange(len(parameter))
         pairs = np.sort(np.stack([corner, np.roll(corner, -1)], axis=1), axis=1)
-        behind = np.array([edge_number[int(a), int(b)] for a, b in pairs])
-        middle[behind] = curve.point(0.5 * (parameter + np.append(parameter[1:], 1.0)))
-        loops.append(Loop(parameter, corner, len(points) + behind))
+        middle_node = np.array([edge_number[int(a), int(b)] for a, b in pairs])
+        middle[middle_node] = curve.point(0.5 * (parameter + np.append(parameter[1:], 1.0)))
+        loops.append(Loop(parameter, corner, len(points) + middle_node))
         start += len(parameter)
     six = np.hstack([triangles, len(points) + number.reshape(-1, 3)])
     return CurvedMesh(np.concatenate([points, middle]), six, tuple(loops))

@@ -63,8 +63,8 @@ def _with(study: Study, section: str, **values: object) -> Study:
 
 
 def _designed(study: Study, section: str, **values: object) -> Study:
-    changed = getattr(study.design, section).model_copy(update=values)
-    return study.model_copy(update={"design": study.design.model_copy(update={section: changed})})
+    variant = getattr(study.design, section).model_copy(update=values)
+    return study.model_copy(update={"design": study.design.model_copy(update={section: variant})})
 
 
 def _affected(study: Study, effects: dict[str, dict[str, float]]) -> Study:
@@ -92,11 +92,11 @@ def assumptions(study: Study) -> Iterator[Assumption]:
 
 def _definitions(study: Study) -> Iterator[Assumption]:
     for low in (3.0, 10.0, 25.0, 50.0):
-        changed = _with(study, "metrics", rigidity_percent=(low, 100.0))
-        yield Assumption(f"rigidity between {low:g} and 100 % of the rated torque", changed)
+        variant = _with(study, "metrics", rigidity_percent=(low, 100.0))
+        yield Assumption(f"rigidity between {low:g} and 100 % of the rated torque", variant)
     for percent in (2.5, 4.0):
-        changed = _with(study, "metrics", lost_motion_percent=percent)
-        yield Assumption(f"lost motion at {percent:g} % of the rated torque", changed)
+        variant = _with(study, "metrics", lost_motion_percent=percent)
+        yield Assumption(f"lost motion at {percent:g} % of the rated torque", variant)
     yield Assumption("backlash read at 0.1 % of the rated torque", study, backlash_percent=0.1)
     yield Assumption("clearances to first order", _with(study, "clearance", method="first_order"))
     pitch = 360 / study.design.cycloid.pins
@@ -118,8 +118,8 @@ def _disk(study: Study) -> Iterator[Assumption]:
         yield Assumption(f"disk {thickness:g} mm thick", _designed(study, "disk", thickness_mm=thickness))
     yield Assumption("plane strain", _designed(study, "disk", stress="plane_strain"), remesh=True)
     for bore, face in ((3.0, 5.0), (8.0, 9.5)):
-        changed = with_numbers(study, {"disk.bore_radius_mm": bore, "output.face_offset_mm": face})
-        yield Assumption(f"bore {bore:g} mm in radius, rollers {face:g} mm off the axis", changed, remesh=True)
+        variant = with_numbers(study, {"disk.bore_radius_mm": bore, "output.face_offset_mm": face})
+        yield Assumption(f"bore {bore:g} mm in radius, rollers {face:g} mm off the axis", variant, remesh=True)
 
 
 def _output(study: Study) -> Iterator[Assumption]:
@@ -129,8 +129,8 @@ def _output(study: Study) -> Iterator[Assumption]:
     width = 0.5 * study.reduce.roller_patch_half_width_mm
     name = f"rollers spread over {width:g} mm in half width"
     yield Assumption(name, _with(study, "reduce", roller_patch_half_width_mm=width), remesh=True)
-    turned = _designed(study, "output", slide_angle_deg=0.0)
-    yield Assumption("first slide along the crank", turned, remesh=True)
+    turned_slide = _designed(study, "output", slide_angle_deg=0.0)
+    yield Assumption("first slide along the crank", turned_slide, remesh=True)
     yield Assumption("R on the first slide alone, and whole on each side", _on_first_slide(study))
     yield from _stations(study)
 

@@ -58,12 +58,12 @@ def _condensed(study: Study, outputs: Mapping[str, Output]) -> Condensed:
 
 def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPaper]:
     folder.mkdir(parents=True, exist_ok=True)
-    stated = statements(tables, published / CONTACTS)
+    statement_table = statements(tables, published / CONTACTS)
     figures = []
     for drawing in drawings(tables):
         save(drawing.figure, folder / drawing.stem)
         picture = Picture(drawing.title, drawing.caption, (folder / f"{drawing.stem}.svg").read_bytes())
-        of_drawing = [statement for statement in stated if statement.figure in drawing.numbers]
+        of_drawing = [statement for statement in statement_table if statement.figure in drawing.numbers]
         figures.append(FigureOfPaper(" and ".join(drawing.numbers), picture, of_drawing))
     return figures
 
@@ -71,7 +71,9 @@ def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPape
 def write(comparison: Comparison, folder: Path, variations: Path) -> None:
     """The tables as CSV and the page, into ``folder``; the elastic part under each assumption, to ``variations``."""
     write_atomic(variations, variations_csv(comparison.assumptions))
-    stated = pd.DataFrame([vars(statement) for figure in comparison.figures for statement in figure.statements])
+    statement_table = pd.DataFrame(
+        [vars(statement) for figure in comparison.figures for statement in figure.statements]
+    )
     frames = {
         "table2": comparison.table2,
         "elastic_part": comparison.shortfalls.elastic_part,
@@ -81,7 +83,7 @@ def write(comparison: Comparison, folder: Path, variations: Path) -> None:
         "readings": comparison.readings,
         "assumptions": comparison.assumptions,
         "procedures": comparison.procedures,
-        "statements": stated,
+        "statements": statement_table,
     }
     for name, frame in frames.items():
         write_atomic(folder / f"{name}.csv", frame.to_csv(index=False).encode())

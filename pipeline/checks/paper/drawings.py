@@ -81,7 +81,7 @@ def _under_torque(tables: Tables) -> Iterator[Drawing]:
         "Against pin number.",
         pin_loads_figure(rising, rising=True),
     )
-    every = [listed.label for listed in tables.study.cases]
+    every = [tolerance_case.label for tolerance_case in tables.study.cases]
     curves = {label: tables.of_case(tables.curves, label) for label in every}
     yield Drawing(
         ("12",),

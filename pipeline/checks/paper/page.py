@@ -126,8 +126,8 @@ def _shortfall_rows(shortfalls: Shortfalls) -> Mapping[str, object]:
 
 def _variations(table: pd.DataFrame) -> list[Mapping[str, object]]:
     """One row per assumption: the fit to Table 2 alone, and ``reached``, the one that has the elastic part in sight."""
-    reached = {row["assumption"]: row for row in _of_fit(table, BOTH)}
-    return [{**row, "reached": reached[row["assumption"]]} for row in _of_fit(table, TABLE)]
+    variations = {row["assumption"]: row for row in _of_fit(table, BOTH)}
+    return [{**row, "reached": variations[row["assumption"]]} for row in _of_fit(table, TABLE)]
 
 
 def _of_fit(table: pd.DataFrame, fitted_to: str) -> list[dict[str, object]]:

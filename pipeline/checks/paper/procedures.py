@@ -71,16 +71,16 @@ def iterative(load: LoadCase) -> Analysis:
     jacobian, gap = load.reducer.contact_jacobian, load.gap
     play = rigid_play(load.reducer, gap[None], np.zeros(1))
     motion = (play.pose_plus if load.torque > 0 else play.pose_minus)[0]
-    closed = gap - jacobian @ motion <= TOUCHING
+    contact_set = gap - jacobian @ motion <= TOUCHING
     systems = 0
     for turn in range(1, PASSES + 1):
-        force, motion, steps = _held(load, np.flatnonzero(closed))
+        force, motion, steps = _held(load, np.flatnonzero(contact_set))
         systems += steps
         room = gap + load.compliance @ force - jacobian @ motion
-        settled = np.where(closed, force > 0, room < 0)
-        if np.array_equal(settled, closed):
+        settled = np.where(contact_set, force > 0, room < 0)
+        if np.array_equal(settled, contact_set):
             return Analysis(force, motion, turn, systems)
-        closed = settled
+        contact_set = settled
     raise ArithmeticError(f"contacts unsettled after {PASSES} passes")
 
 
@@ -117,10 +117,10 @@ def _held(load: LoadCase, contacts: np.ndarray) -> tuple[Real, Real, int]:
         slope = laws.compliance(proper)
         local = laws.deflection(proper) + (force - proper) * slope
         push, spring = _bearing(load.bearing, motion)
-        closed = local + elastic @ force + load.gap[contacts] - jacobian @ motion
+        penetration = local + elastic @ force + load.gap[contacts] - jacobian @ motion
         balance = jacobian.T @ force + push - applied
         tangent = np.block([[elastic + np.diag(slope), -jacobian], [jacobian.T, spring]])
-        change = np.linalg.solve(tangent, -np.concatenate([closed, balance]))
+        change = np.linalg.solve(tangent, -np.concatenate([penetration, balance]))
         force, motion = force + change[:n], motion + change[n:]
         if np.max(np.abs(change[:n])) < BALANCED * np.max(np.abs(force)):
             forces = np.zeros(len(load.gap))
@@ -133,10 +133,10 @@ def _bearing(bearing: Bearing, motion: Real) -> tuple[Real, Real]:
     """Force (n_motions,) of the bearing and its tangent (n_motions, n_motions)."""
     force, tangent = np.zeros(len(motion)), np.zeros((len(motion), len(motion)))
     distance = np.hypot(*motion[:2])
-    along = motion[:2] / distance
+    direction = motion[:2] / distance
     secant = bearing.stiffness * distance ** (bearing.exponent - 1)
     force[:2] = secant * motion[:2]
-    tangent[:2, :2] = secant * (np.eye(2) + (bearing.exponent - 1) * np.outer(along, along))
+    tangent[:2, :2] = secant * (np.eye(2) + (bearing.exponent - 1) * np.outer(direction, direction))
     return force, tangent
 
 

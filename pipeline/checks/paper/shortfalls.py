@@ -91,14 +91,14 @@ def predictions(study: Study, targets: Sequence[Target], predicted: pd.DataFrame
     columns: dict[str, dict[str, float]] = {}
     for target in targets:
         columns.setdefault(target.case, {})[target.metric] = target.value
-    before, middle, published = columns.values()
+    fitted_columns, middle, published = columns.values()
     sizes = {target.case: (target.tolerance_disk_um, target.tolerance_roller_um) for target in targets}
     _, of_middle, of_last = sizes.values()
     disk, roller = (end / start for start, end in zip(of_middle, of_last, strict=True))
     lines = {
-        GEOMETRY: _with_geometry(study, before, middle, disk, roller),
-        IN_DISK: _line(before, middle, disk),
-        IN_ROLLER: _line(before, middle, roller),
+        GEOMETRY: _with_geometry(study, fitted_columns, middle, disk, roller),
+        IN_DISK: _line(fitted_columns, middle, disk),
+        IN_ROLLER: _line(fitted_columns, middle, roller),
     }
     values = {MODEL: dict(zip(predicted["metric"], predicted["computed"], strict=True)), **lines}
     rows = [
@@ -110,18 +110,20 @@ def predictions(study: Study, targets: Sequence[Target], predicted: pd.DataFrame
     return frame.assign(relative_error=frame["value"] / frame["published"] - 1)
 
 
-def _line(before: dict[str, float], middle: dict[str, float], reach: float) -> dict[str, float]:
+def _line(fitted_columns: dict[str, float], middle: dict[str, float], reach: float) -> dict[str, float]:
     """The straight line from a column without tolerance through the next one, at ``reach`` times its tolerance."""
-    return {metric: before[metric] + reach * (middle[metric] - before[metric]) for metric in before}
+    return {
+        metric: fitted_columns[metric] + reach * (middle[metric] - fitted_columns[metric]) for metric in fitted_columns
+    }
 
 
 def _with_geometry(
-    study: Study, before: dict[str, float], middle: dict[str, float], disk: float, roller: float
+    study: Study, fitted_columns: dict[str, float], middle: dict[str, float], disk: float, roller: float
 ) -> dict[str, float]:
     """See ``GEOMETRY``; ``disk`` and ``roller`` are the tolerances of the last column over those of the middle one."""
     _, of_disk, of_disk_last = disk_backlash(study)
     backlash = of_disk_last + roller * (middle[BACKLASH] - of_disk)
-    line = _line(before, middle, disk)
+    line = _line(fitted_columns, middle, disk)
     return {BACKLASH: backlash, LOST_MOTION: backlash + line[LOST_MOTION] - line[BACKLASH], RIGIDITY: line[RIGIDITY]}
 
 

@@ -54,7 +54,7 @@ def _listed(values: list[float], digits: int) -> str:
 
 
 def _rises(values: list[float]) -> bool:
-    return all(later > earlier for earlier, later in zip(values, values[1:], strict=False))
+    return all(upper > lower for lower, upper in zip(values, values[1:], strict=False))
 
 
 def _clearances(tables: Tables) -> Iterator[Statement]:
@@ -169,7 +169,7 @@ def _bearing(tables: Tables) -> Iterator[Statement]:
             f"up to {deflection[-1]:.3f} µm",
             bool(np.all(np.diff(deflection) > 0)),
         )
-    across = [float(abs(curve["bearing_y_um"].iloc[-1])) for curve in curves]
+    transverse = [float(abs(curve["bearing_y_um"].iloc[-1])) for curve in curves]
     for name, torque in (
         (f"{tables.lost_motion_torque:g} N m", tables.lost_motion_torque),
         ("the rated torque", tables.study.design.cycloid.rated_torque_Nm),
@@ -178,15 +178,15 @@ def _bearing(tables: Tables) -> Iterator[Statement]:
         yield Statement(
             "12",
             f"the bearing deflects more as the tolerances increase, at {name}",
-            f"{_listed(values, 3)} µm by rising tolerance; across the eccentric {_listed(across, 3)} at most",
+            f"{_listed(values, 3)} µm by rising tolerance; across the eccentric {_listed(transverse, 3)} at most",
             _rises(values),
         )
-    along = [float(curve["bearing_x_um"].iloc[-1]) for curve in curves]
+    longitudinal = [float(curve["bearing_x_um"].iloc[-1]) for curve in curves]
     yield Statement(
         "12",
         "the disk moves to the right as the torque increases, read as along the eccentric",
-        f"by {_listed(along, 3)} µm at the rated torque, by rising tolerance",
-        min(along) > 0,
+        f"by {_listed(longitudinal, 3)} µm at the rated torque, by rising tolerance",
+        min(longitudinal) > 0,
     )
 
 

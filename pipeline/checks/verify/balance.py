@@ -123,8 +123,8 @@ class PotentialEnergy:
     def curvature(self, state: Real) -> Real:
         """(n_state, n_state) [N/um]"""
         force = self.force(state)
-        slope, closed = np.zeros(len(force)), force > 0
-        slope[closed] = 1 / self.laws[closed].compliance(force[closed]) / UM_PER_MM
+        slope, in_contact = np.zeros(len(force)), force > 0
+        slope[in_contact] = 1 / self.laws[in_contact].compliance(force[in_contact]) / UM_PER_MM
         return self.stiffness + self.approach.T @ (slope[:, None] * self.approach)
 
     def least(self) -> Real:

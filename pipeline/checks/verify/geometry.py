@@ -66,8 +66,8 @@ def blanche_yang_flank(profile: CycloidProfile, phi: Real) -> Complex:
     """Flank with the angle psi between pin radius and normal (Blanche and Yang 1989), with the signs that envelop."""
     n = profile.pins
     psi = np.arctan2(np.sin((1 - n) * phi), 1 / profile.shortening - np.cos((1 - n) * phi))
-    turned = profile.pin_radius * np.exp(1j * (phi + psi))
-    return profile.pin_circle_radius * np.exp(1j * phi) - turned - profile.eccentricity * np.exp(1j * n * phi)
+    pin_offset = profile.pin_radius * np.exp(1j * (phi + psi))
+    return profile.pin_circle_radius * np.exp(1j * phi) - pin_offset - profile.eccentricity * np.exp(1j * n * phi)
 
 
 def _envelope(specimen: Specimen) -> tuple[Real, Real]:
@@ -87,13 +87,15 @@ def _envelope(specimen: Specimen) -> tuple[Real, Real]:
 
 def _arms(profile: CycloidProfile) -> tuple[Real, Real]:
     """Arms of the model, and e (N-1) sin(beta)/S of the textbooks, at every crank angle."""
-    arms, closed = [], []
+    arms, closed_forms = [], []
     k = profile.shortening
     for crank in 2 * np.pi * np.arange(CRANKS) / CRANKS:
         beta = profile.pin_angle() - crank
         arms.append(pin_contacts(profile, crank).arm)
-        closed.append(-profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta)))
-    return np.array(arms), np.array(closed)
+        closed_forms.append(
+            -profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
+        )
+    return np.array(arms), np.array(closed_forms)
 
 
 def check_profile(specimen: Specimen) -> Iterator[Finding]:
@@ -124,9 +126,9 @@ def check_profile(specimen: Specimen) -> Iterator[Finding]:
     yield vanishing(
         "flank against Blanche and Yang [mm]", np.abs(profile.flank(psi) - blanche_yang_flank(profile, psi)), 1e-12
     )
-    arms, closed = _arms(profile)
-    yield compared("arm against e (N-1) sin(beta)/S [mm]", closed, arms, 1e-12)
+    arms, closed_forms = _arms(profile)
+    yield compared("arm against e (N-1) sin(beta)/S [mm]", closed_forms, arms, 1e-12)
     beta = np.linspace(0, np.pi, 200_001)
     k = profile.shortening
-    everywhere = profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
-    yield compared("largest arm against e (N-1) [mm]", profile.eccentricity * profile.lobes, everywhere.max(), 1e-8)
+    arm_at_all = profile.eccentricity * profile.lobes * np.sin(beta) / np.sqrt(1 + k * k - 2 * k * np.cos(beta))
+    yield compared("largest arm against e (N-1) [mm]", profile.eccentricity * profile.lobes, arm_at_all.max(), 1e-8)

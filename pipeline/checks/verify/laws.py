@@ -34,7 +34,7 @@ LINE = LineContact(np.array([0.4, 0.8, 48.0]), 1.0, STEEL, STEEL)
 def _difference(function, force: Real) -> Real:
     """Numerical derivative of eighth order by the logarithm of the force."""
     pairs = ((weight, force * (1 + k * STEP), force * (1 - k * STEP)) for k, weight in STENCIL.items())
-    return sum(weight * (function(above) - function(below)) for weight, above, below in pairs) / STEP
+    return sum(weight * (function(upper) - function(lower)) for weight, upper, lower in pairs) / STEP
 
 
 def _energy_slope(laws: ContactLaws, force: Real) -> Real:
@@ -105,12 +105,18 @@ def _continuity(name: str, laws: ContactLaws) -> Iterator[Finding]:
     yield vanishing(f"{name}: force in the dead zone [N]", laws.force(np.array([[-1.0], [-1e-9], [0.0]])), 0.0)
     limited = np.flatnonzero(np.isfinite(laws.force_limit))
     bounded, limit = laws[limited], laws.force_limit[limited]
-    below, above = limit * (1 - 1e-13), limit * (1 + 1e-13)
+    below_limit, above_limit = limit * (1 - 1e-13), limit * (1 + 1e-13)
     yield relative(
-        f"{name}: deflection across the law's limit [mm]", bounded.deflection(below), bounded.deflection(above), LIMIT
+        f"{name}: deflection across the law's limit [mm]",
+        bounded.deflection(below_limit),
+        bounded.deflection(above_limit),
+        LIMIT,
     )
     yield relative(
-        f"{name}: slope across the law's limit [mm/N]", bounded.compliance(below), bounded.compliance(above), LIMIT
+        f"{name}: slope across the law's limit [mm/N]",
+        bounded.compliance(below_limit),
+        bounded.compliance(above_limit),
+        LIMIT,
     )
 
 
@@ -125,6 +131,6 @@ def check_contact_laws(specimen: Specimen) -> Iterator[Finding]:
         yield from _continuity(name, laws)
         rising = laws.force(np.linspace(0.0, 1.0, 4000)[:, None] * laws.deflection(force[-1]))
         yield positive(f"{name}: least growth of the force from point to point [N]", np.diff(rising, axis=0))
-        far = np.where(np.isfinite(laws.force_limit), laws.force_limit, 1e4) * np.geomspace(1e-9, 1e4, 400)[:, None]
-        yield positive(f"{name}: least slope of the law [mm/N]", laws.compliance(far))
+        forces = np.where(np.isfinite(laws.force_limit), laws.force_limit, 1e4) * np.geomspace(1e-9, 1e4, 400)[:, None]
+        yield positive(f"{name}: least slope of the law [mm/N]", laws.compliance(forces))
     yield from _scaling()

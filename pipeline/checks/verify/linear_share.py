@@ -20,16 +20,16 @@ SHARE = 1e-4
 """Of the rated torque."""
 
 
-def textbook_forces(specimen: Specimen, at: Reducer, torque: float) -> Real:
+def textbook_forces(specimen: Specimen, reducer: Reducer, torque: float) -> Real:
     """F_max sin(phi)/S of the pins of the loaded half, F_max = T/(e Z sum of sin^2/S^2).
 
     Source: the classic share of cycloid drives; its sum tends to N/4, so that F_max tends to 4 T/(e Z N).
     """
     profile = specimen.profile
-    k, phi = profile.shortening, profile.pin_angle() - at.crank
+    k, phi = profile.shortening, profile.pin_angle() - reducer.crank
     arm = np.sin(phi) / np.sqrt(1 + k * k - 2 * k * np.cos(phi))
-    loaded = np.maximum(arm, 0.0)
-    return torque / (profile.eccentricity * profile.lobes * np.sum(loaded**2)) * loaded
+    loaded_arm = np.maximum(arm, 0.0)
+    return torque / (profile.eccentricity * profile.lobes * np.sum(loaded_arm**2)) * loaded_arm
 
 
 def check_linear_share(specimen: Specimen) -> Iterator[Finding]:

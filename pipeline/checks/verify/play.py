@@ -75,9 +75,9 @@ def _golden(function, low: Real, high: Real) -> Real:
     for _ in range(NARROWINGS):
         rises = at_lower < at_upper
         low, high = np.where(rises, lower, low), np.where(rises, high, upper)
-        new = np.where(rises, low + GOLDEN * (high - low), high - GOLDEN * (high - low))
-        at_new = function(new)
-        lower, upper = np.where(rises, upper, new), np.where(rises, new, lower)
+        trial = np.where(rises, low + GOLDEN * (high - low), high - GOLDEN * (high - low))
+        at_new = function(trial)
+        lower, upper = np.where(rises, upper, trial), np.where(rises, trial, lower)
         at_lower, at_upper = np.where(rises, at_upper, at_new), np.where(rises, at_new, at_lower)
     return np.maximum(at_lower, at_upper)
 

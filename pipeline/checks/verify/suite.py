@@ -74,9 +74,9 @@ class Row:
             finding.error,
             np.nan if finding.limit is None else finding.limit,
         )
-        judged = "" if finding.ok is None else str(finding.ok)
+        outcome = "" if finding.ok is None else str(finding.ok)
         texts = ["" if np.isnan(number) else f"{number:.9g}" for number in numbers]
-        return (self.check, finding.quantity, *texts, judged, f"{self.seconds:.3f}")
+        return (self.check, finding.quantity, *texts, outcome, f"{self.seconds:.3f}")
 
 
 def run_checks(specimen: Specimen, checks: Mapping[str, Check] = CHECKS) -> Iterator[Row]:
@@ -118,8 +118,8 @@ def line(row: Row) -> str:
     verdict = {True: "ok", False: "FAILED", None: "skipped"}[finding.ok]
     if finding.skipped:
         return f"{verdict:8}{row.check:26}{finding.quantity}"
-    judged = "" if finding.limit is None else f"error {finding.error:.1e}  limit {finding.limit:.1e}"
-    return f"{verdict:8}{row.check:26}{finding.quantity:92}{finding.computed:12.5g}  {judged}"
+    outcome = "" if finding.limit is None else f"error {finding.error:.1e}  limit {finding.limit:.1e}"
+    return f"{verdict:8}{row.check:26}{finding.quantity:92}{finding.computed:12.5g}  {outcome}"
 
 
 def write_results(rows: list[Row], path: Path) -> None:
@@ -153,5 +153,5 @@ def _page_line(finding: Finding) -> str:
 
     verdict = "" if finding.limit is None else "yes" if finding.ok else "**no**"
     numbers = (text(finding.reference, ".6g"), text(finding.computed, ".6g"), text(finding.error, ".1e"))
-    judged = "skipped" if finding.skipped else verdict
-    return f"| {' | '.join((finding.quantity, *numbers, text(finding.limit, '.1e'), judged))} |"
+    outcome = "skipped" if finding.skipped else verdict
+    return f"| {' | '.join((finding.quantity, *numbers, text(finding.limit, '.1e'), outcome))} |"

@@ -137,8 +137,8 @@ class Dimension:
         """Number of deviations of a reducer, disk after disk; 0 of a reducer that cannot have them."""
         disks = design.disk.count if self.of_disk else 1
         per_disk = self.elements.count(design) if self.elements else 1
-        solved = self.fewest_disks <= design.disk.count <= self.most_disks
-        return disks * per_disk if solved and (self.need is None or self.need.of(design)) else 0
+        in_range = self.fewest_disks <= design.disk.count <= self.most_disks
+        return disks * per_disk if in_range and (self.need is None or self.need.of(design)) else 0
 
     def refusal(self, design: Design) -> str:
         """Why a reducer cannot have a deviation."""

@@ -20,6 +20,6 @@ class InDisc(Distribution):
         """Least and largest way from the centre [um]."""
         return 0.0, self.radius_um
 
-    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+    def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
         """The zone as a drawing has it."""
-        yield f"zone of diameter {plain(2 * self.radius_um)} µm"
+        yield f"zone of diameter {number_text(2 * self.radius_um)} µm"

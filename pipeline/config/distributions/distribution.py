@@ -78,8 +78,8 @@ class Distribution(Section):
         """Contradictions among the settings under the dotted ``key``, each of which is allowed."""
         yield from ()
 
-    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
-        """What the report tells beside the limits; ``plain`` writes a number."""
+    def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
+        """What the report tells beside the limits; ``number_text`` writes a number."""
         yield from ()
 
 
@@ -121,10 +121,10 @@ class Spread(Distribution):
             if value is not None and not lower <= value <= upper:
                 yield Problem(f"{key}.{name}", value, f"must lie within the limits {lower:g} to {upper:g}")
 
-    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+    def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
         """The correlation along the circle."""
         if self.correlation_length_mm is not None:
-            yield f"correlated over {plain(self.correlation_length_mm)} mm"
+            yield f"correlated over {number_text(self.correlation_length_mm)} mm"
 
 
 @cache

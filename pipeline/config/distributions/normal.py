@@ -35,8 +35,8 @@ class Normal(Spread):
         location, scale, limits = self.location_um, self.scale_um, np.array(self.limits_um)
         if scale == 0:
             return np.full_like(probability, location)
-        below, above = ndtr((limits - location) / scale)
-        return np.clip(location + scale * ndtri(below + (above - below) * probability), *limits)
+        low_share, high_share = ndtr((limits - location) / scale)
+        return np.clip(location + scale * ndtri(low_share + (high_share - low_share) * probability), *limits)
 
     def density(self, deviation: Real) -> Real:
         """Probability density [1/um] at deviations (any shape) [um]."""
@@ -45,16 +45,18 @@ class Normal(Spread):
         location, scale, (lower, upper) = self.location_um, self.scale_um, self.limits_um
         if scale == 0:
             return super().density(deviation)
-        below, above = ndtr((np.array([lower, upper]) - location) / scale)
-        bell = np.exp(-0.5 * ((deviation - location) / scale) ** 2) / (np.sqrt(2 * np.pi) * scale * (above - below))
+        low_share, high_share = ndtr((np.array([lower, upper]) - location) / scale)
+        bell = np.exp(-0.5 * ((deviation - location) / scale) ** 2) / (
+            np.sqrt(2 * np.pi) * scale * (high_share - low_share)
+        )
         return np.where((deviation >= lower) & (deviation <= upper), bell, 0.0)
 
-    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+    def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
         """Standard deviation, and the mean where it is stated."""
         yield f"σ {self.scale_um:.3g} µm, truncated at the limits"
         if self.mean_um is not None:
-            yield f"mean {plain(self.mean_um)} µm"
-        yield from super().details(plain)
+            yield f"mean {number_text(self.mean_um)} µm"
+        yield from super().details(number_text)
 
 
 DISTRIBUTION = Normal

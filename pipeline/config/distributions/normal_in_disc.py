@@ -19,12 +19,12 @@ class NormalInDisc(InDisc):
 
     def deviation(self, probability: Real) -> Real:
         """Inverse distribution function (Rayleigh's, truncated) of the way at `probability` (any shape) [um]."""
-        within = -np.expm1(-0.5 * ZONE_IN_SIGMA**2)
-        return self.radius_um / ZONE_IN_SIGMA * np.sqrt(-2 * np.log1p(-within * probability))
+        zone_share = -np.expm1(-0.5 * ZONE_IN_SIGMA**2)
+        return self.radius_um / ZONE_IN_SIGMA * np.sqrt(-2 * np.log1p(-zone_share * probability))
 
-    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+    def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
         """The zone and the standard deviation of a coordinate."""
-        yield from super().details(plain)
+        yield from super().details(number_text)
         yield f"σ {self.radius_um / ZONE_IN_SIGMA:.3g} µm of either coordinate"
 
 

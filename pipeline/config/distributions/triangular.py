@@ -40,10 +40,10 @@ class Triangular(Spread):
         ]
         return np.where((deviation >= lower) & (deviation <= upper), np.minimum(*sides), 0.0)
 
-    def details(self, plain: Callable[[float], str]) -> Iterator[str]:
+    def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
         """The mode."""
-        yield f"mode {plain(self.peak_um)} µm"
-        yield from super().details(plain)
+        yield f"mode {number_text(self.peak_um)} µm"
+        yield from super().details(number_text)
 
 
 DISTRIBUTION = Triangular

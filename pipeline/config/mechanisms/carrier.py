@@ -165,7 +165,7 @@ class Carrier(OutputMechanism):
         """
         n = 2 * self.cranks
         crank, flank = np.repeat(np.arange(self.cranks), 2), np.tile([0, 1], self.cranks)
-        along = self.centres()[crank] / self.crank_circle_radius_mm * np.exp(1j * disk.rotation)
+        direction = self.centres()[crank] / self.crank_circle_radius_mm * np.exp(1j * disk.rotation)
         side = 1 - 2 * flank
         return Contacts(
             kind=np.full(n, OUTPUT),
@@ -181,8 +181,8 @@ class Carrier(OutputMechanism):
             two_sided=np.zeros(n, bool),
             per_eccentricity=np.zeros(n),
             curvature=np.zeros(n),
-            point=(self.crank_circle_radius_mm - self.planet_pitch_radius_mm) * along,
-            normal=1j * side * along,
+            point=(self.crank_circle_radius_mm - self.planet_pitch_radius_mm) * direction,
+            normal=1j * side * direction,
             arm=side * self.crank_circle_radius_mm,
         )
 
@@ -221,13 +221,14 @@ class Carrier(OutputMechanism):
         """One hole for each crank."""
         return Holes(self.centres(), self.bearing_radius_mm)
 
-    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
+    def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Cranks, first stage and total ratio in words."""
         stage = self.first_stage
         total = 1 + stage.planet_teeth * cycloid.pins / stage.sun_teeth
         return (
-            f"carrier with {self.cranks} cranks on a circle of radius {plain(self.crank_circle_radius_mm)} mm, a sun "
-            f"of {stage.sun_teeth} and planets of {stage.planet_teeth} teeth before them: total ratio {plain(total)}"
+            f"carrier with {self.cranks} cranks on a circle of radius {number_text(self.crank_circle_radius_mm)} mm, "
+            f"a sun of {stage.sun_teeth} and planets of {stage.planet_teeth} teeth before them: "
+            f"total ratio {number_text(total)}"
         )
 
     def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:

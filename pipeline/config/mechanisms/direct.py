@@ -59,7 +59,7 @@ class Direct(OutputMechanism):
         """No laws."""
         return no_laws()
 
-    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
+    def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """The coupling in words."""
         return "turns with the disk, without play and compliance; no mechanism is modelled"
 

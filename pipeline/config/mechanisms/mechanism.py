@@ -203,8 +203,8 @@ class OutputMechanism(Section):
         return None
 
     @abstractmethod
-    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
-        """The mechanism in one line of the report; ``plain`` writes a number."""
+    def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
+        """The mechanism in one line of the report; ``number_text`` writes a number."""
 
     @abstractmethod
     def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:

@@ -54,11 +54,11 @@ class Bending(Section):
             allowed = 'must be there with support = "both_ends", and only there: the distance between the flanges'
             yield Problem("output.bending.span_mm", self.span_mm, allowed)
             return
-        last = self.plane_mm + (disks - 1) * self.disk_pitch_mm
+        last_plane_mm = self.plane_mm + (disks - 1) * self.disk_pitch_mm
         if disks > 1 and self.disk_pitch_mm == 0:
             yield Problem("output.bending.disk_pitch_mm", 0.0, "must be > 0: the disks lie beside each other")
-        if self.span_mm is not None and last >= self.span_mm:
-            allowed = f"must be > {last:g} mm, the plane of the last disk"
+        if self.span_mm is not None and last_plane_mm >= self.span_mm:
+            allowed = f"must be > {last_plane_mm:g} mm, the plane of the last disk"
             yield Problem("output.bending.span_mm", self.span_mm, allowed)
         key, free = ("span_mm", self.span_mm) if self.span_mm is not None else ("plane_mm", self.plane_mm)
         if not SHORTEST * diameter <= free <= LONGEST * diameter:
@@ -207,7 +207,7 @@ class PinInHole(OutputMechanism):
         diameter's error opens its one contact, and a larger eccentricity moves the walls of all holes towards their
         pins.
         """
-        n, along = self.pins, disk.eccentric / abs(disk.eccentric)
+        n, direction = self.pins, disk.eccentric / abs(disk.eccentric)
         hole = self.hole_radius(disk.eccentricity)
         centre = self.centres() * np.exp(1j * disk.rotation)
         zero = np.zeros(n, int)
@@ -227,9 +227,9 @@ class PinInHole(OutputMechanism):
             two_sided=np.zeros(n, bool),
             per_eccentricity=np.full(n, -1.0),
             curvature=np.full(n, -1 / hole),
-            point=disk.eccentric + centre - hole * along,
-            normal=np.full(n, along),
-            arm=np.imag(np.conj(centre) * along),
+            point=disk.eccentric + centre - hole * direction,
+            normal=np.full(n, direction),
+            arm=np.imag(np.conj(centre) * direction),
         )
 
     def laws(self, inputs: LawInputs) -> ContactLaws:
@@ -249,10 +249,10 @@ class PinInHole(OutputMechanism):
         wall = 0.5 * middle * np.exp(0.5 - 0.5 * material.lateral)
         outer = inputs.law.on_mesh(contact, wall, inputs.patch_half_width)
         relative = 1 / (1 / self.pin_radius_mm - 1 / bore)
-        within = LineContact(
+        hole_contact = LineContact(
             np.full(self.pins, relative), inputs.thickness, inputs.materials[self.pin_material], material
         )
-        doubled = inputs.law.between_flats((within, within), self.pin_radius_mm, middle)
+        doubled = inputs.law.between_flats((hole_contact, hole_contact), self.pin_radius_mm, middle)
         return in_series(outer, scaled(doubled, 0.5))
 
     def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
@@ -261,22 +261,22 @@ class PinInHole(OutputMechanism):
             return None
         planes = self.bending.plane_mm + self.bending.disk_pitch_mm * np.arange(disk.max() + 1)
         pin = pin_flexibility(planes, 2 * self.pin_radius_mm, materials[self.pin_material], self.bending.span_mm)
-        along = np.real(np.conj(contacts.normal)[:, None] * contacts.normal)
-        return np.where(contacts.station[:, None] == contacts.station, pin[np.ix_(disk, disk)] * along, 0.0)
+        cosine = np.real(np.conj(contacts.normal)[:, None] * contacts.normal)
+        return np.where(contacts.station[:, None] == contacts.station, pin[np.ix_(disk, disk)] * cosine, 0.0)
 
     def holes(self, cycloid: Cycloid) -> Holes:
         """One hole for each output pin."""
         return Holes(self.centres(), self.hole_radius(cycloid.eccentricity_mm))
 
-    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
+    def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Output pins and holes in words."""
-        bush = f", with loose bushes of outer radius {plain(self.bush.outer_radius_mm)} mm" if self.bush else ""
+        bush = f", with loose bushes of outer radius {number_text(self.bush.outer_radius_mm)} mm" if self.bush else ""
         supports = {"cantilever": "cantilevers", "both_ends": "beams clamped at both ends"}
         bending = f"; the pins bend as {supports[self.bending.support]}" if self.bending else ""
         return (
-            f"{self.pins} output pins of radius {plain(self.pin_radius_mm)} mm on a circle of radius "
-            f"{plain(self.pin_circle_radius_mm)} mm{bush}, in holes of the disk of radius "
-            f"{plain(self.hole_radius(cycloid.eccentricity_mm))} mm{bending}"
+            f"{self.pins} output pins of radius {number_text(self.pin_radius_mm)} mm on a circle of radius "
+            f"{number_text(self.pin_circle_radius_mm)} mm{bush}, in holes of the disk of radius "
+            f"{number_text(self.hole_radius(cycloid.eccentricity_mm))} mm{bending}"
         )
 
     def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:

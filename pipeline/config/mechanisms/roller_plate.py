@@ -147,12 +147,12 @@ class RollerPlate(OutputMechanism):
         The arm of a roller is its distance along the slide for both bodies: the rollers lie half-way between
         bodies whose centres differ by at most the eccentricity, an effect that the two ends cancel.
         """
-        along: complex = np.exp(1j * (np.radians(self.slide_angle_deg) + disk.rotation))
+        slide_direction: complex = np.exp(1j * (np.radians(self.slide_angle_deg) + disk.rotation))
         plate = disk.part("plate")
         return joined(
             [
-                self._slide(0, (disk.body, plate), along, disk.eccentric),
-                self._slide(1, (plate, "output"), 1j * along, 0j),
+                self._slide(0, (disk.body, plate), slide_direction, disk.eccentric),
+                self._slide(1, (plate, "output"), 1j * slide_direction, 0j),
             ]
         )
 
@@ -161,7 +161,7 @@ class RollerPlate(OutputMechanism):
         grids = np.meshgrid([0, 1], [0, 1], np.arange(self.stations), indexing="ij")
         face, end, station = (grid.ravel() for grid in grids)
         side, reach = 1 - 2 * face, (1 - 2 * end) * self.stations_mm[station]
-        across: Complex = 1j * direction * side
+        normal: Complex = 1j * direction * side
         places = zip(face, end, station, strict=True)
         n = len(side)
         return Contacts(
@@ -178,8 +178,8 @@ class RollerPlate(OutputMechanism):
             two_sided=np.ones(n, bool),
             per_eccentricity=np.zeros(n),
             curvature=np.zeros(n),
-            point=centre + reach * direction + self.face_offset_mm * across,
-            normal=across,
+            point=centre + reach * direction + self.face_offset_mm * normal,
+            normal=normal,
             arm=(side * reach).astype(float),
         )
 
@@ -192,15 +192,15 @@ class RollerPlate(OutputMechanism):
         radius = np.full(self.rollers // 2, self.roller_radius_mm)
         laws = []
         for flats in ((inputs.disk, plate), (plate, plate)):
-            first, second = (LineContact(radius, self.roller_length_mm, roller, flat) for flat in flats)
-            laws.append(inputs.law.between_flats((first, second), self.roller_radius_mm, self.flat_depth_mm))
+            first_law, second = (LineContact(radius, self.roller_length_mm, roller, flat) for flat in flats)
+            laws.append(inputs.law.between_flats((first_law, second), self.roller_radius_mm, self.flat_depth_mm))
         return concatenated(laws)
 
-    def fact(self, cycloid: Cycloid, plain: Callable[[float], str]) -> str:
+    def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Slides and rollers in words."""
         return (
             f"sliding plate between two crossed slides, {self.rollers} rollers of radius "
-            f"{plain(self.roller_radius_mm)} mm; the plate {PLATE[self.plate]}"
+            f"{number_text(self.roller_radius_mm)} mm; the plate {PLATE[self.plate]}"
         )
 
     def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:
@@ -221,9 +221,9 @@ class RollerPlate(OutputMechanism):
         """Numbers of the contacts of each row of rollers, beyond its outermost one."""
         for row in np.split(of_slide, 4):
             outer, inner = contacts.point[row[0]], contacts.point[row[-1]]
-            along = (outer - inner) / abs(outer - inner) if len(row) > 1 else outer / abs(outer)
-            point = outer + along * 1.6 * self.roller_radius_mm
-            yield RowLabel(point, along, f"{numbers[row].min()}–{numbers[row].max()}", part)
+            direction = (outer - inner) / abs(outer - inner) if len(row) > 1 else outer / abs(outer)
+            point = outer + direction * 1.6 * self.roller_radius_mm
+            yield RowLabel(point, direction, f"{numbers[row].min()}–{numbers[row].max()}", part)
 
 
 MECHANISM = RollerPlate

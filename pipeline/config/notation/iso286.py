@@ -77,25 +77,25 @@ def limit_deviations(letter: str, grade: int, size_mm: float) -> tuple[float, fl
     return upper - width, upper
 
 
-def _shaft(letter: str, grade: int, place: int) -> float:
+def _shaft(letter: str, grade: int, size_step: int) -> float:
     if letter == "k" and not MIDDLE_GRADES[0] <= grade <= MIDDLE_GRADES[1]:
         return 0.0
-    return float(DEVIATIONS_UM[letter][place])
+    return float(DEVIATIONS_UM[letter][size_step])
 
 
-def _hole(letter: str, grade: int, place: int) -> float:
+def _hole(letter: str, grade: int, size_step: int) -> float:
     """Upper limit deviation [um] of the holes K, M, N, P: the shaft's mirrored, moved by the difference of two grades.
 
     Exceptions of the standard: M6 of 250 to 315 mm, N from grade 9 on, and sizes up to 3 mm, which are not moved.
     """
     shaft = letter.lower()
-    mirrored = -float(DEVIATIONS_UM[shaft][place])
+    mirrored = -float(DEVIATIONS_UM[shaft][size_step])
     if letter == "N" and grade > LARGEST_DELTA_GRADE["n"]:
-        return mirrored if place == 0 else 0.0
-    if letter == "K" and grade > LARGEST_DELTA_GRADE["k"] and place > 0:
+        return mirrored if size_step == 0 else 0.0
+    if letter == "K" and grade > LARGEST_DELTA_GRADE["k"] and size_step > 0:
         raise ValueError("K of sizes above 3 mm has grades up to 8")
-    if letter == "M" and grade == 6 and UP_TO_MM[place] == 315:
+    if letter == "M" and grade == 6 and UP_TO_MM[size_step] == 315:
         return -9.0
-    if place == 0 or grade > LARGEST_DELTA_GRADE[shaft] or grade - 1 not in TOLERANCES_UM:
+    if size_step == 0 or grade > LARGEST_DELTA_GRADE[shaft] or grade - 1 not in TOLERANCES_UM:
         return mirrored
-    return mirrored + TOLERANCES_UM[grade][place] - TOLERANCES_UM[grade - 1][place]
+    return mirrored + TOLERANCES_UM[grade][size_step] - TOLERANCES_UM[grade - 1][size_step]

@@ -41,12 +41,14 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
             continue
         if design is None:
             continue
-        stated = _zone(dimension, settings) if POSITION in settings else _between(dimension, settings, design)
-        if isinstance(stated, Problem):
-            problems.append(stated)
+        settings_of_tolerance = (
+            _zone(dimension, settings) if POSITION in settings else _between(dimension, settings, design)
+        )
+        if isinstance(settings_of_tolerance, Problem):
+            problems.append(settings_of_tolerance)
             continue
         remaining = {key: value for key, value in settings.items() if key not in (LIMITS, ISO, OF, POSITION)}
-        resolved[name] = {**remaining, **stated}
+        resolved[name] = {**remaining, **settings_of_tolerance}
     return resolved, problems
 
 
@@ -55,9 +57,11 @@ def _zone(dimension: Dimension, settings: Mapping[str, Any]) -> dict[str, Any] |
     key, text = f"tolerances.{dimension.name}", settings[POSITION]
     if not dimension.zone:
         return Problem(f"{key}.{POSITION}", text, f"{dimension.title} is no point in a zone; take {LIMITS}")
-    for other in (LIMITS, ISO, OF, RADIUS, *PLAIN):
-        if other in settings:
-            return Problem(f"{key}.{other}", settings[other], f"stands beside {POSITION}; keep the one or the other")
+    for other_key in (LIMITS, ISO, OF, RADIUS, *PLAIN):
+        if other_key in settings:
+            return Problem(
+                f"{key}.{other_key}", settings[other_key], f"stands beside {POSITION}; keep the one or the other"
+            )
     if settings.get("distribution") not in IN_DISC:
         allowed = f"must be {' or '.join(IN_DISC)} with a {POSITION}: in the disc of the zone"
         return Problem(f"{key}.distribution", settings.get("distribution", MISSING), allowed)
@@ -77,14 +81,16 @@ def _between(dimension: Dimension, settings: Mapping[str, Any], design: Design) 
 def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Problem:
     """Lower and upper limit deviation [um] of the dimension as the model has it, or what is wrong."""
     key = f"tolerances.{dimension.name}"
-    stated = [name for name in (LIMITS, ISO, *PLAIN) if name in settings]
-    if not stated or stated[0] in PLAIN:
+    stated_keys = [name for name in (LIMITS, ISO, *PLAIN) if name in settings]
+    if not stated_keys or stated_keys[0] in PLAIN:
         return Problem(f"{key}.{OF}", settings[OF], f"says of what {LIMITS} are, and stands beside them; delete it")
-    if len(stated) > 1:
+    if len(stated_keys) > 1:
         return Problem(
-            f"{key}.{stated[1]}", settings[stated[1]], f"stands beside {stated[0]}; keep the one or the other"
+            f"{key}.{stated_keys[1]}",
+            settings[stated_keys[1]],
+            f"stands beside {stated_keys[0]}; keep the one or the other",
         )
-    if stated[0] == ISO:
+    if stated_keys[0] == ISO:
         return _by_code(dimension, settings, design)
     pair = _pair(settings[LIMITS])
     if pair is None:
@@ -112,11 +118,11 @@ def _pair(text: object) -> tuple[float, float] | None:
     return None
 
 
-def _share(dimension: Dimension, of: str) -> float:
+def _share(dimension: Dimension, quantity: str) -> float:
     """What a deviation of 1 of a diameter or radius is of the dimension."""
-    if not dimension.measure or of == dimension.measure:
+    if not dimension.measure or quantity == dimension.measure:
         return 1.0
-    return 0.5 if of == "diameter" else 2.0
+    return 0.5 if quantity == "diameter" else 2.0
 
 
 def _by_code(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Problem:

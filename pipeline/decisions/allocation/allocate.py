@@ -91,11 +91,11 @@ def allocate(study: Study, target: float, units: int, solve: Solve, rough: Rough
     single = tuple((k,) for k in range(len(priced)))
     search = Search(study, priced, single, units, solve, rough, jobs)
     scale, model, counted = _aimed(search, target)
-    alike = Search(study, priced, (tuple(range(len(priced))),), units, solve, rough, jobs)
+    equal_scaling = Search(study, priced, (tuple(range(len(priced))),), units, solve, rough, jobs)
     sets = 2 * (REAIMS + 1)
     try:
-        equal_scale = alike.spread(_aimed(alike, target)[0])
-        equal = Choice(equal_scale, alike.cost(equal_scale), search.check(equal_scale, sets * units))
+        equal_scale = equal_scaling.spread(_aimed(equal_scaling, target)[0])
+        equal = Choice(equal_scale, equal_scaling.cost(equal_scale), search.check(equal_scale, sets * units))
     except InputError:
         equal = None
     low, high = search.bounds
@@ -118,19 +118,19 @@ def allocate(study: Study, target: float, units: int, solve: Solve, rough: Rough
 
 def _aimed(search: Search, target: float) -> tuple[Real, LinearUnits, int]:
     """Scales (n_groups,) whose yield fresh units confirm, the last linear model, and units that were solved."""
-    n, solved, start = search.units, 0, 0
+    n, n_solved, start = search.units, 0, 0
     low, high = search.bounds
     scale = np.clip(np.ones(len(search.groups)), low, high)
     aim = target + np.sqrt(target * (1 - target) / n)
     for _ in range(REAIMS + 1):
         scale, units, rounds = search.settled(scale, min(aim, 1 - 1 / n), start)
         scale = np.maximum(np.floor(scale * 10**DIGITS) / 10**DIGITS, low)
-        passed = search.check(search.spread(scale), start + n)[ALL_LIMITS].value
-        solved, start = solved + (rounds + 1) * n, start + 2 * n
-        if passed >= target:
+        pass_share = search.check(search.spread(scale), start + n)[ALL_LIMITS].value
+        n_solved, start = n_solved + (rounds + 1) * n, start + 2 * n
+        if pass_share >= target:
             break
-        aim += target - passed
-    return scale, units, solved
+        aim += target - pass_share
+    return scale, units, n_solved
 
 
 def _tradeoff(search: Search, units: LinearUnits) -> Real:
@@ -139,6 +139,6 @@ def _tradeoff(search: Search, units: LinearUnits) -> Real:
     rows = []
     for share in YIELDS:
         best = cheapest(units, search.costs(), share, low, high)
-        inside = best.reached and units.passed(best.scale) < share + 0.5 * (1 - share)
-        rows.append((share, search.cost(best.scale) if inside else np.nan))
+        is_interior = best.reached and units.passed(best.scale) < share + 0.5 * (1 - share)
+        rows.append((share, search.cost(best.scale) if is_interior else np.nan))
     return np.array(rows)

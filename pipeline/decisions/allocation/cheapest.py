@@ -62,9 +62,9 @@ class LinearUnits:
         badness = self.badness(scale)
         worst = np.argmax(badness, axis=1)
         units = np.arange(len(worst))
-        passed = expit(-badness[units, worst] / SOFTNESS)
-        slope = -(passed * (1 - passed) / SOFTNESS) @ self.slope[units, worst] / len(units)
-        return float(passed.mean()), np.asarray(slope)
+        soft_pass = expit(-badness[units, worst] / SOFTNESS)
+        slope = -(soft_pass * (1 - soft_pass) / SOFTNESS) @ self.slope[units, worst] / len(units)
+        return float(soft_pass.mean()), np.asarray(slope)
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, lo
     soft_target, scale, feasible = target, nearest.scale, [nearest.scale]
     for _ in range(ROUNDS):
         logs = _minimum(cost, partial(_soft_yield, units, soft_target), np.log(scale), np.log(low), np.log(high))
-        met = _meeting(units, np.exp(logs), target, low, high)
-        if met is None:
+        meeting_scale = _meeting(units, np.exp(logs), target, low, high)
+        if meeting_scale is None:
             break
-        feasible.append(met)
-        scale, soft_target = met, units.soft(met)[0]
+        feasible.append(meeting_scale)
+        scale, soft_target = meeting_scale, units.soft(meeting_scale)[0]
     return Best(min(feasible, key=lambda scale_factors: cost(np.log(scale_factors))[0]), True)
 
 

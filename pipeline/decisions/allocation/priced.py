@@ -35,8 +35,8 @@ class Priced:
     @property
     def bounds(self) -> tuple[float, float]:
         """Scales between which it can be moved."""
-        known = [width / self.width_um for width in self.cost.widths_um]
-        return max(SCALES[0], known[0]), min(SCALES[1], known[1])
+        known_scales = [width / self.width_um for width in self.cost.widths_um]
+        return max(SCALES[0], known_scales[0]), min(SCALES[1], known_scales[1])
 
     def price_per_um(self, scale: float) -> float:
         """What an um of the zone more saves."""
@@ -76,7 +76,11 @@ def priced_tolerances(study: Study) -> tuple[tuple[Priced, ...], dict[str, str]]
             priced.append(Priced(name, high - low, costs[name], costs[name].count(name, study.design)))
     if not priced:
         raise InputError(f"study {study.name}: no tolerance that varies has a cost; state one, as [costs.pin_radial]")
-    empty = [one.name for one in priced if not one.bounds[0] < one.bounds[1]]
+    empty = [
+        priced_tolerance.name
+        for priced_tolerance in priced
+        if not priced_tolerance.bounds[0] < priced_tolerance.bounds[1]
+    ]
     if empty:
         raise InputError(
             f"study {study.name}: costs.{name}: its table lies beyond the scales 0.2 to 5" for name in empty

@@ -52,28 +52,31 @@ TRADEOFF = Table(
 )
 
 
-def allocation_rows(found: Allocation) -> Columns:
+def allocation_rows(allocation: Allocation) -> Columns:
     """Rows of `ALLOCATION`."""
-    limits = np.array([getattr(found.study.tolerances, tolerance.name).limits_um for tolerance in found.priced])
+    limits = np.array(
+        [getattr(allocation.study.tolerances, tolerance.name).limits_um for tolerance in allocation.priced]
+    )
     return {
-        "dimension": np.array([tolerance.name for tolerance in found.priced], object),
+        "dimension": np.array([tolerance.name for tolerance in allocation.priced], object),
         "lower_um": limits[:, 0],
         "upper_um": limits[:, 1],
-        "was": np.array([tolerance.width_um for tolerance in found.priced]),
+        "was": np.array([tolerance.width_um for tolerance in allocation.priced]),
         "width_um": limits[:, 1] - limits[:, 0],
-        "was_cost": np.array([float(tolerance.at(np.array(1.0))) for tolerance in found.priced]),
+        "was_cost": np.array([float(tolerance.at(np.array(1.0))) for tolerance in allocation.priced]),
         "cost": np.array(
-            [float(tolerance.at(f)) for tolerance, f in zip(found.priced, found.found.scale, strict=True)]
+            [float(tolerance.at(f)) for tolerance, f in zip(allocation.priced, allocation.found.scale, strict=True)]
         ),
         "price_per_um": np.array(
-            [tolerance.price_per_um(f) for tolerance, f in zip(found.priced, found.found.scale, strict=True)], float
+            [tolerance.price_per_um(f) for tolerance, f in zip(allocation.priced, allocation.found.scale, strict=True)],
+            float,
         ),
     }
 
 
-def check_rows(found: Allocation) -> Columns:
+def check_rows(allocation: Allocation) -> Columns:
     """Rows of `CHECK`."""
-    choices = {"before": found.before, "equal": found.equal, "found": found.found}
+    choices = {"before": allocation.before, "equal": allocation.equal, "found": allocation.found}
     rows = [
         (label, metric, estimate.value, estimate.ci_low, estimate.ci_high, estimate.n, choice.cost)
         for label, choice in choices.items()
@@ -89,21 +92,21 @@ def study_name(study: Study) -> str:
     return f"allocated-{study.name}"
 
 
-def study_text(found: Allocation, design: str) -> str:
+def study_text(allocation: Allocation, design: str) -> str:
     """The study with the new tolerances as a TOML file; ``design`` names its design."""
-    study = found.study
+    study = allocation.study
     content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design"})
-    content["title"] = f"{study.title or study.name}: cheapest tolerances at {100 * found.target:g} %"
+    content["title"] = f"{study.title or study.name}: cheapest tolerances at {100 * allocation.target:g} %"
     content["tolerances"] = {name: _rounded(section) for name, section in content["tolerances"].items()}
     if study.cycle.loaded_angles:
         content["cycle"].pop("crank_deg")
     content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
     name = study_name(study)
     parse_study(content, name, f"{name}.toml", lambda _: study.design)
-    passed = found.found.passed
+    passing = allocation.found.passed
     comment = (
-        f"# The cheapest tolerances of {study.name} found for a yield of {100 * found.target:g} %.\n"
-        f"# {passed.n} fresh units: {passed.value:.4f} ({passed.ci_low:.4f} to {passed.ci_high:.4f}).\n"
+        f"# The cheapest tolerances of {study.name} found for a yield of {100 * allocation.target:g} %.\n"
+        f"# {passing.n} fresh units: {passing.value:.4f} ({passing.ci_low:.4f} to {passing.ci_high:.4f}).\n"
     )
     return comment + toml_of(content)
 
@@ -113,9 +116,13 @@ def _rounded(section: dict[str, Any]) -> dict[str, Any]:
     return {key: float(f"{value:.9g}") if isinstance(value, float) else value for key, value in section.items()}
 
 
-def write_tables(found: Allocation, folder: Path) -> None:
+def write_tables(allocation: Allocation, folder: Path) -> None:
     """Write the three tables as CSV and Parquet into ``folder``."""
-    tradeoff = {"yield": found.tradeoff[:, 0], "cost": found.tradeoff[:, 1]}
-    for table, rows in ((ALLOCATION, allocation_rows(found)), (CHECK, check_rows(found)), (TRADEOFF, tradeoff)):
+    tradeoff = {"yield": allocation.tradeoff[:, 0], "cost": allocation.tradeoff[:, 1]}
+    for table, rows in (
+        (ALLOCATION, allocation_rows(allocation)),
+        (CHECK, check_rows(allocation)),
+        (TRADEOFF, tradeoff),
+    ):
         write_atomic(folder / f"{table.name}.parquet", table.part(rows).data)
         write_atomic(folder / f"{table.name}.csv", pd.DataFrame(rows).to_csv(index=False, float_format="%.8g").encode())

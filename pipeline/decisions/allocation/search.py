@@ -84,10 +84,10 @@ class Search:
 
     def drawn(self, scale: Real, start: int, stop: int) -> Errors:
         """Errors of units at scales (n_priced,); those behind the study's own are fresh."""
-        first = self.study.samples.count
-        samples = {"count": first + stop, "experiment": "monte_carlo", "nominal_first": False}
+        first_unit = self.study.samples.count
+        samples = {"count": first_unit + stop, "experiment": "monte_carlo", "nominal_first": False}
         larger_study = self.study.model_copy(update={"samples": self.study.samples.model_copy(update=samples)})
-        return draw(scaled(larger_study, self.names, scale), first + start, first + stop)
+        return draw(scaled(larger_study, self.names, scale), first_unit + start, first_unit + stop)
 
     def batches(self, start: int) -> list[tuple[int, int]]:
         """Units of the set that begins at ``start``, some at a time."""
@@ -102,20 +102,20 @@ class Search:
     def linear(self, scale: Real, start: int) -> LinearUnits:
         """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
         parts = Parallel(self.jobs)(delayed(_followed)(self, scale, *ends) for ends in self.batches(start))
-        angles, turns, chosen, *moved = (_joined([part[k] for part in parts]) for k in range(len(parts[0])))
+        angles, turns, chosen, *moved_parts = (_joined([part[k] for part in parts]) for k in range(len(parts[0])))
         values, slopes = [], []
         for tail in tails(self.study):
             value = tail.sign * turns[tail.metric]
             spread = float(np.nanstd(value)) or 1.0
             changes = []
-            for k, present in enumerate(moved):
+            for k, present in enumerate(moved_parts):
                 of_here, of_there = predicted_turn(angles[tail.metric], chosen, present)
                 changes.append((tail.over_turn(of_there) - tail.over_turn(of_here)) / (STEP * scale[k]) / spread)
             values.append((value - tail.limit) / spread)
             slopes.append(np.stack(changes, axis=-1))
         value, slope = np.stack(values, axis=1), np.stack(slopes, axis=1)
-        known = np.isfinite(value).all(axis=1) & np.isfinite(slope).all(axis=(1, 2))
-        return LinearUnits(scale, value[known], slope[known])
+        is_finite = np.isfinite(value).all(axis=1) & np.isfinite(slope).all(axis=(1, 2))
+        return LinearUnits(scale, value[is_finite], slope[is_finite])
 
     def settled(self, scale: Real, aim: float, start: int) -> tuple[Real, LinearUnits, int]:
         """Cheapest scales (n_groups,) by rounds on one set of units, the last linear model, and rounds.
@@ -165,8 +165,8 @@ def _followed(search: Search, scale: Real, start: int, stop: int) -> list[Angles
     angles, turns = search.solve(search.drawn(search.spread(scale), start, stop))
     results = [angles, turns, search.rough(search.drawn(search.spread(scale), start, stop))]
     for k in range(len(scale)):
-        moved = scale * np.where(np.arange(len(scale)) == k, 1 + STEP, 1.0)
-        results.append(search.rough(search.drawn(search.spread(moved), start, stop)))
+        trial_scale = scale * np.where(np.arange(len(scale)) == k, 1 + STEP, 1.0)
+        results.append(search.rough(search.drawn(search.spread(trial_scale), start, stop)))
     return results
 
 

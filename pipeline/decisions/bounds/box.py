@@ -92,10 +92,10 @@ class Box:
         """Errors of points (n, n_columns)."""
         return errors_at(self.study, points)
 
-    def flipped(self, point: Real, to: float) -> Real:
-        """(n_free, n_columns) the point with one error after the other at ``to``."""
+    def flipped(self, point: Real, edge_share: float) -> Real:
+        """(n_free, n_columns) the point with one error after the other at ``edge_share``."""
         points = np.repeat(point[None], len(self.columns), axis=0)
-        points[np.arange(len(self.columns)), self.columns] = to
+        points[np.arange(len(self.columns)), self.columns] = edge_share
         return points
 
     def turned(self, point: Real, wave: NDArray[np.intp]) -> Real:
@@ -125,19 +125,21 @@ def climbed(box: Box, evaluate: Evaluate, start: Real) -> tuple[Real, float]:
     """
     point, best = start, float(evaluate(start[None])[0])
     for _ in range(FLIPS):
-        moves = [box.flipped(point, to) for to in (0.0, 1.0)] + [box.turned(point, wave) for wave in box.all_waves]
+        moves = [box.flipped(point, edge_share) for edge_share in (0.0, 1.0)] + [
+            box.turned(point, wave) for wave in box.all_waves
+        ]
         values = np.split(
             np.nan_to_num(evaluate(np.concatenate(moves)), nan=-np.inf), np.cumsum([len(m) for m in moves])[:-1]
         )
         combined = point.copy()
-        for to, gains in zip((0.0, 1.0), values[:2], strict=True):
-            combined[box.columns[gains > best]] = to
+        for edge_share, gains in zip((0.0, 1.0), values[:2], strict=True):
+            combined[box.columns[gains > best]] = edge_share
         for wave, rows, gains in zip(box.all_waves, moves[2:], values[2:], strict=True):
             if gains.max() > best:
                 combined[wave] = rows[np.argmax(gains)][wave]
-        everything, flat = np.concatenate(moves), np.concatenate(values)
+        moves_of_all, flat = np.concatenate(moves), np.concatenate(values)
         candidates = [(float(np.nan_to_num(evaluate(combined[None])[0], nan=-np.inf)), combined)]
-        candidates.append((float(flat.max()), everything[np.argmax(flat)]))
+        candidates.append((float(flat.max()), moves_of_all[np.argmax(flat)]))
         value, candidate = max(candidates, key=lambda pair: pair[0])
         if not value > best:
             break

@@ -46,5 +46,5 @@ def capability(metric: str, values: NDArray[np.float64], limit: float, confidenc
     sign = -1.0 if library()[metric].smaller_is_worse else 1.0
     mean, std = float(values.mean()), float(values.std(ddof=1))
     cpk = sign * (limit - mean) / (3 * std) if std > 0 else np.nan
-    passed = pass_share(library()[metric].keeps(values, limit), confidence)
-    return Capability(metric, mean, std, cpk, float(norm.cdf(3 * cpk)), passed)
+    pass_estimate = pass_share(library()[metric].keeps(values, limit), confidence)
+    return Capability(metric, mean, std, cpk, float(norm.cdf(3 * cpk)), pass_estimate)

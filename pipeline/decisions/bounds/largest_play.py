@@ -59,13 +59,13 @@ def largest_play(
     nothing_flagged = np.zeros_like(jacobian)
     rows = [np.hstack([-errors, jacobian, nothing_flagged]), np.hstack([-errors, nothing_flagged, jacobian])]
     limits = [gap, gap]
-    width, first = errors.shape[1] + 2 * n_motions, n_errors
+    width, first_column = errors.shape[1] + 2 * n_motions, n_errors
     for size in sizes:
         row = np.zeros((1, width))
-        row[0, first : first + size] = 1.0
+        row[0, first_column : first_column + size] = 1.0
         rows.append(row)
         limits.append(np.ones(1))
-        first += size
+        first_column += size
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     for pose in (0, n_motions):
         for disk, radius in enumerate(radii):

@@ -62,17 +62,17 @@ def stack(study: Study, box: Box, evaluate: Evaluate, numbers: Real) -> Stack:
     values = np.split(evaluate(np.concatenate(points)), np.cumsum([len(entry) for entry in points])[:-1])
     middle = float(values[0][0])
     slope = dict(zip(columns.tolist(), 2 * (values[2] - values[1]), strict=True))
-    drawn, parts = deviations_at(study, numbers), {}
+    deviations, parts = deviations_at(study, numbers), {}
     for name, of_name in box.free.items():
-        steps = _share(study, name, drawn[name]) - 0.5
+        steps = _share(study, name, deviations[name]) - 0.5
         parts[name] = steps @ np.array([slope[column] for column in of_name.tolist()])
     responses = iter(values[3:])
     for name, waves in box.waves.items():
-        shares = _share(study, name, drawn[name]).T
+        shares = _share(study, name, deviations[name]).T
         parts[name] = np.zeros(len(numbers))
         for (_, phase), share, response in zip(waves, shares, responses, strict=False):
-            around = np.append(response, response[0]) - middle
-            parts[name] += share * np.interp(numbers[:, phase], np.arange(PHASES + 1) / PHASES, around)
+            closed_response = np.append(response, response[0]) - middle
+            parts[name] += share * np.interp(numbers[:, phase], np.arange(PHASES + 1) / PHASES, closed_response)
     return Stack(middle, parts)
 
 

@@ -53,7 +53,7 @@ def play_bounds(box: Box, crank_deg: float, metric: str) -> Iterator[Bound]:
     centre = box.centre
     middle = rigid_drive(box, crank_deg, centre[None])
     gap = UM_PER_MM * middle.gap[0]
-    ends = [UM_PER_MM * rigid_drive(box, crank_deg, box.flipped(centre, to)).gap for to in (0.0, 1.0)]
+    ends = [UM_PER_MM * rigid_drive(box, crank_deg, box.flipped(centre, edge_share)).gap for edge_share in (0.0, 1.0)]
     slopes = (ends[1] - ends[0]).T
     patterns = [
         UM_PER_MM * rigid_drive(box, crank_deg, box.turned(centre, wave)).gap.T - gap[:, None] for wave in box.all_waves

@@ -124,7 +124,7 @@ def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.Da
     for crank in cranks:
         rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
         bounds += [bound for name in rigid for bound in play_bounds(box, crank, name)]
-        drawn = solve(crank, errors_at(study, numbers))
+        drawn_metrics = solve(crank, errors_at(study, numbers))
         for metric in (*rigid, *bounded_metrics(study)):
             evaluate = partial(_metric_at, solve, box, crank, metric)
             if metric not in rigid:
@@ -132,8 +132,11 @@ def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.Da
                 _, worst = climbed(box, partial(_signed, evaluate, sign), box.centre)
                 bounds.append(Bound(metric, crank, WORST_FOUND, sign * worst))
             linear = stack(study, box, evaluate, numbers)
-            known = np.isfinite(drawn[metric])
-            full, of_stack = statistics_of(metric, drawn[metric][known]), statistics_of(metric, linear.values[known])
+            is_finite = np.isfinite(drawn_metrics[metric])
+            full, of_stack = (
+                statistics_of(metric, drawn_metrics[metric][is_finite]),
+                statistics_of(metric, linear.values[is_finite]),
+            )
             of_stack["std"] = linear.rss
             stacks += [(metric, crank, name, of_stack[name], full[name]) for name in full]
             contributions += [(metric, crank, name, 100 * share) for name, share in linear.shares.items()]
@@ -153,15 +156,20 @@ def _signed(evaluate: Evaluate, sign: float, points: Real) -> Real:
     return sign * evaluate(points)
 
 
-def table_rows(found: Findings) -> dict[Table, Columns]:
+def table_rows(bound_findings: Findings) -> dict[Table, Columns]:
     """Rows of the four tables."""
     capabilities = [
         (c.metric, c.mean, c.std, c.cpk, c.yield_if_normal, c.passed.value, c.passed.ci_low, c.passed.ci_high)
         + (c.means_something,)
-        for c in found.capabilities
+        for c in bound_findings.capabilities
     ]
-    bounds = [(entry.metric, entry.crank_deg, entry.what, entry.value) for entry in found.bounds]
-    rows = {BOUNDS: bounds, STACKS: found.stacks, CONTRIBUTIONS: found.contributions, CAPABILITY: capabilities}
+    bounds = [(entry.metric, entry.crank_deg, entry.what, entry.value) for entry in bound_findings.bounds]
+    rows = {
+        BOUNDS: bounds,
+        STACKS: bound_findings.stacks,
+        CONTRIBUTIONS: bound_findings.contributions,
+        CAPABILITY: capabilities,
+    }
     return {table: _columns(table, content) for table, content in rows.items()}
 
 
@@ -172,8 +180,8 @@ def _columns(table: Table, rows: Sequence[tuple]) -> Columns:
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def write_tables(found: Findings, folder: Path) -> None:
+def write_tables(bound_findings: Findings, folder: Path) -> None:
     """Write the tables as CSV and Parquet into ``folder``."""
-    for table, rows in table_rows(found).items():
+    for table, rows in table_rows(bound_findings).items():
         write_atomic(folder / f"{table.name}.parquet", table.part(rows).data)
         write_atomic(folder / f"{table.name}.csv", pd.DataFrame(rows).to_csv(index=False, float_format="%.8g").encode())

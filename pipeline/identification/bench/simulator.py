@@ -159,20 +159,20 @@ class Forward:
         torque, edges = instrument.true_torque(course.torque), instrument.true_torque(course.at)
         sound = float(np.mean(curve.states.residual > UNSOUND)) <= UNSOUND_SHARE
         if len(drive.sliders.acting) or instrument.ripple.amplitude:
-            path, followed = self._along(drive, course, curve, instrument.ripple, torque, edges)
-            sound = sound and followed
+            path, leg_path = self._along(drive, course, curve, instrument.ripple, torque, edges)
+            sound = sound and leg_path
         else:
             path = _unhindered(drive, course, curve, torque, edges)
-        angle, slope, carried, at_turns = path.angle, path.slope, path.carried, path.at_turns
+        angle, slope, carried_torque, at_turns = path.angle, path.slope, path.carried, path.at_turns
         if drive.creep is not None:
             delayed = drive.creep.compliance, drive.creep.time_constant
-            angle = angle + crept(carried, course.time, course.leg, at_turns, *delayed)
+            angle = angle + crept(carried_torque, course.time, course.leg, at_turns, *delayed)
         if drive.rayleigh:
-            angle = angle + _hysteretic(drive, course, carried, at_turns)
+            angle = angle + _hysteretic(drive, course, carried_torque, at_turns)
         turns = course.encoder_turns * angle + course.encoder_place
         read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
         read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
-        return Reading(read, ARCMIN * NMM_PER_NM * slope, carried, sound)
+        return Reading(read, ARCMIN * NMM_PER_NM * slope, carried_torque, sound)
 
     def _along(
         self, drive: Drive, course: Course, curve: Backbone, ripple: Ripple, torque: Real, edges: Real
@@ -191,8 +191,8 @@ class Forward:
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
                 motions, _, worst = solve_path(_softer(drive, stiffer), state, steps / stiffer, seeds)
-                turned = motions[:, drive.reducer.output_motion] + drive.twist(steps)
-                corners, sound = np.array([steps, turned, steps]), sound and worst <= UNSOUND
+                output_angle = motions[:, drive.reducer.output_motion] + drive.twist(steps)
+                corners, sound = np.array([steps, output_angle, steps]), sound and worst <= UNSOUND
             else:
                 elastic_angle = curve.angle[state] + drive.twist(stiffer * nodes)
                 leaning = 1 + drive.lean
@@ -201,20 +201,20 @@ class Forward:
                 corners[2] /= leaning
             for leg in np.flatnonzero(course.state == state):
                 part = corners[:, turns[repeated_torque[leg]] : turns[repeated_torque[leg] + 1] + 1]
-                x, turned, carried = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
+                x, output_angle, carried_torque = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
                 cells = course.leg == leg
                 path.at_turns[leg : leg + 2] = part[2, [0, -1]]
                 if np.any(cells):
-                    path.angle[cells], path.slope[cells] = means(edges[cells], x, turned)
-                    path.carried[cells], _ = means(edges[cells], x, carried)
+                    path.angle[cells], path.slope[cells] = means(edges[cells], x, output_angle)
+                    path.carried[cells], _ = means(edges[cells], x, carried_torque)
         return path, sound
 
-    def influence(self, drive: Drive, position: int, carried: Real, modes: Real) -> Real:
+    def influence(self, drive: Drive, position: int, carried_torque: Real, modes: Real) -> Real:
         """d angle / d modes (n_cells, n_modes) [arcmin] of patterns of gaps (n_modes, n_contacts) [mm]."""
         curve = self.backbone(drive)
-        return self._at_cells(drive, position, carried, curve.influence @ modes.T)
+        return self._at_cells(drive, position, carried_torque, curve.influence @ modes.T)
 
-    def change(self, drive: Drive, neighbour: Drive, position: int, carried: Real) -> Real | None:
+    def change(self, drive: Drive, neighbour: Drive, position: int, carried_torque: Real) -> Real | None:
         """Change of the angle (n_cells,) [arcmin], to first order, from a drive to one with other gaps and springs.
 
         None where the two differ in more.
@@ -222,15 +222,17 @@ class Forward:
         if not _alike_but_for_springs(drive, neighbour):
             return None
         curve = self.backbone(drive)
-        return self._at_cells(drive, position, carried, curve.change(drive, neighbour)[..., None])[:, 0]
+        return self._at_cells(drive, position, carried_torque, curve.change(drive, neighbour)[..., None])[:, 0]
 
-    def _at_cells(self, drive: Drive, position: int, carried: Real, values: Real) -> Real:
-        """Values (n, n_nodes, k) [rad] of a backbone where it carries ``carried`` (n_cells,): (n_cells, k) [arcmin]."""
+    def _at_cells(self, drive: Drive, position: int, carried_torque: Real, values: Real) -> Real:
+        """Values (n, n_nodes, k) [rad] of a backbone at ``carried_torque`` (n_cells,): (n_cells, k) [arcmin]."""
         course, nodes = self.courses[position], self.backbone(drive).torque
         state = course.state[course.leg]
-        carried = carried / np.array([drive.stiffening(number) for number in range(state.max() + 1)])[state]
-        j = np.clip(np.searchsorted(nodes, carried) - 1, 0, len(nodes) - 2)
-        x = np.clip((carried - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
+        carried_torque = (
+            carried_torque / np.array([drive.stiffening(number) for number in range(state.max() + 1)])[state]
+        )
+        j = np.clip(np.searchsorted(nodes, carried_torque) - 1, 0, len(nodes) - 2)
+        x = np.clip((carried_torque - nodes[j]) / (nodes[j + 1] - nodes[j]), 0, 1)[:, None]
         return ARCMIN * ((1 - x) * values[state, j] + x * values[state, j + 1])
 
 
@@ -259,9 +261,9 @@ def _softer(drive: Drive, stiffer: float) -> Drive:
     return replace(drive, sliders=scaled)
 
 
-def _hysteretic(drive: Drive, course: Course, carried: Real, at_turns: Real) -> Real:
+def _hysteretic(drive: Drive, course: Course, carried_torque: Real, at_turns: Real) -> Real:
     """Twist (n_cells,) [rad] of the hysteresis in series, along cells and the turns between them."""
-    torque = np.concatenate([at_turns, carried])
+    torque = np.concatenate([at_turns, carried_torque])
     order = np.argsort(np.concatenate([np.arange(len(at_turns)) - 0.5, course.leg]), kind="stable")
     twist = np.empty(len(torque))
     twist[order] = rayleigh_twist(torque[order], drive.rayleigh)

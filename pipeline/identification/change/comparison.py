@@ -70,8 +70,10 @@ class Model:
         drive = self.drive
         for kind, amount in change.items():
             drive = kind.put(drive, amount)
-        rest = np.zeros(len(self.pair.torque), np.int64)
-        return drive.angle(self.pair.followed, rest, self.top) - self.drive.angle(self.pair.followed, rest, self.top)
+        no_group = np.zeros(len(self.pair.torque), np.int64)
+        return drive.angle(self.pair.followed, no_group, self.top) - self.drive.angle(
+            self.pair.followed, no_group, self.top
+        )
 
     def error(self, change: Mapping[Kind, float]) -> float:
         """Rms (in noise) of what changes leave of the measured difference."""
@@ -164,16 +166,16 @@ class Change:
 
 
 def judged(
-    models: Sequence[Model], kinds: tuple[Kind, ...], mounted: tuple[Kind, ...] = (), known: Real | None = None
+    models: Sequence[Model], kinds: tuple[Kind, ...], mounted: tuple[Kind, ...] = (), known_change: Real | None = None
 ) -> Change:
     """A change of some kinds over all positions.
 
     Parameters
     ----------
     mounted : kinds that are fitted to each position beside it.
-    known : (n_positions, n_kinds) estimates, if there are any already.
+    known_change : (n_positions, n_kinds) estimates, if there are any already.
     """
-    estimates = known
+    estimates = known_change
     if estimates is None:
         estimates = np.array([[model.estimated(kinds)[kind] for kind in kinds] for model in models])
     n, mean = len(models), estimates.mean(axis=0)
@@ -182,13 +184,13 @@ def judged(
         spread = np.maximum(estimates.std(axis=0, ddof=1) / np.sqrt(n), 1e-12)
         reach = student.ppf(0.5 + CONFIDENCE / 2, n - 1) * spread
         low, high, p = mean - reach, mean + reach, 2 * student.sf(np.abs(mean) / spread, n - 1)
-    without, held_out = [], []
+    error_without, held_out = [], []
     for model, single in zip(models, estimates, strict=True):
         rest_of_set = (estimates.sum(axis=0) - single) / (n - 1) if n > 1 else single
-        without.append(model.mounted(mounted, {}))
+        error_without.append(model.mounted(mounted, {}))
         held_out.append(model.mounted(mounted, dict(zip(kinds, rest_of_set.tolist(), strict=True))))
     return Change(
-        kinds, estimates, mean, low, high, p, tuple(without), tuple(held_out), models, FREE if mounted else EQUAL
+        kinds, estimates, mean, low, high, p, tuple(error_without), tuple(held_out), models, FREE if mounted else EQUAL
     )
 
 
@@ -212,8 +214,8 @@ def _joined(models: Sequence[Model], changes: Sequence[Change]) -> tuple[Change,
     if len(changes) < 2:
         return tuple(changes)
     kinds = tuple(kind for change in changes for kind in change.kinds)
-    rest = tuple(kind for kind in KINDS if kind not in kinds)
-    return (judged(models, kinds, rest, np.hstack([change.by_position for change in changes])),)
+    other_kinds = tuple(kind for kind in KINDS if kind not in kinds)
+    return (judged(models, kinds, other_kinds, np.hstack([change.by_position for change in changes])),)
 
 
 @dataclass(frozen=True)
@@ -249,7 +251,7 @@ class Comparison:
         )
 
 
-def compared(found: Sequence[Pair]) -> Comparison:
+def compared(pairs: Sequence[Pair]) -> Comparison:
     """What changed between the states of some positions.
 
     Notes
@@ -260,18 +262,20 @@ def compared(found: Sequence[Pair]) -> Comparison:
     unless the best is better over the positions. A change that is likely by itself alone is told and not named: of
     eight tests at 5 % each one in seven pairs without a change has such a one.
     """
-    models = tuple(Model.of(pair) for pair in found)
+    models = tuple(Model.of(pair) for pair in pairs)
     singles = tuple(judged(models, (kind,)) for kind in KINDS)
-    nothing = np.array([model.error({}) for model in models])
+    base_errors = np.array([model.error({}) for model in models])
     if len(models) < FEWEST_POSITIONS:
-        return Comparison(models, singles, (), (), (), NOTHING, nothing)
-    beside = _beside_mounting(models)
-    parted = [change for change in beside if change.useful and change.sure]
-    likely = _joined(models, [change for change in beside if change.useful and change.likely])
+        return Comparison(models, singles, (), (), (), NOTHING, base_errors)
+    mounting_errors = _beside_mounting(models)
+    parted = [change for change in mounting_errors if change.useful and change.sure]
+    likely = _joined(models, [change for change in mounting_errors if change.useful and change.likely])
     likely = likely or _best_of([change for change in singles if change.useful and change.likely])
-    named = _joined(models, parted) or _best_of([change for change in singles if change.useful and change.sure])
-    nearest = () if named else likely
-    return Comparison(models, singles, beside, named, nearest, CHANGED if named else NOTHING, nothing)
+    named_changes = _joined(models, parted) or _best_of([change for change in singles if change.useful and change.sure])
+    nearest = () if named_changes else likely
+    return Comparison(
+        models, singles, mounting_errors, named_changes, nearest, CHANGED if named_changes else NOTHING, base_errors
+    )
 
 
 def _best_of(changes: Sequence[Change]) -> tuple[Change, ...]:

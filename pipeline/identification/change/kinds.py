@@ -37,7 +37,7 @@ KINDS = (
         "arcmin",
         "play opens",
         "play closes",
-        lambda drive, by: replace(drive, play_arcmin=drive.play_arcmin + by),
+        lambda drive, amount: replace(drive, play_arcmin=drive.play_arcmin + amount),
         "a small torque by hand in both senses: play is crossed at next to no torque",
     ),
     Kind(
@@ -46,7 +46,7 @@ KINDS = (
         "N m",
         "friction grows",
         "friction falls",
-        lambda drive, by: replace(drive, friction_Nm=drive.friction_Nm + by),
+        lambda drive, amount: replace(drive, friction_Nm=drive.friction_Nm + amount),
         "the torque that turns the drive slowly without load",
     ),
     Kind(
@@ -55,10 +55,10 @@ KINDS = (
         "1",
         "stiffness falls",
         "stiffness grows",
-        lambda drive, by: replace(
+        lambda drive, amount: replace(
             drive,
-            compliance_arcmin_per_Nm=(1 + by) * drive.compliance_arcmin_per_Nm,
-            softening_arcmin_per_Nm2=(1 + by) * drive.softening_arcmin_per_Nm2,
+            compliance_arcmin_per_Nm=(1 + amount) * drive.compliance_arcmin_per_Nm,
+            softening_arcmin_per_Nm2=(1 + amount) * drive.softening_arcmin_per_Nm2,
         ),
         "the slope of the same branch between half and all of the load",
     ),
@@ -68,7 +68,7 @@ KINDS = (
         "N m",
         "zero of the torque rises, or a preload",
         "zero of the torque falls, or a preload",
-        lambda drive, by: replace(drive, torque_zero_Nm=drive.torque_zero_Nm + by),
+        lambda drive, amount: replace(drive, torque_zero_Nm=drive.torque_zero_Nm + amount),
         "the reading of the torque with the drive taken off",
     ),
 )

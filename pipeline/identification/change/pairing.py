@@ -88,66 +88,68 @@ class Pair:
         return (residual - np.average(residual, weights=weight**2)) * weight
 
 
-def pairs(before: State, after: State) -> tuple[Pair, ...]:
+def pairs(state_before: State, state_after: State) -> tuple[Pair, ...]:
     """Positions that both states have.
 
     Raises
     ------
     InputError : no crank angle, or no branch, is in both.
     """
-    of_each = [state.measurement.rows.cranks for state in (before, after)]
+    of_each = [state.measurement.rows.cranks for state in (state_before, state_after)]
     shared = sorted(set(of_each[0].tolist()) & set(of_each[1].tolist()))
-    names = [state.measurement.unit.name for state in (before, after)]
+    names = [state.measurement.unit.name for state in (state_before, state_after)]
     if not shared:
-        shown = " and ".join(
+        differences_text = " and ".join(
             f"{name} {', '.join(f'{c:g}' for c in specific)}" for name, specific in zip(names, of_each, strict=True)
         )
-        raise InputError(f"no crank angle was measured in both: {shown} deg; measure the same positions")
-    results = tuple(_pair(before, after, crank) for crank in shared)
+        raise InputError(f"no crank angle was measured in both: {differences_text} deg; measure the same positions")
+    results = tuple(_pair(state_before, state_after, crank) for crank in shared)
     usable = tuple(pair for pair in results if pair.known.sum() > 2)
     if not usable:
         raise InputError(f"no branch of {names[1]} starts and runs as one of {names[0]}; measure the same loops")
     return usable
 
 
-def difference(before: State, old: Numbers, after: State, new: Numbers) -> Real:
+def difference(state_before: State, cells_before: Numbers, state_after: State, cells_after: Numbers) -> Real:
     """Angle [arcmin] of cells of the second state less that of their counterparts among cells of the first (n_new,)."""
-    torque, angle = after.data.torque[new], after.data.angle[new]
-    values = np.full(len(new), np.nan)
-    for block in after.repeated(new):
-        inside = after.data.block[new] == block
-        values[inside] = angle[inside] - _counterpart(before, old, after, int(block), torque[inside])
+    torque, angle = state_after.data.torque[cells_after], state_after.data.angle[cells_after]
+    values = np.full(len(cells_after), np.nan)
+    for block in state_after.repeated(cells_after):
+        in_block = state_after.data.block[cells_after] == block
+        values[in_block] = angle[in_block] - _counterpart(
+            state_before, cells_before, state_after, int(block), torque[in_block]
+        )
     return values
 
 
-def _pair(before: State, after: State, crank: float) -> Pair:
-    old, new = before.cells_at(crank), after.cells_at(crank)
-    cells = after.measurement.cells
+def _pair(state_before: State, state_after: State, crank: float) -> Pair:
+    cells_before, cells_after = state_before.cells_at(crank), state_after.cells_at(crank)
+    cells = state_after.measurement.cells
     return Pair(
         crank,
-        after.data.torque[new],
-        after.followed[new],
-        after.data.angle[new],
-        after.data.sigma[new],
-        cells.cycle[new],
-        cells.direction[new],
-        difference(before, old, after, new),
-        before.followed[old],
-        before.data.angle[old],
-        before.data.sigma[old],
+        state_after.data.torque[cells_after],
+        state_after.followed[cells_after],
+        state_after.data.angle[cells_after],
+        state_after.data.sigma[cells_after],
+        cells.cycle[cells_after],
+        cells.direction[cells_after],
+        difference(state_before, cells_before, state_after, cells_after),
+        state_before.followed[cells_before],
+        state_before.data.angle[cells_before],
+        state_before.data.sigma[cells_before],
     )
 
 
-def _counterpart(before: State, old: Numbers, after: State, block: int, torque: Real) -> Real:
+def _counterpart(state_before: State, cells_before: Numbers, state_after: State, block: int, torque: Real) -> Real:
     """Mean angle (n,) [arcmin] at torques of those branches of the first state that are as a block of the second."""
-    sense, span = after.measurement.branches.direction[block], np.ptp(before.data.torque[old])
+    sense, span = state_after.measurement.branches.direction[block], np.ptp(state_before.data.torque[cells_before])
     total, count = np.zeros(len(torque)), np.zeros(len(torque))
-    for number in before.repeated(old):
-        distant = abs(before.start[number] - after.start[block]) > ALIKE * span
-        if distant or before.measurement.branches.direction[number] != sense:
+    for number in state_before.repeated(cells_before):
+        distant = abs(state_before.start[number] - state_after.start[block]) > ALIKE * span
+        if distant or state_before.measurement.branches.direction[number] != sense:
             continue
-        branch = old[before.data.block[old] == number]
-        branch = branch[np.argsort(before.data.torque[branch])]
-        angle = np.interp(torque, before.data.torque[branch], before.data.angle[branch], np.nan, np.nan)
+        branch = cells_before[state_before.data.block[cells_before] == number]
+        branch = branch[np.argsort(state_before.data.torque[branch])]
+        angle = np.interp(torque, state_before.data.torque[branch], state_before.data.angle[branch], np.nan, np.nan)
         total, count = total + np.nan_to_num(angle), count + np.isfinite(angle)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -43,7 +43,7 @@ class Pattern:
         return self.p <= max(1 / self.pairings, 0.05) + 1e-12
 
 
-def pattern(before: State, after: State, cranks: Sequence[float]) -> Pattern:
+def pattern(state_before: State, state_after: State, cranks: Sequence[float]) -> Pattern:
     """The pattern over crank angles that both states have.
 
     Notes
@@ -52,19 +52,26 @@ def pattern(before: State, after: State, cranks: Sequence[float]) -> Pattern:
     Bootstrap Tests of Hypotheses (2005)). Of more than six positions a sample of the pairings is taken.
     """
     n = len(cranks)
-    distance = np.array([[_distance(before, old, after, new) for old in cranks] for new in cranks])
+    distance = np.array(
+        [
+            [_distance(state_before, crank_before, state_after, crank_after) for crank_before in cranks]
+            for crank_after in cranks
+        ]
+    )
     if n < 3 or not np.all(np.isfinite(distance)):
         return Pattern(float("nan"), 1, distance)
     if n <= MOST_EXACT:
-        tried = np.array(list(permutations(range(n))))
+        permutations_tried = np.array(list(permutations(range(n))))
     else:
         rng = np.random.default_rng(SEED)
-        tried = np.array([np.arange(n), *(rng.permutation(n) for _ in range(PAIRINGS))])
-    sums = distance[np.arange(n), tried].sum(axis=1)
-    return Pattern(float(np.mean(sums <= np.trace(distance) * (1 + 1e-12))), len(tried), distance)
+        permutations_tried = np.array([np.arange(n), *(rng.permutation(n) for _ in range(PAIRINGS))])
+    sums = distance[np.arange(n), permutations_tried].sum(axis=1)
+    return Pattern(float(np.mean(sums <= np.trace(distance) * (1 + 1e-12))), len(permutations_tried), distance)
 
 
-def _distance(before: State, old: float, after: State, new: float) -> float:
-    distance = difference(before, before.cells_at(old), after, after.cells_at(new))
+def _distance(state_before: State, crank_before: float, state_after: State, crank_after: float) -> float:
+    distance = difference(
+        state_before, state_before.cells_at(crank_before), state_after, state_after.cells_at(crank_after)
+    )
     distance = distance[np.isfinite(distance)]
     return float(np.var(distance)) if distance.size else float("nan")

@@ -82,12 +82,12 @@ class Answer:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        named, count = self.found.named, len(self.found.models)
-        if not named and not self.found.near:
+        named_changes, count = self.found.named, len(self.found.models)
+        if not named_changes and not self.found.near:
             return f"No change is shown: {self._nothing(count)}"
-        texts = [f"{change.words} ({_numbers(change)})" for change in named or self.found.near]
+        texts = [f"{change.words} ({_numbers(change)})" for change in named_changes or self.found.near]
         removed = f"removes {100 * (1 - self.found.best.gain):.0f} % of the difference at positions that it was not "
-        if named:
+        if named_changes:
             return f"Shown: {', or '.join(texts)}; this {removed}estimated at."
         return (
             f"No change is shown beyond what mounting may do. Nearest: {', or '.join(texts)}, which {removed}estimated "
@@ -134,7 +134,7 @@ class Answer:
         return ""
 
 
-def answer(before: Measurement, after: Measurement) -> Answer:
+def answer(measurement_before: Measurement, measurement_after: Measurement) -> Answer:
     """What changed between two measurements of one drive.
 
     Raises
@@ -142,46 +142,48 @@ def answer(before: Measurement, after: Measurement) -> Answer:
     InputError : a measurement has a fatal fault, or the two have nothing in common.
     """
     faults = [
-        f"{measurement.unit.name}: {fault.line}" for measurement in (before, after) for fault in measurement.fatal
+        f"{measurement.unit.name}: {fault.line}"
+        for measurement in (measurement_before, measurement_after)
+        for fault in measurement.fatal
     ]
-    ends = [measurement.unit.settings.locked for measurement in (before, after)]
+    ends = [measurement.unit.settings.locked for measurement in (measurement_before, measurement_after)]
     if ends[0] != ends[1]:
         faults.append(f'locked = "{ends[0]}" and "{ends[1]}"; two measurements are compared with one end locked')
     if faults:
         raise InputError(faults)
-    states = State.of(before), State.of(after)
+    states = State.of(measurement_before), State.of(measurement_after)
     results = pairs(*states)
     return Answer(*states, compared(results), pattern(*states, [pair.crank_deg for pair in results]))
 
 
-def write(of: Answer, folder: Path) -> None:
+def write(change_answer: Answer, folder: Path) -> None:
     """Write tables and, last, the verdict into ``folder``."""
     for table, columns in (
-        (CHANGES, change_rows(of.found)),
-        (POSITIONS, position_rows(of.found)),
-        (DIFFERENCE, difference_rows(of.found)),
+        (CHANGES, change_rows(change_answer.found)),
+        (POSITIONS, position_rows(change_answer.found)),
+        (DIFFERENCE, difference_rows(change_answer.found)),
     ):
         write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
-    write_json(folder / VERDICT_FILE, _verdict(of))
+    write_json(folder / VERDICT_FILE, _verdict(change_answer))
 
 
-def _verdict(of: Answer) -> dict[str, Any]:
-    identification = of.found
+def _verdict(change_answer: Answer) -> dict[str, Any]:
+    identification = change_answer.found
     return {
-        "before": of.before.measurement.unit.name,
-        "after": of.after.measurement.unit.name,
+        "before": change_answer.before.measurement.unit.name,
+        "after": change_answer.after.measurement.unit.name,
         "verdict": identification.verdict,
-        "sentence": of.sentence,
-        "pattern": of.pattern_sentence,
-        "pattern_p": of.positions.p if math.isfinite(of.positions.p) else None,
-        "advice": of.advice,
+        "sentence": change_answer.sentence,
+        "pattern": change_answer.pattern_sentence,
+        "pattern_p": change_answer.positions.p if math.isfinite(change_answer.positions.p) else None,
+        "advice": change_answer.advice,
         "named": [_told(change) for change in identification.named],
         "near": [_told(change) for change in identification.near],
         "positions_deg": [model.pair.crank_deg for model in identification.models],
         "drives": [asdict(model.drive) for model in identification.models],
         "data_faults": {
             state.measurement.unit.name: [asdict(fault) for fault in state.measurement.faults]
-            for state in (of.before, of.after)
+            for state in (change_answer.before, change_answer.after)
         },
     }
 
@@ -199,10 +201,10 @@ def _told(change: Change) -> dict[str, Any]:
     }
 
 
-def change_rows(found: Comparison) -> Columns:
+def change_rows(comparison: Comparison) -> Columns:
     """Columns of `CHANGES`."""
-    named = {(kind.name, change.others) for change in found.named for kind in change.kinds}
-    changes = [*found.singles, *found.beside]
+    named_keys = {(kind.name, change.others) for change in comparison.named for kind in change.kinds}
+    changes = [*comparison.singles, *comparison.beside]
     kinds = [change.kinds[0] for change in changes]
     return {
         "kind": [kind.name for kind in kinds],
@@ -214,16 +216,16 @@ def change_rows(found: Comparison) -> Columns:
         "ci_high": np.array([change.high[0] for change in changes]),
         "p": np.array([change.p[0] for change in changes]),
         "held_out_share": np.array([change.gain for change in changes]),
-        "named": np.array([(change.kinds[0].name, change.others) in named for change in changes]),
+        "named": np.array([(change.kinds[0].name, change.others) in named_keys for change in changes]),
     }
 
 
-def position_rows(found: Comparison) -> Columns:
+def position_rows(comparison: Comparison) -> Columns:
     """Columns of `POSITIONS`."""
-    changes = [*found.singles, *found.beside]
-    n = len(found.models)
+    changes = [*comparison.singles, *comparison.beside]
+    n = len(comparison.models)
     return {
-        "crank_deg": np.tile([model.pair.crank_deg for model in found.models], len(changes)),
+        "crank_deg": np.tile([model.pair.crank_deg for model in comparison.models], len(changes)),
         "kind": [change.kinds[0].name for change in changes for _ in range(n)],
         "others": [change.others for change in changes for _ in range(n)],
         "change": np.concatenate([change.by_position[:, 0] for change in changes]),
@@ -232,14 +234,18 @@ def position_rows(found: Comparison) -> Columns:
     }
 
 
-def difference_rows(found: Comparison) -> Columns:
+def difference_rows(comparison: Comparison) -> Columns:
     """Columns of `DIFFERENCE`, with what the best change says of each position from the others."""
     parts: list[Mapping[str, Any]] = []
-    best = found.best
-    for model, without, held_out in zip(found.models, best.without, best.held_out, strict=True):
+    best = comparison.best
+    for model, error_without, held_out in zip(comparison.models, best.without, best.held_out, strict=True):
         pair, cells = model.pair, model.pair.known
         weight = 1 / pair.sigma[cells] ** 2
-        curves = {"difference": pair.difference, "without": model.change(without), "held_out": model.change(held_out)}
+        curves = {
+            "difference": pair.difference,
+            "without": model.change(error_without),
+            "held_out": model.change(held_out),
+        }
         parts.append(
             {
                 "crank_deg": np.full(int(cells.sum()), pair.crank_deg),

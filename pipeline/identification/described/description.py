@@ -115,11 +115,11 @@ def described(measurement: Measurement) -> Description:
         "spring": _predicted(measurement, data, splits, frozenset()),
         "described": _predicted(measurement, data, splits, frozenset(TERMS)),
     }
-    cells, nothing = np.isfinite(curves["spring"]), np.zeros(len(data))
+    cells, zeros = np.isfinite(curves["spring"]), np.zeros(len(data))
     cranks = measurement.rows.cranks
-    errors = {name: angle_error(data, cranks, curve, nothing, cells) for name, curve in curves.items()}
+    errors = {name: angle_error(data, cranks, curve, zeros, cells) for name, curve in curves.items()}
     cycles = Cycles(measurement.cells.direction, measurement.branches.kind[measurement.cells.block])
-    plain = baselines(data, cycles, splits, data.offsets)
+    baseline_errors = baselines(data, cycles, splits, data.offsets)
     verdict = _verdict(errors, any(number.named for number in numbers))
     return Description(
         measurement,
@@ -128,7 +128,7 @@ def described(measurement: Measurement) -> Description:
         numbers,
         curves,
         errors,
-        {title: angle_error(data, cranks, curve, nothing, cells) for title, curve in plain.items()},
+        {title: angle_error(data, cranks, curve, zeros, cells) for title, curve in baseline_errors.items()},
         cells,
         splits[0][0] is splits[0][1],
         None if verdict == DESCRIBED else _left(measurement, data, training, numbers),
@@ -140,8 +140,8 @@ def _left(measurement: Measurement, data: Data, training: Truth, numbers: tuple[
     torque, top = followed_torques(measurement), float(np.max(np.abs(data.torque)))
     values = {NUMBERS[number.term][0]: number.value for number in numbers}
 
-    def angle(changed: Mapping[str, float]) -> Real:
-        return PlayAndFriction(**{**values, **changed}).angle(torque, data.position, top)
+    def angle(trial_values: Mapping[str, float]) -> Real:
+        return PlayAndFriction(**{**values, **trial_values}).angle(torque, data.position, top)
 
     steps = {name: STEP * (abs(value) or 1.0) for name, value in values.items()}
     jacobian = np.column_stack(
@@ -179,10 +179,10 @@ def _predicted(measurement: Measurement, data: Data, splits: list[tuple[Truth, T
         followed_torques(measurement),
         float(np.max(np.abs(data.torque))),
     )
-    for training, judged in splits:
+    for training, judged_cells in splits:
         fold = data_of(measurement, training)
         angle = _fit(fold, torque, training, terms).angle(torque, data.position, top)
-        predicted[judged] = (angle + fold.offsets(angle, training, fold.sigma))[judged]
+        predicted[judged_cells] = (angle + fold.offsets(angle, training, fold.sigma))[judged_cells]
     return predicted
 
 
@@ -191,9 +191,9 @@ def _tested(measurement: Measurement, data: Data, splits: list[tuple[Truth, Trut
     scores = {}
     for name in (None, *TERMS):
         angle = _predicted(measurement, data, splits, frozenset(TERMS) - {name})
-        judged = np.isfinite(angle)
-        square = ((data.angle - angle)[judged] / data.sigma[judged]) ** 2
-        _, block = np.unique(data.block[judged], return_inverse=True)
+        judged_cells = np.isfinite(angle)
+        square = ((data.angle - angle)[judged_cells] / data.sigma[judged_cells]) ** 2
+        _, block = np.unique(data.block[judged_cells], return_inverse=True)
         scores[name] = np.log(LEAST_LOSS + np.bincount(block, square) / np.bincount(block))
     if len(scores[None]) < FEWEST_BLOCKS or splits[0][0] is splits[0][1]:
         return dict.fromkeys(TERMS, float("nan"))
@@ -218,11 +218,11 @@ def _numbers(data: Data, torque: Real, training: Truth, tested: Mapping[str, flo
     return tuple(numbers)
 
 
-def _interval(value: float, others: list[float]) -> tuple[float, float, float]:
+def _interval(value: float, other_values: list[float]) -> tuple[float, float, float]:
     """Value and 95 % interval of the jackknife, Efron and Tibshirani, An Introduction to the Bootstrap (1993), 11."""
-    n = len(others)
+    n = len(other_values)
     if not n:
         return value, float("nan"), float("nan")
-    error = np.sqrt((n - 1) / n * np.sum((np.array(others) - np.mean(others)) ** 2))
+    error = np.sqrt((n - 1) / n * np.sum((np.array(other_values) - np.mean(other_values)) ** 2))
     reach = float(student.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
     return value, value - reach, value + reach

@@ -40,14 +40,14 @@ DESCRIPTION = Table(
 )
 
 
-def write(of: Description, folder: Path) -> tuple[Signature, ...]:
+def write(description: Description, folder: Path) -> tuple[Signature, ...]:
     """Write tables and, last, the verdict into ``folder``; returns the signatures of what is left."""
-    remaining_signatures = signatures(of.measurement, of.data, of.curves["described"])
-    before = signatures(of.measurement, of.data, of.curves["spring"])
-    by_stage = {"recalibrated": before, "after": remaining_signatures}
-    for table, columns in ((DESCRIPTION, cell_rows(of)), (SIGNATURES, signature_rows(by_stage))):
+    remaining_signatures = signatures(description.measurement, description.data, description.curves["described"])
+    signatures_before = signatures(description.measurement, description.data, description.curves["spring"])
+    by_stage = {"recalibrated": signatures_before, "after": remaining_signatures}
+    for table, columns in ((DESCRIPTION, cell_rows(description)), (SIGNATURES, signature_rows(by_stage))):
         write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
-    write_json(folder / VERDICT_FILE, finite(_verdict(of)))
+    write_json(folder / VERDICT_FILE, finite(_verdict(description)))
     return remaining_signatures
 
 
@@ -60,50 +60,52 @@ def write_fault(measurement: Measurement, folder: Path) -> str:
     return sentence
 
 
-def sentence(of: Description) -> str:
+def sentence(description: Description) -> str:
     """The verdict in words; its errors are those of the cards and tables."""
-    spring, after = of.errors["spring"], of.errors["described"]
-    basis = "in sample" if of.in_sample else "on held-out data"
+    spring, model = description.errors["spring"], description.errors["described"]
+    basis = "in sample" if description.in_sample else "on held-out data"
     errors = (
-        f"Root mean square {basis}: {spring.rms_arcmin:.3g} arcmin by a spring alone, {after.rms_arcmin:.3g} arcmin "
-        f"({after.to_noise:.3g} noise floors) with play, friction and softening."
+        f"Root mean square {basis}: {spring.rms_arcmin:.3g} arcmin by a spring alone, {model.rms_arcmin:.3g} arcmin "
+        f"({model.to_noise:.3g} noise floors) with play, friction and softening."
     )
-    named = [number for number in of.numbers if number.named]
-    if not named:
+    named_numbers = [number for number in description.numbers if number.named]
+    if not named_numbers:
         return f"No term beside a spring is claimed. {errors}"
-    remaining_text = "" if of.verdict == DESCRIBED else " What is left is structured and not traced."
-    return f"{'; '.join(_words(number) for number in named)}. {errors}{remaining_text}"
+    remaining_text = "" if description.verdict == DESCRIBED else " What is left is structured and not traced."
+    return f"{'; '.join(_words(number) for number in named_numbers)}. {errors}{remaining_text}"
 
 
-def advice(of: Description) -> str:
+def advice(description: Description) -> str:
     """What to measure next."""
-    blocks = len(np.unique(of.data.block[of.cells]))
-    if of.in_sample or blocks < FEWEST_BLOCKS:
+    blocks = len(np.unique(description.data.block[description.cells]))
+    if description.in_sample or blocks < FEWEST_BLOCKS:
         return (
             f"Measure at least {FEWEST_GROUPS} positions or cycles: whole ones can then be held out and terms claimed."
         )
-    unsettled = [number.term.replace("_", " ") for number in of.numbers[:3] if not number.named]
+    unsettled = [number.term.replace("_", " ") for number in description.numbers[:3] if not number.named]
     if unsettled:
         names = ", ".join(unsettled)
         return f"Not claimed: {names}. Loops to a tenth, a half and all of the load part play from friction."
     return ""
 
 
-def turned_deg(of: Description) -> float:
+def turned_deg(description: Description) -> float:
     """Largest turn of the input within a loop [deg]; none where the input is locked."""
-    unit = of.measurement.unit.settings
+    unit = description.measurement.unit.settings
     if unit.locked == "input" or unit.generic is None:
         return 0.0
-    spans = [np.ptp(of.data.angle[of.data.position == p]) for p in np.unique(of.data.position)]
+    spans = [
+        np.ptp(description.data.angle[description.data.position == p]) for p in np.unique(description.data.position)
+    ]
     return float(max(spans)) / 60 * unit.generic.ratio
 
 
-def cell_rows(of: Description) -> Columns:
+def cell_rows(description: Description) -> Columns:
     """Columns of `DESCRIPTION`."""
-    cells, data = of.measurement.cells, of.data
+    cells, data = description.measurement.cells, description.data
     return {
         "position": cells.position,
-        "crank_deg": of.measurement.rows.cranks[cells.position],
+        "crank_deg": description.measurement.rows.cranks[cells.position],
         "cycle": cells.cycle,
         "block": cells.block,
         "direction": cells.direction,
@@ -111,27 +113,27 @@ def cell_rows(of: Description) -> Columns:
         "angle_arcmin": data.angle,
         "rows": data.count,
         "sigma_arcmin": data.sigma,
-        "held_out": of.cells,
-        **{f"{name}_arcmin": curve for name, curve in of.curves.items()},
-        **{f"residual_{name}_arcmin": data.angle - curve for name, curve in of.curves.items()},
+        "held_out": description.cells,
+        **{f"{name}_arcmin": curve for name, curve in description.curves.items()},
+        **{f"residual_{name}_arcmin": data.angle - curve for name, curve in description.curves.items()},
     }
 
 
-def _verdict(of: Description) -> dict[str, Any]:
+def _verdict(description: Description) -> dict[str, Any]:
     return {
-        "unit": of.measurement.unit.name,
-        "title": of.measurement.unit.settings.title,
-        "verdict": of.verdict,
-        "sentence": sentence(of),
-        "advice": advice(of),
-        "numbers": [asdict(number) for number in of.numbers],
-        "held_out_errors": {name: asdict(error) for name, error in of.errors.items()},
-        "baselines": {title: asdict(error) for title, error in of.baselines.items()},
-        "in_sample": of.in_sample,
-        "discrepancy": of.left.plain if of.left else None,
-        "noise_arcmin": of.data.noise,
-        "input_turns_deg": turned_deg(of),
-        "data_faults": [asdict(fault) for fault in of.measurement.faults],
+        "unit": description.measurement.unit.name,
+        "title": description.measurement.unit.settings.title,
+        "verdict": description.verdict,
+        "sentence": sentence(description),
+        "advice": advice(description),
+        "numbers": [asdict(number) for number in description.numbers],
+        "held_out_errors": {name: asdict(error) for name, error in description.errors.items()},
+        "baselines": {title: asdict(error) for title, error in description.baselines.items()},
+        "in_sample": description.in_sample,
+        "discrepancy": description.left.plain if description.left else None,
+        "noise_arcmin": description.data.noise,
+        "input_turns_deg": turned_deg(description),
+        "data_faults": [asdict(fault) for fault in description.measurement.faults],
     }
 
 

@@ -58,11 +58,11 @@ def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) 
     """The design with the numbers at ``keys`` times their scales."""
     raw = design.model_dump()
     for key, scale in zip(keys, scales, strict=True):
-        *path, last = key.split(".")
+        *path, field = key.split(".")
         section = raw
         for name in path:
             section = section[name]
-        section[last] *= scale
+        section[field] *= scale
     return Design.model_validate(raw)
 
 
@@ -83,21 +83,23 @@ def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
     return replace(drive, laws=replace(laws, **scaled), known=drive.gap_of_errors)
 
 
-def _with_gaps(drive: Drive, known: Drive | None = None) -> Drive:
-    """The drive, its states alike, with the gaps of one of them; those of a ``known`` drive where that has the same."""
-    if known is not None and _same_gaps(drive, known):
-        return replace(drive, known=known.gap_of_errors)
-    first = {name: values[:1] for name, values in vars(drive.errors).items()}
-    state = replace(drive, errors=Errors(**first), shift=drive.shift[:1], bearing_clearance=drive.bearing_clearance[:1])
+def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
+    """The drive, its states alike, with the gaps of one of them; those of ``known_drive`` where that has the same."""
+    if known_drive is not None and _same_gaps(drive, known_drive):
+        return replace(drive, known=known_drive.gap_of_errors)
+    first_sample = {name: values[:1] for name, values in vars(drive.errors).items()}
+    state = replace(
+        drive, errors=Errors(**first_sample), shift=drive.shift[:1], bearing_clearance=drive.bearing_clearance[:1]
+    )
     return replace(drive, known=np.repeat(state.gap_of_errors, len(drive.bearing_clearance), axis=0))
 
 
-def _same_gaps(drive: Drive, known: Drive) -> bool:
+def _same_gaps(drive: Drive, known_drive: Drive) -> bool:
     """Whether two drives at one crank angle differ in nothing that gaps are made of."""
-    contacts, counterparts = drive.reducer.contacts, known.reducer.contacts
-    errors = zip(vars(drive.errors).values(), vars(known.errors).values(), strict=True)
+    contacts, counterparts = drive.reducer.contacts, known_drive.reducer.contacts
+    errors = zip(vars(drive.errors).values(), vars(known_drive.errors).values(), strict=True)
     return (
-        drive.profile == known.profile
+        drive.profile == known_drive.profile
         and all(np.array_equal(getattr(contacts, name), getattr(counterparts, name)) for name in GAP_FIELDS)
         and all(np.array_equal(values, counterparts) for values, counterparts in errors)
     )
@@ -141,7 +143,9 @@ def _drives_of(
         )
         if numbers == declared:
             return tuple(_with_gaps(drive) for drive in built)
-        return tuple(_with_gaps(drive, known) for drive, known in zip(built, with_numbers(declared), strict=True))
+        return tuple(
+            _with_gaps(drive, known_drive) for drive, known_drive in zip(built, with_numbers(declared), strict=True)
+        )
 
     @lru_cache(maxsize=256)
     def drives(scales: tuple[float, ...]) -> tuple[Drive, ...]:
@@ -163,21 +167,21 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     unit, rows = measurement.unit, measurement.rows
     study = unit.study
     states, conditions = _states(measurement)
-    known = np.ones(len(measurement.cells), bool) if visible is None else visible
-    courses = [_course(measurement, states, position, known) for position in range(len(rows.cranks))]
+    visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
+    courses = [_course(measurement, states, position, visible_cells) for position in range(len(rows.cranks))]
     keys = refitted(study.design)
     unit_dimensions = one_unit(study, unit.dimensions)
     sampled = draw(unit_dimensions, 0, 1) if unit.dimensions is not None else _usual(_population(study))
     drives = _drives_of(study, keys, sampled, rows.cranks, compliances, conditions)
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
-    reach = _reach(courses, np.unique(measurement.cells.position[known]))
-    plain = Forward([course.without_states() for course in courses], nmm, reach)
+    reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
+    stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
     by_state = Forward(courses, nmm, reach)
     nominal = first_states(drives((1.0,) * ranges.shape[1]))
     population = [drive.with_errors(_population_errors(unit, nominal)).gap for drive in nominal]
-    influences = tuple(plain.backbone(drive).influence[0] for drive in nominal)
+    influences = tuple(stateless.backbone(drive).influence[0] for drive in nominal)
 
     components = PriorModes.of(population, influences)
 
@@ -188,7 +192,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             data=data,
             training=training,
             trained_on=trained_on,
-            forward=plain,
+            forward=stateless,
             forward_by_state=by_state,
             drives=drives,
             calibrated=keys,
@@ -201,7 +205,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             rated_torque=rated,
         )
 
-    return trained_on(known)
+    return trained_on(visible_cells)
 
 
 def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Conditions]]:

@@ -16,15 +16,15 @@ PARTS = 5
 def within_cells(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
     """Torques within cells (n, PARTS + 1) [N m], as many rows between any two; each row stands for its surroundings."""
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
-    first = np.searchsorted(usable, cells.first_row[numbers])
+    first_row = np.searchsorted(usable, cells.first_row[numbers])
     shares = np.arange(PARTS + 1) / PARTS
     edges = []
-    for start, count in zip(first, cells.count[numbers], strict=True):
+    for start, count in zip(first_row, cells.count[numbers], strict=True):
         torque = np.sort(rows.torque[usable[start : start + count]])
         low, high = 0.5 * (torque[1] - torque[0]), 0.5 * (torque[-1] - torque[-2])
-        known = np.concatenate([[torque[0] - low], torque, [torque[-1] + high]])
+        known_torque = np.concatenate([[torque[0] - low], torque, [torque[-1] + high]])
         places = np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
-        edges.append(np.interp(shares, places, known))
+        edges.append(np.interp(shares, places, known_torque))
     return np.array(edges)
 
 

@@ -116,13 +116,13 @@ def jump_errors(cells: Cells, branch: Whole, training: Truth) -> Real:
 def _repeated_jumps(cells: Cells, branch: Whole, training: Truth, height: Real) -> Iterator[float]:
     """Differences between repeats of the cells that jump, over the height of the jump, the offset of both removed."""
     for number in np.unique(branch[training & (height > 0)]):
-        alike = training & (branch == number)
-        blocks = [np.flatnonzero(alike & (cells.block == block)) for block in np.unique(cells.block[alike])]
-        for first, second in zip(blocks[:-1], blocks[1:], strict=True):
-            interval = np.abs(cells.torque_mean[second] - cells.torque_mean[first][:, None])
+        in_branch = training & (branch == number)
+        blocks = [np.flatnonzero(in_branch & (cells.block == block)) for block in np.unique(cells.block[in_branch])]
+        for block_before, second in zip(blocks[:-1], blocks[1:], strict=True):
+            interval = np.abs(cells.torque_mean[second] - cells.torque_mean[block_before][:, None])
             nearest = np.argmin(interval, axis=1)
-            distance = cells.angle_mean[second][nearest] - cells.angle_mean[first]
+            distance = cells.angle_mean[second][nearest] - cells.angle_mean[block_before]
             distance -= np.median(distance)
-            step = np.median(np.abs(np.diff(cells.torque_mean[first]))) if len(first) > 1 else np.inf
-            paired = (height[first] > 0) & (interval.min(axis=1) < step)
-            yield from (distance[paired] / height[first][paired]).tolist()
+            step = np.median(np.abs(np.diff(cells.torque_mean[block_before]))) if len(block_before) > 1 else np.inf
+            paired = (height[block_before] > 0) & (interval.min(axis=1) < step)
+            yield from (distance[paired] / height[block_before][paired]).tolist()

@@ -69,41 +69,43 @@ class Fitter:
         problem, data = self.problem, self.problem.data
         forward = self._forward(model)
         drives, instrument = self._drives(model, unknowns)
-        angle, carried = np.full(len(data), np.nan), np.full(len(data), np.nan)
+        angle, carried_torque = np.full(len(data), np.nan), np.full(len(data), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
         for position in self.positions if positions is None else positions:
             of_position = data.position == position
             reading = forward.read(drives[position], position, instrument)
-            angle[of_position], carried[of_position] = reading.angle, reading.carried
+            angle[of_position], carried_torque[of_position] = reading.angle, reading.carried
             sound = sound and reading.sound and bool(np.all(np.isfinite(reading.angle)))
             if modes and problem.n_modes:
                 influence[of_position] = forward.influence(
                     drives[position], position, reading.carried, problem.modes[position]
                 )
-        return Prediction(angle, influence, carried, sound)
+        return Prediction(angle, influence, carried_torque, sound)
 
     def _forward(self, model: Model) -> Forward:
         return self.problem.forward_by_state if model.by_state else self.problem.forward
 
-    def _change(self, model: Model, unknowns: Vector, near: Vector, at: Prediction, positions: Sequence[int]) -> Real:
-        """Change of the angle (n_cells,) [arcmin] from the unknowns ``unknowns``, where it is known, to ``near`` ones.
+    def _change(
+        self, model: Model, unknowns: Vector, base_unknowns: Vector, prediction: Prediction, positions: Sequence[int]
+    ) -> Real:
+        """Change of the angle (n_cells,) [arcmin] from ``unknowns``, where it is known, to ``base_unknowns``.
 
         To first order from the forces there; predicted anew where friction or the instrument changes, or where a ripple
         answers what the angle does.
         """
         drives, instrument = self._drives(model, unknowns)
-        moved_drives, moved_instrument = self._drives(model, near)
-        change = np.full(len(at.angle), np.nan)
+        moved_drives, moved_instrument = self._drives(model, base_unknowns)
+        change = np.full(len(prediction.angle), np.nan)
         for position in positions:
             of_position = self.problem.data.position == position
             angle_change = None
             if instrument == moved_instrument and not instrument.ripple.amplitude:
                 angle_change = self._forward(model).change(
-                    drives[position], moved_drives[position], position, at.carried[of_position]
+                    drives[position], moved_drives[position], position, prediction.carried[of_position]
                 )
             if angle_change is None:
-                return self.predict(model, near, positions).angle - at.angle
+                return self.predict(model, base_unknowns, positions).angle - prediction.angle
             change[of_position] = angle_change
         return change
 
@@ -128,13 +130,13 @@ class Fitter:
         fitted: Truth,
         start: Vector,
         iterations: int = ITERATIONS,
-        near: Fit | None = None,
+        base_fit: Fit | None = None,
     ) -> Fit:
         """Least squares over the cells ``fitted`` (n_cells,) by Levenberg and Marquardt, from ``start``.
 
-        Derivatives by the scales are taken over from the fit ``near`` and from step to step while scales hardly move.
+        Derivatives by the scales are taken over from ``base_fit`` and from step to step while scales hardly move.
         """
-        descent = Descent(self, model, fitted, start, near)
+        descent = Descent(self, model, fitted, start, base_fit)
         descent.run(iterations)
         unknowns = descent.now
         predicted, _, _, sound = self.predict(model, unknowns)
@@ -160,38 +162,39 @@ class Fitter:
             slope[problem.data.position == position] = forward.read(drives[position], position, instrument).slope
         return slope
 
-    def penalty(self, like: Vector) -> Real:
+    def penalty(self, vector: Vector) -> Real:
         """Inverse prior standard deviation of every unknown."""
-        spread = np.full(len(like.shares), OPEN_SHARE)
-        return np.concatenate([1 / self.problem.scale_spread, 1 / spread, np.ones(len(like.modes))])
+        spread = np.full(len(vector.shares), OPEN_SHARE)
+        return np.concatenate([1 / self.problem.scale_spread, 1 / spread, np.ones(len(vector.modes))])
 
-    def centre(self, model: Model, like: Vector) -> Real:
+    def centre(self, model: Model, vector: Vector) -> Real:
         """Mean of the prior of every unknown (n_unknowns,)."""
         shares = [-low / (high - low) if low <= 0 <= high else 0.5 for low, high in self.bounds(model)]
-        return np.concatenate([np.zeros(len(like.scales)), shares, np.zeros(len(like.modes))])
+        return np.concatenate([np.zeros(len(vector.scales)), shares, np.zeros(len(vector.modes))])
 
     def jacobian(
         self,
         model: Model,
         unknowns: Vector,
-        at: Prediction,
+        prediction: Prediction,
         positions: Sequence[int],
         weight: Real,
-        known: tuple[Real, Real] | None,
+        known_derivatives: tuple[Real, Real] | None,
     ) -> tuple[Real, tuple[Real, Real]]:
         """d angle / d unknowns (n_cells, n_unknowns), offsets removed; and for which scales its first columns are."""
-        first = len(unknowns.scales)
+        first_share = len(unknowns.scales)
         usable = (
-            known
-            if known is not None and np.max(np.abs(known[0] - unknowns.scales), initial=0.0) < SCALES_MOVED
+            known_derivatives
+            if known_derivatives is not None
+            and np.max(np.abs(known_derivatives[0] - unknowns.scales), initial=0.0) < SCALES_MOVED
             else None
         )
-        columns = [] if usable is None else [usable[1][:, k] for k in range(first)]
-        for k in range(len(columns), first + len(unknowns.shares)):
+        columns = [] if usable is None else [usable[1][:, k] for k in range(first_share)]
+        for k in range(len(columns), first_share + len(unknowns.shares)):
             flat = unknowns.flat
-            step = -STEP if k >= first and flat[k] > 0.5 else STEP
+            step = -STEP if k >= first_share and flat[k] > 0.5 else STEP
             flat[k] += step
-            columns.append(self._change(model, unknowns, unknowns.like(flat), at, positions) / step)
-        raw = np.column_stack([*columns, at.influence]) if columns else at.influence
+            columns.append(self._change(model, unknowns, unknowns.like(flat), prediction, positions) / step)
+        raw = np.column_stack([*columns, prediction.influence]) if columns else prediction.influence
         jacobian = self.centred(np.nan_to_num(raw), weight)
         return jacobian, (unknowns.scales if usable is None else usable[0], jacobian)

@@ -34,9 +34,9 @@ class Predicting(Protocol):
     @property
     def problem(self) -> Problem: ...
 
-    def penalty(self, like: Vector) -> Real: ...
+    def penalty(self, vector: Vector) -> Real: ...
 
-    def centre(self, model: Model, like: Vector) -> Real: ...
+    def centre(self, model: Model, vector: Vector) -> Real: ...
 
     def centred(self, values: Real, weight: Real) -> Real: ...
 
@@ -48,10 +48,10 @@ class Predicting(Protocol):
         self,
         model: Model,
         unknowns: Vector,
-        at: Prediction,
+        prediction: Prediction,
         positions: Sequence[int],
         weight: Real,
-        known: tuple[Real, Real] | None,
+        known_derivatives: tuple[Real, Real] | None,
     ) -> tuple[Real, tuple[Real, Real]]: ...
 
 
@@ -68,14 +68,14 @@ class Descent:
     penalty, centre : (n_unknowns,) inverse standard deviations by which the unknowns are held, and where.
     """
 
-    def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, near: Fit | None):
+    def __init__(self, fitter: Predicting, model: Model, fitted: Truth, start: Vector, base_fit: Fit | None):
         self.fitter, self.model, self.fitted = fitter, model, fitted
         data = fitter.problem.data
         self.positions = np.unique(data.position[fitted]).tolist()
         self.penalty, self.centre = fitter.penalty(start), fitter.centre(model, start)
         self.repeats = _repeats(data, fitted)
         self.damping = FIRST_DAMPING
-        self.known = None if near is None else (near.unknowns.scales, near.jacobian)
+        self.known = None if base_fit is None else (base_fit.unknowns.scales, base_fit.jacobian)
         self.at = self._predicted(start)
         self.now = start
         self._weigh(data.sigma)
@@ -171,11 +171,11 @@ class Descent:
             return float(misfit @ misfit + np.sum((self.penalty * (unknowns.flat - self.centre)) ** 2))
 
     def _derive(self) -> None:
-        before = self.known
+        known_before = self.known
         self.jacobian, self.known = self.fitter.jacobian(
-            self.model, self.now, self.at, self.positions, self.weight, before
+            self.model, self.now, self.at, self.positions, self.weight, known_before
         )
-        self.stale = before is not None and self.known[0] is before[0]
+        self.stale = known_before is not None and self.known[0] is known_before[0]
 
 
 def _repeats(data: Data, fitted: Truth) -> Real:

@@ -27,8 +27,8 @@ def offered(measurement: Measurement, training: Truth) -> frozenset[str]:
     present = set()
     gear, position, cycle = unit.study.design.cycloid, cells.position[training], cells.cycle[training]
     positions, angle = np.unique(position), cells.angle_mean[training]
-    turned = max(np.ptp(angle[position == p]) for p in positions) * gear.lobes / ARCMIN
-    if unit.settings.locked == "input" or turned < np.pi / gear.pins:
+    lobe_turns = max(np.ptp(angle[position == p]) for p in positions) * gear.lobes / ARCMIN
+    if unit.settings.locked == "input" or lobe_turns < np.pi / gear.pins:
         present.add(STILL)
     if len(positions) >= FEWEST_CRANKS:
         present.add(CRANKS)
@@ -56,18 +56,18 @@ def rate_changes(measurement: Measurement, training: Truth) -> bool:
         time, torque, leg = cells.time_mean[chosen], cells.torque_mean[chosen], history.leg[cells.block[chosen]]
         travel = np.array(
             [
-                np.sum(np.abs(np.diff([start, *history.torque[position][first + 1 : last + 1], end])))
-                for start, end, first, last in zip(torque[:-1], torque[1:], leg[:-1], leg[1:], strict=True)
+                np.sum(np.abs(np.diff([start, *history.torque[position][leg_before + 1 : leg_after + 1], end])))
+                for start, end, leg_before, leg_after in zip(torque[:-1], torque[1:], leg[:-1], leg[1:], strict=True)
             ]
         )
-        passed, alike = np.diff(time), (np.diff(leg) == 0) & (travel > 0)
+        interval, in_leg = np.diff(time), (np.diff(leg) == 0) & (travel > 0)
         for number in np.unique(leg):
-            on_leg = alike & (leg[1:] == number)
-            if np.sum(passed[on_leg]) > 0:
-                durations.append(np.sum(passed[on_leg]))
+            on_leg = in_leg & (leg[1:] == number)
+            if np.sum(interval[on_leg]) > 0:
+                durations.append(np.sum(interval[on_leg]))
                 rates.append(np.sum(travel[on_leg]) / durations[-1])
         if rates:
-            extra += (passed - travel / np.median(rates)).tolist()
+            extra += (interval - travel / np.median(rates)).tolist()
     if not rates:
         return False
     return bool(max(rates) > OTHER_RATE * min(rates) or max(extra) > DWELL * np.median(durations))

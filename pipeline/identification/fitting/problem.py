@@ -72,11 +72,11 @@ class Data:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
         offsets, weight = np.zeros(len(self)), 1 / sigma**2
         for number in np.unique(self.group):
-            inside = self.group == number
-            use = inside & fitted if np.any(inside & fitted) else inside
+            in_group = self.group == number
+            use = in_group & fitted if np.any(in_group & fitted) else in_group
             use = use & np.isfinite(angle)
             if np.any(use):
-                offsets[inside] = np.sum(weight[use] * (self.angle - angle)[use]) / np.sum(weight[use])
+                offsets[in_group] = np.sum(weight[use] * (self.angle - angle)[use]) / np.sum(weight[use])
         return offsets
 
 
@@ -207,10 +207,10 @@ class Problem:
             RATE: "neither a change of the torque's rate nor a dwell: see rayleigh",
             STILL: "the locked output lets the crank turn by more than half a pitch of the pins: see load_friction",
         }
-        offered = set(self.offered)
+        offered_names = set(self.offered)
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
-            offered.discard(CRANKS)
-        reasons = [lacking[need] for need in sorted(candidate.needs - offered)]
+            offered_names.discard(CRANKS)
+        reasons = [lacking[need] for need in sorted(candidate.needs - offered_names)]
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
             reasons.append("every position has its own zero of the angle")
         return "; ".join(reasons)
@@ -229,9 +229,9 @@ def candidates() -> Mapping[str, Candidate]:
 
 def twins(name: str) -> tuple[str, ...]:
     """Effects that curves alone hardly tell from one: those that it says it is confused with, or that name it."""
-    known = candidates()
-    named = [candidate for candidate, effect in known.items() if name in effect.confused_with]
-    return tuple(dict.fromkeys([*known[name].confused_with, *named]))
+    library = candidates()
+    confusable = [candidate for candidate, effect in library.items() if name in effect.confused_with]
+    return tuple(dict.fromkeys([*library[name].confused_with, *confusable]))
 
 
 def limit_cases() -> Mapping[str, str]:

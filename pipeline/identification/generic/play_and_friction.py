@@ -74,21 +74,21 @@ class PlayAndFriction:
     def angle(self, torque: Real, position: Whole, top: float) -> Real:
         """Angle (n_cells,) [arcmin] without offsets along torques [N m] in time order, as those of ``Cells``."""
         amounts = self.play_arcmin, self.compliance_arcmin_per_Nm, self.softening_arcmin_per_Nm2
-        loaded = torque - self.torque_zero_Nm
-        return spring_columns(loaded, position, self.friction_Nm, self.load_friction, top) @ np.array(amounts)
+        net_torque = torque - self.torque_zero_Nm
+        return spring_columns(net_torque, position, self.friction_Nm, self.load_friction, top) @ np.array(amounts)
 
 
 @entry
 def carried(torque: Real, position: Whole, friction: float, share: float) -> Real:
     """Torque (n_cells,) [N m] that the spring carries behind friction, from no torque at each position's start."""
-    net, inside = np.empty(len(torque)), 0.0
+    net, play_torque = np.empty(len(torque)), 0.0
     for k in range(len(torque)):
         load = torque[k]
         if k == 0 or position[k] != position[k - 1]:
-            inside = 0.0
+            play_torque = 0.0
         half = max(friction + share * abs(load), 0.0)
-        inside = min(max(inside, load - half), load + half)
-        net[k] = inside
+        play_torque = min(max(play_torque, load - half), load + half)
+        net[k] = play_torque
     return net
 
 
@@ -144,6 +144,6 @@ def fitted(cells: Cells, training: NDArray[np.bool_], terms: frozenset[str] = WI
 
 def _placed(values: Real, free: NDArray[np.bool_]) -> Real:
     """Values at their places, zeros elsewhere."""
-    out = np.zeros(len(free))
-    out[free] = values
-    return out
+    placed_values = np.zeros(len(free))
+    placed_values[free] = values
+    return placed_values

@@ -86,8 +86,8 @@ def turning_points(values: Real, threshold: float) -> Whole:
         elif sense <= 0 and value - values[low] > threshold:
             turns += [low] if sense else []
             sense, low, high = 1, i, i
-    last = len(values) - 1
-    return np.array([*turns, last] if turns[-1] != last else turns, dtype=np.int64)
+    last_index = len(values) - 1
+    return np.array([*turns, last_index] if turns[-1] != last_index else turns, dtype=np.int64)
 
 
 def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -> Blocks:
@@ -101,8 +101,10 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -
     fitted : (n,) rows whose branches say which start alike; others are held against them.
     """
     noise = torque_noise if rows.command is None else 0.0
-    known = [rows.coordinate[(rows.position == position) & usable] for position in range(len(rows.cranks))]
-    span = np.array([np.ptp(values) if values.size else np.inf for values in known])
+    position_coordinates = [
+        rows.coordinate[(rows.position == position) & usable] for position in range(len(rows.cranks))
+    ]
+    span = np.array([np.ptp(values) if values.size else np.inf for values in position_coordinates])
     threshold = np.maximum(TURN_SHARE * span, TURN_NOISE * noise)
     end_band = np.maximum(END_SHARE * span, END_NOISE * noise)
     block_rows: list[tuple[int, int, int, int, int, int]] = []
@@ -112,10 +114,10 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -
             continue
         values = rows.coordinate[valid_rows]
         turns = _turns(values, threshold[position], noise)
-        for number, (first, last) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
-            sense = 1 if values[last] >= values[first] else -1
-            begin = valid_rows[first] + (number > 0)  # the extreme itself ends the branch that leads to it
-            block_rows.append((position, cycle, sense, number, int(begin), int(valid_rows[last]) + 1))
+        for number, (first_turn, last_turn) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
+            sense = 1 if values[last_turn] >= values[first_turn] else -1
+            begin = valid_rows[first_turn] + (number > 0)  # the extreme itself ends the branch that leads to it
+            block_rows.append((position, cycle, sense, number, int(begin), int(valid_rows[last_turn]) + 1))
     of_position, of_cycle, direction, branch, start, stop = np.array(block_rows, dtype=np.int64).reshape(-1, 6).T
     order = np.argsort(~fitted[start], kind="stable")
     kind = np.empty(len(start), np.int64)
@@ -135,16 +137,16 @@ def _turns(values: Real, threshold: float, noise: float) -> Whole:
 
 def _kinds(position: Whole, direction: Whole, start: Real, span: Real) -> Whole:
     """Numbers (n_blocks,) of branches that start alike: by sense, and by torque within a share of the range."""
-    known: list[tuple[int, float]] = []
+    known_kinds: list[tuple[int, float]] = []
     kinds = []
     for number, sense, torque in zip(position, direction, start, strict=True):
-        alike = [
+        matching_kinds = [
             k
-            for k, (known_sense, known_torque) in enumerate(known)
+            for k, (known_sense, known_torque) in enumerate(known_kinds)
             if known_sense == sense and abs(known_torque - torque) <= ALIKE * span[number]
         ]
-        kinds.append(alike[0] if alike else len(known))
-        known += [] if alike else [(sense, torque)]
+        kinds.append(matching_kinds[0] if matching_kinds else len(known_kinds))
+        known_kinds += [] if matching_kinds else [(sense, torque)]
     return np.array(kinds, dtype=np.int64)
 
 

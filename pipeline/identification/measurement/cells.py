@@ -68,8 +68,8 @@ def cells(rows: Rows, usable: Truth, blocks: Blocks, levels: int = CELLS_PER_SEN
     owners: list[int] = []
     averages: list[tuple[float, ...]] = []
     for position in range(len(rows.cranks)):
-        inside = usable & (rows.position == position)
-        top = np.max(np.abs(rows.coordinate[inside]), initial=0.0)
+        in_position = usable & (rows.position == position)
+        top = np.max(np.abs(rows.coordinate[in_position]), initial=0.0)
         levels_up = top * (np.arange(levels + 1) / levels) ** CELL_POWER
         edges = np.concatenate([-levels_up[:0:-1], levels_up])[1:-1]
         for block in np.flatnonzero(blocks.position == position).tolist():
@@ -79,7 +79,7 @@ def cells(rows: Rows, usable: Truth, blocks: Blocks, levels: int = CELLS_PER_SEN
             bin_index = np.searchsorted(edges, monotone(rows.coordinate[usable_rows], blocks.direction[block]))
             groups = _merged(bin_index, levels - 1)
             owners += [block] * len(groups)
-            averages += [_average(rows, usable_rows[first:last]) for first, last in groups]
+            averages += [_average(rows, usable_rows[group_start:group_end]) for group_start, group_end in groups]
     block_of = np.array(owners, dtype=np.int64)
     torque, angle, count, spread, time, temperature, first_row = np.array(averages, float).reshape(-1, 7).T
     return Cells(
@@ -97,14 +97,14 @@ def cells(rows: Rows, usable: Truth, blocks: Blocks, levels: int = CELLS_PER_SEN
     )
 
 
-def _merged(place: Whole, zero: int) -> list[tuple[int, int]]:
-    """First and last + 1 of each run of equal `place`, runs of fewer than three joined to the shorter neighbour.
+def _merged(bin_number: Whole, zero: int) -> list[tuple[int, int]]:
+    """First and last + 1 of each run of equal `bin_number`, runs of fewer than three joined to the shorter neighbour.
 
     A run is joined across zero torque (from `zero` to `zero` + 1) only where it has no other neighbour: the play lies
     there.
     """
-    cuts = np.flatnonzero(np.diff(place)) + 1
-    bounds = [0, *cuts.tolist(), len(place)]
+    cuts = np.flatnonzero(np.diff(bin_number)) + 1
+    bounds = [0, *cuts.tolist(), len(bin_number)]
     while len(bounds) > 2:
         sizes = np.diff(bounds)
         small = int(np.argmin(sizes))
@@ -113,26 +113,26 @@ def _merged(place: Whole, zero: int) -> list[tuple[int, int]]:
         sides = []
         for neighbour, cut in ((small - 1, small), (small + 1, small + 1)):
             if 0 <= neighbour < len(sizes):
-                ends = place[bounds[cut] - 1], place[bounds[cut]]
-                across = min(ends) <= zero < max(ends)
-                sides.append((across, sizes[neighbour], cut))
+                ends = bin_number[bounds[cut] - 1], bin_number[bounds[cut]]
+                crosses_zero = min(ends) <= zero < max(ends)
+                sides.append((crosses_zero, sizes[neighbour], cut))
         del bounds[min(sides)[2]]
     return list(zip(bounds[:-1], bounds[1:], strict=True))
 
 
-def _average(rows: Rows, kept: Whole) -> tuple[float, ...]:
+def _average(rows: Rows, row_numbers: Whole) -> tuple[float, ...]:
     """The averages of `Cells` over some rows, from `torque_mean` to `first_row`."""
-    torque, angle = rows.torque[kept], rows.angle[kept]
+    torque, angle = rows.torque[row_numbers], rows.angle[row_numbers]
     from_mean = torque - torque.mean()
     scatter = np.sum(from_mean**2)
     slope = np.sum(from_mean * angle) / scatter if scatter > 0 else 0.0
-    rest = angle - angle.mean() - slope * from_mean
+    line_residual = angle - angle.mean() - slope * from_mean
     return (
         torque.mean(),
         angle.mean(),
-        kept.size,
-        np.sqrt(np.sum(rest**2) / max(kept.size - 2, 1)),
-        np.nan if rows.time is None else rows.time[kept].mean(),
-        np.nan if rows.temperature is None else rows.temperature[kept].mean(),
-        kept[0],
+        row_numbers.size,
+        np.sqrt(np.sum(line_residual**2) / max(row_numbers.size - 2, 1)),
+        np.nan if rows.time is None else rows.time[row_numbers].mean(),
+        np.nan if rows.temperature is None else rows.temperature[row_numbers].mean(),
+        row_numbers[0],
     )

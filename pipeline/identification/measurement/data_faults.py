@@ -103,14 +103,14 @@ def _not_numbers(rows: Rows) -> Iterator[Fault]:
 
 
 def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
-    last: dict[tuple[int, int], int] = {}
+    last_row: dict[tuple[int, int], int] = {}
     backward_rows: list[int] = []
     repeated_rows: list[int] = []
     for number, (position, cycle, run) in enumerate(rows.runs()):
         if rows.time is not None:
             valid_rows = np.flatnonzero(good[run] & np.isfinite(rows.time[run])) + run.start
             backward_rows += valid_rows[1:][np.diff(rows.time[valid_rows]) < 0].tolist()
-        if good[run].any() and last.setdefault((position, cycle), number) != number:
+        if good[run].any() and last_row.setdefault((position, cycle), number) != number:
             repeated_rows.append(run.start)
     if backward_rows:
         yield fault_of_rows(
@@ -138,14 +138,14 @@ def _duplicates(rows: Rows) -> Iterator[Fault]:
     for file, name in enumerate(rows.files):
         of_file = rows.file == file
         content = np.stack([rows.torque[of_file], rows.angle[of_file]]).tobytes()
-        first = first_file.setdefault(content, file)
-        if first != file:
+        original_file = first_file.setdefault(content, file)
+        if original_file != file:
             yield fault_of_rows(
                 rows,
                 of_file,
                 "duplicate file",
                 "fatal",
-                f"{name} repeats {rows.files[first]} value for value; remove one",
+                f"{name} repeats {rows.files[original_file]} value for value; remove one",
             )
 
 
@@ -255,7 +255,7 @@ def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:
         if previous is not None and (previous[0] == position or unit.settings.offset == "common"):
             shift = (low + high) / 2 - (previous[2] + previous[3]) / 2
             if abs(shift) > max(high - low, previous[3] - previous[2]):
-                before = f"cycle {previous[1]} at crank {rows.cranks[previous[0]]:g} deg"
+                origin = f"cycle {previous[1]} at crank {rows.cranks[previous[0]]:g} deg"
                 advice = (
                     "the zero of the angle was lost between them"
                     if previous[0] == position
@@ -266,7 +266,7 @@ def _offsets(unit: UnitFile, rows: Rows, usable: Truth) -> Iterator[Fault]:
                     run_rows,
                     "mixed offsets",
                     "fatal",
-                    f"cycle {cycle} at crank {rows.cranks[position]:g} deg lies {shift:+.4g} arcmin from {before}, "
+                    f"cycle {cycle} at crank {rows.cranks[position]:g} deg lies {shift:+.4g} arcmin from {origin}, "
                     f"more than the loop is high; {advice}",
                 )
         previous = position, cycle, low, high

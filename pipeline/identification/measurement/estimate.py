@@ -46,9 +46,9 @@ def pooled(squares: Real, counts: Real, divisor: float) -> Estimate:
     """Root of the sum of `squares` over that of `counts`, over `divisor`, bootstrapped over the groups."""
     if not counts.sum():
         return UNKNOWN
-    drawn = resampled_means(np.column_stack([squares, counts]), RESAMPLES, SEED)
+    resamples = resampled_means(np.column_stack([squares, counts]), RESAMPLES, SEED)
     value = float(np.sqrt(squares.sum() / counts.sum()) / divisor)
-    return _interval(value, np.sqrt(drawn[:, 0] / drawn[:, 1]) / divisor, round(counts.sum()), len(squares))
+    return _interval(value, np.sqrt(resamples[:, 0] / resamples[:, 1]) / divisor, round(counts.sum()), len(squares))
 
 
 def robust(groups: list[Real]) -> Estimate:
@@ -58,8 +58,8 @@ def robust(groups: list[Real]) -> Estimate:
     sizes = np.abs(np.concatenate(groups))
     order = np.argsort(sizes)
     group = np.repeat(np.arange(len(groups)), [values.size for values in groups])
-    below = np.cumsum(resampled_counts(len(groups), RESAMPLES, SEED)[:, group[order]], axis=1)
-    medians = sizes[order][np.argmax(2 * below >= below[:, -1:], axis=1)]
+    rank_sum = np.cumsum(resampled_counts(len(groups), RESAMPLES, SEED)[:, group[order]], axis=1)
+    medians = sizes[order][np.argmax(2 * rank_sum >= rank_sum[:, -1:], axis=1)]
     return _interval(float(MAD_TO_STD * np.median(sizes)), MAD_TO_STD * medians, sizes.size, len(groups))
 
 

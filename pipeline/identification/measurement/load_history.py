@@ -65,9 +65,9 @@ def _go_on(turns: list[float], torque: float) -> None:
 def _end_torques(rows: Rows, blocks: Blocks, block: int) -> tuple[float, float]:
     """Torque at the first and the last row of a block [N m], by a line through the rows near it."""
     span = blocks.rows[block]
-    known = np.isfinite(rows.coordinate[span]) & np.isfinite(rows.torque[span])
-    torque = rows.torque[span][known]
-    fit = monotone(rows.coordinate[span][known], blocks.direction[block])
+    is_finite = np.isfinite(rows.coordinate[span]) & np.isfinite(rows.torque[span])
+    torque = rows.torque[span][is_finite]
+    fit = monotone(rows.coordinate[span][is_finite], blocks.direction[block])
     band = blocks.end_band[blocks.position[block]]
     return _at_end(torque[::-1], (np.abs(fit - fit[0]) <= band)[::-1]), _at_end(torque, np.abs(fit - fit[-1]) <= band)
 

@@ -160,5 +160,7 @@ class Measurement:
     def over_cells(self, values: Real) -> Real:
         """Means (n_cells,) of values of the rows (n_rows,)."""
         usable_rows = np.flatnonzero(self.usable)
-        first = np.searchsorted(usable_rows, self.cells.first_row)
-        return np.array([values[usable_rows[k : k + n]].mean() for k, n in zip(first, self.cells.count, strict=True)])
+        first_row = np.searchsorted(usable_rows, self.cells.first_row)
+        return np.array(
+            [values[usable_rows[k : k + n]].mean() for k, n in zip(first_row, self.cells.count, strict=True)]
+        )

@@ -86,13 +86,13 @@ def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float, resolution
     compared by their kind (sense and first torque), at the torques of the earlier one, by linear interpolation.
     """
     count = np.maximum(cells.count - 2, 0)
-    within = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
+    row_variance = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
     return Noise(
         repeats=rms(_repeats(blocks, cells), np.sqrt(2)),
         random=_random(blocks, cells),
         within_branch=robust(_from_neighbours(cells)),
         between_positions=rms(_positions_apart(blocks, cells), np.sqrt(2)),
-        row_scatter_arcmin=float(np.sqrt(within)),
+        row_scatter_arcmin=float(np.sqrt(row_variance)),
         torque_noise_Nm=torque_noise,
         resolution_arcmin=resolution / float(np.sqrt(12)),
     )
@@ -115,14 +115,14 @@ def _repeats(blocks: Blocks, cells: Cells) -> list[Real]:
     for position in np.unique(blocks.position):
         of_position = np.flatnonzero(blocks.position == position)
         order = list(dict.fromkeys(blocks.cycle[of_position].tolist()))
-        for earlier, later in zip(order[:-1], order[1:], strict=True):
+        for cycle_before, cycle_after in zip(order[:-1], order[1:], strict=True):
             differences = []
-            for first in of_position[blocks.cycle[of_position] == earlier]:
+            for block in of_position[blocks.cycle[of_position] == cycle_before]:
                 for second in of_position[
-                    (blocks.cycle[of_position] == later) & (blocks.kind[of_position] == blocks.kind[first])
+                    (blocks.cycle[of_position] == cycle_after) & (blocks.kind[of_position] == blocks.kind[block])
                 ]:
-                    if first != of_position[0]:
-                        differences.append(_difference(_branch(cells, first), _branch(cells, second)))
+                    if block != of_position[0]:
+                        differences.append(_difference(_branch(cells, block), _branch(cells, second)))
             differences_of_repeats += _centred(differences)
     return differences_of_repeats
 
@@ -146,10 +146,12 @@ def _branch(cells: Cells, block: int) -> Branch:
     """The cells of a block."""
     block_cells = np.flatnonzero(cells.block == block)
     block_cells = block_cells[np.argsort(cells.torque_mean[block_cells], kind="stable")]
-    known = cells.angle_spread[block_cells] / np.sqrt(np.maximum(cells.count[block_cells], 1))
-    known = known[np.isfinite(known)]
+    finite_scatter = cells.angle_spread[block_cells] / np.sqrt(np.maximum(cells.count[block_cells], 1))
+    finite_scatter = finite_scatter[np.isfinite(finite_scatter)]
     return Branch(
-        cells.torque_mean[block_cells], cells.angle_mean[block_cells], float(np.median(known)) if known.size else 0.0
+        cells.torque_mean[block_cells],
+        cells.angle_mean[block_cells],
+        float(np.median(finite_scatter)) if finite_scatter.size else 0.0,
     )
 
 
@@ -158,11 +160,22 @@ def _mean_branch(branches: list[Branch]) -> Branch:
     measured = [branch for branch in branches if branch.torque.size]
     if not measured:
         return Branch(np.empty(0), np.empty(0), 0.0)
-    low, high = max(one.torque[0] for one in measured), min(one.torque[-1] for one in measured)
+    low, high = (
+        max(repeated_branch.torque[0] for repeated_branch in measured),
+        min(repeated_branch.torque[-1] for repeated_branch in measured),
+    )
     torque = measured[0].torque
     torque = torque[(torque >= low) & (torque <= high)]
-    angle = np.mean([np.interp(torque, one.torque, one.angle) for one in measured], axis=0) if torque.size else torque
-    return Branch(torque, angle, float(np.mean([one.blur for one in measured]) / np.sqrt(len(measured))))
+    angle = (
+        np.mean(
+            [np.interp(torque, repeated_branch.torque, repeated_branch.angle) for repeated_branch in measured], axis=0
+        )
+        if torque.size
+        else torque
+    )
+    return Branch(
+        torque, angle, float(np.mean([repeated_branch.blur for repeated_branch in measured]) / np.sqrt(len(measured)))
+    )
 
 
 Loop = dict[int, Branch]
@@ -180,14 +193,14 @@ def mean_loops(blocks: Blocks, cells: Cells) -> list[Loop]:
     return loops
 
 
-def loop_distance(first: Loop, second: Loop) -> float:
+def loop_distance(loop: Loop, second: Loop) -> float:
     """Rms difference [arcmin] of two mean loops, their offset removed; NaN where they have nothing in common."""
-    differences = _loop_differences(first, second)
+    differences = _loop_differences(loop, second)
     return float(np.sqrt(np.mean(np.concatenate(differences) ** 2))) if differences else np.nan
 
 
-def _loop_differences(first: Loop, second: Loop) -> list[Real]:
-    return _centred([_difference(first[kind], second[kind]) for kind in first if kind in second])
+def _loop_differences(loop: Loop, second: Loop) -> list[Real]:
+    return _centred([_difference(loop[kind], second[kind]) for kind in loop if kind in second])
 
 
 def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
@@ -200,27 +213,27 @@ def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
     ]
 
 
-def _difference(first: Branch, second: Branch) -> Real:
-    """Angle of `second` less `first` [arcmin] at the torques of `first` that both reach, steep places left out."""
-    if min(first.torque.size, second.torque.size) < FEWEST_CELLS:
+def _difference(branch: Branch, second: Branch) -> Real:
+    """Angle of `second` less `branch` [arcmin] at the torques of `branch` that both reach, steep places left out."""
+    if min(branch.torque.size, second.torque.size) < FEWEST_CELLS:
         return np.empty(0)
-    inside = _even(second, first.torque) & ~_steep(first)
-    second_angle, variance = _interpolated(second, first.torque)
-    return ((second_angle - first.angle) * np.sqrt(2 / (1 + variance)))[inside]
+    is_comparable = _even(second, branch.torque) & ~_steep(branch)
+    second_angle, variance = _interpolated(second, branch.torque)
+    return ((second_angle - branch.angle) * np.sqrt(2 / (1 + variance)))[is_comparable]
 
 
-def _even(branch: Branch, at: Real) -> NDArray[np.bool_]:
+def _even(branch: Branch, level: Real) -> NDArray[np.bool_]:
     """Torques that a branch reaches and where it is not steep."""
     torque = branch.torque
-    steep = _steep(branch)[np.clip(np.searchsorted(torque, at), 0, torque.size - 1)]
-    return (at >= torque[0]) & (at <= torque[-1]) & ~steep
+    steep = _steep(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
+    return (level >= torque[0]) & (level <= torque[-1]) & ~steep
 
 
-def _interpolated(branch: Branch, at: Real) -> tuple[Real, Real]:
+def _interpolated(branch: Branch, level: Real) -> tuple[Real, Real]:
     """Angle of a branch at torques, and its variance in that of a cell: two of them share in it."""
     torque, angle = branch.torque, branch.angle
-    upper = np.clip(np.searchsorted(torque, at), 1, torque.size - 1)
-    share = np.clip((at - torque[upper - 1]) / np.maximum(torque[upper] - torque[upper - 1], 1e-300), 0, 1)
+    upper = np.clip(np.searchsorted(torque, level), 1, torque.size - 1)
+    share = np.clip((level - torque[upper - 1]) / np.maximum(torque[upper] - torque[upper - 1], 1e-300), 0, 1)
     return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
 
 
@@ -231,17 +244,19 @@ def _random(blocks: Blocks, cells: Cells) -> Estimate:
         return UNKNOWN
     keys = sorted(pairs)
     difference = np.array([pairs[key][0] for key in keys])
-    known = np.isfinite(difference)
-    everywhere = np.all(known, axis=0)  # offsets of pairs over other torques would not compare
-    difference -= np.nanmean(difference[:, everywhere if np.any(everywhere) else slice(None)], axis=1, keepdims=True)
+    is_finite = np.isfinite(difference)
+    in_all_pairs = np.all(is_finite, axis=0)  # offsets of pairs over other torques would not compare
+    difference -= np.nanmean(
+        difference[:, in_all_pairs if np.any(in_all_pairs) else slice(None)], axis=1, keepdims=True
+    )
     warmed = np.array([pairs[key][1] for key in keys])
-    earlier = np.array([cycle for _, cycle in keys])
-    design = (earlier[:, None] == np.unique(earlier)).astype(float)
+    cycle_before = np.array([cycle for _, cycle in keys])
+    design = (cycle_before[:, None] == np.unique(cycle_before)).astype(float)
     if np.all(np.isfinite(warmed)) and np.ptp(warmed) > 0:
         design = np.column_stack([design, warmed / np.ptp(warmed)])
     random_part, free = np.full_like(difference, np.nan), np.full_like(difference, np.nan)
-    for pattern in np.unique(known, axis=1).T:
-        nodes = np.all(known == pattern[:, None], axis=0)
+    for pattern in np.unique(is_finite, axis=1).T:
+        nodes = np.all(is_finite == pattern[:, None], axis=0)
         basis, sizes, _ = np.linalg.svd(design[pattern], full_matrices=False)
         basis = basis[:, sizes > 1e-9]
         rows = difference[np.ix_(pattern, nodes)]
@@ -275,14 +290,17 @@ def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, fl
             c: _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == c)]) for c in loops
         }
         order = list(loops)
-        for earlier, later in zip(order[:-1], order[1:], strict=True):
+        for cycle_before, cycle_after in zip(order[:-1], order[1:], strict=True):
             parts = [
-                (second[0] - first[0]) * np.sqrt(2 / (first[1] + second[1]))
-                for first, second in zip(loops[earlier], loops[later], strict=True)
+                (second[0] - branch[0]) * np.sqrt(2 / (branch[1] + second[1]))
+                for branch, second in zip(loops[cycle_before], loops[cycle_after], strict=True)
             ]
             joined = np.concatenate(parts)
             if np.any(np.isfinite(joined)):
-                pairs_by_kind[int(position), int(earlier)] = joined, temperature[later] - temperature[earlier]
+                pairs_by_kind[int(position), int(cycle_before)] = (
+                    joined,
+                    temperature[cycle_after] - temperature[cycle_before],
+                )
     return pairs_by_kind
 
 
@@ -295,8 +313,8 @@ def _on_nodes(branch: Branch | None, torque: Real) -> tuple[Real, Real]:
 
 
 def _mean(values: Real) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else np.nan
+    finite_values = values[np.isfinite(values)]
+    return float(finite_values.mean()) if finite_values.size else np.nan
 
 
 def _steep(branch: Branch) -> NDArray[np.bool_]:
@@ -324,7 +342,9 @@ def _from_neighbours(cells: Cells) -> list[Real]:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (torque[1:-1] - torque[:-2]) / (torque[2:] - torque[:-2])
-        rest = angle[1:-1] - (1 - share) * angle[:-2] - share * angle[2:]
-        inside = (share > 0) & (share < 1)
-        neighbour_differences.append(rest[inside] / np.sqrt(1 + share[inside] ** 2 + (1 - share[inside]) ** 2))
+        residual = angle[1:-1] - (1 - share) * angle[:-2] - share * angle[2:]
+        is_between = (share > 0) & (share < 1)
+        neighbour_differences.append(
+            residual[is_between] / np.sqrt(1 + share[is_between] ** 2 + (1 - share[is_between]) ** 2)
+        )
     return [values for values in neighbour_differences if values.size]

@@ -43,8 +43,8 @@ def at_rest(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
     flagged = np.zeros(len(rows), bool)
     for position in range(len(rows.cranks)):
         of_position = np.flatnonzero(rows.position == position)
-        loaded = np.abs(rows.torque[of_position]) > smallest_change
-        flagged[of_position[: int(np.argmax(loaded)) if np.any(loaded) else 0]] = True
+        is_loaded = np.abs(rows.torque[of_position]) > smallest_change
+        flagged[of_position[: int(np.argmax(is_loaded)) if np.any(is_loaded) else 0]] = True
     return flagged
 
 
@@ -135,8 +135,8 @@ def _flat_tail(command: Real, torque: Real, noise: float) -> Truth:
     gain, zero = np.polyfit(command[lower], torque[lower], 1)
     flat = np.polyfit(command[tail], torque[tail], 1)[0]
     level = np.median(torque[tail])
-    lost = gain * top + zero - level
-    if flat > FLAT_SHARE * gain or lost < max(LOST_SHARE * top, NOISE_FACTOR * noise):
+    level_drop = gain * top + zero - level
+    if flat > FLAT_SHARE * gain or level_drop < max(LOST_SHARE * top, NOISE_FACTOR * noise):
         return nothing_flagged
     return gain * command + zero >= level  # not by the torque itself, whose noise would be cut at the level
 

@@ -81,8 +81,8 @@ class Rows:
         """Position, cycle and rows of each run of rows of one cycle at one position, in order."""
         if not len(self):
             return
-        changed = (np.diff(self.position) != 0) | (np.diff(self.cycle) != 0)
-        edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(self)]])
+        boundary = (np.diff(self.position) != 0) | (np.diff(self.cycle) != 0)
+        edges = np.concatenate([[0], np.flatnonzero(boundary) + 1, [len(self)]])
         for start, stop in zip(edges[:-1], edges[1:], strict=True):
             yield int(self.position[start]), int(self.cycle[start]), slice(int(start), int(stop))
 
@@ -122,13 +122,13 @@ def training_rows(unit: UnitFile, rows: Rows) -> Truth:
     ------
     InputError : `held_out.train` names a crank angle or cycle that was not measured, or leaves nothing held out.
     """
-    of_row, train, known = _held_out_by(unit, rows)
-    key, shown = f"{unit.name}/unit.toml: held_out.train", ", ".join(f"{value:g}" for value in known)
-    unknown = [f"{value:g}" for value in train if value not in known]
+    of_row, train, cranks = _held_out_by(unit, rows)
+    key, crank_text = f"{unit.name}/unit.toml: held_out.train", ", ".join(f"{value:g}" for value in cranks)
+    unknown = [f"{value:g}" for value in train if value not in cranks]
     if unknown:
-        raise InputError(f"{key} = {', '.join(unknown)}; measured are {shown}")
-    if unit.settings.held_out.train and len(train) == len(known):
-        raise InputError(f"{key} = {shown}; leaves nothing to judge the model with; leave one out")
+        raise InputError(f"{key} = {', '.join(unknown)}; measured are {crank_text}")
+    if unit.settings.held_out.train and len(train) == len(cranks):
+        raise InputError(f"{key} = {crank_text}; leaves nothing to judge the model with; leave one out")
     return np.isin(of_row, train)
 
 
@@ -153,8 +153,8 @@ def _held_out_by(unit: UnitFile, rows: Rows) -> tuple[Real, Real, Real]:
         else np.full(len(rows), np.nan)
     )
     of_row = crank if by_position else rows.cycle.astype(float)
-    known = np.unique(of_row[~rows.misnumbered])
-    return of_row, np.round(held_out.train, CRANK_DIGITS) if held_out.train else known[::2], known
+    cranks = np.unique(of_row[~rows.misnumbered])
+    return of_row, np.round(held_out.train, CRANK_DIGITS) if held_out.train else cranks[::2], cranks
 
 
 def _dialect(path: Path, file: DataFile) -> tuple[str, str]:
@@ -253,16 +253,16 @@ def _ordered(
     crank, cycle = np.round(quantity("crank_deg"), CRANK_DIGITS), quantity("cycle")
     integer = np.isfinite(cycle) & (np.abs(cycle) < 2**31)
     integer[integer] = cycle[integer] == np.round(cycle[integer])
-    known = np.isfinite(crank)
-    cranks = np.unique(crank[known])
-    position = np.where(known, np.searchsorted(cranks, crank), -1)
+    is_finite = np.isfinite(crank)
+    cranks = np.unique(crank[is_finite])
+    position = np.where(is_finite, np.searchsorted(cranks, crank), -1)
     order = np.argsort(position, kind="stable")
     optional = [quantity(name)[order] if name in table else None for name in OPTIONAL]
     return Rows(
         cranks=cranks,
         position=position[order],
         cycle=np.where(integer, cycle, -1)[order].astype(np.int64),
-        misnumbered=(~integer | ~known)[order],
+        misnumbered=(~integer | ~is_finite)[order],
         torque=quantity("torque_Nm")[order],
         angle=quantity("angle_arcmin")[order],
         time=optional[0],

@@ -58,8 +58,8 @@ def _bend(load: Real, twist: Real) -> float:
     parts = [np.abs(load) <= LOW * top, load >= HIGH * top, load <= -HIGH * top]
     if top == 0.0 or min(part.sum() for part in parts) < FEWEST_ROWS:
         return 1.0
-    slope_near_zero, *loaded = (_slope(load[part], twist[part]) for part in parts)
-    return float(slope_near_zero / np.mean(loaded)) if np.mean(loaded) > 0 else np.inf
+    slope_near_zero, *loaded_slopes = (_slope(load[part], twist[part]) for part in parts)
+    return float(slope_near_zero / np.mean(loaded_slopes)) if np.mean(loaded_slopes) > 0 else np.inf
 
 
 def _slope(load: Real, twist: Real) -> float:
@@ -74,7 +74,7 @@ def standing_out(loops: list[Loop], floor: float) -> Iterator[tuple[int, float, 
     n = len(loops)
     if n < FEWEST_POSITIONS:
         return
-    distances = np.array([[loop_distance(first, second) for second in loops] for first in loops])
+    distances = np.array([[loop_distance(loop, second) for second in loops] for loop in loops])
     for position in range(n):
         remaining = np.delete(np.arange(n), position)
         distance_among_others = float(np.max(distances[np.ix_(remaining, remaining)]))

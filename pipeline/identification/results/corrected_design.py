@@ -41,10 +41,10 @@ def study_file(unit: str, kind: str = CORRECTED) -> str:
 
 def corrected_trial(identification: Identification) -> Trial:
     """The model that is written: with the named effect, the best of a class, or with refitted numbers alone."""
-    named = identification.verdict.named
-    if identification.verdict.verdict in (IDENTIFIED, EQUIVALENT, MOSTLY) and named:
+    named_sets = identification.verdict.named
+    if identification.verdict.verdict in (IDENTIFIED, EQUIVALENT, MOSTLY) and named_sets:
         best = identification.selection.best
-        return identification.selection.trials[best if best in named else named[0]]
+        return identification.selection.trials[best if best in named_sets else named_sets[0]]
     return identification.selection.base
 
 
@@ -102,21 +102,21 @@ def _design_text(identification: Identification, trial: Trial, kind: str) -> str
     comments = [_reading(identification) if kind == CORRECTED else BEST_READING.format(unit=unit.name)]
     for effect, values in fit.model.split(fit.values.tolist()):
         numbers = {p.name: float(f"{v:.{DIGITS}g}") for p, v in zip(effect.parameters, values, strict=True)}
-        lost = _not_in_a_study(effect)
-        if lost:
-            shown = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
-            comments.append(f"{effect.title} ({effect.name}: {shown}) is left out: {lost}.")
+        omission = _not_in_a_study(effect)
+        if omission:
+            numbers_text = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
+            comments.append(f"{effect.title} ({effect.name}: {numbers_text}) is left out: {omission}.")
         if isinstance(effect, InstrumentEffect) or TIME in effect.needs:
             continue
         content["effects"] = {**content["effects"], effect.name: numbers}
         for name in numbers:
             p = intervals.get((effect.name, name))
             ends = f"; 95 % interval {p.ci_low:.4g} to {p.ci_high:.4g}" if p and np.isfinite(p.ci_low) else ""
-            named = {
+            named_numbers = {
                 "status": "calibrated",
                 "reason": f"{effect.title}, identified on the measured unit {unit.name}{ends}",
             }
-            provenance[f"effects.{effect.name}.{name}"] = DESCRIBES if kind == BEST else named
+            provenance[f"effects.{effect.name}.{name}"] = DESCRIBES if kind == BEST else named_numbers
     content["provenance"] = provenance
     parse_design(content, DESIGN_FILES[kind])
     return "".join(f"# {line}\n" for line in comments) + toml_of(content)
@@ -127,8 +127,8 @@ def _reading(identification: Identification) -> str:
     if verdict == IDENTIFIED:
         return f"{start}: identified."
     if verdict == MOSTLY:
-        named = identification.verdict.named[0]
-        return f"{start}: mostly explained by {named}; structure is left that nothing here describes."
+        named_set = identification.verdict.named[0]
+        return f"{start}: mostly explained by {named_set}; structure is left that nothing here describes."
     if verdict == EQUIVALENT:
         names = ", ".join(identification.verdict.named)
         return f"{start}: equivalent; the data do not tell apart {names}. The best is written."
@@ -157,10 +157,10 @@ def _refitted(identification: Identification, key: str) -> dict[str, str]:
 
 
 def _round(content: dict[str, Any], key: str) -> None:
-    *path, last = key.split(".")
+    *path, field = key.split(".")
     for name in path:
         content = content[name]
-    content[last] = float(f"{content[last]:.{DIGITS}g}")
+    content[field] = float(f"{content[field]:.{DIGITS}g}")
 
 
 def _study_text(identification: Identification, kind: str) -> str:

@@ -67,14 +67,16 @@ def _why_not(identification: Identification, metric: str) -> str:
         identification.measurement.unit.study.metrics,
         identification.measurement.unit.study.design.cycloid.rated_torque_Nm,
     )
-    reached = float(np.max(np.abs(identification.problem.data.torque)))
+    largest_torque = float(np.max(np.abs(identification.problem.data.torque)))
     percent = {
         "torsional_rigidity_Nm_per_arcmin": metrics.rigidity_percent[1],
         "branch_separation_arcmin": metrics.rigidity_percent[0],
         "lost_motion_arcmin": metrics.lost_motion_percent,
     }.get(metric, 0.0)
     torque = rated * percent / 100
-    return f"asks for +-{torque:.3g} N m on both branches of a loop; the held-out loops reach {reached:.3g} at most"
+    return (
+        f"asks for +-{torque:.3g} N m on both branches of a loop; the held-out loops reach {largest_torque:.3g} at most"
+    )
 
 
 def _loops(identification: Identification) -> list[tuple[Numbers, Numbers]]:
@@ -84,7 +86,7 @@ def _loops(identification: Identification) -> list[tuple[Numbers, Numbers]]:
     """
     cells, torque, pairs = identification.measurement.cells, identification.measurement.cells.torque_mean, []
     blocks = [np.flatnonzero(cells.block == block) for block in np.unique(cells.block)]
-    nothing = np.zeros(0, np.intp)
+    no_cells = np.zeros(0, np.intp)
     for number, falling in enumerate(blocks):
         if cells.direction[falling[0]] > 0:
             continue
@@ -96,7 +98,7 @@ def _loops(identification: Identification) -> list[tuple[Numbers, Numbers]]:
                 for k in neighbours
                 if 0 <= k < len(blocks) and cells.position[blocks[k][0]] == cells.position[falling[0]]
             ]
-            sides.append(next((part for part in parts if len(part)), nothing))
+            sides.append(next((part for part in parts if len(part)), no_cells))
         rising = np.concatenate(sides)
         if identification.folds.cells[falling].all() and identification.folds.cells[rising].all():
             pairs.append((falling, rising))

@@ -118,38 +118,40 @@ def _cells(measurement: Measurement, data: Data, predicted: Real) -> _Cells:
     )
 
 
-def _line(at: _Cells, selected: Truth, columns: Real, column: int, free_offset: bool = True) -> tuple[Real, Real, int]:
+def _line(
+    cells: _Cells, selected: Truth, columns: Real, column: int, free_offset: bool = True
+) -> tuple[Real, Real, int]:
     """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``column`` of ``columns`` (n, k)."""
-    residual, columns = at.residual[selected], columns[selected]
+    residual, columns = cells.residual[selected], columns[selected]
     if not len(residual):
         return np.array([np.nan]), np.array([np.nan]), 0
     if free_offset:
-        _, group = np.unique(at.position[selected], return_inverse=True)
+        _, group = np.unique(cells.position[selected], return_inverse=True)
         group_columns = np.eye(int(group.max()) + 1)[group]
         share = group_columns / group_columns.sum(axis=0)
         residual, columns = (
             residual - group_columns @ (share.T @ residual),
             columns - group_columns @ (share.T @ columns),
         )
-    _, block = np.unique(at.block[selected], return_inverse=True)
+    _, block = np.unique(cells.block[selected], return_inverse=True)
     n, k = int(block.max()) + 1, columns.shape[1]
     products = np.zeros((n, k, k + 1))
     np.add.at(products, block, columns[:, :, None] * np.column_stack([columns, residual])[:, None, :])
     normal_matrix = products.sum(axis=0)
     value = np.linalg.lstsq(normal_matrix[:, :k], normal_matrix[:, k], rcond=None)[0]
-    drawn = n * resampled_means(products, RESAMPLES, SEED)
+    resamples = n * resampled_means(products, RESAMPLES, SEED)
     ridge = 1e-9 * np.trace(normal_matrix[:, :k]) / k * np.eye(k)
-    resampled = np.linalg.solve(drawn[:, :, :k] + ridge, drawn[:, :, k][..., None])[..., 0]
+    resampled = np.linalg.solve(resamples[:, :, :k] + ridge, resamples[:, :, k][..., None])[..., 0]
     return value[column : column + 1], resampled[:, column], n
 
 
 def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
     """The signature of a coefficient; few blocks widen its interval as Student's t does."""
-    (value,), drawn, n = line
+    (value,), resamples, n = line
     if n < FEWEST_BLOCKS:
-        nothing = np.nan, np.nan, np.nan
-        return Signature(name, title, unit, float(value), *nothing, False, f"no interval of {n} branches")
-    error = float(np.std(drawn, ddof=1))
+        no_estimate = np.nan, np.nan, np.nan
+        return Signature(name, title, unit, float(value), *no_estimate, False, f"no interval of {n} branches")
+    error = float(np.std(resamples, ddof=1))
     reach = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * error
     p = float(2 * stats.t.sf(abs(value) / error, n - 1)) if error > 0 else float(value == 0)
     return Signature(name, title, unit, float(value), value - reach, value + reach, p, p < 1 - CONFIDENCE)
@@ -161,7 +163,7 @@ def not_testable(name: str, title: str, unit: str, reason: str) -> Signature:
 
 
 def _friction(cells: _Cells) -> tuple[Signature, ...]:
-    everywhere = np.ones(len(cells.residual), bool)
+    all_cells = np.ones(len(cells.residual), bool)
     columns = np.column_stack(
         [cells.falling, cells.falling * np.abs(cells.torque), cells.torque, np.sign(cells.torque)]
     )
@@ -178,13 +180,13 @@ def _friction(cells: _Cells) -> tuple[Signature, ...]:
             "branch_half_difference",
             "half-difference of the branches at no load",
             "arcmin",
-            _line(cells, everywhere, columns, 0),
+            _line(cells, all_cells, columns, 0),
         ),
         _judged(
             "branch_growth",
             "half-difference of the branches, growth with the load",
             "arcmin/(N m)",
-            _line(cells, everywhere, columns, 1),
+            _line(cells, all_cells, columns, 1),
         ),
     )
 
@@ -192,14 +194,14 @@ def _friction(cells: _Cells) -> tuple[Signature, ...]:
 def _play(cells: _Cells) -> tuple[Signature, ...]:
     near_zero = cells.near_zero()
     columns = np.column_stack([0.5 * np.sign(cells.torque), cells.falling])
-    even = np.column_stack([np.abs(cells.torque), cells.torque, np.sign(cells.torque), cells.falling])
+    even_columns = np.column_stack([np.abs(cells.torque), cells.torque, np.sign(cells.torque), cells.falling])
     return (
         _judged("play", "step of the branch mean across zero torque", "arcmin", _line(cells, near_zero, columns, 0)),
         _judged(
             "asymmetry",
             "part of the branch mean that is equal in both senses of load, per torque",
             "arcmin/(N m)",
-            _line(cells, np.ones(len(near_zero), bool), even, 0),
+            _line(cells, np.ones(len(near_zero), bool), even_columns, 0),
         ),
     )
 
@@ -229,7 +231,7 @@ def _over_the_crank(cells: _Cells, n_positions: int) -> list[Signature]:
     return signatures
 
 
-def _over_the_angle(at: _Cells) -> tuple[Signature, ...]:
+def _over_the_angle(all_cells: _Cells) -> tuple[Signature, ...]:
     """Strongest period of the residual over the output angle, branch by branch less its line.
 
     Its p value is the share of wholly flipped blocks (signs drawn for each) whose strongest period is as strong.
@@ -238,21 +240,26 @@ def _over_the_angle(at: _Cells) -> tuple[Signature, ...]:
         ("angle_period_amplitude", "amplitude of the strongest period over the output angle", "arcmin"),
         ("angle_period", "strongest period over the output angle", "arcmin"),
     )
-    blocks, block = np.unique(at.block, return_inverse=True)
-    residual = at.residual.copy()
+    blocks, block = np.unique(all_cells.block, return_inverse=True)
+    residual = all_cells.residual.copy()
     spans = []
     for number in range(len(blocks)):
         of_block = block == number
-        spans.append(np.ptp(at.angle[of_block]))
+        spans.append(np.ptp(all_cells.angle[of_block]))
         design = np.column_stack(
-            [np.ones(of_block.sum()), at.torque[of_block], at.torque[of_block] ** 2, at.torque[of_block] ** 3]
+            [
+                np.ones(of_block.sum()),
+                all_cells.torque[of_block],
+                all_cells.torque[of_block] ** 2,
+                all_cells.torque[of_block] ** 3,
+            ]
         )
         residual[of_block] -= design @ np.linalg.lstsq(design, residual[of_block], rcond=None)[0]
     span, cells = float(np.median(spans)), len(residual) / len(blocks)
     if len(blocks) < FEWEST_BLOCKS or cells < 12 or span <= 0:
         return tuple(not_testable(*number, "too few cells on a branch") for number in names)
     period = np.geomspace(span / 2, 4 * span / cells, WAVES)
-    turn = np.exp(2j * np.pi * at.angle[:, None] / period)
+    turn = np.exp(2j * np.pi * all_cells.angle[:, None] / period)
     parts = np.zeros((len(blocks), WAVES), complex)
     np.add.at(parts, block, residual[:, None] * turn)
     amplitude = 2 * np.abs(parts.sum(axis=0)) / len(residual)
@@ -263,20 +270,20 @@ def _over_the_angle(at: _Cells) -> tuple[Signature, ...]:
     ends = 2 * np.abs(len(blocks) * resampled_means(parts[:, strongest], RESAMPLES, SEED)) / len(residual)
     low, high = (float(end) for end in np.percentile(ends, [2.5, 97.5]))
     strong = p < 1 - CONFIDENCE
-    nothing = (np.nan, np.nan)
+    no_estimate = (np.nan, np.nan)
     return (
         Signature(*names[0], float(amplitude[strongest]), low, high, p, strong),
-        Signature(*names[1], float(period[strongest]), *nothing, p, strong),
+        Signature(*names[1], float(period[strongest]), *no_estimate, p, strong),
     )
 
 
 def _over_time(cells: _Cells) -> list[Signature]:
     near_zero, step = cells.near_zero(), 0.5 * np.sign(cells.torque)
-    everywhere = np.ones(len(near_zero), bool)
+    all_cells = np.ones(len(near_zero), bool)
     signatures = []
     for key, title, unit, rows, column in (
         ("play_per_cycle", "growth of the play from cycle to cycle", "arcmin", near_zero, step * cells.cycle),
-        ("shift_per_cycle", "shift of the angle from cycle to cycle", "arcmin", everywhere, cells.cycle),
+        ("shift_per_cycle", "shift of the angle from cycle to cycle", "arcmin", all_cells, cells.cycle),
     ):
         if len(np.unique(cells.cycle)) < 2:
             signatures.append(not_testable(key, title, unit, "fewer than 2 cycles"))
@@ -287,7 +294,7 @@ def _over_time(cells: _Cells) -> list[Signature]:
     if not np.all(np.isfinite(cells.hours)) or np.ptp(cells.hours) == 0:
         return [*signatures, not_testable("drift", title, unit, "no time stamps")]
     columns = np.column_stack([cells.hours - cells.hours.mean(), step, cells.falling, cells.torque])
-    return [*signatures, _judged("drift", title, unit, _line(cells, everywhere, columns, 0))]
+    return [*signatures, _judged("drift", title, unit, _line(cells, all_cells, columns, 0))]
 
 
 def _over_temperature(cells: _Cells) -> Signature:

@@ -91,13 +91,13 @@ CANDIDATES = Table(
 NOT_SHORTLISTED = "screened only: its best misfit on a coarse grid is behind those that were fitted"
 
 
-def residual_rows(found: Identification, written: Real | None) -> Columns:
-    """Columns of `RESIDUAL`; ``written`` is the angle (n_cells,) [arcmin] of the written study, if there is one."""
-    cells, data = found.measurement.cells, found.problem.data
-    predictions = found.curves
+def residual_rows(identification: Identification, study_angle: Real | None) -> Columns:
+    """Columns of `RESIDUAL`; ``study_angle`` is the angle (n_cells,) [arcmin] of the written study, if there is one."""
+    cells, data = identification.measurement.cells, identification.problem.data
+    predictions = identification.curves
     return {
         "position": cells.position,
-        "crank_deg": found.measurement.rows.cranks[cells.position],
+        "crank_deg": identification.measurement.rows.cranks[cells.position],
         "cycle": cells.cycle,
         "block": cells.block,
         "direction": cells.direction,
@@ -107,16 +107,16 @@ def residual_rows(found: Identification, written: Real | None) -> Columns:
         "angle_arcmin": data.angle,
         "rows": data.count,
         "sigma_arcmin": data.sigma,
-        "held_out": found.folds.cells,
+        "held_out": identification.folds.cells,
         **{f"{stage}_arcmin": angle for stage, angle in predictions.items()},
         **{f"residual_{stage}_arcmin": data.angle - angle for stage, angle in predictions.items()},
-        "written_arcmin": np.full(len(data), np.nan) if written is None else written,
+        "written_arcmin": np.full(len(data), np.nan) if study_angle is None else study_angle,
     }
 
 
-def signature_rows(of: Mapping[str, Sequence[Signature]]) -> Columns:
+def signature_rows(signatures_of_stage: Mapping[str, Sequence[Signature]]) -> Columns:
     """Columns of `SIGNATURES`, by what the residual is of."""
-    rows = [(stage, signature) for stage, signatures in of.items() for signature in signatures]
+    rows = [(stage, signature) for stage, signatures in signatures_of_stage.items() for signature in signatures]
     return {
         "of": [stage for stage, _ in rows],
         "signature": [signature.name for _, signature in rows],
@@ -140,14 +140,14 @@ def parameters_of(fit: Fit) -> dict[str, dict[str, float]]:
     }
 
 
-def candidate_rows(found: Identification) -> Columns:
+def candidate_rows(identification: Identification) -> Columns:
     """Columns of `CANDIDATES`: fitted ones by their held-out error, then the screened, then the untestable."""
-    selection = found.selection
+    selection = identification.selection
     fitted = sorted(selection.trials, key=lambda name: selection.trials[name].rms)
     screened = sorted(set(selection.screened) - set(fitted), key=lambda name: selection.screened[name])
-    names = [*fitted, *screened, *found.why_not]
+    names = [*fitted, *screened, *identification.why_not]
     too_few_blocks = len(selection.base.losses) < FEWEST_BLOCKS
-    rows = [_candidate(found, name, too_few_blocks) for name in names]
+    rows = [_candidate(identification, name, too_few_blocks) for name in names]
     columns: dict[str, Any] = {column.name: [row[column.name] for row in rows] for column in CANDIDATES.columns}
     for column in CANDIDATES.columns:
         if column.kind in ("float64", "bool"):
@@ -155,8 +155,8 @@ def candidate_rows(found: Identification) -> Columns:
     return columns
 
 
-def _candidate(found: Identification, name: str, too_few_blocks: bool) -> dict[str, Any]:
-    selection, why_not = found.selection, found.why_not
+def _candidate(identification: Identification, name: str, too_few_blocks: bool) -> dict[str, Any]:
+    selection, why_not = identification.selection, identification.why_not
     trial = selection.trials.get(name)
     reason = why_not.get(name, "" if trial else NOT_SHORTLISTED)
     if trial and too_few_blocks:
@@ -170,7 +170,7 @@ def _candidate(found: Identification, name: str, too_few_blocks: bool) -> dict[s
         "t": selection.t.get(name, np.nan),
         "p": selection.p.get(name, np.nan),
         "significant": name in selection.survivors,
-        "member_of_class": name in found.verdict.named,
+        "member_of_class": name in identification.verdict.named,
         "screened_share": selection.screened.get(name, np.nan),
         "why_not": reason,
     }

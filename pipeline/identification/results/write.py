@@ -47,62 +47,70 @@ class Findings:
     loops: Mapping[str, LoopError]
 
 
-def findings(found: Identification) -> Findings:
+def findings(identification: Identification) -> Findings:
     """Signatures and errors of an identification."""
     return Findings(
-        found,
-        {stage: signatures(found.measurement, found.problem.data, found.curves[stage]) for stage in STAGES[1:]},
-        loop_errors(found),
+        identification,
+        {
+            stage: signatures(identification.measurement, identification.problem.data, identification.curves[stage])
+            for stage in STAGES[1:]
+        },
+        loop_errors(identification),
     )
 
 
-def write(of: Findings | FaultyUnit, folder: Path) -> None:
+def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> None:
     """Write tables, verdict, and the corrected design and study into ``folder``, the verdict last.
 
     Of a faulty unit the verdict alone is written.
     """
-    identification = of if isinstance(of, FaultyUnit) else of.found
+    identification = findings_of_unit if isinstance(findings_of_unit, FaultyUnit) else findings_of_unit.found
     for name in (*STALE, *(study_file(identification.measurement.unit.name, kind) for kind in DESIGN_FILES)):
         (folder / name).unlink(missing_ok=True)
-    if isinstance(of, FaultyUnit):
-        content = _common(of) | _untested() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
+    if isinstance(findings_of_unit, FaultyUnit):
+        content = _common(findings_of_unit) | _untested() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
     else:
-        corrected, best = write_corrected(of.found, folder), write_best(of.found, folder)
+        corrected, best = write_corrected(findings_of_unit.found, folder), write_best(findings_of_unit.found, folder)
         paths = best.paths or corrected.paths
-        written = written_study(of.found, paths[-1]) if paths else None
-        _write_tables(of, written, folder)
-        content = _common(of.found) | _tested(of)
+        trial_written = written_study(findings_of_unit.found, paths[-1]) if paths else None
+        _write_tables(findings_of_unit, trial_written, folder)
+        content = _common(findings_of_unit.found) | _tested(findings_of_unit)
         content |= {"corrected": [path.name for path in corrected.paths], "not_corrected": corrected.why_not}
         content |= {"best": [path.name for path in best.paths]}
-        content |= {"written": {"study": written.study, "rms_arcmin": written.rms_arcmin} if written else None}
+        content |= {
+            "written": {"study": trial_written.study, "rms_arcmin": trial_written.rms_arcmin} if trial_written else None
+        }
     write_json(folder / VERDICT_FILE, finite(content))
 
 
-def _write_tables(of: Findings, written: WrittenStudy | None, folder: Path) -> None:
+def _write_tables(findings_of_unit: Findings, written_trial: WrittenStudy | None, folder: Path) -> None:
     for table, columns in (
-        (tables.RESIDUAL, tables.residual_rows(of.found, None if written is None else written.angle)),
-        (tables.SIGNATURES, tables.signature_rows(of.signatures)),
-        (tables.CANDIDATES, tables.candidate_rows(of.found)),
+        (
+            tables.RESIDUAL,
+            tables.residual_rows(findings_of_unit.found, None if written_trial is None else written_trial.angle),
+        ),
+        (tables.SIGNATURES, tables.signature_rows(findings_of_unit.signatures)),
+        (tables.CANDIDATES, tables.candidate_rows(findings_of_unit.found)),
     ):
         write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
 
 
-def _common(found: Identification | FaultyUnit) -> dict[str, Any]:
+def _common(identification: Identification | FaultyUnit) -> dict[str, Any]:
     """What verdict.json says of any unit."""
-    verdict, unit = found.verdict, found.measurement.unit
+    verdict, unit = identification.verdict, identification.measurement.unit
     return {
         "unit": unit.name,
         "title": unit.settings.title,
         "verdict": verdict.verdict,
         "named": list(verdict.named),
         "traced": list(verdict.traced),
-        "sentence": found.statement.sentence,
-        "advice": found.statement.advice,
+        "sentence": identification.statement.sentence,
+        "advice": identification.statement.advice,
         "structure_floors": verdict.structure,
         "calibrated_numbers": [asdict(number) for number in verdict.calibrated],
         "findings": list(verdict.findings),
         "parameters": [asdict(parameter) for parameter in verdict.parameters],
-        "data_faults": [asdict(fault) for fault in found.measurement.faults],
+        "data_faults": [asdict(fault) for fault in identification.measurement.faults],
     }
 
 
@@ -123,9 +131,9 @@ def _untested() -> dict[str, Any]:
     }
 
 
-def _tested(of: Findings) -> dict[str, Any]:
+def _tested(findings_of_unit: Findings) -> dict[str, Any]:
     """What verdict.json says of a unit that was fitted; numbers that are not known are None."""
-    identification = of.found
+    identification = findings_of_unit.found
     noise = identification.measurement.noise_of(identification.problem.training)
     return {
         "calibrated": _calibrated(identification),
@@ -157,16 +165,16 @@ def _tested(of: Findings) -> dict[str, Any]:
                 "loops": error.loops,
                 "why_not": error.why_not,
             }
-            for name, error in of.loops.items()
+            for name, error in findings_of_unit.loops.items()
         },
         "not_testable": dict(identification.why_not),
     }
 
 
-def _calibrated(found: Identification) -> dict[str, float]:
+def _calibrated(identification: Identification) -> dict[str, float]:
     """Factor of every refitted number of the design."""
-    scales = corrected_trial(found).fit.unknowns.scales.tolist()
-    return {key: math.exp(scale) for key, scale in zip(found.problem.calibrated, scales, strict=False)}
+    scales = corrected_trial(identification).fit.unknowns.scales.tolist()
+    return {key: math.exp(scale) for key, scale in zip(identification.problem.calibrated, scales, strict=False)}
 
 
 def finite(value: Any) -> Any:

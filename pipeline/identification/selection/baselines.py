@@ -41,12 +41,12 @@ def baselines(data: Data, cycles: Cycles, splits: list[tuple[Truth, Truth]], off
     offsets : as ``Fitter.offsets``. A kind of branch that was not trained is predicted as another of its sense.
     """
     predictions = {title: np.full(len(data), np.nan) for title in METHODS}
-    for training, judged in splits:
+    for training, judged_cells in splits:
         known_cycles = _trained(cycles, training)
         for title, method in METHODS.items():
             angle = method(data, known_cycles, training)
-            known = training & np.isfinite(angle)
-            predictions[title][judged] = (angle + offsets(angle, known, data.sigma))[judged]
+            is_known = training & np.isfinite(angle)
+            predictions[title][judged_cells] = (angle + offsets(angle, is_known, data.sigma))[judged_cells]
     return predictions
 
 
@@ -55,8 +55,8 @@ def _trained(cycles: Cycles, training: Truth) -> Cycles:
     kind, trained = cycles.kind.copy(), np.unique(cycles.kind[training])
     for number in np.setdiff1d(kind, trained):
         of_kind = cycles.kind == number
-        alike = cycles.kind[training & (cycles.direction == cycles.direction[of_kind][0])]
-        kind[of_kind] = alike[-1] if alike.size else number
+        same_direction = cycles.kind[training & (cycles.direction == cycles.direction[of_kind][0])]
+        kind[of_kind] = same_direction[-1] if same_direction.size else number
     return Cycles(cycles.direction, kind)
 
 

@@ -66,8 +66,8 @@ def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
     parts = np.unique(group[cells])
     for part in parts if len(parts) > 1 else []:  # one loop alone is judged in sample
         left_out = cells & (group == part)
-        moved, precision = _moved(fitter, fit, cells & ~left_out)
-        strain[left_out] = moved @ precision @ moved / left_out.sum()
+        step, precision = _moved(fitter, fit, cells & ~left_out)
+        strain[left_out] = step @ precision @ step / left_out.sum()
     return Trial(fit, block_losses(data, fit.predicted, strain, cells))
 
 
@@ -86,9 +86,9 @@ def _moved(fitter: Fitter, fit: Fit, visible: Truth) -> tuple[Real, Real]:
     gradient = rows.T @ misfit - penalty**2 * deviation
     free = np.ones(len(gradient), bool)
     free[: len(fit.unknowns.flat)] = fit.unknowns.free(gradient[: len(fit.unknowns.flat)])
-    moved = np.zeros(len(gradient))
-    moved[free] = np.linalg.solve(precision[np.ix_(free, free)], gradient[free])
-    return moved, precision
+    step = np.zeros(len(gradient))
+    step[free] = np.linalg.solve(precision[np.ix_(free, free)], gradient[free])
+    return step, precision
 
 
 def precision_of(fitter: Fitter, fit: Fit, visible: Truth) -> Real:

@@ -83,17 +83,17 @@ class _Nuisance:
 
     def left(self, fitter: Fitter, change: Real) -> float:
         """Mean square [noise] of what is left of a change (n_cells,) [arcmin]."""
-        moved = fitter.centred(change, np.where(self.cells, 1 / fitter.problem.data.sigma**2, 0.0))[self.cells]
-        goal = np.concatenate([moved / self.noise, np.zeros(self.basis.shape[1])])
+        centred_change = fitter.centred(change, np.where(self.cells, 1 / fitter.problem.data.sigma**2, 0.0))[self.cells]
+        goal = np.concatenate([centred_change / self.noise, np.zeros(self.basis.shape[1])])
         goal = goal - self.basis @ (self.basis.T @ goal)
-        return float(np.mean(goal[: len(moved)] ** 2))
+        return float(np.mean(goal[: len(centred_change)] ** 2))
 
 
 def _limit(fitter: Fitter, base: Fit, effect: Candidate, nuisance: _Nuisance, needed_gain: float) -> DetectionLimit:
     bounds = fitter.problem.bounds(effect)
     grows = next((k for k, (low, high) in enumerate(bounds) if low <= 0 <= high), 0)
     parameter = effect.parameters[grows]
-    plain = fitter.predict(Model(), base.unknowns).angle
+    base_angle = fitter.predict(Model(), base.unknowns).angle
 
     def values(amplitude: float) -> list[float]:
         middle = [
@@ -106,7 +106,7 @@ def _limit(fitter: Fitter, base: Fit, effect: Candidate, nuisance: _Nuisance, ne
     def shown(amplitude: float) -> float:
         unknowns = replace(base.unknowns, shares=unmapped(bounds, values(amplitude)))
         prediction = fitter.predict(Model((effect,)), unknowns)
-        return nuisance.left(fitter, prediction.angle - plain) if prediction.sound else np.nan
+        return nuisance.left(fitter, prediction.angle - base_angle) if prediction.sound else np.nan
 
     low, high, amplitude = LEAST, 1.0, START
     for _ in range(STEPS):

@@ -86,8 +86,10 @@ def discrepancy(
     random : (n_cells, n_random) [arcmin] d angle / d what is only known to have unit variance, such as tolerances.
     """
     n = jacobian.shape[1]
-    known = np.zeros((len(residual), 0)) if random is None else random
-    states, means, noise, columns = _averaged(torque, sense, position, residual, sigma, np.hstack([jacobian, known]))
+    random_columns = np.zeros((len(residual), 0)) if random is None else random
+    states, means, noise, columns = _averaged(
+        torque, sense, position, residual, sigma, np.hstack([jacobian, random_columns])
+    )
     design = np.hstack([columns[:, :n], _offsets(states[2])])
     base = columns[:, n:] @ columns[:, n:].T + np.diag(noise**2 * (1 + JITTER))
     top, unit = float(np.max(np.abs(torque))), float(np.median(noise))
@@ -142,14 +144,14 @@ def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> 
     Calibrated numbers and tolerances vary about what is declared as their priors say.
     """
     data, unknowns = fitter.problem.data, fit.unknowns
-    first, last = len(unknowns.scales), len(unknowns.scales) + len(unknowns.shares)
+    first_share, last_share = len(unknowns.scales), len(unknowns.scales) + len(unknowns.shares)
     spread = np.concatenate([fitter.problem.scale_spread, np.ones(len(unknowns.modes))])
-    random = np.hstack([fit.jacobian[:, :first], fit.jacobian[:, last:]]) * spread
+    random = np.hstack([fit.jacobian[:, :first_share], fit.jacobian[:, last_share:]]) * spread
     residual = data.angle - fit.predicted + random @ (np.concatenate([unknowns.scales, unknowns.modes]) / spread)
     bounds = fitter.bounds(fit.model)
     perturbed = [mapped(bounds, unknowns.shares + step) for step in (-SHARE_STEP, SHARE_STEP)]
     shares_by_value = 2 * SHARE_STEP / (perturbed[1] - perturbed[0])
-    jacobian = fit.jacobian[:, first:last] * shares_by_value
+    jacobian = fit.jacobian[:, first_share:last_share] * shares_by_value
     return discrepancy(
         data.torque[cells],
         direction[cells].astype(float),
@@ -170,12 +172,12 @@ def restricted_likelihood(covariance: Real, design: Real, values: Real) -> float
         factor = cho_factor(covariance, lower=True)
     except LinAlgError:
         return -np.inf
-    solved = cho_solve(factor, design)
-    information = design.T @ solved + 1e-12 * np.eye(design.shape[1])
-    amounts = np.linalg.solve(information, solved.T @ values)
-    rest = values - design @ amounts
+    whitened_design = cho_solve(factor, design)
+    information = design.T @ whitened_design + 1e-12 * np.eye(design.shape[1])
+    amounts = np.linalg.solve(information, whitened_design.T @ values)
+    residual = values - design @ amounts
     _, size = np.linalg.slogdet(information)
-    return float(-0.5 * (2 * np.sum(np.log(np.diag(factor[0]))) + size + rest @ cho_solve(factor, rest)))
+    return float(-0.5 * (2 * np.sum(np.log(np.diag(factor[0]))) + size + residual @ cho_solve(factor, residual)))
 
 
 def _averaged(
@@ -201,8 +203,8 @@ def _offsets(position: Whole) -> Real:
     return (position[:, None] == np.unique(position)).astype(float)
 
 
-def _kernels(at: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:
+def _kernels(coordinates: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:
     """Correlation (n, n) of what all positions share, and of what each has by itself."""
-    torque, sense, position = at
-    alike = np.exp(-0.5 * ((torque[:, None] - torque) / reach) ** 2) * (sense[:, None] == sense)
-    return alike, alike * (position[:, None] == position)
+    torque, sense, position = coordinates
+    correlation = np.exp(-0.5 * ((torque[:, None] - torque) / reach) ** 2) * (sense[:, None] == sense)
+    return correlation, correlation * (position[:, None] == position)

@@ -95,12 +95,12 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
     """
     fitter = selector.fitter
     data = selector.problem.data
-    plain = fitter.predict(Model(), fitter.start(Model())).angle
+    declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared = np.full(len(data), np.nan)
     predicted, left_open = np.full((3, len(data)), np.nan), np.full((3, len(data)), np.nan)
     models = []
     splits = splits_of(data, visible)
-    for training, judged in splits:
+    for training, judged_cells in splits:
         if len(splits) == 1:
             fits = selection.base.fit, selection.answer.fit, selection.description.fit
         else:
@@ -108,16 +108,18 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
             fitter = fold.fitter
             fits = _fold(fold, selection, training, nested)
         models.append(fits[1].model.name)
-        declared[judged] = (plain + fitter.offsets(plain, training, fitter.problem.data.sigma))[judged]
+        declared[judged_cells] = (declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma))[
+            judged_cells
+        ]
         for number, fit in enumerate(fits):
-            predicted[number, judged] = fit.predicted[judged]
-            left_open[number, judged] = _left_open(fitter, fit, training)[judged]
+            predicted[number, judged_cells] = fit.predicted[judged_cells]
+            left_open[number, judged_cells] = _left_open(fitter, fit, training)[judged_cells]
     cells = np.isfinite(declared + predicted.sum(axis=0))  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
     refitted, best, described = predicted
     open_refitted, open_best, open_described = left_open
-    opened = (open_refitted, open_best, open_described)
-    return Folds(cells, declared, refitted, best, described, *opened, tuple(models), in_sample)
+    open_angles = (open_refitted, open_best, open_described)
+    return Folds(cells, declared, refitted, best, described, *open_angles, tuple(models), in_sample)
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
@@ -162,23 +164,25 @@ def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
 def angle_error(data: Data, cranks: Real, predicted: Real, left_open: Real, cells: Truth) -> AngleError:
     """Error of a prediction (n_cells,) [arcmin] over the cells that judge; ``cranks`` by position [deg]."""
     misfit = np.where(cells, data.angle - predicted, np.nan)
-    known = np.isfinite(misfit)
+    is_finite = np.isfinite(misfit)
     by_crank = {
-        float(crank): _rms(misfit, data, known & (data.position == position))
+        float(crank): _rms(misfit, data, is_finite & (data.position == position))
         for position, crank in enumerate(cranks)
-        if np.any(known & (data.position == position))
+        if np.any(is_finite & (data.position == position))
     }
-    in_noise, open_share = misfit[known] / data.sigma[known], left_open[known] / data.sigma[known]
+    in_noise, open_share = misfit[is_finite] / data.sigma[is_finite], left_open[is_finite] / data.sigma[is_finite]
     return AngleError(
-        _rms(misfit, data, known),
-        float(np.max(np.abs(misfit[known]), initial=0.0)),
+        _rms(misfit, data, is_finite),
+        float(np.max(np.abs(misfit[is_finite]), initial=0.0)),
         by_crank,
-        float(np.sqrt(np.mean(in_noise**2))) if known.any() else np.nan,
-        float(np.sqrt(np.mean(1 + open_share**2))) if known.any() else np.nan,
-        int(known.sum()),
+        float(np.sqrt(np.mean(in_noise**2))) if is_finite.any() else np.nan,
+        float(np.sqrt(np.mean(1 + open_share**2))) if is_finite.any() else np.nan,
+        int(is_finite.sum()),
     )
 
 
-def _rms(misfit: Real, data: Data, known: Truth) -> float:
+def _rms(misfit: Real, data: Data, is_finite: Truth) -> float:
     """Rms over cells, each counted by its rows; NaN without any."""
-    return float(np.sqrt(np.average(misfit[known] ** 2, weights=data.count[known]))) if known.any() else np.nan
+    return (
+        float(np.sqrt(np.average(misfit[is_finite] ** 2, weights=data.count[is_finite]))) if is_finite.any() else np.nan
+    )

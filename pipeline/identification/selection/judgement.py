@@ -117,8 +117,8 @@ class Judge:
         if not names or len(base.losses) < FEWEST_BLOCKS or base.rms <= STRUCTURE:
             return Selection(base, trials, screened, {}, {}, (), "", "", (), stretched)
         t, p = max_t(np.column_stack([base.scores - trials[name].scores for name in names]), RESAMPLES, SEED)
-        before = min(base.rms, stretched.rms if stretched else np.inf)
-        gain = np.array([before**2 - trials[name].rms ** 2 for name in names])
+        base_rms = min(base.rms, stretched.rms if stretched else np.inf)
+        gain = np.array([base_rms**2 - trials[name].rms ** 2 for name in names])
         useful = (p <= FAMILYWISE) & (gain >= LEAST_GAIN)
         for k, name in enumerate(names):
             fit = trials[name].fit
@@ -126,8 +126,8 @@ class Judge:
         scores = np.array([trials[name].scores.mean() for name in names])
         survivors = [names[k] for k in np.argsort(scores) if useful[k]]
         t_of, p_of = (dict(zip(names, values.tolist(), strict=True)) for values in (t, p))
-        judged = Selection(base, trials, screened, t_of, p_of, (), "", "", (), stretched)
-        return self.with_best(judged, tuple(survivors), cells)
+        selection = Selection(base, trials, screened, t_of, p_of, (), "", "", (), stretched)
+        return self.with_best(selection, tuple(survivors), cells)
 
     def with_best(self, selection: Selection, survivors: tuple[str, ...], cells: Truth) -> Selection:
         """The selection with its best, what of it may be claimed, and its class, among the survivors."""
@@ -142,44 +142,44 @@ class Judge:
         """Least held-out loss; more effects only where they gain significantly over the best with fewer."""
         best = ""
         for count in range(1, most_effects + 1):
-            alike = [name for name in survivors if trials[name].fit.model.n_effects == count]
-            if not alike:
+            rivals = [name for name in survivors if trials[name].fit.model.n_effects == count]
+            if not rivals:
                 continue
             if best:
                 gain = max(LEAST_GAIN, LEAST_SHARE * trials[best].rms ** 2)
-                if not self._gains(trials[best], trials[alike[0]], gain, claimed=count <= MOST_NAMED):
+                if not self._gains(trials[best], trials[rivals[0]], gain, claimed=count <= MOST_NAMED):
                     continue
-            best = alike[0]
+            best = rivals[0]
             simpler = _simplest(best)
             gain = _alike(trials[best])
-            if simpler != best and simpler in alike and not self._gains(trials[simpler], trials[best], gain):
+            if simpler != best and simpler in rivals and not self._gains(trials[simpler], trials[best], gain):
                 best = simpler
         return best
 
     @staticmethod
-    def _gains(before: Trial, after: Trial, gain: float, claimed: bool = True) -> bool:
+    def _gains(trial_before: Trial, trial_after: Trial, gain: float, claimed: bool = True) -> bool:
         """Whether a model is better than a simpler one by ``gain`` in squared floors, if ``claimed`` not by chance."""
-        _, p = max_t((before.scores - after.scores)[:, None], RESAMPLES, SEED)
-        of_use = before.rms**2 - after.rms**2 >= gain
+        _, p = max_t((trial_before.scores - trial_after.scores)[:, None], RESAMPLES, SEED)
+        of_use = trial_before.rms**2 - trial_after.rms**2 >= gain
         return bool(of_use and (p[0] <= FAMILYWISE or not claimed))
 
     def _members(
         self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth
     ) -> tuple[str, ...]:
         """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
-        alike = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
+        rivals = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
         data = self.problem.data
-        _, first = np.unique(data.block[cells], return_index=True)
-        _, branch = np.unique(data.branch[cells][first], return_inverse=True)
-        scores = [np.bincount(branch, trials[name].scores) / np.bincount(branch) for name in alike]
+        _, block_start = np.unique(data.block[cells], return_index=True)
+        _, branch = np.unique(data.branch[cells][block_start], return_inverse=True)
+        scores = [np.bincount(branch, trials[name].scores) / np.bincount(branch) for name in rivals]
         confidence_members = confidence_set(np.column_stack(scores), SET_LEVEL, RESAMPLES, SEED)
         sigma = data.sigma
         members = []
-        for name, inside in zip(alike, confidence_members, strict=True):
+        for name, is_member in zip(rivals, confidence_members, strict=True):
             standardised_difference = (trials[name].fit.predicted - trials[best].fit.predicted)[cells] / sigma[cells]
-            behind = trials[name].rms ** 2 - trials[best].rms ** 2
+            misfit_excess = trials[name].rms ** 2 - trials[best].rms ** 2
             if name == best or (
-                (inside or behind < _alike(trials[best])) and np.sqrt(np.mean(standardised_difference**2)) < 1
+                (is_member or misfit_excess < _alike(trials[best])) and np.sqrt(np.mean(standardised_difference**2)) < 1
             ):
                 members.append(name)
         return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
@@ -187,8 +187,8 @@ class Judge:
 
 def stands_for(name: str, goal: str, trials: Mapping[str, Trial]) -> bool:
     """Whether a model has but effects of another one, or explains as much."""
-    behind = trials[name].rms ** 2 - trials[goal].rms ** 2
-    return set(name.split("+")) <= set(goal.split("+")) or behind < _alike(trials[goal])
+    misfit_excess = trials[name].rms ** 2 - trials[goal].rms ** 2
+    return set(name.split("+")) <= set(goal.split("+")) or misfit_excess < _alike(trials[goal])
 
 
 def _alike(trial: Trial) -> float:

@@ -68,22 +68,22 @@ class Selector(Judge):
         fold.testable = self.testable
         return fold
 
-    def screen(self, cells: Truth, base: Fit, offered: Sequence[str] = ()) -> dict[str, Promise]:
+    def screen(self, cells: Truth, base: Fit, offered_names: Sequence[str] = ()) -> dict[str, Promise]:
         """What each further effect promises beside ``base``; also beside the declared scales where base is far off.
 
-        ``offered`` effects of these models are looked at, by their names, where any are given.
+        Of ``offered_names``, names of models, the effects alone are looked at, where any are given.
         """
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
-            nothing = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
-            declared = replace(base.unknowns, scales=nothing[0], modes=nothing[1])
+            zero_steps = np.zeros_like(base.unknowns.scales), np.zeros_like(base.unknowns.modes)
+            declared = replace(base.unknowns, scales=zero_steps[0], modes=zero_steps[1])
             bases.append(self.fitter.fit(base.model, cells, declared, 0))
         nested = limit_cases()
         included = {effect.name for effect in base.model.effects}
         included |= {name for name, simpler in nested.items() if simpler in included} | {
             nested.get(name, name) for name in included
         }
-        wanted_parts = {part for name in offered for part in name.split("+")} or set(self.testable)
+        wanted_parts = {part for name in offered_names for part in name.split("+")} or set(self.testable)
         effects = [effect for name, effect in self.testable.items() if name in wanted_parts - included]
         return screened(self.fitter, cells, bases, effects)
 
@@ -91,23 +91,23 @@ class Selector(Judge):
         """Held-out losses of a fitted model."""
         return trial(self.fitter, fit, cells)
 
-    def select(self, cells: Truth, offered: Sequence[str] = ()) -> Selection:
-        """Try every effect that the data can test on ``cells`` (n_cells,), or the models ``offered`` by their names."""
+    def select(self, cells: Truth, offered_names: Sequence[str] = ()) -> Selection:
+        """Try every effect that the data can test on ``cells`` (n_cells,), or the models ``offered_names``."""
         base = self.recalibrated(cells)
         base_fit = base.fit
         if base.rms <= STRUCTURE:
             return Selection(base, {}, {}, {}, {}, (), "", "", ())
         stretched = released(self.fitter, base, cells, STRETCH)
-        promises = self.screen(cells, base_fit, offered)
-        if offered:
-            known = [name for name in offered if all(part in promises for part in name.split("+"))]
-            fits = [self._joint_fit(name, cells, promises) for name in known]
+        promises = self.screen(cells, base_fit, offered_names)
+        if offered_names:
+            known_names = [name for name in offered_names if all(part in promises for part in name.split("+"))]
+            fits = [self._joint_fit(name, cells, promises) for name in known_names]
         else:
             fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
         screened_misfit = {name: promise.misfit for name, promise in promises.items()}
         selection = self.judged(base, trials, screened_misfit, cells, stretched)
-        return self.supported(selection, cells) if offered else self._with_pairs(selection, cells, promises)
+        return self.supported(selection, cells) if offered_names else self._with_pairs(selection, cells, promises)
 
     def recalibrated(self, cells: Truth) -> Trial:
         """Calibrated numbers and tolerances alone; from several starts where the declared one leaves structure."""
@@ -126,19 +126,25 @@ class Selector(Judge):
         """Fits of the ``count`` best additions to a base, and of those that come near: a few steps of all rank them."""
         hopeful = [name for name in promises if promises[name].misfit < HOPELESS]
         hopeful = sorted(hopeful, key=lambda name: promises[name].misfit)[: count + MORE_LOOKED]
-        first: list[Fit] = []
+        first_fits: list[Fit] = []
         for rank, name in enumerate(hopeful):
-            reached = min((fit.cost for fit in first), default=np.inf)
-            if rank >= ALWAYS and promises[name].misfit * base.cost > UNPROMISING * reached:
+            least_cost = min((fit.cost for fit in first_fits), default=np.inf)
+            if rank >= ALWAYS and promises[name].misfit * base.cost > UNPROMISING * least_cost:
                 break
             model = Model((*base.model.effects, self.testable[name]))
             starts = promises[name].starts
-            tried = [self.fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
-            first += sorted((fit for fit in tried if np.isfinite(fit.cost) and fit.sound), key=lambda fit: fit.cost)[:1]
-        first.sort(key=lambda fit: fit.cost)
-        promising = [fit for k, fit in enumerate(first[: 2 * count]) if k < count or fit.cost < NEAR * first[0].cost]
+            trial_fits = [self.fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
+            first_fits += sorted(
+                (fit for fit in trial_fits if np.isfinite(fit.cost) and fit.sound), key=lambda fit: fit.cost
+            )[:1]
+        first_fits.sort(key=lambda fit: fit.cost)
+        promising = [
+            fit for k, fit in enumerate(first_fits[: 2 * count]) if k < count or fit.cost < NEAR * first_fits[0].cost
+        ]
         return [
-            self.fitter.fit(fit.model, cells, fit.unknowns, near=fit) if fit.cost < FAR * first[0].cost else fit
+            self.fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit)
+            if fit.cost < FAR * first_fits[0].cost
+            else fit
             for fit in promising
         ]
 
@@ -174,9 +180,9 @@ class Selector(Judge):
             current_fit = selection.chosen.fit
             fits = self.fits(current_fit, cells, self.screen(cells, current_fit), ADDITIONS)
             trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
-            before = selection.best
+            best_before = selection.best
             selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-            if selection.best == before:
+            if selection.best == best_before:
                 break
             trials = {**selection.trials, **self._without(selection, cells)}
             selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
@@ -199,17 +205,19 @@ class Selector(Judge):
         trials = dict(selection.trials)
         for effect in effects:
             reduced_model = Model(tuple(member for member in effects if member is not effect))
-            alike = {name: self.testable[name] for name in twins(effect.name) if name in self.testable}
-            missing = [twin for twin in alike.values() if Model((*reduced_model.effects, twin)).name not in trials]
+            twin_effects = {name: self.testable[name] for name in twins(effect.name) if name in self.testable}
+            missing = [
+                twin for twin in twin_effects.values() if Model((*reduced_model.effects, twin)).name not in trials
+            ]
             missing = [twin for twin in missing if twin not in reduced_model.effects]
             if not missing:
                 continue
-            beside = trials[reduced_model.name].fit if reduced_model.name in trials else selection.base.fit
-            if beside.model.name != reduced_model.name:
-                beside = self.fitter.fit(reduced_model, cells, self.fitter.start(reduced_model))
-            promises = screened(self.fitter, cells, [beside], missing)
+            reduced_fit = trials[reduced_model.name].fit if reduced_model.name in trials else selection.base.fit
+            if reduced_fit.model.name != reduced_model.name:
+                reduced_fit = self.fitter.fit(reduced_model, cells, self.fitter.start(reduced_model))
+            promises = screened(self.fitter, cells, [reduced_fit], missing)
             trials |= {
-                fit.model.name: self.trial(fit, cells) for fit in self.fits(beside, cells, promises, len(missing))
+                fit.model.name: self.trial(fit, cells) for fit in self.fits(reduced_fit, cells, promises, len(missing))
             }
         if len(trials) == len(selection.trials):
             return selection
@@ -240,7 +248,7 @@ class Selector(Judge):
             simpler = effect.limit_case
             for replacement in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
                 remaining = [*parts[:number], *replacement, *parts[number + 1 :]]
-                model = Model(tuple(one for one, _ in remaining))
+                model = Model(tuple(kept_effect for kept_effect, _ in remaining))
                 start = replace(
                     fit.unknowns, shares=np.array([share for _, effect_shares in remaining for share in effect_shares])
                 )
@@ -249,10 +257,12 @@ class Selector(Judge):
                     reduced_trials[model.name] = reduced_trial
         return reduced_trials
 
-    def why_no_claim(self, tried: Trial, cells: Truth, base: Trial) -> str:
+    def why_no_claim(self, candidate_trial: Trial, cells: Truth, base: Trial) -> str:
         """Why the parameters of a model that gains over ``base`` support no claim, or "".
 
         A single effect that leaves nothing structured was tested against its absence by that gain.
         """
-        explains = tried.fit.model.n_effects == 1 and tried.rms <= float(np.hypot(STRUCTURE, FORM * base.rms))
-        return unsupported(self.fitter, tried.fit, cells, base.rms, present=explains)
+        explains = candidate_trial.fit.model.n_effects == 1 and candidate_trial.rms <= float(
+            np.hypot(STRUCTURE, FORM * base.rms)
+        )
+        return unsupported(self.fitter, candidate_trial.fit, cells, base.rms, present=explains)

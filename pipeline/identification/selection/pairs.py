@@ -58,15 +58,15 @@ def promising_pairs(
     looks = [look for name, promise in promises.items() for look in _looks(screening, effects[name], promise)]
     goal = screening.free(screening.left)
     ranked = []
-    for first, second in combinations(looks, 2):
-        if first.effect is not second.effect:
-            amounts = _amounts(first.change, second.change, goal)
-            rest = goal - amounts[0] * first.change - amounts[1] * second.change
-            ranked.append((float(rest @ rest), first, second, amounts))
+    for first_look, second in combinations(looks, 2):
+        if first_look.effect is not second.effect:
+            amounts = _amounts(first_look.change, second.change, goal)
+            goal_left = goal - amounts[0] * first_look.change - amounts[1] * second.change
+            ranked.append((float(goal_left @ goal_left), first_look, second, amounts))
     best: dict[str, tuple[Model, Vector]] = {}
-    for _, first, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
-        model = Model((first.effect, second.effect))
-        start = replace(base.unknowns, shares=np.concatenate([first.at(amounts[0]), second.at(amounts[1])]))
+    for _, first_look, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
+        model = Model((first_look.effect, second.effect))
+        start = replace(base.unknowns, shares=np.concatenate([first_look.at(amounts[0]), second.at(amounts[1])]))
         best.setdefault(model.name, (model, start))
         if len(best) == count:
             break
@@ -92,13 +92,15 @@ def _looks(screening: Screening, effect: Candidate, promise: Promise) -> list[_L
     return evaluations
 
 
-def _amounts(first: Real, other: Real, goal: Real) -> tuple[float, float]:
+def _amounts(change: Real, second_change: Real, goal: Real) -> tuple[float, float]:
     """Least-squares amounts of two changes in [0, ``LARGEST_AMOUNT``]: inside, or on the edge that leaves least."""
-    gram = np.array([[first @ first, first @ other], [first @ other, other @ other]])
-    right = np.array([first @ goal, other @ goal])
-    inside = np.linalg.lstsq(gram, right, rcond=None)[0]
-    if np.all((inside >= 0) & (inside <= LARGEST_AMOUNT)):
-        return float(inside[0]), float(inside[1])
+    gram = np.array(
+        [[change @ change, change @ second_change], [change @ second_change, second_change @ second_change]]
+    )
+    right = np.array([change @ goal, second_change @ goal])
+    solution = np.linalg.lstsq(gram, right, rcond=None)[0]
+    if np.all((solution >= 0) & (solution <= LARGEST_AMOUNT)):
+        return float(solution[0]), float(solution[1])
     edges = []
     for fixed_side in (0, 1):
         for value in (0.0, LARGEST_AMOUNT):

@@ -47,7 +47,7 @@ class FittedParameter:
     note: str = ""
 
 
-def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[FittedParameter, ...]:
+def intervals(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float) -> tuple[FittedParameter, ...]:
     """Parameters of a fit with intervals of a bootstrap of the score, each resample one Newton step from the optimum.
 
     Notes
@@ -56,7 +56,7 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     more cycles tell no more of it. What the priors hold (tolerances, calibrated numbers) is drawn from them.
     """
     bounds = fitter.bounds(fit.model)
-    ends = _positive(bounds, fit.unknowns.shares, _ends(fitter, fit, cells, before))
+    ends = _positive(bounds, fit.unknowns.shares, _ends(fitter, fit, cells, base_rms))
     values = [mapped(bounds, np.clip(vector, 0, 1)) for vector in (fit.unknowns.shares, *ends)]
     estimates = []
     number = -1
@@ -72,13 +72,13 @@ def intervals(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Fi
     return tuple(estimates)
 
 
-def _ends(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> tuple[Real, Real]:
+def _ends(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float) -> tuple[Real, Real]:
     """Ends of the intervals (n_parameters,) of the parameters as shares of their bounds, to first order."""
     steps, hessian, n_blocks = score_steps(fitter, fit, cells)
-    first = len(fit.unknowns.scales)
-    share_columns = slice(first, first + len(fit.unknowns.shares))
+    first_share = len(fit.unknowns.scales)
+    share_columns = slice(first_share, first_share + len(fit.unknowns.shares))
     form = norm.ppf(0.5 * (1 + CONFIDENCE)) * np.sqrt(
-        np.diag(_form(fitter, fit, hessian, n_blocks, cells, before))[share_columns]
+        np.diag(_form(fitter, fit, hessian, n_blocks, cells, base_rms))[share_columns]
     )
     lower_step, upper_step = np.hypot(tails(steps, n_blocks)[:, share_columns], form)
     return fit.unknowns.shares - lower_step, fit.unknowns.shares + upper_step
@@ -97,15 +97,15 @@ def _positive(bounds: Sequence[tuple[float, float]], shares: Real, ends: tuple[R
     return low, high
 
 
-def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float, present: bool = False) -> str:
+def unsupported(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float, present: bool = False) -> str:
     """Why a fitted model supports no claim, or "": an effect that may be absent, a bound, a constant beyond the record.
 
     An effect may be absent where the interval of its size reaches zero; of several sizes (the amplitudes of a phase),
     where their joint interval does. Not so where it was tested against its absence already (``present``).
     """
     bounds = fitter.bounds(fit.model)
-    low, high = (mapped(bounds, np.clip(one, 0, 1)) for one in _ends(fitter, fit, cells, before))
-    covariance = _covariance(fitter, fit, cells, before)
+    low, high = (mapped(bounds, np.clip(end, 0, 1)) for end in _ends(fitter, fit, cells, base_rms))
+    covariance = _covariance(fitter, fit, cells, base_rms)
     start = 0
     for effect in fit.model.effects:
         stop = start + len(effect.parameters)
@@ -130,15 +130,15 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, before: float, present: 
     return ""
 
 
-def _covariance(fitter: Fitter, fit: Fit, cells: Truth, before: float) -> Real:
+def _covariance(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float) -> Real:
     """Covariance (n_parameters, n_parameters) of the shares of the bounds: of the resampled optima, and of the form."""
     steps, hessian, n_blocks = score_steps(fitter, fit, cells)
     share_columns = slice(len(fit.unknowns.scales), len(fit.unknowns.scales) + len(fit.unknowns.shares))
-    drawn = np.atleast_2d(np.cov(steps[:, share_columns], rowvar=False)) * _student(n_blocks) ** 2
-    return drawn + _form(fitter, fit, hessian, n_blocks, cells, before)[share_columns, share_columns]
+    resampled_covariance = np.atleast_2d(np.cov(steps[:, share_columns], rowvar=False)) * _student(n_blocks) ** 2
+    return resampled_covariance + _form(fitter, fit, hessian, n_blocks, cells, base_rms)[share_columns, share_columns]
 
 
-def _form(fitter: Fitter, fit: Fit, hessian: Real, n_blocks: int, cells: Truth, before: float) -> Real:
+def _form(fitter: Fitter, fit: Fit, hessian: Real, n_blocks: int, cells: Truth, base_rms: float) -> Real:
     """Covariance (n_unknowns, n_unknowns) by the form of the model.
 
     A share FORM of its own size for what grows with an effect; and an error of any shape, alike in a branch and
@@ -147,12 +147,12 @@ def _form(fitter: Fitter, fit: Fit, hessian: Real, n_blocks: int, cells: Truth, 
     """
     data = fitter.problem.data
     reduced_chi_square = np.mean(((data.angle - fit.predicted) / data.sigma)[cells] ** 2)
-    shape = min((FORM * before) ** 2, max(float(reduced_chi_square), STRUCTURE**2) - 1)
+    shape = min((FORM * base_rms) ** 2, max(float(reduced_chi_square), STRUCTURE**2) - 1)
     covariance = shape * int(cells.sum()) / n_blocks * np.linalg.inv(hessian)
-    first = len(fit.unknowns.scales)
+    first_share = len(fit.unknowns.scales)
     for k, ((low, high), share) in enumerate(zip(fitter.bounds(fit.model), fit.unknowns.shares, strict=True)):
         if low <= 0 <= high:
-            covariance[first + k, first + k] += (FORM * (share + low / (high - low))) ** 2
+            covariance[first_share + k, first_share + k] += (FORM * (share + low / (high - low))) ** 2
     return np.asarray(covariance, float)
 
 
@@ -173,12 +173,12 @@ def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int
     for b in range(n_blocks):
         block_rows = rows[block == b]
         products[b, :, :k], products[b, :, k] = block_rows.T @ block_rows, block_rows.T @ misfit[block == b]
-    drawn = n_blocks * resampled_means(products, RESAMPLES, SEED)
-    drawn[:, :, k] += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
+    resamples = n_blocks * resampled_means(products, RESAMPLES, SEED)
+    resamples[:, :, k] += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
     total = products[:, :, :k].sum(axis=0)
     hessian = total + np.diag(penalty**2) + 1e-9 * np.trace(total) / max(k, 1) * np.eye(k)
     pull = penalty**2 * (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns))
-    steps = np.linalg.solve(hessian, (drawn[:, :, k] - pull).T).T
+    steps = np.linalg.solve(hessian, (resamples[:, :, k] - pull).T).T
     return steps, hessian, n_blocks
 
 

@@ -80,20 +80,20 @@ def calibrated_numbers(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Calibrat
     return tuple(numbers)
 
 
-def released(fitter: Fitter, tried: Trial, cells: Truth, stretch: float = np.inf) -> Trial | None:
+def released(fitter: Fitter, candidate_trial: Trial, cells: Truth, stretch: float = np.inf) -> Trial | None:
     """The model refitted with its numbers free, or its calibrated ones up to ``stretch`` times their ranges.
 
     None where no such number stands at an end of its range, or where the refit finds no equilibrium.
     """
     limit = SCALE_REACH * np.array([[-1.0], [1.0]])
-    stated = len(fitter.problem.calibrated) if np.isfinite(stretch) else len(tried.fit.unknowns.scales)
-    if not np.any(tried.fit.unknowns.at_reach[:stated]):
+    n_freed = len(fitter.problem.calibrated) if np.isfinite(stretch) else len(candidate_trial.fit.unknowns.scales)
+    if not np.any(candidate_trial.fit.unknowns.at_reach[:n_freed]):
         return None
     reach = limit
     if np.isfinite(stretch):
-        factors = np.where(np.arange(len(tried.fit.unknowns.scales)) < stated, stretch, 1.0)
+        factors = np.where(np.arange(len(candidate_trial.fit.unknowns.scales)) < n_freed, stretch, 1.0)
         reach = np.clip(factors * fitter.problem.scale_range, *limit)
-    fit = fitter.fit(tried.fit.model, cells, replace(tried.fit.unknowns, reach=reach))
+    fit = fitter.fit(candidate_trial.fit.model, cells, replace(candidate_trial.fit.unknowns, reach=reach))
     return trial(fitter, fit, cells) if fit.sound and np.isfinite(fit.cost) else None
 
 

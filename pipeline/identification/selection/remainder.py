@@ -38,8 +38,8 @@ class Remainder:
     noise_arcmin: float
 
 
-def remainder(data: Data, predicted: Real, cells: Truth, structure: float, before: float) -> Remainder:
-    """Parts of the residual of a prediction (n_cells,) [arcmin]; ``structure`` and ``before`` in noise floors.
+def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_to_noise: float) -> Remainder:
+    """Parts of the residual of a prediction (n_cells,) [arcmin]; ``structure`` and ``base_to_noise`` in noise floors.
 
     Notes
     -----
@@ -61,7 +61,7 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, befor
     several = len(mean) > 1 and mean.size
     return Remainder(
         structure,
-        1 - structure / before,
+        1 - structure / base_to_noise,
         float(np.sqrt(np.mean(residual**2))),
         float(np.sqrt(np.mean(common**2))) if mean.size else float("nan"),
         float(np.sqrt(np.mean((mean - common) ** 2) * len(mean) / (len(mean) - 1))) if several else float("nan"),

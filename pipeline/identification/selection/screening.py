@@ -117,15 +117,15 @@ class Screening:
             looks = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
             confirmed.append(min(looks, key=lambda candidate_start: candidate_start[0]))
         base = self.base.unknowns
-        for around in _ring(zero, grows):
-            start = replace(base, shares=np.concatenate([base.shares, around]))
+        for ring_shape in _ring(zero, grows):
+            start = replace(base, shares=np.concatenate([base.shares, ring_shape]))
             confirmed.append((self._at(model, start), start))
         return [candidate_start for candidate_start in confirmed if np.isfinite(candidate_start[0])]
 
-    def _beside(self, shares: Real, moved: Real) -> list[Vector]:
+    def _beside(self, shares: Real, scale_step: Real) -> list[Vector]:
         """The effect beside the base as it stands, and as it would move."""
         base = self.base.unknowns
-        moved_unknowns = base.like(base.flat + moved)
+        moved_unknowns = base.like(base.flat + scale_step)
         return [
             replace(unknowns, shares=np.concatenate([unknowns.shares, shares])) for unknowns in (moved_unknowns, base)
         ]
@@ -141,8 +141,8 @@ class Screening:
             else np.inf
         )
 
-    def _looks(self, model: Model, at: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
-        """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``at``.
+    def _looks(self, model: Model, shape: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
+        """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``shape``.
 
         One look for each combination of the senses in which parameters can go: gaps that open and gaps that close are
         two effects.
@@ -150,27 +150,27 @@ class Screening:
         base, sides = self.base.unknowns, []
         for number in np.flatnonzero(grows):
             secants = []
-            for step in (-length * at[number], length * (1 - at[number])):
-                shares = at.copy()
+            for step in (-length * shape[number], length * (1 - shape[number])):
+                shares = shape.copy()
                 shares[number] += step
                 start = replace(base, shares=np.concatenate([base.shares, shares]))
                 if step:
                     prediction = self.fitter.predict(model, start, self.positions)
                     secants += [(step, self._scaled(prediction.angle - self.plain))] if prediction.sound else []
             sides.append(secants)
-        return [self._joined(at, grows, sides_of_share) for sides_of_share in product(*sides)]
+        return [self._joined(shape, grows, sides_of_share) for sides_of_share in product(*sides)]
 
-    def _joined(self, at: Real, grows: Truth, secants: Sequence[tuple[float, Real]]) -> tuple[float, Real, Real]:
+    def _joined(self, shape: Real, grows: Truth, secants: Sequence[tuple[float, Real]]) -> tuple[float, Real, Real]:
         """Linear least squares over one secant of each parameter and the base's unknowns."""
         steps = np.array([step for step, _ in secants])
         changes = np.column_stack([change for _, change in secants])
         free = changes - self.basis @ (self.basis.T @ changes)
         amounts = lsq_linear(free, self.free(self.left), (0.0, REACH)).x
-        shares = at.copy()
-        shares[grows] = np.clip(at[grows] + amounts * steps, 0.0, 1.0)
-        rest = self.left - changes @ amounts
-        moved = np.linalg.lstsq(self.triangle, self.basis.T @ rest, rcond=None)[0]
-        return self._misfit(self.free(rest)), shares, moved
+        shares = shape.copy()
+        shares[grows] = np.clip(shape[grows] + amounts * steps, 0.0, 1.0)
+        residual = self.left - changes @ amounts
+        scale_step = np.linalg.lstsq(self.triangle, self.basis.T @ residual, rcond=None)[0]
+        return self._misfit(self.free(residual)), shares, scale_step
 
     def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts of a ripple: its phase bends with the angle, so many periods are looked at, and the best fitted on.
@@ -188,13 +188,13 @@ class Screening:
         waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
 
         def look(size: float, wave: float, phases: int) -> tuple[float, Vector]:
-            around = []
+            neighbours = []
             for phase in 2 * np.pi * np.arange(phases) / phases:
                 values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
                 shares = np.concatenate([base.shares, np.clip((values - low) / (high - low), 0.0, 1.0)])
                 start = replace(base, shares=shares)
-                around.append((screening._at(model, start), start))
-            return min(around, key=lambda evaluation: evaluation[0])
+                neighbours.append((screening._at(model, start), start))
+            return min(neighbours, key=lambda evaluation: evaluation[0])
 
         coarse = [min(look(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]
         looks = [look(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
@@ -226,9 +226,9 @@ def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequen
     looks = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
     promises = {}
     for effect in effects:
-        around = looks[:1] if effect.starts == PERIODIC else looks
+        centre_looks = looks[:1] if effect.starts == PERIODIC else looks
         ranked = sorted(
-            (ranked_start for look in around for ranked_start in look.starts(effect)),
+            (ranked_start for look in centre_looks for ranked_start in look.starts(effect)),
             key=lambda ranked_start: ranked_start[0],
         )
         if ranked:

@@ -56,7 +56,7 @@ def stated(
     selection: Selection,
     refitted: AngleError,
     best: AngleError,
-    rest: Remainder,
+    remainder: Remainder,
     in_sample: bool,
 ) -> Statement:
     """The statement of a verdict.
@@ -64,13 +64,13 @@ def stated(
     Parameters
     ----------
     refitted, best : errors of the refitted model, and of the best one whether it is claimed or not.
-    rest : what the best one leaves.
+    remainder : what the best one leaves.
     in_sample : whether nothing was held out.
     """
     if in_sample:
         return Statement(_in_sample(selection, refitted), ONE_LOOP)
     findings = "".join(f" {finding}." for finding in verdict.findings)
-    return Statement(_sentence(verdict, selection, refitted, best, rest) + findings, _advice(verdict))
+    return Statement(_sentence(verdict, selection, refitted, best, remainder) + findings, _advice(verdict))
 
 
 def title_of(name: str) -> str:
@@ -104,7 +104,9 @@ def _in_sample(selection: Selection, refitted: AngleError) -> str:
     )
 
 
-def _sentence(verdict: Verdict, selection: Selection, refitted: AngleError, best: AngleError, rest: Remainder) -> str:
+def _sentence(
+    verdict: Verdict, selection: Selection, refitted: AngleError, best: AngleError, remainder: Remainder
+) -> str:
     if verdict.verdict == ADEQUATE:
         return (
             f"The model with its calibrated numbers refitted explains the unit: held-out error {_error(refitted)}"
@@ -120,19 +122,19 @@ def _sentence(verdict: Verdict, selection: Selection, refitted: AngleError, best
             f"explains it{nearest_text}; nothing is claimed."
         )
     gain = f"held-out error {_error(refitted)} before and {_error(best)} after{_open(best)}"
-    named = verdict.named
+    names = verdict.named
     numbers = ", ".join(_number(p) for p in verdict.parameters)
     if verdict.verdict == MOSTLY:
-        scatter_text = f" ({rest.by_position_arcmin:.2g} arcmin of it from position to position)"
+        scatter_text = f" ({remainder.by_position_arcmin:.2g} arcmin of it from position to position)"
         return (
-            f"The unit is mostly explained by {title_of(named[0])} ({numbers}): {gain}, {rest.removed:.0%} removed; "
-            f"what is left{scatter_text if np.isfinite(rest.by_position_arcmin) else ''} is not traced."
+            f"The unit is mostly explained by {title_of(names[0])} ({numbers}): {gain}, {remainder.removed:.0%} "
+            f"removed; what is left{scatter_text if np.isfinite(remainder.by_position_arcmin) else ''} is not traced."
         )
     if verdict.verdict == IDENTIFIED:
-        return f"The unit shows {title_of(named[0])} ({numbers}): {gain}."
-    if len(named) > LARGEST_CLASS:
-        return f"An effect is there ({gain}), but {len(named)} of the library explain it equally well: unresolved."
-    titles = "; ".join(title_of(name) for name in named)
+        return f"The unit shows {title_of(names[0])} ({numbers}): {gain}."
+    if len(names) > LARGEST_CLASS:
+        return f"An effect is there ({gain}), but {len(names)} of the library explain it equally well: unresolved."
+    titles = "; ".join(title_of(name) for name in names)
     return f"The unit shows one of these, which the data do not tell apart: {titles} ({gain})."
 
 

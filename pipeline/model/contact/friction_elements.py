@@ -63,11 +63,11 @@ class Sliders:
         """The sliders where the load that presses on them is written ``factor`` times as large."""
         return self if factor == 1.0 else replace(self, coefficient=self.coefficient / factor)
 
-    def joined(self, other: "Sliders") -> "Sliders":
+    def joined(self, addition: "Sliders") -> "Sliders":
         """These and the others."""
         if not len(self):
-            return other
-        return Sliders(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(Sliders)))
+            return addition
+        return Sliders(*(np.concatenate([getattr(self, f.name), getattr(addition, f.name)]) for f in fields(Sliders)))
 
 
 def output_sliders(reducer: Reducer, limit: Real, distance: Real) -> Sliders:

@@ -154,7 +154,7 @@ class ContactLaws:
         return self.pressure * np.sqrt(np.maximum(np.asarray(force, float), 0.0))
 
 
-def in_series(first: ContactLaws, second: ContactLaws) -> ContactLaws:
+def in_series(laws: ContactLaws, second: ContactLaws) -> ContactLaws:
     """Laws of contacts in series under one force (n,): their deflections add up.
 
     Raises
@@ -162,16 +162,16 @@ def in_series(first: ContactLaws, second: ContactLaws) -> ContactLaws:
     ValueError
         If both have a power of the force, and not the same.
     """
-    pair = (first.power > 0) & (second.power > 0)
-    if np.any(pair & (first.exponent != second.exponent)):
+    pair = (laws.power > 0) & (second.power > 0)
+    if np.any(pair & (laws.exponent != second.exponent)):
         raise ValueError("laws of two different powers of the force are no such law in series")
     return ContactLaws(
-        linear=first.linear + second.linear,
-        logarithmic=first.logarithmic + second.logarithmic,
-        power=first.power + second.power,
-        exponent=np.where(first.power > 0, first.exponent, second.exponent),
-        force_limit=np.minimum(first.force_limit, second.force_limit),
-        pressure=np.maximum(first.pressure, second.pressure),
+        linear=laws.linear + second.linear,
+        logarithmic=laws.logarithmic + second.logarithmic,
+        power=laws.power + second.power,
+        exponent=np.where(laws.power > 0, laws.exponent, second.exponent),
+        force_limit=np.minimum(laws.force_limit, second.force_limit),
+        pressure=np.maximum(laws.pressure, second.pressure),
     )
 
 

@@ -8,8 +8,8 @@ from pipeline.model.effects.effect import CRANKS, LARGEST_INTERFERENCE, Conditio
 from pipeline.model.load_history.drive import Drive
 
 
-def ovality(order: int, word: str, period: str, other: str) -> Effect:
-    """The effect of a pin circle with ``order`` lobes, ``word`` for people, of some ``period``; ``other`` is alike."""
+def ovality(order: int, word: str, period: str, confusable: str) -> Effect:
+    """The effect of a pin circle with ``order`` lobes, ``word`` for people, of a ``period``; alike: ``confusable``."""
 
     def apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
         angle = order * drive.profile.pin_angle()
@@ -30,7 +30,7 @@ def ovality(order: int, word: str, period: str, other: str) -> Effect:
         ),
         changes="radial position of every pin",
         signature=f"play varies over the crank angle, {word} waves a turn",
-        confused_with=(other,),
+        confused_with=(confusable,),
         told_apart_by=f"the housing's roundness, or six crank angles over {period} of a turn",
         bounds=bounds,
         apply=apply,

@@ -9,10 +9,10 @@ from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    opened, arm = np.zeros_like(drive.shift), drive.reducer.pins.arm
+    opening, arm = np.zeros_like(drive.shift), drive.reducer.pins.arm
     worn = np.flatnonzero(arm < 0 if values[0] > 0 else arm > 0)
-    opened[:, worn] = 1e-3 * abs(values[0])
-    return drive.shifted(opened)
+    opening[:, worn] = 1e-3 * abs(values[0])
+    return drive.shifted(opening)
 
 
 EFFECT = Effect(

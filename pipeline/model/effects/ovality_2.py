@@ -2,4 +2,4 @@
 
 from pipeline.model.effects._ovality import ovality
 
-EFFECT = ovality(2, "two", period="half", other="ovality_3")
+EFFECT = ovality(2, "two", period="half", confusable="ovality_3")

@@ -2,4 +2,4 @@
 
 from pipeline.model.effects._ovality import ovality
 
-EFFECT = ovality(3, "three", period="a third", other="ovality_2")
+EFFECT = ovality(3, "three", period="a third", confusable="ovality_2")

@@ -9,9 +9,9 @@ from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    closed = np.zeros_like(drive.shift)
-    closed[:, : drive.reducer.n_pins] = -1e-3 * values[0]
-    return drive.shifted(closed)
+    closing = np.zeros_like(drive.shift)
+    closing[:, : drive.reducer.n_pins] = -1e-3 * values[0]
+    return drive.shifted(closing)
 
 
 EFFECT = Effect(

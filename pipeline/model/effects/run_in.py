@@ -10,9 +10,9 @@ from pipeline.model.load_history.drive import Drive
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     worn = 1e-3 * values[0] * -np.expm1(-conditions.cycle / values[1])
-    opened = np.zeros_like(drive.shift)
-    opened[:, : drive.reducer.n_pins] = worn[:, None]
-    return drive.shifted(opened)
+    opening = np.zeros_like(drive.shift)
+    opening[:, : drive.reducer.n_pins] = worn[:, None]
+    return drive.shifted(opening)
 
 
 EFFECT = Effect(

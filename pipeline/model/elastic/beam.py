@@ -20,12 +20,12 @@ def _flexibility(length: float, bending: float, shear: float) -> Real:
     return np.array([[flexibility, length**2 / (2 * bending)], [length**2 / (2 * bending), length / bending]])
 
 
-def _carried(loaded: float, observed: float, bending: float, shear: float) -> Real:
-    """Deflection and slope (2,) of a cantilever at ``observed`` by a unit force and moment (2,) at ``loaded``."""
-    nearer = _flexibility(min(loaded, observed), bending, shear)
-    if observed <= loaded:  # the load beyond is its force and its moment here
-        return nearer @ np.array([[1.0, 0.0], [loaded - observed, 1.0]])
-    return np.array([[1.0, observed - loaded], [0.0, 1.0]]) @ nearer
+def _carried(load_distance: float, observed: float, bending: float, shear: float) -> Real:
+    """Deflection, slope (2,) of a cantilever at ``observed`` by a unit force and moment (2,) at ``load_distance``."""
+    near_part = _flexibility(min(load_distance, observed), bending, shear)
+    if observed <= load_distance:  # the load beyond is its force and its moment here
+        return near_part @ np.array([[1.0, 0.0], [load_distance - observed, 1.0]])
+    return np.array([[1.0, observed - load_distance], [0.0, 1.0]]) @ near_part
 
 
 def pin_flexibility(planes: Real, diameter: float, material: Material, span: float | None) -> Real:

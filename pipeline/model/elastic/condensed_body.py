@@ -240,8 +240,8 @@ def _factorised(stiffness: csc_array, nodes: Complex, freedoms: Index) -> Callab
     """Solver of balanced loads: three statically determinate freedoms are clamped, so they carry nothing."""
     corner = int(np.argmax(np.abs(nodes)))
     second = int(np.argmax(np.abs(nodes - nodes[corner])))
-    across = 1j * (nodes[second] - nodes[corner])
-    clamped = [*freedoms[corner], freedoms[second, int(abs(across.imag) > abs(across.real))]]
+    edge_normal = 1j * (nodes[second] - nodes[corner])
+    clamped = [*freedoms[corner], freedoms[second, int(abs(edge_normal.imag) > abs(edge_normal.real))]]
     free = np.ones(freedoms.size)
     free[clamped] = 0
     supported = csc_array(

@@ -153,7 +153,7 @@ class CyclicBody:
         """
         parts, sector, load = _parts(loads, self.sectors, self.freedoms)
         inner = parts[2 * self.sectors.n_cut :]
-        within = inner.T @ self.inner_solve(inner.toarray(order="F")) * (sector[:, None] == sector)
+        in_sector = inner.T @ self.inner_solve(inner.toarray(order="F")) * (sector[:, None] == sector)
         sums = csr_array((np.ones(len(load)), (load, np.arange(len(load)))))
         forces = np.add.reduceat(self._on_cuts(parts, sector), np.flatnonzero(np.diff(load, prepend=-1)), axis=2)
         displacement = self.flexibility @ forces
@@ -161,7 +161,7 @@ class CyclicBody:
         forces[1 : (n_sectors + 1) // 2] *= 2  # these harmonics stand for their conjugates too
         forces, displacement = forces.reshape(-1, loads.shape[1]), displacement.reshape(-1, loads.shape[1])
         return (forces.real.T @ displacement.real + forces.imag.T @ displacement.imag) / n_sectors + sums @ (
-            sums @ within.T
+            sums @ in_sector.T
         ).T
 
     def turned_compliance(self, loads: csc_array, turning: Index) -> Real:
@@ -180,12 +180,12 @@ class CyclicBody:
         n_sectors, n_loads = len(self.sectors.nodes), loads.shape[1]
         parts, sector, load = _parts(loads, self.sectors, self.freedoms)
         inner = parts[2 * self.sectors.n_cut :]
-        within = inner.T @ self.inner_solve(inner.toarray(order="F"))
+        in_sector = inner.T @ self.inner_solve(inner.toarray(order="F"))
         forces = np.add.reduceat(self._on_cuts(parts, sector), np.flatnonzero(np.diff(load, prepend=-1)), axis=2)
         work = np.conj(np.swapaxes(forces, 1, 2)) @ (self.flexibility @ forces)
         matrices = np.fft.irfft(work, n_sectors, axis=0)
         sectors_on = (sector - sector[:, None]) % n_sectors
-        np.add.at(matrices, (sectors_on, load[:, None], load), within)
+        np.add.at(matrices, (sectors_on, load[:, None], load), in_sector)
         turns = np.isin(np.arange(n_loads), turning)
         matrices[:, turns[:, None] == turns] = matrices[0, turns[:, None] == turns]
         backward = np.ix_(np.arange(n_sectors), np.flatnonzero(turns), np.flatnonzero(~turns))
@@ -197,8 +197,8 @@ class CyclicBody:
         n_sectors, n_loads = len(self.sectors.nodes), loads.shape[1]
         parts = _own(loads, self.sectors, self.freedoms).reshape(-1, n_sectors * n_loads)
         forces = self._on_cuts(parts, np.repeat(np.arange(n_sectors), n_loads))
-        around = self.flexibility @ forces.reshape(*forces.shape[:2], n_sectors, n_loads).sum(axis=2)
-        cut = np.moveaxis(np.fft.irfft(around[:, :-1], n_sectors, axis=0), 0, 1)
+        by_following_sectors = self.flexibility @ forces.reshape(*forces.shape[:2], n_sectors, n_loads).sum(axis=2)
+        cut = np.moveaxis(np.fft.irfft(by_following_sectors[:, :-1], n_sectors, axis=0), 0, 1)
         following = np.roll(cut, -1, axis=1)
         inner = self.inner_solve(np.array(parts[len(cut) :], order="F"))
         inner -= self.yielding[0] @ cut.reshape(len(cut), -1) + self.yielding[1] @ following.reshape(len(cut), -1)
@@ -274,11 +274,11 @@ def _first_sector(stiffness: csc_array, sectors: SectorNodes, freedoms: Index) -
     numbers = freedoms[np.concatenate([sectors.nodes[0], sectors.nodes[1, : sectors.n_cut]])].ravel()
     frame = _frames(len(sectors.nodes))[1]
     turn = [[frame.real, -frame.imag], [frame.imag, frame.real]]
-    turned = block_diag([eye_array(2 * sectors.nodes.shape[1]), kron(eye_array(sectors.n_cut), turn)])
-    return csc_array(turned.T @ stiffness[numbers][:, numbers] @ turned)
+    turn_blocks = block_diag([eye_array(2 * sectors.nodes.shape[1]), kron(eye_array(sectors.n_cut), turn)])
+    return csc_array(turn_blocks.T @ stiffness[numbers][:, numbers] @ turn_blocks)
 
 
-def _bordered(ends: Real, yielding: Real, reaction: Complex, held: Complex, phases: Complex) -> Complex:
+def _bordered(ends: Real, yielding: Real, reaction: Complex, held_force: Complex, phases: Complex) -> Complex:
     """Stiffness of every harmonic over the freedoms of a cut, bordered by the ``reaction`` of the reference.
 
     Parameters
@@ -303,5 +303,5 @@ def _bordered(ends: Real, yielding: Real, reaction: Complex, held: Complex, phas
         by_cut, by_following = np.swapaxes(yielding, 1, 2) @ reaction[k, n_cut:]
         border = reaction[k, :n_cut] - by_cut - np.conj(phase) * by_following
         bordered[k, :-1, -1], bordered[k, -1, :-1] = border, np.conj(border)
-        bordered[k, -1, -1] = -np.vdot(reaction[k, n_cut:], held[k]).real
+        bordered[k, -1, -1] = -np.vdot(reaction[k, n_cut:], held_force[k]).real
     return bordered

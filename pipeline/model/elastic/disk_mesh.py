@@ -148,8 +148,8 @@ def _rows_below(lobe: Complex, inner_radius: float, size: _EdgeLength) -> Comple
         arc = arc_length(parallel)
         edge = float(size.at_depth(depth))
         n_nodes = max(1, round(arc[-1] / edge))
-        along = (np.arange(n_nodes) + 0.5 * (row % 2 == 0)) / n_nodes * arc[-1]
-        nodes = np.asarray(np.interp(along, arc, parallel), complex)
+        arc_position = (np.arange(n_nodes) + 0.5 * (row % 2 == 0)) / n_nodes * arc[-1]
+        nodes = np.asarray(np.interp(arc_position, arc, parallel), complex)
         # Below a convex flank the parallel crosses itself: what comes nearer to the flank than its depth is no row.
         on_row = size.flank_distance(nodes) > 0.99 * depth - 0.01 * size.at_flank
         rows.append(nodes[on_row & (np.abs(nodes) > inner_radius + CLEARANCE * edge)])
@@ -159,8 +159,8 @@ def _rows_below(lobe: Complex, inner_radius: float, size: _EdgeLength) -> Comple
 def _smoothed(inner: Complex, fixed: Complex, size: _EdgeLength) -> Complex:
     """``inner`` nodes at the centroids of their patches, where these keep off the flank."""
     points = _turned(np.concatenate([inner, fixed]), size.pitch, [0, -1, 1, -2, 2])
-    moved = patch_centroids(points, len(inner), size)
-    return np.where(size.flank_distance(moved) > CLEARANCE * size.at_flank, moved, inner)
+    centroids = patch_centroids(points, len(inner), size)
+    return np.where(size.flank_distance(centroids) > CLEARANCE * size.at_flank, centroids, inner)
 
 
 def _rings(outer_radius: float, size: _EdgeLength) -> list[Complex]:
@@ -169,8 +169,10 @@ def _rings(outer_radius: float, size: _EdgeLength) -> list[Complex]:
     def edge_at(depth: Real) -> Real:
         radius = outer_radius - depth
         edge = size(np.asarray(radius, complex))
-        around = size.pitch * radius / size.edges_around(radius)
-        return around if size.bore_radius > 0 else np.maximum(around, edge)  # else rings without end at the centre
+        tangential_edge = size.pitch * radius / size.edges_around(radius)
+        return (
+            tangential_edge if size.bore_radius > 0 else np.maximum(tangential_edge, edge)
+        )  # else rings without end at the centre
 
     depths = _levels(edge_at, outer_radius - size.bore_radius)[1:]
     return [_ring(outer_radius - depth, 0.5 * (row % 2), size) for row, depth in enumerate(depths)]

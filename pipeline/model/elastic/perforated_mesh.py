@@ -110,8 +110,8 @@ class _EdgeLength:
         """Whether points lie in the disk, no closer to a boundary than is good for edges of the length ``edge``."""
         distance, arc = self.flank.nearest(points)
         foot = self.flank.at(arc)[1]
-        within = (np.abs(points) < np.abs(foot)) & (distance > CLEARANCE * edge)
-        return within & (np.abs(points) > self.bore_radius + CLEARANCE * edge * (self.bore_radius > 0))
+        is_inside = (np.abs(points) < np.abs(foot)) & (distance > CLEARANCE * edge)
+        return is_inside & (np.abs(points) > self.bore_radius + CLEARANCE * edge * (self.bore_radius > 0))
 
 
 def _disk_nodes(disk: MeshTri) -> tuple[Complex, Complex, Complex]:
@@ -154,10 +154,10 @@ def _thinned(points: Complex, size: _EdgeLength) -> Complex:
     pairs = KDTree(coordinates(points)).query_pairs(float(limit.max()), output_type="ndarray")
     finer, second = pairs.min(axis=1), pairs.max(axis=1)
     close = np.abs(points[finer] - points[second]) < limit[second]
-    gone = np.zeros(len(points), bool)
+    is_removed = np.zeros(len(points), bool)
     for early, late in sorted(zip(finer[close], second[close], strict=True)):
-        gone[late] |= not gone[early]
-    return points[~gone]
+        is_removed[late] |= not is_removed[early]
+    return points[~is_removed]
 
 
 def _kept_nodes(size: _EdgeLength, inner: Complex, of_holes: Complex) -> Complex:
@@ -173,18 +173,18 @@ def _settled(free: Complex, fixed: Complex, rings: Complex, size: _EdgeLength) -
     if not len(rings):
         return free
     near_rings = KDTree(coordinates(rings)).query(coordinates(free))[0] < SMOOTHED_LAYERS * size(free)
-    moving, still = free[near_rings], np.concatenate([free[~near_rings], fixed])
+    moving, fixed_points = free[near_rings], np.concatenate([free[~near_rings], fixed])
     for _ in range(SMOOTHING_PASSES):
-        moving = _smoothed(moving, still, size)
+        moving = _smoothed(moving, fixed_points, size)
     return np.concatenate([moving, free[~near_rings]])
 
 
-def _smoothed(moving: Complex, still: Complex, size: _EdgeLength) -> Complex:
+def _smoothed(moving: Complex, fixed_points: Complex, size: _EdgeLength) -> Complex:
     """``moving`` nodes at the centroids of their patches, where these keep off flank, bore and holes."""
-    moved = patch_centroids(np.concatenate([moving, still]), len(moving), size)
-    edge = size(moved)
-    good = size.inside(moved, edge) & (size.hole_distance(moved) > CLEARANCE * edge)
-    return np.where(good, moved, moving)
+    centroids = patch_centroids(np.concatenate([moving, fixed_points]), len(moving), size)
+    edge = size(centroids)
+    good = size.inside(centroids, edge) & (size.hole_distance(centroids) > CLEARANCE * edge)
+    return np.where(good, centroids, moving)
 
 
 def _named(mesh: MeshTri, loops: dict[str, Index]) -> MeshTri:

@@ -173,9 +173,9 @@ def _located(mesh: MeshTri, points: Complex) -> tuple[Index, Real]:
     best = np.argmax(barycentric.min(axis=-1), axis=-1)[..., None]
     triangles = np.take_along_axis(candidates, best, axis=-1)[..., 0]
     weights = np.take_along_axis(barycentric, best[..., None], axis=-2)[..., 0, :]
-    outside = weights.min(axis=-1) < -ON_TRIANGLE
-    if outside.any():
-        raise ModelError(f"patch point {points[outside][0]:.6g} mm lies outside the body; move or narrow its patch")
+    is_outside = weights.min(axis=-1) < -ON_TRIANGLE
+    if is_outside.any():
+        raise ModelError(f"patch point {points[is_outside][0]:.6g} mm lies outside the body; move or narrow its patch")
     return triangles, weights
 
 

@@ -35,13 +35,13 @@ def triangles_between(points: Complex, n_flank: int, cuts: Sequence[Index]) -> I
     smallest = np.argmin(triangles, axis=1)
     ordered = np.take_along_axis(triangles, (smallest[:, None] + np.arange(3)) % 3, axis=1)
     # Three corners of a simple polygon follow counterclockwise in their own order inside it, in reverse outside.
-    outside = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
+    is_outside = (triangles < n_flank).all(axis=1) & (ordered[:, 1] > ordered[:, 2])
     cut = np.full(len(points), -1)
     for number, corners in enumerate(cuts):
         cut[corners] = number
     of_corner = cut[triangles]
-    outside |= (of_corner[:, 0] >= 0) & (of_corner == of_corner[:, :1]).all(axis=1)
-    return triangles[~outside]
+    is_outside |= (of_corner[:, 0] >= 0) & (of_corner == of_corner[:, :1]).all(axis=1)
+    return triangles[~is_outside]
 
 
 def patch_centroids(points: Complex, n_moving: int, edge_length: Callable[[Complex], Real]) -> Complex:

@@ -44,11 +44,11 @@ def coupled_blocks(compliance: Real) -> Blocks:
     order = np.argsort(rank, kind="stable")
     bounds = np.concatenate([np.searchsorted(rank[order], of_bodies), [n]])
     ranges = np.column_stack([bounds[:-1], bounds[1:]])
-    within = np.zeros((n, int(np.max(np.diff(bounds)))))
+    block_values = np.zeros((n, int(np.max(np.diff(bounds)))))
     for start, end in ranges:
         rows = order[start:end]
-        within[start:end, : end - start] = compliance[np.ix_(rows, rows)]
-    return Blocks(order, ranges, within, self_compliance[order])
+        block_values[start:end, : end - start] = compliance[np.ix_(rows, rows)]
+    return Blocks(order, ranges, block_values, self_compliance[order])
 
 
 class Part(NamedTuple):

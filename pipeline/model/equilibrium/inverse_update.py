@@ -26,15 +26,15 @@ def product(inverse, n, x, y):
 def include(system, b, work):
     """Grow the inverse of a block by the first of its active contacts that is not in it; false if not positive."""
     part = part_of(work.active, work, b)
-    first, p = first_of(work.active, system.blocks[b]), work.sizes[b, 2]
+    block_start, p = first_of(work.active, system.blocks[b]), work.sizes[b, 2]
     inverse, held_rows, right, column = part.inverse, work.held, part.inside, work.column
     active, step, jacobian = part.active, work.step, system.contact_jacobian
     i = active[p]
     row = system.compliance[i]
     for row_number in range(p):
-        right[row_number] = row[active[row_number] - first]
+        right[row_number] = row[active[row_number] - block_start]
     product(inverse, p, right, column)
-    pivot = row[i - first] + part.slope[p]
+    pivot = row[i - block_start] + part.slope[p]
     for row_number in range(p):
         pivot -= right[row_number] * column[row_number]
     if not pivot > 0.0:
@@ -71,7 +71,7 @@ def exclude(system, b, p, work):
     """Shrink the inverse of a block by the contact at position p of those in it; the last one takes its place."""
     part = part_of(work.active, work, b)
     inverse, projected, held_rows, column = part.inverse, part.projected, work.held, work.column
-    last = work.sizes[b, 2] - 1
+    last_row = work.sizes[b, 2] - 1
     share = 1.0 / inverse[p, p]
     for d in range(held_rows.shape[0]):
         if not moves(work.active, system.moving[b], d):
@@ -79,21 +79,21 @@ def exclude(system, b, p, work):
         for e in range(d + 1):
             if moves(work.active, system.moving[b], e):
                 held_rows[d, e] -= share * projected[d, p] * projected[e, p]
-    for r in range(last + 1):
+    for r in range(last_row + 1):
         column[r] = inverse[p, r]
     for d in range(held_rows.shape[0]):
         scaled, target = share * projected[d, p], projected[d]
-        for r in range(last + 1):
+        for r in range(last_row + 1):
             target[r] -= scaled * column[r]
-        target[p] = target[last]
-    for r in range(last + 1):
+        target[p] = target[last_row]
+    for r in range(last_row + 1):
         scaled, target = share * column[r], inverse[r]
-        for k in range(last + 1):
+        for k in range(last_row + 1):
             target[k] -= scaled * column[k]
-        target[p] = target[last]
-    for k in range(last):
-        inverse[p, k] = inverse[last, k]
-    work.sizes[b, 2] = last
+        target[p] = target[last_row]
+    for k in range(last_row):
+        inverse[p, k] = inverse[last_row, k]
+    work.sizes[b, 2] = last_row
 
 
 @algebraic_part

@@ -91,12 +91,12 @@ def _close_penetrated(system, work):
         penetrated += (depth[i] > OPEN) & (force[i] == 0.0)
     if penetrated == 0:
         return 0
-    closed = work.column  # judged before any of them deflects the others
+    column = work.column  # judged before any of them deflects the others
     for i in range(depth.shape[0]):
-        closed[i] = depth[i]
+        column[i] = depth[i]
     for i in range(depth.shape[0]):
-        if closed[i] > OPEN and force[i] == 0.0:
-            force[i] = force_at_penetration(system, i, closed[i])
+        if column[i] > OPEN and force[i] == 0.0:
+            force[i] = force_at_penetration(system, i, column[i])
             activate(system, i, work)
             if system.own[i] > 0.0:
                 add_deflection(system, i, work)
@@ -204,16 +204,16 @@ def _around(length, work):
     A straight step along the edge would press the disk into the bearing by the square of the step.
     """
     x, y = work.motion[0], work.motion[1]
-    along, aside = length * work.step[0], length * work.step[1]
+    step_x, step_y = length * work.step[0], length * work.step[1]
     distance = np.sqrt(x * x + y * y)
-    radial, across = (along * x + aside * y) / distance, (aside * x - along * y) / distance
+    radial, tangential = (step_x * x + step_y * y) / distance, (step_y * x - step_x * y) / distance
     if distance + radial > 0.5 * distance:
-        angle, stretch = across / distance, (distance + radial) / distance
+        angle, stretch = tangential / distance, (distance + radial) / distance
         work.motion[0] = stretch * (np.cos(angle) * x - np.sin(angle) * y)
         work.motion[1] = stretch * (np.sin(angle) * x + np.cos(angle) * y)
     else:
-        work.motion[0] += along
-        work.motion[1] += aside
+        work.motion[0] += step_x
+        work.motion[1] += step_y
 
 
 @algebraic_part
@@ -269,15 +269,15 @@ def converge(system, friction, torque, gap, clearance, work):
     previous, residual, changes = np.inf, np.inf, 0
     for iteration in range(STEP_LIMIT):
         deflect(system, gap, work)
-        closed = _close_penetrated(system, work)
+        n_closed = _close_penetrated(system, work)
         pushed = work.thrust[0] > 0.0
         deviation, unbalanced = residuals(system, friction, torque, clearance, work)
         residual = max(deviation, unbalanced)
-        if closed == 0 and deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
+        if n_closed == 0 and deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
             return iteration, residual
-        if closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED:
+        if n_closed == 0 and iteration >= ROUNDING and residual <= ACCEPTED:
             return iteration, residual
-        if closed == 0 and _worth_renewing(residual, previous):
+        if n_closed == 0 and _worth_renewing(residual, previous):
             renew(work)
         previous = residual
         if not include_all(system, work) or not newton_step(system, friction, work):
@@ -285,7 +285,7 @@ def converge(system, friction, torque, gap, clearance, work):
         length = 1.0
         if friction is not None:
             length = share_of_braking(system, friction, work)
-        if closed > 0 or pushed != (work.thrust[0] > 0.0):
+        if n_closed > 0 or pushed != (work.thrust[0] > 0.0):
             changes += 1
             if changes > HOPELESS:
                 break

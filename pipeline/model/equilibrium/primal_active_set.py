@@ -67,21 +67,21 @@ def _step_to_the_first_zero(system, longest, work):
 @algebraic_part
 def settle(system, friction, torque, gap, clearance, work):
     """Primal active set from the state in ``work``, which is changed; returns the iterations and the residual."""
-    residual, since = 1.0, 0
+    residual, steps_since = 1.0, 0
     for iteration in range(SETTLING_STEPS):
         deflect(system, gap, work)
         deviation, unbalanced = residuals(system, friction, torque, clearance, work)
         residual = max(deviation, unbalanced)
-        since += 1
+        steps_since += 1
         if (deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE) or (
-            since > ROUNDING and residual <= ACCEPTED
+            steps_since > ROUNDING and residual <= ACCEPTED
         ):
             contact = _most_penetrated(work)
             if contact < 0:
                 return iteration, residual
             work.force[contact] = ENTRY * force_at_penetration(system, contact, work.depth[contact])
             activate(system, contact, work)
-            since = 0
+            steps_since = 0
             continue
         renew(work)
         if not include_all(system, work) or not newton_step(system, friction, work):

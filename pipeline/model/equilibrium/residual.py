@@ -134,15 +134,15 @@ def workspace(system: System, n_sliders: int) -> Work:
 @algebraic_part
 def law(system, i, force):
     """Local deflection and compliance of the closed contact i."""
-    inside = min(force, system.limit[i])
-    log = np.log(inside)
-    deflection = inside * (system.linear[i] - system.logarithmic[i] * log)
+    inner_force = min(force, system.limit[i])
+    log = np.log(inner_force)
+    deflection = inner_force * (system.linear[i] - system.logarithmic[i] * log)
     slope = system.linear[i] - system.logarithmic[i] * (1.0 + log)
     if system.power[i] > 0.0:
-        powered = system.power[i] * inside ** (system.exponent[i] - 1.0)
-        deflection += inside * powered
+        powered = system.power[i] * inner_force ** (system.exponent[i] - 1.0)
+        deflection += inner_force * powered
         slope += system.exponent[i] * powered
-    return deflection + (force - inside) * slope, slope
+    return deflection + (force - inner_force) * slope, slope
 
 
 @algebraic_part
@@ -182,14 +182,14 @@ def bearing_spring(system, clearance, work):
         thrust[0] = 0.0
         return
     depth = (thrust[0] / system.stiffness) ** (1.0 / system.bearing_exponent)
-    radial, across = system.bearing_exponent * thrust[0] / depth, thrust[0] / distance
+    radial, tangential = system.bearing_exponent * thrust[0] / depth, thrust[0] / distance
     ux, uy = x / distance, y / distance
     miss = distance - clearance - depth
     push = thrust[0] + radial * miss
     spring[0], spring[1] = push * ux, push * uy
-    spring[2] = radial * ux * ux + across * uy * uy
-    spring[3] = (radial - across) * ux * uy
-    spring[4] = radial * uy * uy + across * ux * ux
+    spring[2] = radial * ux * ux + tangential * uy * uy
+    spring[3] = (radial - tangential) * ux * uy
+    spring[4] = radial * uy * uy + tangential * ux * ux
     spring[5], spring[6], spring[7] = radial * ux, radial * uy, radial * miss
 
 
@@ -239,18 +239,18 @@ def deflect(system, gap, work):
 
 
 @algebraic_part
-def _logarithms(n, inside, bits, logarithm, exponent):
-    """Natural logarithms of the first n of ``inside`` to the last digits, several at once."""
+def _logarithms(n, inner_force, bits, logarithm, exponent):
+    """Natural logarithms of the first n of ``inner_force`` to the last digits, several at once."""
     for j in range(n):
-        logarithm[j] = inside[j]
+        logarithm[j] = inner_force[j]
     for j in range(n):
         exponent[j] = (bits[j] >> EXPONENT_BITS) - EXPONENT_BIAS
         bits[j] = (bits[j] & FRACTION) | ONE
     for j in range(n):
         fraction = logarithm[j]
-        above = fraction > 1.4142135623730951
-        fraction = 0.5 * fraction if above else fraction
-        power = exponent[j] + 1.0 if above else exponent[j]
+        is_upper = fraction > 1.4142135623730951
+        fraction = 0.5 * fraction if is_upper else fraction
+        power = exponent[j] + 1.0 if is_upper else exponent[j]
         z = (fraction - 1.0) / (fraction + 1.0)
         square = z * z
         series = 1 / 13 + square * (1 / 15 + square * (1 / 17 + square * (1 / 19 + square * (1 / 21))))
@@ -263,25 +263,25 @@ def _misfit_of_block(system, b, work):
     """Misfits and tangents of the active contacts of a block; returns the largest misfit and deflection."""
     part = part_of(work.active, work, b)
     n, active, force, elastic, depth = work.sizes[b, 0], part.active, work.force, work.elastic, work.depth
-    inside, logarithm, miss, slope = part.inside, part.logarithm, part.miss, part.slope
+    inner_force, logarithm, miss, slope = part.inside, part.logarithm, part.miss, part.slope
     linear, logarithmic, power, limit = system.linear, system.logarithmic, system.power, system.limit
     for j in range(n):
-        inside[j] = min(force[active[j]], limit[active[j]])
-    _logarithms(n, inside, part.bits, logarithm, work.column)
+        inner_force[j] = min(force[active[j]], limit[active[j]])
+    _logarithms(n, inner_force, part.bits, logarithm, work.column)
     for j in range(n):
-        miss[j] = inside[j] * (linear[active[j]] - logarithmic[active[j]] * logarithm[j])
+        miss[j] = inner_force[j] * (linear[active[j]] - logarithmic[active[j]] * logarithm[j])
     for j in range(n):
         slope[j] = linear[active[j]] - logarithmic[active[j]] * (1.0 + logarithm[j])
     for j in range(n):
         i = active[j]
         if power[i] > 0.0:
-            powered = power[i] * inside[j] ** (system.exponent[i] - 1.0)
-            miss[j] += inside[j] * powered
+            powered = power[i] * inner_force[j] ** (system.exponent[i] - 1.0)
+            miss[j] += inner_force[j] * powered
             slope[j] += system.exponent[i] * powered
     largest, worst = 1e-300, 0.0
     for j in range(n):
         i = active[j]
-        local = miss[j] + (force[i] - inside[j]) * slope[j]
+        local = miss[j] + (force[i] - inner_force[j]) * slope[j]
         miss[j] = local - depth[i]
         largest = max(largest, local + elastic[i])
         worst = max(worst, abs(miss[j]))

@@ -33,9 +33,9 @@ def resist(system, friction, work):
     ``resisting`` lists those that resist at all.
     """
     motion = work.motion
-    carried, resisting = _carried(system, work), 0
+    carried_torque, resisting = _carried(system, work), 0
     for s in range(friction.stiffness.shape[0]):
-        pressed = carried if friction.contact[s] < 0 else work.force[friction.contact[s]]
+        pressed = carried_torque if friction.contact[s] < 0 else work.force[friction.contact[s]]
         limit = friction.limit[s] + friction.coefficient[s] * abs(pressed)
         if limit == 0.0:
             continue
@@ -47,8 +47,8 @@ def resist(system, friction, work):
         work.resistance[s] = min(max(trial, -limit), limit)
         slips = abs(trial) > limit
         work.stick[s] = 0.0 if slips else friction.stiffness[s]
-        toward = 1.0 if (trial > 0.0) == (pressed >= 0.0) else -1.0
-        work.grip[s] = toward * friction.coefficient[s] if slips else 0.0
+        direction_sign = 1.0 if (trial > 0.0) == (pressed >= 0.0) else -1.0
+        work.grip[s] = direction_sign * friction.coefficient[s] if slips else 0.0
         work.resisting[resisting] = s
         resisting += 1
     work.counts[1] = resisting
@@ -71,7 +71,7 @@ def add_friction(system, friction, work):
         active = part_of(work.active, work, b).active
         for j in range(work.sizes[b, 0]):
             position[active[j]] = j
-    carried, row = step[output] + work.balance[output], work.row
+    carried_torque, row = step[output] + work.balance[output], work.row
     for e in range(n_motions):
         row[e] = tangent[output, e]
     for k in range(work.counts[1]):
@@ -80,25 +80,25 @@ def add_friction(system, friction, work):
         p, b = (position[i], system.block[i]) if i >= 0 else (0, 0)
         part = part_of(work.active, work, b)
         for d in range(n_motions):
-            along = direction[d]
-            if along == 0.0:
+            slip_direction = direction[d]
+            if slip_direction == 0.0:
                 continue
             for e in range(n_motions):
-                tangent[d, e] += along * stick * direction[e]
+                tangent[d, e] += slip_direction * stick * direction[e]
             if grip == 0.0:
                 continue
             if i < 0:
-                step[d] += along * grip * carried
+                step[d] += slip_direction * grip * carried_torque
                 for e in range(n_motions):
-                    tangent[d, e] += along * grip * row[e]
+                    tangent[d, e] += slip_direction * grip * row[e]
             elif system.own[i] > 0.0:
-                step[d] += along * grip * part.inside[p]
+                step[d] += slip_direction * grip * part.inside[p]
                 for e in range(n_motions):
-                    tangent[d, e] += along * grip * part.projected[e, p]
+                    tangent[d, e] += slip_direction * grip * part.projected[e, p]
             else:
-                step[d] += along * grip * part.miss[p] / part.slope[p]
+                step[d] += slip_direction * grip * part.miss[p] / part.slope[p]
                 for e in range(n_motions):
-                    tangent[d, e] += along * grip * jacobian[e, i] / part.slope[p]
+                    tangent[d, e] += slip_direction * grip * jacobian[e, i] / part.slope[p]
 
 
 @algebraic_part
@@ -123,11 +123,11 @@ def share_of_braking(system, friction, work):
     if work.counts[1] == 0:
         return 1.0
     jacobian, step, spring = system.contact_jacobian, work.step, work.spring
-    start, slope, carried = 0.0, 0.0, 0.0
+    start, slope, carried_torque = 0.0, 0.0, 0.0
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
         for j in range(work.sizes[b, 0]):
-            carried += jacobian[system.output, part.active[j]] * part.miss[j]
+            carried_torque += jacobian[system.output, part.active[j]] * part.miss[j]
     for d in range(step.shape[0]):
         start += work.balance[d] * step[d]
         for b in range(count(work.active)):
@@ -139,23 +139,23 @@ def share_of_braking(system, friction, work):
     for k in range(work.counts[1]):
         s, i = work.resisting[k], friction.contact[work.resisting[k]]
         part = part_of(work.active, work, system.block[max(i, 0)])
-        work.press_step[s] = carried if i < 0 else part.miss[work.position[i]]
+        work.press_step[s] = carried_torque if i < 0 else part.miss[work.position[i]]
         work.slip_step[s] = 0.0
         for d in range(step.shape[0]):
             work.slip_step[s] += friction.direction[s, d] * step[d]
-    low, below, high = 0.0, start, 1.0
-    above = start + slope + _work_rate(friction, 1.0, work)
-    if not (below < 0.0 and above > -BRAKED * below):
+    low, low_power, high = 0.0, start, 1.0
+    high_power = start + slope + _work_rate(friction, 1.0, work)
+    if not (low_power < 0.0 and high_power > -BRAKED * low_power):
         return 1.0
     for _ in range(BRAKING_STEPS):
-        share = low - below * (high - low) / (above - below)
+        share = low - low_power * (high - low) / (high_power - low_power)
         power = start + share * slope + _work_rate(friction, share, work)
         if abs(power) <= -BRAKED * start:
             return share
         if power < 0.0:
-            low, below, above = share, power, 0.5 * above
+            low, low_power, high_power = share, power, 0.5 * high_power
         else:
-            high, above, below = share, power, 0.5 * below
+            high, high_power, low_power = share, power, 0.5 * low_power
     return low if low > 0.0 else high
 
 
@@ -163,11 +163,11 @@ def share_of_braking(system, friction, work):
 def follow(system, friction, work):
     """Let the anchors follow where the resistance is at its limit."""
     motion, anchor = work.motion, work.anchor
-    carried = _carried(system, work)
+    carried_torque = _carried(system, work)
     for s in range(friction.stiffness.shape[0]):
         slip = 0.0
         for d in range(motion.shape[0]):
             slip += friction.direction[s, d] * motion[d]
-        pressed = carried if friction.contact[s] < 0 else work.force[friction.contact[s]]
+        pressed = carried_torque if friction.contact[s] < 0 else work.force[friction.contact[s]]
         reach = (friction.limit[s] + friction.coefficient[s] * abs(pressed)) / friction.stiffness[s]
         anchor[s] = min(max(anchor[s], slip - reach), slip + reach)

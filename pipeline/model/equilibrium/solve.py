@@ -109,21 +109,21 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
                 torque = torques[t]
                 if station < interval:
                     torque = torques[t - 1] * rise ** ((station + 1.0) / (interval + 1.0))
-                drawn, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
-                iterations[s, t] += drawn
+                n_updates, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
+                iterations[s, t] += n_updates
                 if not residual[s, t] <= ACCEPTED:
                     start_within(system, None, torque, gap[s], clearance[s], work)
-                    drawn, residual[s, t] = settle(system, None, torque, gap[s], clearance[s], work)
-                    iterations[s, t] += drawn + INTERIOR_STEPS
+                    n_updates, residual[s, t] = settle(system, None, torque, gap[s], clearance[s], work)
+                    iterations[s, t] += n_updates + INTERIOR_STEPS
             for d in range(motion.shape[2]):
                 motion[s, t, d] = work.motion[d]
             for i in range(force.shape[2]):
                 force[s, t, i] = work.force[i]
-            changed = 0 if t > 0 else 1
+            n_changed = 0 if t > 0 else 1
             if t > 0:
                 for i in range(gap.shape[1]):
-                    changed += (force[s, t, i] > 0.0) != (force[s, t - 1, i] > 0.0)
-            work.counts[0] = work.counts[0] + 1 if changed == 0 else 1
+                    n_changed += (force[s, t, i] > 0.0) != (force[s, t - 1, i] > 0.0)
+            work.counts[0] = work.counts[0] + 1 if n_changed == 0 else 1
 
 
 def system_of(
@@ -145,7 +145,7 @@ def system_of(
         blocks.own,
         blocks.ranges,
         np.repeat(np.arange(len(blocks.ranges)), np.diff(blocks.ranges)[:, 0]),
-        np.array([np.any(jacobian[:, first:end], axis=1) for first, end in blocks.ranges]),
+        np.array([np.any(jacobian[:, block_start:end], axis=1) for block_start, end in blocks.ranges]),
         *(ordered.linear, ordered.logarithmic, ordered.power, ordered.exponent, ordered.force_limit),
         reducer.output_motion - eliminated,
         reducer.centred and not linear,
@@ -155,17 +155,17 @@ def system_of(
     return system, blocks.order
 
 
-def friction_of(sliders: Sliders, place: Index) -> Friction:
+def friction_of(sliders: Sliders, place_of_motion: Index) -> Friction:
     """The sliders' numbers, (n_sliders,) each but for their directions (n_sliders, n_motions).
 
-    ``place`` (n_contacts,) of each contact in the system.
+    ``place_of_motion`` (n_contacts,) of each contact in the system.
     """
     direction, stiffness, limit, coefficient = (
         np.ascontiguousarray(values, dtype=float)
         for values in (sliders.direction, sliders.stiffness, sliders.limit, sliders.coefficient)
     )
     contact = np.asarray(sliders.contact)
-    return Friction(direction, stiffness, limit, coefficient, np.where(contact >= 0, place[contact], contact))
+    return Friction(direction, stiffness, limit, coefficient, np.where(contact >= 0, place_of_motion[contact], contact))
 
 
 def solve(

@@ -96,8 +96,8 @@ def after_turns(errors: Errors, lobes: int) -> Errors:
     """
     repeated = {name: np.repeat(values, lobes, axis=0) for name, values in vars(errors).items()}
     rolled = {name: np.stack([np.roll(getattr(errors, name)[0], k) for k in range(lobes)]) for name in _OF_LOBES}
-    turned = (errors.bore_runout @ np.array([1, 1j])) * np.exp(-2j * np.pi * np.arange(lobes) / lobes)
-    return Errors(**(repeated | rolled | {"bore_runout": np.stack([turned.real, turned.imag], axis=1)}))
+    turned_runout = (errors.bore_runout @ np.array([1, 1j])) * np.exp(-2j * np.pi * np.arange(lobes) / lobes)
+    return Errors(**(repeated | rolled | {"bore_runout": np.stack([turned_runout.real, turned_runout.imag], axis=1)}))
 
 
 _OF_LOBES = ("lobe", "lobe_pitch")
@@ -137,22 +137,22 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
     """
     pins = reducer.pins
     radial = pins.centre / np.abs(pins.centre)
-    along = np.real(np.conj(pins.normal) * radial)
-    across = np.real(np.conj(pins.normal) * 1j * radial)
+    radial_part = np.real(np.conj(pins.normal) * radial)
+    tangential_part = np.real(np.conj(pins.normal) * 1j * radial)
     eccentric = np.real(np.conj(pins.normal) * np.exp(1j * reducer.crank))
-    before, behind = pin_lobes(profile, reducer)
+    lobe_before, lobe_behind = pin_lobes(profile, reducer)
     at_root = np.isclose(pins.phase, 0.0, atol=1e-9)
-    met_flank = np.where(pins.phase < 0, before, behind)
+    met_flank = np.where(pins.phase < 0, lobe_before, lobe_behind)
     gap = _first_order_gaps(
         DISK_READINGS[disk_reading],
         errors.lobe,
-        np.where(at_root, before, met_flank),
-        np.where(at_root, behind, met_flank),
-        np.ones(len(along)) if disk_reading == "normal" else -along,
+        np.where(at_root, lobe_before, met_flank),
+        np.where(at_root, lobe_behind, met_flank),
+        np.ones(len(radial_part)) if disk_reading == "normal" else -radial_part,
         errors.pin_radial,
-        along,
+        radial_part,
         errors.pin_tangential,
-        across,
+        tangential_part,
         errors.pin_radius,
         errors.eccentricity,
         eccentric,
@@ -162,20 +162,31 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
         return gap
     modification = profile.modification
     deviation = material_off(profile, met_flank, pins.phase)
-    return gap + (modification.equidistant + modification.moved_distance * along + deviation)
+    return gap + (modification.equidistant + modification.moved_distance * radial_part + deviation)
 
 
 @entry
 def _first_order_gaps(
-    reading, lobe, lobe_before, other, lobe_error, radial, along, tangential, across, radius, eccentricity, eccentric
+    reading,
+    lobe,
+    lobe_before,
+    lobe_other,
+    lobe_error,
+    radial,
+    radial_part,
+    tangential,
+    tangential_part,
+    radius,
+    eccentricity,
+    eccentric,
 ):
-    """See ``first_order_gaps``; lobes ``lobe_before`` and ``other`` of every pin, by which the nearer flank counts."""
+    """See ``first_order_gaps``; lobes ``lobe_before`` and ``lobe_other`` of every pin: the nearer flank counts."""
     n, n_pins = radial.shape
     gap = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
-            shared = reading * min(lobe[s, lobe_before[i]], lobe[s, other[i]]) * lobe_error[i]
-            placed = shared - along[i] * radial[s, i] - across[i] * tangential[s, i]
+            shared = reading * min(lobe[s, lobe_before[i]], lobe[s, lobe_other[i]]) * lobe_error[i]
+            placed = shared - radial_part[i] * radial[s, i] - tangential_part[i] * tangential[s, i]
             gap[s, i] = placed - radius[s, i] + eccentric[i] * eccentricity[s]
     return gap
 
@@ -192,14 +203,14 @@ def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Err
     ``normal`` it is the parallel of the drawn flank.
     """
     pins, flank = reducer.pins, profile.generating
-    before, behind = pin_lobes(profile, reducer)
+    lobe_before, lobe_behind = pin_lobes(profile, reducer)
     nominal = valleys(profile, reducer.crank)
     reading = DISK_READINGS[disk_reading]
     shares = (0.0, reading) if disk_reading == "normal" else (reading, 0.0)
-    moved = errors.pin_radial, errors.pin_tangential, errors.eccentricity, _lobe_turns(profile, errors)
+    displacements = errors.pin_radial, errors.pin_tangential, errors.eccentricity, _lobe_turns(profile, errors)
     if profile.modification.deviates:
         distance = deviating_distances(
-            profile, nominal, deviation_table(profile), shares, errors.lobe, (before, behind), moved
+            profile, nominal, deviation_table(profile), shares, errors.lobe, (lobe_before, lobe_behind), displacements
         )
     else:
         distance = pin_distances(
@@ -209,10 +220,10 @@ def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Err
             (flank.pins, flank.pin_circle_radius, flank.pin_radius),
             shares,
             errors.lobe,
-            np.where(pins.phase < 0, before, behind),
-            before,
-            behind,
-            *moved,
+            np.where(pins.phase < 0, lobe_before, lobe_behind),
+            lobe_before,
+            lobe_behind,
+            *displacements,
         )
     return distance - (profile.pin_radius + errors.pin_radius)
 
@@ -227,10 +238,10 @@ def output_gaps(contacts: Contacts, eccentricity: float, errors: Errors, roller_
     errors : of the disk.
     """
     radius = eccentricity + errors.eccentricity
-    aside = np.hypot(radius, errors.eccentric_phase) - radius  # 0 of an eccentric in its direction
+    phase_lift = np.hypot(radius, errors.eccentric_phase) - radius  # 0 of an eccentric in its direction
     share = np.where(contacts.two_sided, ROLLER_READINGS[roller_reading], 0.5)
-    farther = contacts.per_eccentricity * (errors.eccentricity + aside)[:, None]
-    return contacts.gap - share * errors.roller_diameter + farther
+    farther_travel = contacts.per_eccentricity * (errors.eccentricity + phase_lift)[:, None]
+    return contacts.gap - share * errors.roller_diameter + farther_travel
 
 
 def hole_gaps(contacts: Contacts, disk: DiskPose, errors: Errors, method: str) -> Real:
@@ -252,10 +263,10 @@ def hole_gaps(contacts: Contacts, disk: DiskPose, errors: Errors, method: str) -
     travel = errors.pin_off_hole * np.exp(1j * disk.rotation) * np.conj(contacts.normal)
     if method == "exact":
         radius = np.hypot(disk.eccentricity + errors.eccentricity, errors.eccentric_phase)[:, None]
-        farther = radius - np.abs(radius - travel)
+        farther_travel = radius - np.abs(radius - travel)
     else:
-        farther = travel.real
-    return farther + 0.5 * errors.hole_diameter
+        farther_travel = travel.real
+    return farther_travel + 0.5 * errors.hole_diameter
 
 
 def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
@@ -268,8 +279,12 @@ def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
     if not np.any(errors.eccentric_phase):
         return errors
     travel = np.conj(disk.pins.centre / np.abs(disk.pins.centre)) * -1j * np.exp(1j * disk.crank)
-    along, across = (np.multiply.outer(errors.eccentric_phase, part) for part in (travel.real, travel.imag))
-    return replace(errors, pin_radial=errors.pin_radial + along, pin_tangential=errors.pin_tangential + across)
+    radial_part, tangential_part = (
+        np.multiply.outer(errors.eccentric_phase, part) for part in (travel.real, travel.imag)
+    )
+    return replace(
+        errors, pin_radial=errors.pin_radial + radial_part, pin_tangential=errors.pin_tangential + tangential_part
+    )
 
 
 def _with_pins_off_centre(disk: DiskPose, errors: Errors) -> Errors:
@@ -282,8 +297,8 @@ def _with_pins_off_centre(disk: DiskPose, errors: Errors) -> Errors:
     """
     if not np.any(errors.bore_runout):
         return errors
-    moved = (errors.bore_runout[:, 0] + 1j * errors.bore_runout[:, 1]) * np.exp(1j * disk.rotation)
-    travel = -np.multiply.outer(moved, np.conj(disk.pins.centre / np.abs(disk.pins.centre)))
+    centre_shift = (errors.bore_runout[:, 0] + 1j * errors.bore_runout[:, 1]) * np.exp(1j * disk.rotation)
+    travel = -np.multiply.outer(centre_shift, np.conj(disk.pins.centre / np.abs(disk.pins.centre)))
     return replace(
         errors, pin_radial=errors.pin_radial + travel.real, pin_tangential=errors.pin_tangential + travel.imag
     )
@@ -293,8 +308,8 @@ def _closing(profile: CycloidProfile, disk: DiskPose, errors: Errors, method: st
     """What pins out of round take of their gaps (n, n_pins) [mm]; ``errors`` of the disk, the pins moved."""
     if method == "first_order":
         return first_order_closing(disk, errors.pin_roundness)
-    moved = errors.pin_radial, errors.pin_tangential, errors.eccentricity
-    return exact_closing(profile, disk, moved, errors.pin_roundness)
+    displacements = errors.pin_radial, errors.pin_tangential, errors.eccentricity
+    return exact_closing(profile, disk, displacements, errors.pin_roundness)
 
 
 def gaps(
@@ -330,8 +345,11 @@ def gaps(
         of_disk = _with_pins_off_centre(disk, of_disk)
         gap = of_pins(profile, disk, of_disk, disk_reading)
         parts.append(gap - _closing(profile, disk, of_disk, method) if np.any(errors.pin_roundness) else gap)
-    behind = np.arange(len(reducer.contacts) - reducer.n_behind, len(reducer.contacts))
-    groups = [*((number, rows, of_rollers) for number, rows in enumerate(reducer.output_rows)), (0, behind, of_behind)]
+    rows_behind = np.arange(len(reducer.contacts) - reducer.n_behind, len(reducer.contacts))
+    groups = [
+        *((number, rows, of_rollers) for number, rows in enumerate(reducer.output_rows)),
+        (0, rows_behind, of_behind),
+    ]
     for number, rows, diameters in groups:
         of_disk = replace(errors.of_disk(number), roller_diameter=diameters)
         contacts = reducer.contacts.some(rows)

@@ -38,13 +38,13 @@ def clocking(centres: Complex, lobes: int, disk: int, count: int) -> Clocking:
     eccentric that is k/count of a turn ahead, which turns them by k/count of their pitch, clockwise.
     """
     pitch = 2 * np.pi / lobes
-    turned = pitch * disk / count
+    disk_turn = pitch * disk / count
     for lobes_turned in range(lobes):
-        places = centres * np.exp(1j * (turned + pitch * lobes_turned))
+        places = centres * np.exp(1j * (disk_turn + pitch * lobes_turned))
         distance = np.abs(places[:, None] - centres)
         if np.all(np.min(distance, axis=1, initial=np.inf) <= COINCIDENT * np.max(np.abs(centres), initial=0.0)):
-            return Clocking(turned, lobes_turned)
-    return Clocking(turned, None)
+            return Clocking(disk_turn, lobes_turned)
+    return Clocking(disk_turn, None)
 
 
 def same_places(points: Complex, of_first: Complex) -> Index | None:

@@ -53,14 +53,14 @@ def _half_slope(psi, gear, offset, cubics, sense, cx, cy):
     deviation = offset + cubics[step, 0] + t * (b + t * (c + t * d))
     sx, sy = circle * np.cos(psi), circle * np.sin(psi)
     fx, fy = eccentricity * np.cos(pins * psi), eccentricity * np.sin(pins * psi)
-    mx, my = pins * fx - sx, pins * fy - sy
-    length = np.sqrt(mx * mx + my * my)
-    nx, ny = mx / length, my / length
+    mx, moment_y = pins * fx - sx, pins * fy - sy
+    length = np.sqrt(mx * mx + moment_y * moment_y)
+    nx, ny = mx / length, moment_y / length
     # The derivative of m is i (N^2 f - s); its part across m turns the normal.
     turning = (nx * (pins * pins * fx - sx) + ny * (pins * pins * fy - sy)) / length
-    along, across = per_psi * (b + t * (2 * c + 3 * t * d)), deviation * turning - length
+    tangential_slope, normal_offset = per_psi * (b + t * (2 * c + 3 * t * d)), deviation * turning - length
     x, y = sx - fx + deviation * nx - cx, sy - fy + deviation * ny - cy
-    return along * (x * nx + y * ny) + across * (y * nx - x * ny), np.sqrt(x * x + y * y)
+    return tangential_slope * (x * nx + y * ny) + normal_offset * (y * nx - x * ny), np.sqrt(x * x + y * y)
 
 
 @part
@@ -85,10 +85,10 @@ def _least(low, high, gear, offset, cubics, sense, cx, cy):
 
 
 @part
-def _scanned(first, last, by, points, circle, offset, cubics, sense, cx, cy, distances):
-    """Fill ``distances`` with the distance of c from the points ``first`` to ``last`` of the scan; the least."""
+def _scanned(first_point, last_point, stride, points, circle, offset, cubics, sense, cx, cy, distances):
+    """Fill ``distances`` with the distance of c from points ``first_point`` to ``last_point`` of a scan; the least."""
     steps, smallest = cubics.shape[0], np.inf
-    for k in range(first, last + 1, by):
+    for k in range(first_point, last_point + 1, stride):
         # The deviation at the end of a cubic; that of the lobe's end is its first one's of the next lobe.
         step = k if sense > 0 else steps - k
         if step < steps:
@@ -107,44 +107,56 @@ def _scanned(first, last, by, points, circle, offset, cubics, sense, cx, cy, dis
 @part
 def _least_of_side(points, chords, gear, offset, cubics, sense, cx, cy, distances):
     """Least distance of c from one side of a valley."""
-    last, circle = points.shape[1] - 1, gear[1]
-    best = _scanned(0, last, COARSE, points, circle, offset, cubics, sense, cx, cy, distances)
+    last_point, circle = points.shape[1] - 1, gear[1]
+    best = _scanned(0, last_point, COARSE, points, circle, offset, cubics, sense, cx, cy, distances)
     for block in range(chords.shape[0]):
-        first, end = block * COARSE, (block + 1) * COARSE
-        if 0.5 * (distances[first] + distances[end] - chords[block]) > best:
+        block_start, end = block * COARSE, (block + 1) * COARSE
+        if 0.5 * (distances[block_start] + distances[end] - chords[block]) > best:
             continue
-        from_k, to_k = max(first - 1, 0), min(end + 1, last)
+        from_k, to_k = max(block_start - 1, 0), min(end + 1, last_point)
         best = min(best, _scanned(from_k, to_k, 1, points, circle, offset, cubics, sense, cx, cy, distances))
-        for k in range(first, end + 1):
+        for k in range(block_start, end + 1):
             falls = k == 0 or distances[k] <= distances[k - 1]
-            if falls and (k == last or distances[k] <= distances[k + 1]):
+            if falls and (k == last_point or distances[k] <= distances[k + 1]):
                 # On either side of the least point, apart: it may be a kink.
-                for chord in range(max(k - 1, 0), min(k, last - 1) + 1):
+                for chord in range(max(k - 1, 0), min(k, last_point - 1) + 1):
                     low, high = points[0, chord], points[0, chord + 1]
                     best = min(best, _least(low, high, gear, offset, cubics, sense, cx, cy))
     return best
 
 
 @entry
-def _distances(table, points, chords, eccentric, gear, radius, deviation, shares, lobe, before, behind, moved):
+def _distances(
+    table, points, chords, eccentric, gear, radius, deviation, shares, lobe, lobe_before, lobe_behind, displacements
+):
     pins, circle, nominal = gear
-    radial, along, eccentricity, turned = moved
+    radial, tangential, eccentricity, rotation = displacements
     n, n_pins = radial.shape
     rows, distances = deviation.shape[0], np.empty(points.shape[1])
     distance = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
-            cx = table[4, i] + table[6, i] * radial[s, i] - table[7, i] * along[s, i] - eccentricity[s] * eccentric.real
-            cy = table[5, i] + table[7, i] * radial[s, i] + table[6, i] * along[s, i] - eccentricity[s] * eccentric.imag
+            cx = (
+                table[4, i]
+                + table[6, i] * radial[s, i]
+                - table[7, i] * tangential[s, i]
+                - eccentricity[s] * eccentric.real
+            )
+            cy = (
+                table[5, i]
+                + table[7, i] * radial[s, i]
+                + table[6, i] * tangential[s, i]
+                - eccentricity[s] * eccentric.imag
+            )
             x = cx * table[8, i] + cy * table[9, i]
             y = cy * table[8, i] - cx * table[9, i]
             nearest = np.inf
-            for beside, sense in ((before[i], -1.0), (behind[i], 1.0)):
-                error = lobe[s, beside]
+            for neighbour, sense in ((lobe_before[i], -1.0), (lobe_behind[i], 1.0)):
+                error = lobe[s, neighbour]
                 shifted = (pins, circle - shares[0] * error, nominal)
-                off, cubics = radius + shares[1] * error, deviation[beside % rows]
-                px, py = _turned(x, y, -turned[s, beside])
-                side = _least_of_side(points, chords, shifted, off, cubics, sense, px, -sense * py, distances)
+                parallel, cubics = radius + shares[1] * error, deviation[neighbour % rows]
+                px, py = _turned(x, y, -rotation[s, neighbour])
+                side = _least_of_side(points, chords, shifted, parallel, cubics, sense, px, -sense * py, distances)
                 nearest = min(nearest, side)
             distance[s, i] = nearest
     return distance
@@ -157,7 +169,7 @@ def deviating_distances(
     shares: tuple[float, float],
     lobe: Real,
     sides: tuple[Index, Index],
-    moved: tuple[Real, Real, Real, Real],
+    displacements: tuple[Real, Real, Real, Real],
 ) -> Real:
     """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
 
@@ -168,7 +180,7 @@ def deviating_distances(
     shares : what a lobe's error takes off the circle, and adds to the offset of its flank.
     lobe : (n, n_lobes) [mm]
     sides : the lobes before and behind the root of each pin's valley (n_pins,).
-    moved : error of the pins outward and counterclockwise (n, n_pins), of the eccentricity (n,) [mm], and
+    displacements : error of the pins outward and counterclockwise (n, n_pins), of the eccentricity (n,) [mm], and
         rotation of the lobes about the disk's axis (n, n_lobes) [rad].
     """
     flank = profile.generating
@@ -178,5 +190,15 @@ def deviating_distances(
     chords = ARC_OVER_CHORD * (np.abs(np.diff(coarse)) + rise)
     gear = float(profile.pins), flank.pin_circle_radius, flank.eccentricity
     return _distances(
-        nominal.pins, points, chords, nominal.eccentric, gear, flank.pin_radius, deviation, shares, lobe, *sides, moved
+        nominal.pins,
+        points,
+        chords,
+        nominal.eccentric,
+        gear,
+        flank.pin_radius,
+        deviation,
+        shares,
+        lobe,
+        *sides,
+        displacements,
     )

@@ -115,8 +115,8 @@ def _nearest_to_the_centres(
     fixed = np.vstack([np.hstack([rows, np.zeros((len(rows), disks))]), np.eye(disks, n + disks, n) * -1.0])
     while len(tangents.radii) < MOST_CUTS * disks:
         measured = np.hstack([tangents.normals, -tangents.radii[:, None] * tangents.of_disk])
-        within = np.concatenate([limits, np.zeros(disks + len(tangents.radii))])
-        point = _program(shares, np.vstack([fixed, measured]), within, radii)
+        bounds = np.concatenate([limits, np.zeros(disks + len(tangents.radii))])
+        point = _program(shares, np.vstack([fixed, measured]), bounds, radii)
         if point is None or np.any((point[n:] - 1 - CONE_TOLERANCE) * radii > PROGRAM_TOLERANCE):
             break
         overshoot = _overshooting(point, radii)

@@ -27,10 +27,10 @@ def arm_of_phase(profile: CycloidProfile, beta: ArrayLike) -> Real:
 
 def _arm_slope(profile: CycloidProfile, beta: Real, side: int) -> Real:
     """d|a|/d beta [mm] from the side of larger (1) or smaller (-1) phases."""
-    k, moved = profile.shortening, beta + side * 1e-12
+    k, shifted_angle = profile.shortening, beta + side * 1e-12
     s_squared = 1 + k * k - 2 * k * np.cos(beta)
     slope = np.cos(beta) / s_squared**0.5 - k * np.sin(beta) ** 2 / s_squared**1.5
-    return profile.eccentricity * profile.lobes * np.sign(np.sin(moved)) * slope
+    return profile.eccentricity * profile.lobes * np.sign(np.sin(shifted_angle)) * slope
 
 
 @lru_cache(maxsize=16)
@@ -40,17 +40,20 @@ def deviation_table(profile: CycloidProfile) -> Real:
     Step k begins at the phase 2 pi k / ``STEPS`` of a lobe, clockwise from its first root. One row for all lobes, or
     one a lobe.
     """
-    modification, drawn = profile.modification, profile.generating
+    modification, drawn_profile = profile.modification, profile.generating
     grid, width = np.linspace(0, TURN, STEPS + 1), TURN / STEPS
-    value = modification.rotation * arm_of_phase(drawn, grid)[None, :]
-    after = modification.rotation * _arm_slope(drawn, grid[:-1], 1)[None, :]
-    before = modification.rotation * _arm_slope(drawn, grid[1:], -1)[None, :]
+    value = modification.rotation * arm_of_phase(drawn_profile, grid)[None, :]
+    slope_after = modification.rotation * _arm_slope(drawn_profile, grid[:-1], 1)[None, :]
+    slope_before = modification.rotation * _arm_slope(drawn_profile, grid[1:], -1)[None, :]
     if modification.measured is not None:
         measured, slope = _measured(modification.measured.phase, modification.measured.material, grid)
-        value, after, before = value - measured, after - slope[:, :-1], before - slope[:, 1:]
+        value, slope_after, slope_before = value - measured, slope_after - slope[:, :-1], slope_before - slope[:, 1:]
     rise = np.diff(value, axis=1)
-    after, before = width * after, width * before
-    return np.stack([value[:, :-1], after, 3 * rise - 2 * after - before, after + before - 2 * rise], axis=2)
+    slope_after, slope_before = width * slope_after, width * slope_before
+    return np.stack(
+        [value[:, :-1], slope_after, 3 * rise - 2 * slope_after - slope_before, slope_after + slope_before - 2 * rise],
+        axis=2,
+    )
 
 
 def _measured(phase: Real, material: Real, grid: Real) -> tuple[Real, Real]:
@@ -61,8 +64,8 @@ def _measured(phase: Real, material: Real, grid: Real) -> tuple[Real, Real]:
     chain = lobes.reshape(len(material), -1)
     places = np.concatenate([phase - TURN, phase, phase + TURN])
     inner = slice(max(len(phase) - NEIGHBOURS, 0), min(2 * len(phase) + NEIGHBOURS, 3 * len(phase)))
-    through = Akima1DInterpolator(places[inner], chain[:, inner], axis=1, method="makima")
-    return through(grid), through(grid, 1)
+    interpolant = Akima1DInterpolator(places[inner], chain[:, inner], axis=1, method="makima")
+    return interpolant(grid), interpolant(grid, 1)
 
 
 def material_off(profile: CycloidProfile, lobe: ArrayLike, beta: ArrayLike) -> Real:
@@ -86,9 +89,11 @@ def drawn_flank(profile: CycloidProfile, lobe: ArrayLike, beta: ArrayLike) -> Co
     Lobes are numbered clockwise, lobe 0 from the root at angle 0; a lobe has the phases 0 to 2 pi, clockwise.
     """
     lobe, beta = np.broadcast_arrays(lobe, np.asarray(beta, float))
-    drawn = profile.generating
+    drawn_profile = profile.generating
     psi = -(np.asarray(lobe) + beta / TURN) * profile.lobe_pitch
-    return drawn.locus(psi) + (drawn.pin_radius + material_off(profile, lobe, beta)) * drawn.normal(psi)
+    return drawn_profile.locus(psi) + (
+        drawn_profile.pin_radius + material_off(profile, lobe, beta)
+    ) * drawn_profile.normal(psi)
 
 
 def phase_of_arc(profile: CycloidProfile, arc: Real) -> Real:

@@ -34,12 +34,12 @@ def gaps_after_rotation(
     actual = reducer.pins.centre + radial * (errors.pin_radial + 1j * errors.pin_tangential)
     eccentric = centre * (1 + errors.eccentricity[:, None] / profile.eccentricity)
     displaced = (actual - eccentric) * (np.exp(-1j * rotation[:, None]) - 1) * np.conj(radial)
-    turned = replace(
+    turned_reducer = replace(
         errors,
         pin_radial=errors.pin_radial + displaced.real,
         pin_tangential=errors.pin_tangential + displaced.imag,
     )
-    return exact_gaps(profile, reducer, turned, disk_reading)
+    return exact_gaps(profile, reducer, turned_reducer, disk_reading)
 
 
 def exact_disk_play(profile: CycloidProfile, reducer: Reducer, errors: Errors, disk_reading: str) -> tuple[Real, Real]:
@@ -62,7 +62,7 @@ def exact_disk_play(profile: CycloidProfile, reducer: Reducer, errors: Errors, d
             low[np.isnan(high)] = angle
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            inside = least_gap(np.nan_to_num(middle)) >= 0
-            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+            is_free = least_gap(np.nan_to_num(middle)) >= 0
+            low, high = np.where(is_free, middle, low), np.where(is_free, high, middle)
         ends.append(np.where(free, sense * 0.5 * (low + high), np.nan))
     return ends[0], ends[1]

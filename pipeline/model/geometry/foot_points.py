@@ -69,20 +69,20 @@ def valleys(profile: CycloidProfile, crank: float) -> Valleys:
         np.exp(1j * root),
     )
     psi = valley_points(profile, VALLEY_SCAN)
-    along = (profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), flank.normal(psi))
+    curve_points = (profile.eccentricity * np.exp(1j * profile.pins * psi), np.exp(1j * psi), flank.normal(psi))
     return Valleys(
         np.vstack(
             [*(row for direction in directions for row in (direction.real, direction.imag)), *_rooms(flank, pins.phase)]
         ),
-        np.vstack([psi, *(row for direction in along for row in (direction.real, direction.imag))]),
+        np.vstack([psi, *(row for direction in curve_points for row in (direction.real, direction.imag))]),
         complex(np.exp(1j * crank) * turn),
     )
 
 
 def valley_points(profile: CycloidProfile, scan: int) -> Real:
     """Parameters psi of a valley (2 scan + 1,) about its root at 0, ascending, some way beyond its tips."""
-    even = BEYOND_THE_TIP * np.linspace(-1, 1, 2 * scan + 1)
-    return 0.5 * profile.lobe_pitch * even * np.abs(even)
+    even_grid = BEYOND_THE_TIP * np.linspace(-1, 1, 2 * scan + 1)
+    return 0.5 * profile.lobe_pitch * even_grid * np.abs(even_grid)
 
 
 def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
@@ -95,8 +95,10 @@ def _rooms(profile: CycloidProfile, phase: Real) -> tuple[Real, Real]:
     flank, normal = profile.flank(psi), profile.normal(psi)
     lobe_position = -phase / profile.lobes
     gap = np.abs(profile.locus(lobe_position)[:, None] - flank) - profile.pin_radius
-    turned = np.abs(profile.normal(lobe_position)[:, None] - normal)
-    smallest = np.min(gap / np.maximum(turned, OTHER_NORMAL), axis=1, where=turned > OTHER_NORMAL, initial=np.inf)
+    rotated_normal = np.abs(profile.normal(lobe_position)[:, None] - normal)
+    smallest = np.min(
+        gap / np.maximum(rotated_normal, OTHER_NORMAL), axis=1, where=rotated_normal > OTHER_NORMAL, initial=np.inf
+    )
     room = np.min(gap, axis=1, where=psi * lobe_position[:, None] <= 0, initial=np.inf)
     return np.minimum(smallest, SINGLE_FOOT * np.abs(profile.locus_radius(phase))), room
 
@@ -149,15 +151,15 @@ def _single_distances(sx, sy, fx, fy, cx, cy, offset, allowed, pins, turn, dista
 
 
 @part
-def _refined(k, first, last, points, circle, offset, cx, cy, pins, squares):
+def _refined(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares):
     """Distance of c from the flank at the minimum next to point ``k``, which lies nearer than its neighbours."""
     base = points[0, k]
-    low = points[0, max(first, k - 1)] - base
-    high = points[0, min(last, k + 1)] - base
+    low = points[0, max(first_point, k - 1)] - base
+    high = points[0, min(last_point, k + 1)] - base
     turn = 0.0
-    if first < k < last:  # the vertex of the parabola through the three points
-        before, behind = (squares[k - 1] - squares[k]) / low, (squares[k + 1] - squares[k]) / high
-        turn = 0.5 * (low + high) - 0.5 * (high - low) * (before + behind) / (behind - before)
+    if first_point < k < last_point:  # the vertex of the parabola through the three points
+        slope_before, slope_behind = (squares[k - 1] - squares[k]) / low, (squares[k + 1] - squares[k]) / high
+        turn = 0.5 * (low + high) - 0.5 * (high - low) * (slope_before + slope_behind) / (slope_behind - slope_before)
         turn = turn if low < turn < high else 0.0
     slow_x, slow_y = circle * points[3, k], circle * points[4, k]
     for _ in range(FOOT_STEPS):
@@ -185,49 +187,71 @@ def _refined(k, first, last, points, circle, offset, cx, cy, pins, squares):
 
 
 @part
-def _nearest(first, last, points, circle, offset, cx, cy, pins, squares):
-    """Smallest distance of c from a flank, whose points are ``first`` to ``last``; every minimum over them refined."""
-    for k in range(first, last + 1):
+def _nearest(first_point, last_point, points, circle, offset, cx, cy, pins, squares):
+    """Smallest distance of c from a flank, points ``first_point`` to ``last_point``; every minimum refined."""
+    for k in range(first_point, last_point + 1):
         x = cx - circle * points[3, k] + points[1, k] - offset * points[5, k]
         y = cy - circle * points[4, k] + points[2, k] - offset * points[6, k]
         squares[k] = x * x + y * y
-    best = np.sqrt(min(squares[first], squares[last]))
-    for k in range(first, last + 1):
-        if (k == first or squares[k] <= squares[k - 1]) and (k == last or squares[k] <= squares[k + 1]):
-            best = min(best, _refined(k, first, last, points, circle, offset, cx, cy, pins, squares))
+    best = np.sqrt(min(squares[first_point], squares[last_point]))
+    for k in range(first_point, last_point + 1):
+        if (k == first_point or squares[k] <= squares[k - 1]) and (k == last_point or squares[k] <= squares[k + 1]):
+            best = min(best, _refined(k, first_point, last_point, points, circle, offset, cx, cy, pins, squares))
     return best
 
 
 @entry
 def pin_distances(
-    table, points, eccentric, profile, shares, lobe, met_lobe, before, behind, radial, tangential, eccentricity, turned
+    table,
+    points,
+    eccentric,
+    profile,
+    shares,
+    lobe,
+    met_lobe,
+    lobe_before,
+    lobe_behind,
+    radial,
+    tangential,
+    eccentricity,
+    rotation,
 ):
     """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
 
     ``profile``: pins, radius of their circle, radius of a pin; ``shares``: what a lobe's error takes off the circle and
-    adds to the offset of its flank; ``turned``: of each lobe about the disk's axis [rad], which is the pin about it the
-    other way; ``met_lobe``, ``before``, ``behind``: lobe of each pin, and the two beside its root.
+    adds to the offset of its flank; ``rotation``: of each lobe about the disk's axis [rad], which is the pin about it
+    the other way; ``met_lobe``, ``lobe_before``, ``lobe_behind``: lobe of each pin, and the two beside its root.
     """
     pins, pin_circle, pin_radius = profile
     n, n_pins = radial.shape
-    last = points.shape[1] - 1
+    last_point = points.shape[1] - 1
     sx, sy, cx, cy = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
     ox, oy, offset = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
     allowed, turn = np.empty(n_pins), np.empty(n_pins)
-    squares = np.empty(last + 1)
+    squares = np.empty(last_point + 1)
     distance = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
             circle = pin_circle - shares[0] * lobe[s, met_lobe[i]]
             sx[i], sy[i] = circle * table[0, i], circle * table[1, i]
             offset[i] = pin_radius + shares[1] * lobe[s, met_lobe[i]]
-            step = (shares[0] + shares[1]) * abs(lobe[s, before[i]] - lobe[s, behind[i]])
-            step += pin_circle * abs(turned[s, before[i]] - turned[s, behind[i]])
+            step = (shares[0] + shares[1]) * abs(lobe[s, lobe_before[i]] - lobe[s, lobe_behind[i]])
+            step += pin_circle * abs(rotation[s, lobe_before[i]] - rotation[s, lobe_behind[i]])
             allowed[i] = min(table[10, i], 0.5 * (table[11, i] - step))
-            radial_shift, along = radial[s, i], tangential[s, i]
-            cx[i] = table[4, i] + table[6, i] * radial_shift - table[7, i] * along - eccentricity[s] * eccentric.real
-            cy[i] = table[5, i] + table[7, i] * radial_shift + table[6, i] * along - eccentricity[s] * eccentric.imag
-            ox[i], oy[i] = _turned(cx[i], cy[i], -turned[s, met_lobe[i]])
+            radial_shift, tangential_shift = radial[s, i], tangential[s, i]
+            cx[i] = (
+                table[4, i]
+                + table[6, i] * radial_shift
+                - table[7, i] * tangential_shift
+                - eccentricity[s] * eccentric.real
+            )
+            cy[i] = (
+                table[5, i]
+                + table[7, i] * radial_shift
+                + table[6, i] * tangential_shift
+                - eccentricity[s] * eccentric.imag
+            )
+            ox[i], oy[i] = _turned(cx[i], cy[i], -rotation[s, met_lobe[i]])
         _single_distances(sx, sy, table[2], table[3], ox, oy, offset, allowed, pins, turn, distance[s])
         for i in range(n_pins):
             if distance[s, i] >= 0.0:
@@ -235,9 +259,15 @@ def pin_distances(
             x = cx[i] * table[8, i] + cy[i] * table[9, i]
             y = cy[i] * table[8, i] - cx[i] * table[9, i]
             nearest = np.inf
-            for beside, start, end in ((before[i], last // 2, last), (behind[i], 0, last // 2)):
-                around, parallel = pin_circle - shares[0] * lobe[s, beside], pin_radius + shares[1] * lobe[s, beside]
-                px, py = _turned(x, y, -turned[s, beside])
-                nearest = min(nearest, _nearest(start, end, points, around, parallel, px, py, pins, squares))
+            for neighbour, start, end in (
+                (lobe_before[i], last_point // 2, last_point),
+                (lobe_behind[i], 0, last_point // 2),
+            ):
+                centre_radius, parallel = (
+                    pin_circle - shares[0] * lobe[s, neighbour],
+                    pin_radius + shares[1] * lobe[s, neighbour],
+                )
+                px, py = _turned(x, y, -rotation[s, neighbour])
+                nearest = min(nearest, _nearest(start, end, points, centre_radius, parallel, px, py, pins, squares))
             distance[s, i] = nearest
     return distance

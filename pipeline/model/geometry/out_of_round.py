@@ -31,13 +31,13 @@ def first_order_closing(pose: DiskPose | Reducer, waves: Complex) -> Real:
 
 
 def exact_closing(
-    profile: CycloidProfile, pose: DiskPose | Reducer, moved: tuple[Real, Real, Real], waves: Complex
+    profile: CycloidProfile, pose: DiskPose | Reducer, displacements: tuple[Real, Real, Real], waves: Complex
 ) -> Real:
     """How much nearer the flank comes to a pin out of round than to a round one (n, n_pins) [mm].
 
     Parameters
     ----------
-    moved : radial and tangential way of the pins (n, n_pins) and error of the eccentricity (n,) [mm].
+    displacements : radial and tangential way of the pins (n, n_pins) and error of the eccentricity (n,) [mm].
     waves : ``Errors.pin_roundness`` (n, n_pins, 2) [mm].
 
     Notes
@@ -47,7 +47,7 @@ def exact_closing(
     against the normal by 2 a/r or 3 a/r.
     """
     pins, turn = pose.pins, np.exp(-1j * disk_rotation(profile, pose.crank))
-    radial, tangential, eccentricity = moved
+    radial, tangential, eccentricity = displacements
     outward = pins.centre / np.abs(pins.centre)
     eccentric = np.exp(1j * pose.crank)
     approach = (radial + 1j * tangential) * outward - eccentricity[:, None] * eccentric
@@ -59,27 +59,31 @@ def exact_closing(
 
 
 @part
-def _least_gap(psi, flank_x, flank_y, axis_x, axis_y, two, three, values):
+def _least_gap(psi, flank_x, flank_y, axis_x, axis_y, wave_2, wave_3, values):
     """Least of |q - A| - rho over the points q of a valley (n_points,); ``values`` is room for all of them."""
-    last = len(psi) - 1
-    best, around = np.inf, 0
+    last_point = len(psi) - 1
+    best, best_point = np.inf, 0
     for step in (STRIDE, 1):
-        first, end = (0, last) if step > 1 else (max(0, around - STRIDE), min(last, around + STRIDE))
-        for k in range(first, end + 1, step):
+        first_point, end = (
+            (0, last_point) if step > 1 else (max(0, best_point - STRIDE), min(last_point, best_point + STRIDE))
+        )
+        for k in range(first_point, end + 1, step):
             x, y = flank_x[k] - axis_x, flank_y[k] - axis_y
             distance = np.sqrt(x * x + y * y)
             x, y = x / distance, y / distance
             cos_2, sin_2 = x * x - y * y, 2.0 * x * y
             cos_3, sin_3 = cos_2 * x - sin_2 * y, cos_2 * y + sin_2 * x
-            values[k] = distance - (two.real * cos_2 - two.imag * sin_2 + three.real * cos_3 - three.imag * sin_3)
+            values[k] = distance - (
+                wave_2.real * cos_2 - wave_2.imag * sin_2 + wave_3.real * cos_3 - wave_3.imag * sin_3
+            )
             if values[k] < best:
-                best, around = values[k], k
-    if not 0 < around < last:
+                best, best_point = values[k], k
+    if not 0 < best_point < last_point:
         return best
-    low, high = psi[around] - psi[around - 1], psi[around + 1] - psi[around]
-    before, behind = values[around - 1] - best, values[around + 1] - best
-    bend = before * high + behind * low  # of the parabola through the three points, as the slope in it
-    slope = behind * low * low - before * high * high
+    low, high = psi[best_point] - psi[best_point - 1], psi[best_point + 1] - psi[best_point]
+    slope_before, slope_behind = values[best_point - 1] - best, values[best_point + 1] - best
+    bend = slope_before * high + slope_behind * low  # of the parabola through the three points, as the slope in it
+    slope = slope_behind * low * low - slope_before * high * high
     return best - slope * slope / (4.0 * low * high * (low + high) * bend) if bend > 0.0 else best
 
 
@@ -90,10 +94,10 @@ def _closing(psi, flank_x, flank_y, axis_x, axis_y, waves):
     closing, values = np.zeros((n, n_pins)), np.empty(len(psi))
     for s in range(n):
         for i in range(n_pins):
-            two, three = waves[s, i, 0], waves[s, i, 1]
-            if two == 0.0 and three == 0.0:
+            wave_2, wave_3 = waves[s, i, 0], waves[s, i, 1]
+            if wave_2 == 0.0 and wave_3 == 0.0:
                 continue
             axis = axis_x[s, i], axis_y[s, i]
             as_round = _least_gap(psi, flank_x[i], flank_y[i], *axis, 0j, 0j, values)
-            closing[s, i] = as_round - _least_gap(psi, flank_x[i], flank_y[i], *axis, two, three, values)
+            closing[s, i] = as_round - _least_gap(psi, flank_x[i], flank_y[i], *axis, wave_2, wave_3, values)
     return closing

@@ -181,8 +181,10 @@ class Reducer:
     @property
     def disk_motions(self) -> np.ndarray:
         """Columns (n_disks, 2) of the disks' translations: the input bearings carry what pushes along them."""
-        along = [k for k, motion in enumerate(self.motions) if motion.startswith("disk") and motion.endswith("_x")]
-        return np.array(along)[:, None] + np.arange(2)
+        translations = [
+            k for k, motion in enumerate(self.motions) if motion.startswith("disk") and motion.endswith("_x")
+        ]
+        return np.array(translations)[:, None] + np.arange(2)
 
     @property
     def planar(self) -> Real:
@@ -230,16 +232,16 @@ def of_each_disk(values: Real, count: int) -> Real:
 
 def _pin_list(disk: DiskPose) -> Contacts:
     pins, n = disk.pins, len(disk.pins.arm)
-    nowhere = np.full(n, -1)
+    no_motion = np.full(n, -1)
     return Contacts(
         kind=np.full(n, PIN),
         body_a=np.full(n, HOUSING),
         body_b=np.full(n, disk.body),
-        interface=nowhere,
-        face=nowhere,
-        end=nowhere,
-        station=nowhere,
-        hole=nowhere,
+        interface=no_motion,
+        face=no_motion,
+        end=no_motion,
+        station=no_motion,
+        hole=no_motion,
         label=np.array([f"pin {i}" for i in range(n)]),
         gap=np.zeros(n),
         two_sided=np.zeros(n, bool),
@@ -287,9 +289,9 @@ def _contact_jacobian(contacts: Contacts, motions: tuple[str, ...]) -> Real:
     for sign, bodies in ((1.0, contacts.body_a), (-1.0, contacts.body_b)):
         for column, motion in enumerate(motions):
             body, component = motion.rsplit("_", 1)
-            along = {"x": contacts.normal.real, "y": contacts.normal.imag, "phi": contacts.arm}.get(component)
-            if along is not None:  # else of no body in the list: ``couplings_of`` has it
-                jacobian[:, column] += np.where(bodies == body, sign * along, 0.0)
+            component_of = {"x": contacts.normal.real, "y": contacts.normal.imag, "phi": contacts.arm}.get(component)
+            if component_of is not None:  # else of no body in the list: ``couplings_of`` has it
+                jacobian[:, column] += np.where(bodies == body, sign * component_of, 0.0)
     return jacobian
 
 
@@ -344,15 +346,15 @@ def nominal_reducer(
     behind_disks = output.contacts_behind(poses[0])
     of_disks = [_labelled(part(pose), pose) for part in (_pin_list, output.contacts_of) for pose in poses]
     contacts = joined([*of_disks, behind_disks])
-    behind = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
+    motions_behind = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
     planar = [f"{pose.body}_{axis}" for pose in poses for axis in "xy"]
-    motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *behind)
+    motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *motions_behind)
     jacobian = _contact_jacobian(contacts, motions)
     reducer = Reducer(
         crank, poses, contacts, motions, jacobian, centred=not output.carries_disks, n_behind=len(behind_disks)
     )
-    last = np.arange(len(contacts) - len(behind_disks), len(contacts))
-    for pose, rows in zip((*poses, poses[0]), (*reducer.output_rows, last), strict=True):
-        for motion, closed in output.couplings_of(pose, contacts.some(rows)).items():
-            jacobian[rows, motions.index(motion)] += closed
+    rows_behind = np.arange(len(contacts) - len(behind_disks), len(contacts))
+    for pose, rows in zip((*poses, poses[0]), (*reducer.output_rows, rows_behind), strict=True):
+        for motion, coupling in output.couplings_of(pose, contacts.some(rows)).items():
+            jacobian[rows, motions.index(motion)] += coupling
     return reducer if fixed == HOUSING else with_fixed_flange(reducer, profile.lobes)

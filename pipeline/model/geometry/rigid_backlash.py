@@ -67,14 +67,14 @@ def _rotation_ends(gap, contact, arm):
     """
     n = gap.shape[0]
     ends_plus, ends_minus, tight = np.empty(n), np.empty(n), np.empty(n, np.bool_)
-    first, last = np.searchsorted(arm, 0.0), np.searchsorted(arm, 0.0, side="right")
+    arms_below, arms_up_to = np.searchsorted(arm, 0.0), np.searchsorted(arm, 0.0, side="right")
     for s in range(n):
         plus, minus, shut = np.inf, -np.inf, False
-        for k in range(first):
+        for k in range(arms_below):
             plus = min(plus, -gap[s, contact[k]] / arm[k])
-        for k in range(last, len(arm)):
+        for k in range(arms_up_to, len(arm)):
             minus = max(minus, -gap[s, contact[k]] / arm[k])
-        for k in range(first, last):
+        for k in range(arms_below, arms_up_to):
             shut |= gap[s, contact[k]] < 0.0
         ends_plus[s], ends_minus[s], tight[s] = plus, minus, shut or plus < minus
     return ends_plus, ends_minus, tight
@@ -126,9 +126,9 @@ def _floating_play(gap: Real, side: np.ndarray, arm: Real) -> tuple[Real, Real, 
 def _centring_shift(gap: Real, side: np.ndarray, arm: Real, phi: Real) -> Real:
     """Shift y across the slide that leaves both faces equal room at the rotation phi."""
     room = gap + arm * phi[:, None]
-    above = np.min(room, axis=1, where=side > 0, initial=np.inf)
-    below = np.min(room, axis=1, where=side < 0, initial=np.inf)
-    return 0.5 * (below - above)
+    room_above = np.min(room, axis=1, where=side > 0, initial=np.inf)
+    room_below = np.min(room, axis=1, where=side < 0, initial=np.inf)
+    return 0.5 * (room_below - room_above)
 
 
 def _of_output(reducer: Reducer, play: RigidPlay) -> RigidPlay:
@@ -162,19 +162,19 @@ def _parallel_play(reducer: Reducer, gap: Real) -> RigidPlay:
     pins, output = _parts(reducer, gap)
     plus, minus = np.min(pins[0] + output[0], axis=1), np.max(pins[1] + output[1], axis=1)
     overlap = np.maximum(pins[2], output[2]).max(axis=1)
-    against = plus < minus
-    if np.any(against):
-        plus[against], least_penetration = _meeting(reducer, gap[against])
-        minus[against] = plus[against]
-        overlap[against] = np.where(least_penetration > TOUCHING, least_penetration, 0.0)
-        pins[:, against], output[:, against] = _parts(reducer, gap[against] + least_penetration[:, None])
+    is_blocked = plus < minus
+    if np.any(is_blocked):
+        plus[is_blocked], least_penetration = _meeting(reducer, gap[is_blocked])
+        minus[is_blocked] = plus[is_blocked]
+        overlap[is_blocked] = np.where(least_penetration > TOUCHING, least_penetration, 0.0)
+        pins[:, is_blocked], output[:, is_blocked] = _parts(reducer, gap[is_blocked] + least_penetration[:, None])
     motions = reducer.motions
     turning = [motions.index(f"{disk.body}_phi") for disk in reducer.disks]
     poses = []
-    for end, behind in ((plus, output[0]), (minus, output[1])):
+    for end, play_behind in ((plus, output[0]), (minus, output[1])):
         pose = np.zeros((len(gap), len(motions)))
         pose[:, reducer.output_motion] = end
-        pose[:, turning] = np.clip(end[:, None] - behind, pins[1], pins[0])
+        pose[:, turning] = np.clip(end[:, None] - play_behind, pins[1], pins[0])
         poses.append(pose)
     return _of_output(reducer, RigidPlay(poses[0], poses[1], overlap, reducer.output_motion))
 
@@ -226,9 +226,9 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
     poses = {end: np.zeros((len(gap), len(motions))) for end in ("plus", "minus")}
     of_pins = np.flatnonzero(contacts.kind == PIN)
     plus, minus, overlap = _rotation_play(gap, of_pins, contacts.arm[of_pins])
-    turned = {"plus": plus, "minus": minus}
+    ends = {"plus": plus, "minus": minus}
     for end, pose in poses.items():
-        pose[:, motions.index("disk_phi")] = turned[end]
+        pose[:, motions.index("disk_phi")] = ends[end]
     for interface in range(contacts.interface.max() + 1):
         rows = np.flatnonzero(contacts.interface == interface)
         arm, normal, body = contacts.arm[rows], contacts.normal[rows], contacts.body_b[rows[0]]
@@ -240,8 +240,8 @@ def separated_play(reducer: Reducer, gap: Real) -> RigidPlay:
             plus, minus, part = _rotation_play(gap, rows, arm)
         overlap = np.maximum(overlap, part)
         for end, phi in (("plus", plus), ("minus", minus)):
-            turned[end] = turned[end] + phi
-            poses[end][:, motions.index(f"{body}_phi")] = turned[end]
+            ends[end] = ends[end] + phi
+            poses[end][:, motions.index(f"{body}_phi")] = ends[end]
             if floats:
                 shift = _centring_shift(gaps_of_disk, side, arm, phi) * (1 if f"{body}_x" in motions else -1)
                 mover = body if f"{body}_x" in motions else contacts.body_a[rows[0]]

@@ -10,12 +10,12 @@ APART = 1e-6
 
 
 @part
-def _corner(x, place):
+def _corner(x, position):
     """Number of the segment (the end ones continued) in which a place lies."""
     low, high = 0, x.shape[0] - 1
     while high - low > 1:
         middle = (low + high) // 2
-        if x[middle] < place:
+        if x[middle] < position:
             low = middle
         else:
             high = middle
@@ -23,7 +23,7 @@ def _corner(x, place):
 
 
 @entry
-def _means(at, x, y, mean, slope):
+def _means(edges, x, y, mean, slope):
     """See ``means``."""
     n = x.shape[0]
     area, rise = np.zeros(n), np.empty(n - 1)
@@ -32,30 +32,30 @@ def _means(at, x, y, mean, slope):
         rise[j] = (y[j + 1] - y[j]) / width
         area[j + 1] = area[j] + 0.5 * width * (y[j + 1] + y[j])
     smallest_step = APART * (x[-1] - x[0])
-    for cell in range(at.shape[0]):
-        total, value, under, first_value, first_rise = 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(at.shape[1]):
-            j = _corner(x, at[cell, k])
-            along = at[cell, k] - x[j]
-            value_here = y[j] + rise[j] * along
-            below = area[j] + along * (y[j] + 0.5 * rise[j] * along)
+    for cell in range(edges.shape[0]):
+        total, value, area_before, first_value, first_rise = 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(edges.shape[1]):
+            j = _corner(x, edges[cell, k])
+            distance = edges[cell, k] - x[j]
+            value_here = y[j] + rise[j] * distance
+            area_here = area[j] + distance * (y[j] + 0.5 * rise[j] * distance)
             if k == 0:
                 first_value, first_rise = value_here, rise[j]
             else:
-                step = at[cell, k] - at[cell, k - 1]
-                total += (below - under) / step if step > smallest_step else 0.5 * (value_here + value)
-            value, under = value_here, below
-        cell_width = at[cell, -1] - at[cell, 0]
-        mean[cell] = total / (at.shape[1] - 1)
+                step = edges[cell, k] - edges[cell, k - 1]
+                total += (area_here - area_before) / step if step > smallest_step else 0.5 * (value_here + value)
+            value, area_before = value_here, area_here
+        cell_width = edges[cell, -1] - edges[cell, 0]
+        mean[cell] = total / (edges.shape[1] - 1)
         slope[cell] = (value - first_value) / cell_width if cell_width > smallest_step else first_rise
 
 
-def means(at: Real, x: Real, y: Real) -> tuple[Real, Real]:
+def means(edges: Real, x: Real, y: Real) -> tuple[Real, Real]:
     """Mean and slope over cells of the polyline (x ascending, y), its ends continued.
 
     Parameters
     ----------
-    at : (n_cells, n_edges) ascending edges of the parts of each cell, which count alike.
+    edges : (n_cells, n_edges) ascending edges of the parts of each cell, which count alike.
     x, y : (n_corners,)
 
     Returns
@@ -63,6 +63,6 @@ def means(at: Real, x: Real, y: Real) -> tuple[Real, Real]:
     Mean (n_cells,) and slope (n_cells,) from the first edge to the last; exact but for rounding. A part narrower than
     ``APART`` of the curve counts as the point in its middle.
     """
-    mean, slope = np.empty(len(at)), np.empty(len(at))
-    _means(np.ascontiguousarray(at), np.ascontiguousarray(x), np.ascontiguousarray(y), mean, slope)
+    mean, slope = np.empty(len(edges)), np.empty(len(edges))
+    _means(np.ascontiguousarray(edges), np.ascontiguousarray(x), np.ascontiguousarray(y), mean, slope)
     return mean, slope

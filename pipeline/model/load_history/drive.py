@@ -250,10 +250,10 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     turn = np.sign(torque) * depth / arms[carrier]
     rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
     senses = [1 if motion == reducer.output_motion else np.sign(reducer.flange_ratio) for motion in rotations]
-    closed = pose.copy()
+    contact_pose = pose.copy()
     bodies_passed = np.maximum(np.arange(len(rotations)) + 2 - reducer.n_disks, 1)  # disks stand side by side
-    closed[:, rotations] += turn * np.array(senses) * bodies_passed
-    return closed
+    contact_pose[:, rotations] += turn * np.array(senses) * bodies_passed
+    return contact_pose
 
 
 def _one_sense(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equilibria:

@@ -24,22 +24,22 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
     leaning = 1 + drive.lean
     sliders = drive.sliders.of_scaled_load(leaning)
     _, rubbed = condensed_path(torque, leaning * levels, motions[:, drive.reducer.output_motion], sliders, Ripple())
-    carried = rubbed / leaning
-    above = int(np.searchsorted(levels, 0.0))
-    end = levels[above]
-    within = np.abs(carried) < end  # stuck within the play
+    carried_torque = rubbed / leaning
+    first_positive = int(np.searchsorted(levels, 0.0))
+    end = levels[first_positive]
+    in_play = np.abs(carried_torque) < end  # stuck within the play
     motion, force = np.empty((len(torque), motions.shape[1])), np.empty((len(torque), forces.shape[1]))
     worst = 0.0
-    for sense, start in ((1.0, above), (-1.0, above - 1)):
-        loads, rows = np.unique(carried[~within & (sense * carried > 0)], return_inverse=True)
+    for sense, start in ((1.0, first_positive), (-1.0, first_positive - 1)):
+        loads, rows = np.unique(carried_torque[~in_play & (sense * carried_torque > 0)], return_inverse=True)
         outwards = slice(None, None, int(sense))
-        solved = drive.some(slice(state, state + 1)).equilibria(motions[start : start + 1], loads[outwards])
-        steps = np.flatnonzero(~within & (sense * carried > 0))
-        motion[steps], force[steps] = solved.motion[0, outwards][rows], solved.force[0, outwards][rows]
-        worst = max(worst, np.max(solved.residual, initial=0.0))
-    share = ((carried + end) / (2 * end))[within, None]
+        equilibria = drive.some(slice(state, state + 1)).equilibria(motions[start : start + 1], loads[outwards])
+        steps = np.flatnonzero(~in_play & (sense * carried_torque > 0))
+        motion[steps], force[steps] = equilibria.motion[0, outwards][rows], equilibria.force[0, outwards][rows]
+        worst = max(worst, np.max(equilibria.residual, initial=0.0))
+    share = ((carried_torque + end) / (2 * end))[in_play, None]
     for values, of_nodes in ((motion, motions), (force, forces)):
-        values[within] = (1 - share) * of_nodes[above - 1] + share * of_nodes[above]
+        values[in_play] = (1 - share) * of_nodes[first_positive - 1] + share * of_nodes[first_positive]
     return motion, force, worst
 
 

@@ -68,15 +68,15 @@ def _nearest(states, torque):
 
 
 @algebraic_part
-def _attempt(system, friction, goal, gap, clearance, seeds, reached, final, work):
+def _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, final, work):
     """Residual of the step to a torque, from the state before or from a seed: across the play that leads nowhere."""
-    across = goal * reached.torque[0] <= 0.0
+    crosses_zero = goal * solution_reached.torque[0] <= 0.0
     residual = np.inf
     for attempt in range(2):
-        if across == (attempt == 0):
+        if crosses_zero == (attempt == 0):
             _restore(system, seeds, _nearest(seeds, goal), work)
         elif attempt == 1:
-            _restore(system, reached, 0, work)
+            _restore(system, solution_reached, 0, work)
         _, residual = converge(system, friction, goal, gap, clearance, work)
         if residual <= ACCEPTED:
             break
@@ -87,24 +87,26 @@ def _attempt(system, friction, goal, gap, clearance, seeds, reached, final, work
 
 
 @borrowing_entry
-def _follow(system, friction, work, torques, gap, clearance, seeds, reached, path):
+def _follow(system, friction, work, torques, gap, clearance, seeds, solution_reached, path):
     """States of one sample along its history into ``path``; returns the largest residual."""
     worst = 0.0
-    _restore(system, reached, 0, work)
+    _restore(system, solution_reached, 0, work)
     for t in range(torques.shape[0]):
         share, depth = 1.0, 0  # of the step that is left to this torque
         while True:
-            goal = reached.torque[0] + share * (torques[t] - reached.torque[0])
-            residual = _attempt(system, friction, goal, gap, clearance, seeds, reached, depth == HALVINGS, work)
+            goal = solution_reached.torque[0] + share * (torques[t] - solution_reached.torque[0])
+            residual = _attempt(
+                system, friction, goal, gap, clearance, seeds, solution_reached, depth == HALVINGS, work
+            )
             if not residual <= ACCEPTED and depth < HALVINGS:
                 share, depth = 0.5 * share, depth + 1
-                _restore(system, reached, 0, work)
+                _restore(system, solution_reached, 0, work)
                 continue
             if not residual <= LOST:
                 path.motion[t:], path.force[t:] = np.nan, np.nan
                 return np.inf
             follow(system, friction, work)
-            _save(work, reached, 0, goal)
+            _save(work, solution_reached, 0, goal)
             worst = max(worst, residual)
             if share == 1.0:
                 break

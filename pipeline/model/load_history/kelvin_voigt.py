@@ -7,33 +7,33 @@ from pipeline.model.geometry.cycloid_profile import Real
 
 
 @part
-def _on(twist, passed, before, after, constant, compliance):
-    """Delayed rotation after a time in which the torque went linearly from ``before`` to ``after``."""
-    share = max(passed, 0.0) / constant
+def _on(twist, interval, torque_before, torque_after, constant, compliance):
+    """Delayed rotation after a time in which the torque went linearly from ``torque_before`` to ``torque_after``."""
+    share = max(interval, 0.0) / constant
     remaining = np.exp(-share)
     mean = -np.expm1(-share) / share if share > 0.0 else 1.0
-    return twist * remaining + compliance * (after * (1.0 - mean) + before * (mean - remaining))
+    return twist * remaining + compliance * (torque_after * (1.0 - mean) + torque_before * (mean - remaining))
 
 
 @entry
-def _crept(torque, time, leg, turns, begun, constant, compliance, crept):
+def _crept(torque, time, leg, turns, start_time, constant, compliance, crept):
     """See ``crept``."""
-    twist, since, torque_here, on = 0.0, begun, turns[leg[0]], leg[0]
+    twist, last_time, torque_here, last_leg = 0.0, start_time, turns[leg[0]], leg[0]
     for k in range(torque.shape[0]):
         travel, torque_before = 0.0, torque_here
-        for turn in range(on + 1, leg[k] + 1):
+        for turn in range(last_leg + 1, leg[k] + 1):
             travel += abs(turns[turn] - torque_before)
             torque_before = turns[turn]
         travel += abs(torque[k] - torque_before)
-        gone, start, began, torque_before = 0.0, since, torque_here, torque_here
-        for turn in range(on + 1, leg[k] + 1):
-            gone += abs(turns[turn] - torque_before)
+        elapsed, start, began, torque_before = 0.0, last_time, torque_here, torque_here
+        for turn in range(last_leg + 1, leg[k] + 1):
+            elapsed += abs(turns[turn] - torque_before)
             torque_before = turns[turn]
-            instant = start + gone / travel * (time[k] - start) if travel > 0.0 else time[k]
-            twist = _on(twist, instant - since, began, torque_before, constant, compliance)
-            since, began = instant, torque_before
-        twist = _on(twist, time[k] - since, began, torque[k], constant, compliance)
-        since, torque_here, on = time[k], torque[k], leg[k]
+            instant = start + elapsed / travel * (time[k] - start) if travel > 0.0 else time[k]
+            twist = _on(twist, instant - last_time, began, torque_before, constant, compliance)
+            last_time, began = instant, torque_before
+        twist = _on(twist, time[k] - last_time, began, torque[k], constant, compliance)
+        last_time, torque_here, last_leg = time[k], torque[k], leg[k]
         crept[k] = twist
 
 

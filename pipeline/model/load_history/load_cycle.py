@@ -45,8 +45,10 @@ class LoadCycle:
         if max(marks) > top * (1 + 1e-12):
             raise ValueError(f"a metric asks for {max(marks):g} of the rated torque, the cycle ends at {top:g}")
         steps = top * np.arange(1, levels + 1) / max(levels, 1)
-        even = steps[np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top]  # none if levels is 0
-        return cls(rated_torque, np.unique(np.concatenate([even, marks])))
+        even_steps = steps[
+            np.min(np.abs(steps[:, None] - np.asarray(marks)), axis=1) > 1e-9 * top
+        ]  # none if levels is 0
+        return cls(rated_torque, np.unique(np.concatenate([even_steps, marks])))
 
     @property
     def state_torque(self) -> Real:
@@ -90,14 +92,16 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
     )
 
 
-def _with_end(loaded: Equilibria, pose: Real) -> Equilibria:
+def _with_end(loaded_states: Equilibria, pose: Real) -> Equilibria:
     """The loaded states of one sense behind the force-free end of play."""
     n = len(pose)
     ends = {
         "motion": pose[:, None],
-        "force": np.zeros((n, 1, loaded.force.shape[2])),
+        "force": np.zeros((n, 1, loaded_states.force.shape[2])),
         "iterations": np.zeros((n, 1), np.int64),
         "residual": np.zeros((n, 1)),
         "converged": np.ones((n, 1), bool),
     }
-    return Equilibria(**{name: np.concatenate([end, getattr(loaded, name)], axis=1) for name, end in ends.items()})
+    return Equilibria(
+        **{name: np.concatenate([end, getattr(loaded_states, name)], axis=1) for name, end in ends.items()}
+    )

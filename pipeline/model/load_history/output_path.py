@@ -41,13 +41,13 @@ def _resistance(position, curve, slides, ripple, anchor):
     j = min(max(int(position), 0), nodes.shape[0] - 2)
     x = position - j
     angle = angles[j] + x * (angles[j + 1] - angles[j])
-    carried = nodes[j] + x * (nodes[j + 1] - nodes[j])
+    carried_torque = nodes[j] + x * (nodes[j + 1] - nodes[j])
     amplitude, waves, phase = ripple
     added = amplitude * np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
     for s in range(stiffness.shape[0]):
-        largest = limit[s] + coefficient[s] * abs(carried)
+        largest = limit[s] + coefficient[s] * abs(carried_torque)
         added += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
-    return angle, carried, added
+    return angle, carried_torque, added
 
 
 @part
@@ -72,38 +72,38 @@ def _balanced(torques, curve, slides, ripple, angle_out, carried_out):
     anchor[:], _, _ = _resistance(position, curve, slides, (0.0, 1.0, 0.0), anchor)
     small = ROOT_SHARE * (nodes[-1] - nodes[0])
     for t in range(torques.shape[0]):
-        angle, carried, added = _resistance(position, curve, slides, ripple, anchor)
-        excess = carried + added - torques[t]
-        low, high, below, above, evaluations = position, position, excess, excess, 0
+        angle, carried_torque, added = _resistance(position, curve, slides, ripple, anchor)
+        excess = carried_torque + added - torques[t]
+        low, high, low_excess, high_excess, evaluations = position, position, excess, excess, 0
         # on to the first balance in the sense of the excess
-        while above < 0.0 and evaluations < MOST_LOOKS and high < FAR * nodes.shape[0]:
-            low, below, evaluations = high, above, evaluations + 1
+        while high_excess < 0.0 and evaluations < MOST_LOOKS and high < FAR * nodes.shape[0]:
+            low, low_excess, evaluations = high, high_excess, evaluations + 1
             high = _beyond(high, 1.0, angles, ripple)
-            angle, carried, added = _resistance(high, curve, slides, ripple, anchor)
-            above = carried + added - torques[t]
-        while below > 0.0 and evaluations < MOST_LOOKS and low > -FAR * nodes.shape[0]:
-            high, above, evaluations = low, below, evaluations + 1
+            angle, carried_torque, added = _resistance(high, curve, slides, ripple, anchor)
+            high_excess = carried_torque + added - torques[t]
+        while low_excess > 0.0 and evaluations < MOST_LOOKS and low > -FAR * nodes.shape[0]:
+            high, high_excess, evaluations = low, low_excess, evaluations + 1
             low = _beyond(low, -1.0, angles, ripple)
-            angle, carried, added = _resistance(low, curve, slides, ripple, anchor)
-            below = carried + added - torques[t]
+            angle, carried_torque, added = _resistance(low, curve, slides, ripple, anchor)
+            low_excess = carried_torque + added - torques[t]
         for _ in range(ROOT_STEPS):
-            if above <= below or high - low <= 1e-14:
+            if high_excess <= low_excess or high - low <= 1e-14:
                 break
-            position = low - below * (high - low) / (above - below)
+            position = low - low_excess * (high - low) / (high_excess - low_excess)
             if not low < position < high:
                 position = 0.5 * (low + high)
-            angle, carried, added = _resistance(position, curve, slides, ripple, anchor)
-            value = carried + added - torques[t]
+            angle, carried_torque, added = _resistance(position, curve, slides, ripple, anchor)
+            value = carried_torque + added - torques[t]
             if abs(value) <= small:
                 break
             if value < 0.0:
-                low, below, above = position, value, 0.5 * above
+                low, low_excess, high_excess = position, value, 0.5 * high_excess
             else:
-                high, above, below = position, value, 0.5 * below
+                high, high_excess, low_excess = position, value, 0.5 * low_excess
         for s in range(stiffness.shape[0]):
-            reach = (limit[s] + coefficient[s] * abs(carried)) / stiffness[s]
+            reach = (limit[s] + coefficient[s] * abs(carried_torque)) / stiffness[s]
             anchor[s] = min(max(anchor[s], angle - reach), angle + reach)
-        angle_out[t], carried_out[t] = angle, carried
+        angle_out[t], carried_out[t] = angle, carried_torque
 
 
 def condensed_path(torques: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Ripple) -> tuple[Real, Real]:
@@ -127,16 +127,16 @@ def condensed_path(torques: Real, nodes: Real, angles: Real, sliders: Sliders, r
     if not len(sliders) and ripple.amplitude == 0.0:
         return _on_backbone(torques, nodes, angles), torques
     rising = np.maximum.accumulate(angles)
-    angle, carried = np.empty(len(torques)), np.empty(len(torques))
+    angle, carried_torque = np.empty(len(torques)), np.empty(len(torques))
     _balanced(
         np.asarray(torques, float),
         (nodes, rising),
         (sliders.stiffness, sliders.limit, sliders.coefficient),
         (ripple.amplitude, ripple.waves, ripple.phase),
         angle,
-        carried,
+        carried_torque,
     )
-    return angle, carried
+    return angle, carried_torque
 
 
 def _on_backbone(torques: Real, nodes: Real, angles: Real) -> Real:

@@ -23,36 +23,36 @@ FAR = 3
 
 
 @part
-def _resists(angle, carried, slides, ripple, anchor):
+def _resists(angle, carried_torque, slides, ripple, anchor):
     """Torque of the sliders and the ripple."""
     stiffness, limit, coefficient = slides
     amplitude, waves, phase = ripple
     added = amplitude * np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
     for s in range(stiffness.shape[0]):
-        largest = limit[s] + coefficient[s] * abs(carried)
+        largest = limit[s] + coefficient[s] * abs(carried_torque)
         added += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
     return added
 
 
 @part
-def _follow_on(angle, carried, slides, anchor):
+def _follow_on(angle, carried_torque, slides, anchor):
     """Let the anchors follow where the resistance is at its limit."""
     stiffness, limit, coefficient = slides
     for s in range(stiffness.shape[0]):
-        reach = (limit[s] + coefficient[s] * abs(carried)) / stiffness[s]
+        reach = (limit[s] + coefficient[s] * abs(carried_torque)) / stiffness[s]
         anchor[s] = min(max(anchor[s], angle - reach), angle + reach)
 
 
 @part
-def _free_way(sense, angle, carried, width, height, slides, ripple, anchor):
+def _free_way(sense, angle, carried_torque, width, height, slides, ripple, anchor):
     """Angle up to the next bend of the resistance on a segment of the backbone of some width and height."""
     stiffness, limit, coefficient = slides
     length = np.inf
     if ripple[0] != 0.0:
         length = 2.0 * np.pi / (abs(ripple[1]) * WAVE)
     for s in range(stiffness.shape[0]):
-        grows = coefficient[s] * height / width * sense * (1.0 if carried >= 0.0 else -1.0)
-        largest = limit[s] + coefficient[s] * abs(carried)
+        grows = coefficient[s] * height / width * sense * (1.0 if carried_torque >= 0.0 else -1.0)
+        largest = limit[s] + coefficient[s] * abs(carried_torque)
         to_slip = (largest - sense * stiffness[s] * (angle - anchor[s])) / max(stiffness[s] - grows, 1e-300)
         if to_slip > STARTED * max(largest / stiffness[s], width):
             length = min(length, to_slip)
@@ -60,7 +60,7 @@ def _free_way(sense, angle, carried, width, height, slides, ripple, anchor):
 
 
 @part
-def _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor):
+def _stretch(sense, j, x, angle, carried_torque, curve, slides, ripple, anchor):
     """Segment of the backbone and place on it from where the way goes on, and the place up to which it has no bend."""
     nodes, angles = curve
     if sense > 0.0 and x >= 1.0 and j < nodes.shape[0] - 2:
@@ -72,7 +72,7 @@ def _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor):
     if step <= 0.0:
         step = 1.0  # beyond the end
     if width > 0.0:
-        step = min(step, _free_way(sense, angle, carried, width, height, slides, ripple, anchor) / width)
+        step = min(step, _free_way(sense, angle, carried_torque, width, height, slides, ripple, anchor) / width)
     end = x + sense * step
     if abs(end - np.rint(end)) < 1e-14:
         end = np.rint(end)
@@ -86,19 +86,19 @@ def _walked(turns, curve, slides, ripple, corners, starts):
     anchor = np.empty(slides[0].shape[0])
     j = (nodes.shape[0] - 1) // 2
     x = 0.5 * (nodes.shape[0] - 1) - j
-    angle, carried = angles[j] + x * (angles[j + 1] - angles[j]), nodes[j] + x * (nodes[j + 1] - nodes[j])
+    angle, carried_torque = angles[j] + x * (angles[j + 1] - angles[j]), nodes[j] + x * (nodes[j + 1] - nodes[j])
     anchor[:] = angle
-    total = carried + _resists(angle, carried, slides, ripple, anchor)
+    total = carried_torque + _resists(angle, carried_torque, slides, ripple, anchor)
     count, steps = 0, 0
     for t in range(turns.shape[0]):
         sense = 1.0 if turns[t] >= total else -1.0
         largest_torque, goal = sense * total, sense * turns[t]
         while sense * total < goal and -FAR < x < 1 + FAR:
-            j, x, end = _stretch(sense, j, x, angle, carried, curve, slides, ripple, anchor)
+            j, x, end = _stretch(sense, j, x, angle, carried_torque, curve, slides, ripple, anchor)
             width, height = angles[j + 1] - angles[j], nodes[j + 1] - nodes[j]
             next_angle, next_carried = angles[j] + end * width, nodes[j] + end * height
-            after = next_carried + _resists(next_angle, next_carried, slides, ripple, anchor)
-            low, high = sense * total, sense * after
+            total_after = next_carried + _resists(next_angle, next_carried, slides, ripple, anchor)
+            low, high = sense * total, sense * total_after
             steps += 1
             if count + 3 > corners.shape[1] or steps > MOST_STEPS:
                 return -1
@@ -106,26 +106,26 @@ def _walked(turns, curve, slides, ripple, corners, starts):
                 share = (largest_torque - low) / (high - low)
                 corners[0, count] = sense * largest_torque
                 corners[1, count] = angle + share * (next_angle - angle)
-                corners[2, count] = carried + share * (next_carried - carried)
+                corners[2, count] = carried_torque + share * (next_carried - carried_torque)
                 count += 1
             if high >= goal:
                 share = (goal - low) / (high - low)
                 end = x + share * (end - x)
                 next_angle, next_carried = (
                     angle + share * (next_angle - angle),
-                    carried + share * (next_carried - carried),
+                    carried_torque + share * (next_carried - carried_torque),
                 )
-                after = turns[t]
+                total_after = turns[t]
             elif high > largest_torque:
-                corners[0, count], corners[1, count], corners[2, count] = after, next_angle, next_carried
+                corners[0, count], corners[1, count], corners[2, count] = total_after, next_angle, next_carried
                 count += 1
             largest_torque = max(largest_torque, high)
-            x, angle, carried, total = end, next_angle, next_carried, after
-            _follow_on(angle, carried, slides, anchor)
+            x, angle, carried_torque, total = end, next_angle, next_carried, total_after
+            _follow_on(angle, carried_torque, slides, anchor)
         if count == corners.shape[1]:
             return -1
         starts[t] = count
-        corners[0, count], corners[1, count], corners[2, count] = turns[t], angle, carried
+        corners[0, count], corners[1, count], corners[2, count] = turns[t], angle, carried_torque
         count += 1
     return count
 
@@ -147,9 +147,9 @@ def walked(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Rip
     """
     sliders = sliders.acting
     rising = np.maximum.accumulate(angles)
-    nowhere = np.full((3, len(turns)), np.nan), np.arange(len(turns))
+    no_corners = np.full((3, len(turns)), np.nan), np.arange(len(turns))
     if not np.all(np.isfinite(rising)):
-        return nowhere
+        return no_corners
     waves = WAVE * np.ptp(rising) * abs(ripple.waves) / (2 * np.pi) if ripple.amplitude else 0.0
     room = int(min(len(turns) * (2 * len(nodes) + 4 * len(sliders) + 2 * waves + 8), MOST_STEPS))
     starts = np.empty(len(turns), np.int64)
@@ -166,4 +166,4 @@ def walked(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Rip
         if count >= 0:
             return corners[:, :count], starts
         room *= 2
-    return nowhere
+    return no_corners

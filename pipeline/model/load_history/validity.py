@@ -43,8 +43,8 @@ def _steps_of(response: CycleResponse, branch: str, torque: float) -> int:
 def _rotation(drive: Drive, response: CycleResponse, largest_torque: float) -> Real:
     """Largest rotation (n,) of any body at torques up to the largest [rad]."""
     turning = [i for i, motion in enumerate(drive.reducer.motions) if motion.endswith("_phi")]
-    within = response.state[np.abs(response.torque) <= largest_torque * (1 + 1e-9)]
-    return np.max(np.abs(response.equilibria.motion[:, within][:, :, turning]), axis=(1, 2))
+    states_within = response.state[np.abs(response.torque) <= largest_torque * (1 + 1e-9)]
+    return np.max(np.abs(response.equilibria.motion[:, states_within][:, :, turning]), axis=(1, 2))
 
 
 def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
@@ -52,10 +52,10 @@ def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
     of_pins = drive.reducer.contacts.kind == PIN
     steps = [_steps_of(response, "loading+", torque), _steps_of(response, "loading-", -torque)]
     carries = np.any(response.equilibria.force[:, response.state[steps]][:, :, of_pins] > 0, axis=1)
-    closed = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
+    largest_closing = np.max(np.abs(drive.gap[:, of_pins]), axis=1, where=carries, initial=0.0)
     if not drive.reducer.centred:
-        return closed
-    return np.maximum(closed, np.max(drive.clearance_of_disks, axis=1))
+        return largest_closing
+    return np.maximum(largest_closing, np.max(drive.clearance_of_disks, axis=1))
 
 
 def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:

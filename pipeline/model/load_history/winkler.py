@@ -50,18 +50,18 @@ def _turn(gap, arm, compliance, pressure, torques, angle, peak):
     for s in range(gap.shape[0]):
         ends = gap[s] / arm
         order = np.argsort(ends)
-        slope, offset, passed = 0.0, 0.0, 0
+        slope, offset, n_passed = 0.0, 0.0, 0
         for k in range(arm.shape[0]):
             if arm[k] < 0.0:
                 slope += arm[k] * arm[k] / compliance[k]
                 offset += arm[k] * gap[s, k] / compliance[k]
         for t in range(torques.shape[0]):
-            while passed < arm.shape[0] and slope * ends[order[passed]] - offset < torques[t]:
-                k = order[passed]
+            while n_passed < arm.shape[0] and slope * ends[order[n_passed]] - offset < torques[t]:
+                k = order[n_passed]
                 sense = 1.0 if arm[k] > 0.0 else -1.0
                 slope += sense * arm[k] * arm[k] / compliance[k]
                 offset += sense * arm[k] * gap[s, k] / compliance[k]
-                passed += 1
+                n_passed += 1
             phi = (torques[t] + offset) / slope
             angle[s, t] += phi
             for k in range(arm.shape[0]):

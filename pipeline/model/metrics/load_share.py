@@ -17,5 +17,5 @@ METRIC = Metric(
     decimals=3,
     value=_value,
     needs_disks=True,
-    largest_torque=lambda at: at.rigidity_high,
+    largest_torque=lambda definitions: definitions.rigidity_high,
 )

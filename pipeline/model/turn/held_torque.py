@@ -11,18 +11,18 @@ from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.metrics import Definitions
 
 
-def held_forces(response: CycleResponse, at: Definitions) -> Real:
+def held_forces(response: CycleResponse, definitions: Definitions) -> Real:
     """Contact forces (n, 2, n_contacts) [N] at plus and minus the torque held; see ``bearing_force``."""
-    return response.equilibria.force[:, held_states(response, at)]
+    return response.equilibria.force[:, held_states(response, definitions)]
 
 
-def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDArray[np.complex128]:
+def bearing_force(drive: Drive, response: CycleResponse, definitions: Definitions) -> NDArray[np.complex128]:
     """Force of each disk on its input bearing (n, 2, n_disks) complex [N], housing frame, at plus and minus the torque.
 
     Parameters
     ----------
     response : of the drive to a load cycle with the torques of the definitions.
-    at : their higher torque of the rigidity is the one that is held.
+    definitions : their higher torque of the rigidity is the one that is held.
 
     Notes
     -----
@@ -36,10 +36,12 @@ def bearing_force(drive: Drive, response: CycleResponse, at: Definitions) -> NDA
     ValueError
         If the cycle lacks the torque.
     """
-    along = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions].copy()
-    along[_with_held_between(drive.reducer)] = 0.0
-    forces = held_forces(response, at)  # one product a sample: the digits do not depend on how many there are
-    resultant = -(forces @ along.reshape(len(along), -1)).reshape(*forces.shape[:2], *along.shape[1:])
+    translations = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions].copy()
+    translations[_with_held_between(drive.reducer)] = 0.0
+    forces = held_forces(response, definitions)  # one product a sample: the digits do not depend on how many there are
+    resultant = -(forces @ translations.reshape(len(translations), -1)).reshape(
+        *forces.shape[:2], *translations.shape[1:]
+    )
     if not drive.reducer.centred:
         resultant[:] = np.nan
     return resultant[..., 0] + 1j * resultant[..., 1]
@@ -52,7 +54,7 @@ def _with_held_between(reducer: Reducer) -> NDArray[np.bool_]:
     return ~(np.isin(reducer.contacts.body_a, fixed) & np.isin(reducer.contacts.body_b, fixed))
 
 
-def torque_shares(drive: Drive, response: CycleResponse, at: Definitions) -> Real:
+def torque_shares(drive: Drive, response: CycleResponse, definitions: Definitions) -> Real:
     """Share of each disk in the torque on the output (n, 2, n_disks) [-], at plus and minus the torque held.
 
     It is the moment of the disk's contacts with the output over that of all; raises as ``bearing_force``.
@@ -60,7 +62,7 @@ def torque_shares(drive: Drive, response: CycleResponse, at: Definitions) -> Rea
     reducer = drive.reducer
     if reducer.n_disks == 1:
         return np.ones((len(drive.gap), 2, 1))
-    moment = held_forces(response, at) * reducer.contact_jacobian[:, reducer.output_motion]
+    moment = held_forces(response, definitions) * reducer.contact_jacobian[:, reducer.output_motion]
     of_disks = np.stack(
         [moment[..., reducer.disk_of_contact == disk].sum(axis=2) for disk in range(reducer.n_disks)], axis=2
     )

@@ -77,8 +77,8 @@ def stage_graph(notes: Sequence[StageNote]) -> StageGraph:
 
     A line is drawn to the stages that read another's tables directly; one that a longer path implies is left out.
     """
-    known = {note.name: note for note in notes}
-    reads = {note.name: [name for name in note.reads if name in known] for note in notes}
+    notes_by_name = {note.name: note for note in notes}
+    reads = {note.name: [name for name in note.reads if name in notes_by_name] for note in notes}
     upstream: dict[str, set[str]] = {}
     column: dict[str, int] = {}
     for name, sources in reads.items():
@@ -86,7 +86,7 @@ def stage_graph(notes: Sequence[StageNote]) -> StageGraph:
         column[name] = max((column[source] + 1 for source in sources), default=0)
     total = sum(note.seconds for note in notes) or 1.0
     places: dict[str, tuple[float, float]] = {}
-    for name in known:
+    for name in notes_by_name:
         row = sum(column[neighbour] == column[name] for neighbour in places)
         places[name] = column[name] * (BOX[0] + GAP[0]), row * (BOX[1] + GAP[1])
     lines = []

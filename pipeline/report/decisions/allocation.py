@@ -25,20 +25,20 @@ CHOICES = {
 }
 
 
-def sentence(found: Allocation) -> str:
+def sentence(allocation: Allocation) -> str:
     """What was found, in a sentence or two."""
-    passed = found.found.passed
+    passing = allocation.found.passed
     text = (
-        f"At a yield of {_share(passed.value)} ({_share(passed.ci_low)} to {_share(passed.ci_high)}, {passed.n:,} "
-        f"fresh units; {_share(found.target)} was wanted) the tolerances cost {found.found.cost:.4g}; those of the "
-        f"study cost {found.before.cost:.4g} at {_share(found.before.passed.value)}."
+        f"At a yield of {_share(passing.value)} ({_share(passing.ci_low)} to {_share(passing.ci_high)}, {passing.n:,} "
+        f"fresh units; {_share(allocation.target)} was wanted) the tolerances cost {allocation.found.cost:.4g}; "
+        f"those of the study cost {allocation.before.cost:.4g} at {_share(allocation.before.passed.value)}."
     )
-    if found.equal is None:
+    if allocation.equal is None:
         return f"{text} All priced tolerances scaled alike do not reach the yield."
-    saving = 1 - found.found.cost / found.equal.cost
+    saving = 1 - allocation.found.cost / allocation.equal.cost
     return (
-        f"{text} All of them scaled alike to the same yield ({_share(found.equal.passed.value)}) cost "
-        f"{found.equal.cost:.4g}: the allocation is {100 * saving:.1f} % cheaper."
+        f"{text} All of them scaled alike to the same yield ({_share(allocation.equal.passed.value)}) cost "
+        f"{allocation.equal.cost:.4g}: the allocation is {100 * saving:.1f} % cheaper."
     )
 
 
@@ -46,14 +46,14 @@ def _share(value: float) -> str:
     return f"{100 * value:.2f} %"
 
 
-def write_allocation_page(found: Allocation, file: str, folder: Path) -> None:
+def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> None:
     """Write report.html and its figure into ``folder``; ``file`` names the study file beside it."""
-    rows = pd.DataFrame(allocation_rows(found)).to_dict("records")
-    checks = pd.DataFrame(check_rows(found)).to_dict("records")
+    rows = pd.DataFrame(allocation_rows(allocation)).to_dict("records")
+    checks = pd.DataFrame(check_rows(allocation)).to_dict("records")
     page = rendered(
         TEMPLATE,
-        study=found.study,
-        sentence=sentence(found),
+        study=allocation.study,
+        sentence=sentence(allocation),
         file=file,
         rows=[
             {
@@ -78,21 +78,23 @@ def write_allocation_page(found: Allocation, file: str, folder: Path) -> None:
             for row in checks
         ],
         units=checks[0]["n"],
-        tradeoff=[(_share(share), f"{cost:.4g}" if np.isfinite(cost) else NOTHING) for share, cost in found.tradeoff],
-        examples=[PARAMETERS[tolerance.name] for tolerance in found.priced if tolerance.cost.example],
-        unmoved=[(PARAMETERS[name], reason) for name, reason in found.unmoved.items()],
-        solved=found.solved,
-        pictures=_pictures(found, folder),
+        tradeoff=[
+            (_share(share), f"{cost:.4g}" if np.isfinite(cost) else NOTHING) for share, cost in allocation.tradeoff
+        ],
+        examples=[PARAMETERS[tolerance.name] for tolerance in allocation.priced if tolerance.cost.example],
+        unmoved=[(PARAMETERS[name], reason) for name, reason in allocation.unmoved.items()],
+        solved=allocation.solved,
+        pictures=_pictures(allocation, folder),
     )
     write_atomic(folder / "report.html", page.encode())
 
 
-def _pictures(found: Allocation, folder: Path) -> dict[str, Picture]:
+def _pictures(allocation: Allocation, folder: Path) -> dict[str, Picture]:
     stem = folder / "figures" / "tradeoff"
     stem.parent.mkdir(parents=True, exist_ok=True)
-    choices = {"before": found.before, "equal": found.equal, "found": found.found}
+    choices = {"before": allocation.before, "equal": allocation.equal, "found": allocation.found}
     points = {CHOICES[name]: _point(choice) for name, choice in choices.items() if choice is not None}
-    save(tradeoff_figure(found.tradeoff, points, found.target), stem)
+    save(tradeoff_figure(allocation.tradeoff, points, allocation.target), stem)
     caption = (
         "The line is of the last linear model and was not checked; the points are load-solved units, with the "
         "intervals of their yields. To the right fewer units are bad."
@@ -101,5 +103,5 @@ def _pictures(found: Allocation, folder: Path) -> dict[str, Picture]:
 
 
 def _point(choice: Choice) -> tuple[float, float, float, float]:
-    passed = choice.passed
-    return choice.cost, passed.value, passed.ci_low, passed.ci_high
+    passing = choice.passed
+    return choice.cost, passing.value, passing.ci_low, passing.ci_high

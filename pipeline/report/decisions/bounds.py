@@ -18,12 +18,12 @@ TEMPLATE = "decisions/bounds.html"
 STATISTICS = {"mean": "mean", "std": "standard deviation", "far": "99.73 % on the bad side"}
 
 
-def write_bounds_page(found: Findings, folder: Path) -> None:
+def write_bounds_page(bound_findings: Findings, folder: Path) -> None:
     """Write report.html into ``folder``."""
-    tables = {table: pd.DataFrame(rows) for table, rows in table_rows(found).items()}
+    tables = {table: pd.DataFrame(rows) for table, rows in table_rows(bound_findings).items()}
     page = rendered(
         TEMPLATE,
-        study=found.study,
+        study=bound_findings.study,
         bounds=[_bound(row) for row in tables[BOUNDS].to_dict("records")],
         stacks=[_stack(row) for row in tables[STACKS].to_dict("records")],
         cranks=sorted(set(tables[CONTRIBUTIONS]["crank_deg"])),

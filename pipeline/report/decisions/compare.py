@@ -65,10 +65,10 @@ def sentence(a: Run, b: Run, rows: pd.DataFrame) -> str:
     shares = rows[(rows["metric"] == ALL_LIMITS) & (rows["statistic"] == "yield")]
     if len(shares):
         row = shares.iloc[0]
-        known = row["ci_low"] > 0 or row["ci_high"] < 0
+        is_significant = row["ci_low"] > 0 or row["ci_high"] < 0
         change = f"{signed(100 * row['difference'], 1)} percentage points"
         ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
-        visible = "" if known else " The samples do not tell the two apart."
+        visible = "" if is_significant else " The samples do not tell the two apart."
         return (
             f"Of {a.label} {percent(row['a'])} of the units keep all limits, of {b.label} {percent(row['b'])}: "
             f"{change} ({ends}).{visible}"
@@ -92,7 +92,7 @@ def _row(row: dict[Any, Any]) -> dict[str, str]:
     quantity = SHARE if share else METRICS[row["metric"]]
     factor = 100 if share else 1
     finer = Quantity(quantity.title, quantity.unit, quantity.decimals + 1)
-    known = np.isfinite(row["ci_low"]) or np.isfinite(row["ci_high"])
+    has_interval = np.isfinite(row["ci_low"]) or np.isfinite(row["ci_high"])
     title = "All limits" if row["metric"] == ALL_LIMITS else METRICS[row["metric"]].title
     return {
         "title": title,
@@ -101,7 +101,7 @@ def _row(row: dict[Any, Any]) -> dict[str, str]:
         "a": number(factor * row["a"], quantity),
         "b": number(factor * row["b"], quantity),
         "difference": number(factor * row["difference"], finer),
-        "ends": interval(factor * row["ci_low"], factor * row["ci_high"], finer) if known else "",
+        "ends": interval(factor * row["ci_low"], factor * row["ci_high"], finer) if has_interval else "",
         "certain": bool(row["ci_low"] > 0 or row["ci_high"] < 0),
     }
 

@@ -89,10 +89,10 @@ class TurnSection:
     @cached_property
     def lacking(self) -> set[str]:
         """What the study or its design does not have, of ``NEEDS``."""
-        operation, even = self.frames.study.design.operation, bool(self.told_apart)
+        operation, has_rank = self.frames.study.design.operation, bool(self.told_apart)
         available = {
-            TURN: even,
-            BALANCE: not even or self._known("bearing_force_peak_N"),
+            TURN: has_rank,
+            BALANCE: not has_rank or self._known("bearing_force_peak_N"),
             SPEED: operation is not None,
             RATING: operation is not None and operation.rating is not None,
             FRICTION: operation is not None and operation.friction is not None,
@@ -123,9 +123,9 @@ class TurnSection:
     @property
     def told_apart(self) -> int:
         """Highest order under load that the loaded angles tell apart; 0 where they tell none."""
-        loaded = self.frames.orders["torque_Nm"] != 0
+        is_loaded = self.frames.orders["torque_Nm"] != 0
         angles = len(self.frames.study.cycle.crank_deg)
-        return (angles - 1) // 2 if loaded.any() and angles >= FEWEST_ANGLES else 0
+        return (angles - 1) // 2 if is_loaded.any() and angles >= FEWEST_ANGLES else 0
 
     @cached_property
     def folded(self) -> str:

@@ -29,7 +29,7 @@ CAPTIONS = {
 }
 
 
-def write_change_page(of: Answer, folder: Path, shown_folder: Path) -> None:
+def write_change_page(change_answer: Answer, folder: Path, shown_folder: Path) -> None:
     """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
 
     Parameters
@@ -40,9 +40,9 @@ def write_change_page(of: Answer, folder: Path, shown_folder: Path) -> None:
     changes, positions, cells = (
         pd.read_parquet(folder / f"{name}.parquet") for name in ("changes", "positions", "difference")
     )
-    unnamed = of.found.best.others
-    shown = [frame[frame["others"] == unnamed] for frame in (changes, positions)]
-    figures = {"difference": difference_figure(cells), "changes": changes_figure(*shown)}
+    unnamed = change_answer.found.best.others
+    shown_tables = [frame[frame["others"] == unnamed] for frame in (changes, positions)]
+    figures = {"difference": difference_figure(cells), "changes": changes_figure(*shown_tables)}
     (folder / "figures").mkdir(exist_ok=True)
     pictures = {}
     for name, figure in figures.items():
@@ -52,11 +52,11 @@ def write_change_page(of: Answer, folder: Path, shown_folder: Path) -> None:
     page = rendered(
         TEMPLATE,
         verdict=verdict,
-        titles=[state.measurement.unit.settings.title for state in (of.before, of.after)],
+        titles=[state.measurement.unit.settings.title for state in (change_answer.before, change_answer.after)],
         changes=[_change(row) for row in changes.to_dict("records")],
-        positions=_errors(of),
+        positions=_errors(change_answer),
         others=unnamed,
-        best=of.found.best.words,
+        best=change_answer.found.best.words,
         faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
         folder=shown_folder,
         pictures=pictures,
@@ -64,10 +64,10 @@ def write_change_page(of: Answer, folder: Path, shown_folder: Path) -> None:
     write_atomic(folder / "report.html", page.encode())
 
 
-def _errors(of: Answer) -> list[tuple[str, str, str]]:
+def _errors(change_answer: Answer) -> list[tuple[str, str, str]]:
     """Crank angle and errors in noise floors at each position, without and with the change that says most."""
-    best = of.found.best
-    rows = zip(of.found.models, best.nothing, best.error, strict=True)
+    best = change_answer.found.best
+    rows = zip(change_answer.found.models, best.nothing, best.error, strict=True)
     return [
         (digits(model.pair.crank_deg), digits(unchanged), digits(remaining)) for model, unchanged, remaining in rows
     ]

@@ -28,12 +28,14 @@ CAPTIONS = {
 }
 
 
-def write_description_page(of: Description, left: Sequence[Signature], folder: Path, shown_folder: Path) -> None:
+def write_description_page(
+    description: Description, signatures_left: Sequence[Signature], folder: Path, shown_folder: Path
+) -> None:
     """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
 
     Parameters
     ----------
-    left : signatures of what the description leaves.
+    signatures_left : signatures of what the description leaves.
     shown_folder : the folder as a user would type it.
     """
     cells = pd.read_parquet(folder / "description.parquet")
@@ -44,16 +46,18 @@ def write_description_page(of: Description, left: Sequence[Signature], folder: P
         stem = folder / "figures" / name
         save(figure, stem)
         pictures[name] = Picture(*CAPTIONS[name], stem.with_suffix(".svg").read_bytes())
-    errors = {TITLES[name].capitalize(): error for name, error in of.errors.items()} | dict(of.baselines)
+    errors = {TITLES[name].capitalize(): error for name, error in description.errors.items()} | dict(
+        description.baselines
+    )
     page = rendered(
         TEMPLATE,
         verdict=read_json(folder / VERDICT_FILE),
-        numbers=[_number(number) for number in of.numbers],
+        numbers=[_number(number) for number in description.numbers],
         errors=[
             (title[:1].upper() + title[1:], digits(e.rms_arcmin), digits(e.to_noise)) for title, e in errors.items()
         ],
-        signatures=[_signature(signature) for signature in left if not signature.why_not],
-        left=_left(of),
+        signatures=[_signature(signature) for signature in signatures_left if not signature.why_not],
+        left=_left(description),
         folder=shown_folder,
         pictures=pictures,
     )
@@ -71,13 +75,13 @@ def _number(number: Number) -> dict[str, str | bool]:
     }
 
 
-def _left(of: Description) -> list[tuple[str, str]]:
+def _left(description: Description) -> list[tuple[str, str]]:
     """What the description leaves, in words; nothing where nothing is left."""
-    if of.left is None:
+    if description.left is None:
         return []
-    rows = zip(of.numbers, of.left.moved.tolist(), of.left.error.tolist(), strict=True)
-    moved = [(n.meaning.split(":")[0], step, error, "" if n.unit == "1" else n.unit) for n, step, error in rows]
-    return discrepancy_facts(of.left, moved)
+    rows = zip(description.numbers, description.left.moved.tolist(), description.left.error.tolist(), strict=True)
+    moved_facts = [(n.meaning.split(":")[0], step, error, "" if n.unit == "1" else n.unit) for n, step, error in rows]
+    return discrepancy_facts(description.left, moved_facts)
 
 
 def _signature(signature: Signature) -> tuple[str, str, str, str, bool]:

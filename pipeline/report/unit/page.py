@@ -57,7 +57,7 @@ CAPTIONS = {
 }
 
 
-def write_page(of: Findings | FaultyUnit, folder: Path, shown_folder: Path) -> None:
+def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_folder: Path) -> None:
     """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
 
     Parameters
@@ -65,22 +65,30 @@ def write_page(of: Findings | FaultyUnit, folder: Path, shown_folder: Path) -> N
     shown_folder : the folder as a user would type it.
     """
     verdict = read_json(folder / VERDICT_FILE)
-    if isinstance(of, FaultyUnit):
-        values = _common(of, verdict, shown_folder) | {"data_facts": _rows_facts(of), "tested": False, "pictures": {}}
+    if isinstance(findings_of_unit, FaultyUnit):
+        values = _common(findings_of_unit, verdict, shown_folder) | {
+            "data_facts": _rows_facts(findings_of_unit),
+            "tested": False,
+            "pictures": {},
+        }
     else:
-        values = _common(of.found, verdict, shown_folder) | _tested(of, verdict) | {"pictures": _pictures(of, folder)}
+        values = (
+            _common(findings_of_unit.found, verdict, shown_folder)
+            | _tested(findings_of_unit, verdict)
+            | {"pictures": _pictures(findings_of_unit, folder)}
+        )
     page = rendered(TEMPLATE, **values)
     write_atomic(folder / "report.html", page.encode())
 
 
-def _pictures(of: Findings, folder: Path) -> dict[str, Picture]:
+def _pictures(findings_of_unit: Findings, folder: Path) -> dict[str, Picture]:
     cells = pd.read_parquet(folder / "residual.parquet")
-    tried = pd.read_parquet(folder / "candidates.parquet")
+    candidates = pd.read_parquet(folder / "candidates.parquet")
     figures = {
         "loops": loops_figure(cells, MODELS | WRITTEN if cells["written_arcmin"].notna().any() else MODELS),
         "torque": torque_figure(cells),
         "time": time_figure(cells),
-        "candidates": candidates_figure(tried, of.found.selection.base.rms),
+        "candidates": candidates_figure(candidates, findings_of_unit.found.selection.base.rms),
     }
     (folder / "figures").mkdir(exist_ok=True)
     pictures = {}
@@ -91,16 +99,16 @@ def _pictures(of: Findings, folder: Path) -> dict[str, Picture]:
     return pictures
 
 
-def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """What the page says of any unit."""
-    unit = found.measurement.unit
+    unit = identification.measurement.unit
     return {
         "verdict": verdict,
         "design": unit.settings.design,
         "design_title": unit.study.design.title,
         "traced": [title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
         "parameters": [_parameter(parameter) for parameter in verdict["parameters"]],
-        "faults": found.measurement.faults,
+        "faults": identification.measurement.faults,
         "not_testable": [(capitalised(title_of(name)), reason) for name, reason in verdict["not_testable"].items()],
         "corrected": verdict["corrected"],
         "not_corrected": verdict["not_corrected"],
@@ -110,14 +118,14 @@ def _common(found: Identification | FaultyUnit, verdict: Mapping[str, Any], fold
     }
 
 
-def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
+def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
     """What the page says of a unit that was fitted."""
-    identification = of.found
+    identification = findings_of_unit.found
     titles = STAGE_TITLES | {"after": _after(identification)}
     rows = pd.DataFrame(tables.candidate_rows(identification))
     fitted = rows[rows["score_after"].notna()]
     screened = rows[rows["why_not"] == tables.NOT_SHORTLISTED]
-    pairs = list(zip(*of.signatures.values(), strict=True))
+    pairs = list(zip(*findings_of_unit.signatures.values(), strict=True))
     return {
         "tested": True,
         "judged_on": _judged_on(identification),
@@ -168,8 +176,8 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
         "could_hide": [_limit(limit) for limit in identification.could_hide],
         "compared": _compared(identification),
         "held_out_cranks": [digits(crank) for crank in identification.errors["after"].by_crank_deg],
-        "loop_errors": [_loop(name, error) for name, error in of.loops.items()],
-        "calibrated": _calibrated(of, verdict["calibrated"]),
+        "loop_errors": [_loop(name, error) for name, error in findings_of_unit.loops.items()],
+        "calibrated": _calibrated(findings_of_unit, verdict["calibrated"]),
         "tolerances": "All tolerances are as measured."
         if identification.measurement.unit.dimensions is not None
         else f"The tolerances were not measured: {counted(identification.problem.n_modes, 'mode')} of them "
@@ -177,34 +185,39 @@ def _tested(of: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _after(found: Identification) -> str:
+def _after(identification: Identification) -> str:
     """What the third of the models is."""
-    return "With what is named" if found.verdict.named else "After: nothing is claimed, as refitted"
+    return "With what is named" if identification.verdict.named else "After: nothing is claimed, as refitted"
 
 
-def discrepancy_facts(left: Discrepancy, moved: Sequence[tuple[str, float, float, str]]) -> list[tuple[str, str]]:
-    """What is left as a Gaussian process, in words; ``moved``: name, change, standard error and unit of parameters."""
-    sense = "rising" if left.worst_sense > 0 else "falling"
+def discrepancy_facts(
+    structure: Discrepancy, moved_facts: Sequence[tuple[str, float, float, str]]
+) -> list[tuple[str, str]]:
+    """What is left as a Gaussian process, in words; ``moved_facts``: name, change, standard error, unit."""
+    sense = "rising" if structure.worst_sense > 0 else "falling"
     facts = [
-        ("Structured", f"{digits(100 * left.structured, 2)} % of the mean square of what is left"),
-        ("Shared by all positions", f"{digits(left.common_arcmin)} arcmin"),
-        ("Of each position by itself", f"{digits(left.own_arcmin)} arcmin"),
-        ("Alike over", f"{digits(left.reach_Nm)} N m"),
-        ("Largest", f"{digits(left.worst_arcmin)} arcmin at {digits(left.worst_torque_Nm)} N m, torque {sense}"),
+        ("Structured", f"{digits(100 * structure.structured, 2)} % of the mean square of what is left"),
+        ("Shared by all positions", f"{digits(structure.common_arcmin)} arcmin"),
+        ("Of each position by itself", f"{digits(structure.own_arcmin)} arcmin"),
+        ("Alike over", f"{digits(structure.reach_Nm)} N m"),
+        (
+            "Largest",
+            f"{digits(structure.worst_arcmin)} arcmin at {digits(structure.worst_torque_Nm)} N m, torque {sense}",
+        ),
     ]
-    for name, change, error, unit in moved:
+    for name, change, error, unit in moved_facts:
         significance = "by more than its uncertainty" if abs(change) > 2 * error else "within its uncertainty"
         text = f"moves by {digits(change)} {unit}".rstrip()
         facts.append((capitalised(name), f"{text} when the term is allowed, {significance} ({digits(2 * error)})"))
     return facts
 
 
-def _left(found: Identification) -> list[tuple[str, str]]:
+def _left(identification: Identification) -> list[tuple[str, str]]:
     """What the model leaves, in words; nothing where nothing is left."""
-    residual = found.discrepancy
+    residual = identification.discrepancy
     if residual is None:
         return []
-    effects = found.selection.answer.fit.model.effects
+    effects = identification.selection.answer.fit.model.effects
     parameters = [(f"{effect.title}, {p.meaning}", shown_unit(p.unit)) for effect in effects for p in effect.parameters]
     rows = zip(parameters, residual.moved.tolist(), residual.error.tolist(), strict=True)
     return discrepancy_facts(residual, [(name, change, error, unit) for (name, unit), change, error in rows])
@@ -214,49 +227,53 @@ def _baseline(title: str, error: AngleError) -> dict[str, str]:
     return {"title": capitalised(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
 
 
-def _beside(found: Identification) -> dict[str, AngleError]:
+def _beside(identification: Identification) -> dict[str, AngleError]:
     """Errors that stand beside the model's: of the best description, where it is not claimed, and of the baselines."""
-    name = found.selection.description.fit.model.name
-    described = {f"best description, not claimed: {title_of(name)}": found.described} if found.described else {}
-    return {**described, **found.baselines}
+    name = identification.selection.description.fit.model.name
+    described = (
+        {f"best description, not claimed: {title_of(name)}": identification.described}
+        if identification.described
+        else {}
+    )
+    return {**described, **identification.baselines}
 
 
 def _limit(limit: DetectionLimit) -> tuple[str, str, str]:
     effect = candidates()[limit.effect]
     (parameter,) = (p for p in effect.parameters if p.name == limit.parameter)
     size = f"{digits(limit.value)} {shown_unit(limit.unit)}".rstrip()
-    shown = size if math.isfinite(limit.value) else "would not show at any size"
-    return capitalised(effect.title), parameter.meaning, shown
+    size_text = size if math.isfinite(limit.value) else "would not show at any size"
+    return capitalised(effect.title), parameter.meaning, size_text
 
 
-def _compared(found: Identification) -> str:
+def _compared(identification: Identification) -> str:
     """Whether the model beats the best of the baselines."""
-    title, best = min(found.baselines.items(), key=lambda item: item[1].to_noise)
-    ratio = found.errors["after"].to_noise / best.to_noise
+    title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
+    ratio = identification.errors["after"].to_noise / best.to_noise
     if ratio > 1:
         return f"The model is behind the best of them, {title}, by a factor of {digits(ratio)} in noise floors."
     return f"The model is ahead of the best of them, {title}, by a factor of {digits(1 / ratio)} in noise floors."
 
 
-def _judged_on(found: Identification) -> str:
+def _judged_on(identification: Identification) -> str:
     """Which cells the errors are of, and which model each fold chose."""
-    if found.folds.in_sample:
+    if identification.folds.in_sample:
         return "In sample: the fit has seen these data, nothing is held out."
-    names = [title_of(name) if name else "nothing added" for name in found.folds.models]
-    chosen = f" With effects, each fold took: {'; '.join(names)}." if any(found.folds.models) else ""
+    names = [title_of(name) if name else "nothing added" for name in identification.folds.models]
+    chosen = f" With effects, each fold took: {'; '.join(names)}." if any(identification.folds.models) else ""
     return f"On data that the fit had not seen.{chosen}"
 
 
-def _parameter(one: Mapping[str, Any]) -> dict[str, str]:
-    effect = candidates()[one["effect"]]
-    (parameter,) = [p for p in effect.parameters if p.name == one["name"]]
+def _parameter(record: Mapping[str, Any]) -> dict[str, str]:
+    effect = candidates()[record["effect"]]
+    (parameter,) = [p for p in effect.parameters if p.name == record["name"]]
     return {
         "effect": capitalised(effect.title),
         "meaning": parameter.meaning,
-        "value": digits(one["value"]),
-        "interval": interval(one["ci_low"], one["ci_high"]) or "none",
-        "unit": shown_unit(one["unit"]),
-        "note": one["note"],
+        "value": digits(record["value"]),
+        "interval": interval(record["ci_low"], record["ci_high"]) or "none",
+        "unit": shown_unit(record["unit"]),
+        "note": record["note"],
     }
 
 
@@ -312,27 +329,27 @@ def _loop(name: str, error: LoopError) -> dict[str, Any]:
     }
 
 
-def _calibrated(of: Findings, factors: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
+def _calibrated(findings_of_unit: Findings, factors: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
     rows = []
     for key, factor in factors.items():
-        value: Any = of.found.measurement.unit.study.design.model_dump()
+        value: Any = findings_of_unit.found.measurement.unit.study.design.model_dump()
         for name in key.split("."):
             value = value[name]
         rows.append((key, plain(value), digits(value * factor), digits(factor)))
     return rows
 
 
-def _rows_facts(found: Identification | FaultyUnit) -> list[tuple[str, str]]:
-    rows = found.measurement.rows
+def _rows_facts(identification: Identification | FaultyUnit) -> list[tuple[str, str]]:
+    rows = identification.measurement.rows
     return [
         ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
         ("Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()])),
     ]
 
 
-def _data_facts(found: Identification) -> list[tuple[str, str]]:
-    measurement = found.measurement
-    noise = measurement.noise_of(found.problem.training)
+def _data_facts(identification: Identification) -> list[tuple[str, str]]:
+    measurement = identification.measurement
+    noise = measurement.noise_of(identification.problem.training)
     scatters: Sequence[tuple[str, Any]] = (
         ("Scatter of repeats, drift and running in included", noise.repeats),
         ("Scatter within a branch", noise.within_branch),
@@ -342,13 +359,13 @@ def _data_facts(found: Identification) -> list[tuple[str, str]]:
     chosen = measurement.unit.settings.held_out.train
     counts = counted(len(measurement.branches), "branch", "branches"), counted(len(measurement.cells), "cell")
     return [
-        *_rows_facts(found),
+        *_rows_facts(identification),
         ("Branches and cells", ", ".join(counts)),
         (
             "Held out",
             "what unit.toml names" if chosen else f"whole {held_out_by}, each predicted by a fit to the others",
         ),
-        ("Noise floor of a cell", f"{digits(found.problem.data.noise)} arcmin: {noise.floor.words}"),
+        ("Noise floor of a cell", f"{digits(identification.problem.data.noise)} arcmin: {noise.floor.words}"),
         *(
             (title, f"{digits(rms.value)} arcmin, interval {interval(rms.ci_low, rms.ci_high) or 'not determined'}")
             for title, rms in scatters

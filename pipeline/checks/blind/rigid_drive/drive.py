@@ -61,12 +61,12 @@ class Bearing:
         pressed = travel - self.clearance
         if pressed <= 0:
             return 0.0, np.zeros(2), np.zeros((2, 2))
-        along = shift / travel
+        direction = shift / travel
         force = self.stiffness * pressed**self.exponent
         rise = self.exponent * force / pressed
-        outer = np.outer(along, along)
+        outer = np.outer(direction, direction)
         energy = force * pressed / (1 + self.exponent)
-        return energy, force * along, rise * outer + force / travel * (np.eye(2) - outer)
+        return energy, force * direction, rise * outer + force / travel * (np.eye(2) - outer)
 
 
 @dataclass(frozen=True)
@@ -104,12 +104,12 @@ class Curve:
         """Rotations [rad] at torques [N mm]: a monotone cubic on either side of the play, a line across it."""
         middle = len(self.torque) // 2
         angle = np.interp(torque, self.torque, self.angle)
-        for side, inside in (
+        for side, branch_mask in (
             (slice(None, middle), torque <= self.torque[middle - 1]),
             (slice(middle, None), torque >= self.torque[middle]),
         ):
-            if np.any(inside):
-                angle[inside] = PchipInterpolator(self.torque[side], self.angle[side])(torque[inside])
+            if np.any(branch_mask):
+                angle[branch_mask] = PchipInterpolator(self.torque[side], self.angle[side])(torque[branch_mask])
         return angle
 
 
@@ -159,8 +159,8 @@ class RigidDrive:
     def _state(self, pose: Real, torque: float, parameter: Real | None) -> _State:
         """Energy and forces at a pose (5,) [mm] under a torque on the output [N mm]."""
         radius = self.flank.circle_radius
-        turned = pose[2:] / radius
-        trial_pose = Pose(complex(pose[0], pose[1]), turned[0], turned[1], turned[2])
+        rotation = pose[2:] / radius
+        trial_pose = Pose(complex(pose[0], pose[1]), rotation[0], rotation[1], rotation[2])
         of_pins, pin_slopes, parameter = self._pin_approaches(trial_pose, parameter)
         of_output, output_slopes = self.output.approaches(trial_pose, self.eccentric, self.rotation)
         energy, bearing_force, hold = self.bearing.held(pose[:2])
@@ -175,7 +175,7 @@ class RigidDrive:
             slope += force @ scaled
             curvature += scaled.T @ (contact.stiffness(force)[:, None] * scaled)
         slope[4] -= torque / radius
-        return _State(energy - torque * turned[2], slope, curvature, pressed, parameter)
+        return _State(energy - torque * rotation[2], slope, curvature, pressed, parameter)
 
     def balanced(self, torque: float, start: Real) -> Real:
         """Pose (5,) [mm] under a torque on the output [N mm]: shift x, y and rotations times the pins' circle radius.

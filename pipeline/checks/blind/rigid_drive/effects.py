@@ -59,8 +59,8 @@ def _pins_moved(drive: RigidDrive, outwards: Real | float) -> RigidDrive:
 def _oval(order: int) -> Callable[[Sequence[float]], Changed]:
     def effect(values: Sequence[float]) -> Changed:
         def changed(drive: RigidDrive, cycle: float, warmer: float) -> RigidDrive:
-            around = np.angle(drive.pin_centres)
-            cosine, sine = values[0] * np.cos(order * around), values[1] * np.sin(order * around)
+            pin_angle = np.angle(drive.pin_centres)
+            cosine, sine = values[0] * np.cos(order * pin_angle), values[1] * np.sin(order * pin_angle)
             return _pins_moved(drive, MM_PER_UM * (cosine + sine))
 
         return changed

@@ -61,42 +61,49 @@ class Flank:
         clockwise = -2 * np.pi * np.arange(self.pins) / self.pins
         return clockwise - rotation
 
-    def nearest(self, place: Complex, nominal: Real) -> Real:
+    def nearest(self, point: Complex, nominal: Real) -> Real:
         """Parameters (n_pins,) of the nearest points to pin centres in the disk's frame, the least of some starts."""
         pitch = 2 * np.pi / self.lobes
-        feet = [self.refined(place, nominal + share * pitch) for share in FIRST_STARTS]
-        distances = np.array([np.abs(self._in_lobe(place, foot)[0] - self._curve(foot)[0]) for foot in feet])
-        return np.array(feet)[np.argmin(distances, axis=0), np.arange(len(place))]
+        feet = [self.refined(point, nominal + share * pitch) for share in FIRST_STARTS]
+        distances = np.array([np.abs(self._in_lobe(point, foot)[0] - self._curve(foot)[0]) for foot in feet])
+        return np.array(feet)[np.argmin(distances, axis=0), np.arange(len(point))]
 
-    def refined(self, place: Complex, start: Real) -> Real:
+    def refined(self, pin_position: Complex, start: Real) -> Real:
         """Parameters of the nearest points, from those of a neighbouring pose."""
         largest, parameter = LARGEST_STEP * 2 * np.pi / self.lobes, start
         for _ in range(FOOT_STEPS):
-            in_lobe, _ = self._in_lobe(place, parameter)
+            in_lobe, _ = self._in_lobe(pin_position, parameter)
             point, slope, bend = self._curve(parameter)
             offset = in_lobe - point
-            along = np.real(np.conj(slope) * offset)
+            along_flank = np.real(np.conj(slope) * offset)
             turn = np.abs(slope) ** 2 - np.real(np.conj(bend) * offset)
-            step = np.clip(along / np.where(turn > 0, turn, np.abs(slope) ** 2), -largest, largest)
+            step = np.clip(along_flank / np.where(turn > 0, turn, np.abs(slope) ** 2), -largest, largest)
             parameter = parameter + step
             if np.max(np.abs(step)) < FOOT_ERROR:
                 break
         return parameter
 
-    def gaps(self, place: Complex, parameter: Real) -> tuple[Real, Complex]:
+    def gaps(self, pin_position: Complex, parameter: Real) -> tuple[Real, Complex]:
         """Distances (n_pins,) [mm] of pin centres outside of the curve, and their slopes by the centres, complex."""
-        in_lobe, turn = self._in_lobe(place, parameter)
+        in_lobe, turn = self._in_lobe(pin_position, parameter)
         point, slope, _ = self._curve(parameter)
         outwards = -1j * slope / np.abs(slope)
         return np.real(np.conj(outwards) * (in_lobe - point)), outwards / turn
 
-    def _in_lobe(self, place: Complex, parameter: Real) -> tuple[Complex, Complex]:
+    def _in_lobe(self, point: Complex, parameter: Real) -> tuple[Complex, Complex]:
         """Centres as the lobe sees them that lies where the parameter says, and the turn between the two frames."""
         turn = np.exp(-1j * self.turned[self.lobe_at(parameter)])
-        return (place - self.centre) * turn, turn
+        return (point - self.centre) * turn, turn
 
     def _curve(self, parameter: Real) -> tuple[Complex, Complex, Complex]:
         """The pin centre's curve R exp(i psi) - e exp(i N psi) with its first two derivatives."""
         radius = self.circle_radius - self.taken_off[self.lobe_at(parameter)]
-        first_circle, often = radius * np.exp(1j * parameter), self.eccentricity * np.exp(1j * self.pins * parameter)
-        return first_circle - often, 1j * (first_circle - self.pins * often), -first_circle + self.pins**2 * often
+        first_circle, fast_circle = (
+            radius * np.exp(1j * parameter),
+            self.eccentricity * np.exp(1j * self.pins * parameter),
+        )
+        return (
+            first_circle - fast_circle,
+            1j * (first_circle - self.pins * fast_circle),
+            -first_circle + self.pins**2 * fast_circle,
+        )

@@ -35,15 +35,15 @@ class LineContact:
 
     def force(self, approach: Real) -> Real:
         """Forces (n,) [N] at approaches [mm]; none where bodies are apart."""
-        closed = np.maximum(approach, 0.0)
-        force = (closed / self._scale) ** (1 / BY_FORCE)
+        penetration = np.maximum(approach, 0.0)
+        force = (penetration / self._scale) ** (1 / BY_FORCE)
         if self.compliance == 0.0:
             return force
-        force = np.minimum(force, closed / self.compliance)
+        force = np.minimum(force, penetration / self.compliance)
         for _ in range(INVERSION_STEPS):
             with np.errstate(divide="ignore", invalid="ignore"):
                 slope = self.compliance + BY_FORCE * self._scale * force ** (BY_FORCE - 1)
-            deviation = closed - self._scale * force**BY_FORCE - self.compliance * force
+            deviation = penetration - self._scale * force**BY_FORCE - self.compliance * force
             step = np.where(force > 0, deviation / slope, 0.0)
             force = np.maximum(force + step, 0.1 * force)
             if np.all(np.abs(step) <= SETTLED * np.maximum(force, SETTLED)):

@@ -65,19 +65,19 @@ class CrossedSlides:
 
     def approaches(self, pose: Pose, eccentric: complex, rotation: float) -> tuple[Real, Real]:
         """Every roller is pressed as its face nears: by the disk's shift across its slide, and by relative rotation."""
-        across = 1j * np.exp(1j * (self.direction + rotation))
+        normal = 1j * np.exp(1j * (self.direction + rotation))
         parts, slopes = [], []
-        for slide, turned in enumerate((pose.disk - pose.between, pose.between - pose.output)):
+        for slide, rotation_between in enumerate((pose.disk - pose.between, pose.between - pose.output)):
             for face in (1, -1):
                 for end in (1, -1):
                     arm = face * end * self.reach
                     slope = np.zeros((len(arm), 5))
-                    moved = 0.0
+                    translation = 0.0
                     if slide == 0:
-                        moved = face * (across.real * pose.shift.real + across.imag * pose.shift.imag)
-                        slope[:, 0], slope[:, 1] = face * across.real, face * across.imag
+                        translation = face * (normal.real * pose.shift.real + normal.imag * pose.shift.imag)
+                        slope[:, 0], slope[:, 1] = face * normal.real, face * normal.imag
                     slope[:, 2 + slide], slope[:, 3 + slide] = arm, -arm
-                    parts.append(moved + arm * turned)
+                    parts.append(translation + arm * rotation_between)
                     slopes.append(slope)
         return np.concatenate(parts) - self.gap, np.concatenate(slopes)
 
@@ -103,9 +103,9 @@ class PinsInHoles:
         holes = self.circle_radius * np.exp(1j * (self.angle + rotation + pose.disk))
         pins = self.circle_radius * np.exp(1j * (self.angle + rotation + pose.output))
         separation = eccentric + pose.shift + holes - pins
-        along = separation / np.abs(separation)
+        normal = separation / np.abs(separation)
         slope = np.zeros((len(separation), 5))
-        slope[:, 0], slope[:, 1] = along.real, along.imag
-        slope[:, 2] = np.real(np.conj(along) * 1j * holes)
-        slope[:, 4] = -np.real(np.conj(along) * 1j * pins)
+        slope[:, 0], slope[:, 1] = normal.real, normal.imag
+        slope[:, 2] = np.real(np.conj(normal) * 1j * holes)
+        slope[:, 4] = -np.real(np.conj(normal) * 1j * pins)
         return np.abs(separation) - self.room, slope

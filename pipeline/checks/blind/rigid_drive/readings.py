@@ -65,16 +65,16 @@ class Position:
         torque = NMM_PER_NM * (loading.torque - sensors.torque_zero) / (1 + sensors.torque_gain)
         turns = NMM_PER_NM * (loading.turns - sensors.torque_zero) / (1 + sensors.torque_gain)
         steps, is_row = _with_turns(torque, turns, loading.leg)
-        turned, carried = np.empty(len(torque)), np.empty(len(torque))
+        output_angle, carried_torque = np.empty(len(torque)), np.empty(len(torque))
         for cycle in np.unique(loading.cycle):
             rows = loading.cycle == cycle
             curve = self.curve(effects, int(cycle), float(np.max(np.abs(steps))))
-            angle, inside = train.walked(curve, steps)
-            turned[rows], carried[rows] = angle[is_row][rows], inside[is_row][rows]
-        turned = turned + train.crept(carried, loading.time)
-        encoder = self.encoder_turns * turned + self.encoder_angle
+            angle, play_position = train.walked(curve, steps)
+            output_angle[rows], carried_torque[rows] = angle[is_row][rows], play_position[is_row][rows]
+        output_angle = output_angle + train.crept(carried_torque, loading.time)
+        encoder = self.encoder_turns * output_angle + self.encoder_angle
         wave = sensors.encoder_cosine * np.cos(encoder) + sensors.encoder_sine * np.sin(encoder)
-        return turned / RAD_PER_ARCMIN + wave + sensors.drift * loading.time / SECONDS_AN_HOUR
+        return output_angle / RAD_PER_ARCMIN + wave + sensors.drift * loading.time / SECONDS_AN_HOUR
 
     def curve(self, effects: Mapping[str, Sequence[float]], cycle: int, largest: float) -> Curve:
         """The curve without friction [rad] in one cycle, to the ``largest`` torque [N mm]; kept."""
@@ -84,9 +84,9 @@ class Position:
         if key not in self._curves:
             drive = self.drive
             for name, values in acting.items():
-                put = EFFECTS[name].drive
-                assert put is not None
-                drive = put(values)(drive, float(cycle), float(self.loading.warmer[cycle]))
+                effect_of = EFFECTS[name].drive
+                assert effect_of is not None
+                drive = effect_of(values)(drive, float(cycle), float(self.loading.warmer[cycle]))
             self._curves[key] = drive.curve(BEYOND * largest)
         return self._curves[key]
 
@@ -104,7 +104,7 @@ def _with_turns(torque: Real, turns: Real, leg: Whole) -> tuple[Real, NDArray[np
     """Torques of the rows with the turns among them, and which of them are rows."""
     steps, is_row = [turns[0]], [False]
     for number, end in enumerate(turns[1:]):
-        along = torque[leg == number].tolist()
-        steps += [*along, end]
-        is_row += [True] * len(along) + [False]
+        leg_torques = torque[leg == number].tolist()
+        steps += [*leg_torques, end]
+        is_row += [True] * len(leg_torques) + [False]
     return np.array(steps), np.array(is_row)

@@ -52,11 +52,11 @@ class Train:
         """Rotation [rad] with the twist at once, and torque [N mm] carried, from rest along torques (n,) in time."""
         if self.bristles:
             return self._yielding(curve, torque)
-        carried, inside = np.empty(len(torque)), 0.0
+        carried_torque, friction = np.empty(len(torque)), 0.0
         for k, load in enumerate(torque):
-            inside = min(max(inside, self._least(load)), -self._least(-load))
-            carried[k] = inside
-        return curve.at(carried) + self.twisted(carried), carried
+            friction = min(max(friction, self._least(load)), -self._least(-load))
+            carried_torque[k] = friction
+        return curve.at(carried_torque) + self.twisted(carried_torque), carried_torque
 
     def twisted(self, torque: Real) -> Real:
         """Rotations [rad] at once in series with the drive."""
@@ -72,11 +72,13 @@ class Train:
         """Delayed rotations [rad] under torques that are linear in time between the readings."""
         twist, strain = np.zeros(len(torque)), 0.0
         for k in range(1, len(torque) if self.creep else 0):
-            passed = time[k] - time[k - 1]
-            if passed > 0:
-                rate = (torque[k] - torque[k - 1]) / passed
+            interval = time[k] - time[k - 1]
+            if interval > 0:
+                rate = (torque[k] - torque[k - 1]) / interval
                 lagging = self.creep * (torque[k - 1] - self.creep_time * rate)
-                strain = lagging + self.creep * rate * passed + (strain - lagging) * np.exp(-passed / self.creep_time)
+                strain = (
+                    lagging + self.creep * rate * interval + (strain - lagging) * np.exp(-interval / self.creep_time)
+                )
             twist[k] = strain
         return twist
 
@@ -97,15 +99,15 @@ class Train:
         shares = np.linspace(FIRST_REACH, LAST_REACH, BRISTLES)
         limits = np.append(np.full(BRISTLES, self.bristles / BRISTLES), self.friction)
         reaches = np.append(shares * self.reach, ABRUPT)
-        carried, anchors = np.empty(len(torque)), np.full(len(limits), np.interp(0.0, torques, angles))
+        carried_torque, anchors = np.empty(len(torque)), np.full(len(limits), np.interp(0.0, torques, angles))
         for k, load in enumerate(torque):
 
-            def excess(inside: float, load: float = load, anchors: Real = anchors) -> float:
-                turned = np.interp(inside, torques, angles) - anchors
-                return inside + float(np.sum(limits * np.clip(turned / reaches, -1, 1))) - load
+            def excess(trial_torque: float, load: float = load, anchors: Real = anchors) -> float:
+                deflection = np.interp(trial_torque, torques, angles) - anchors
+                return trial_torque + float(np.sum(limits * np.clip(deflection / reaches, -1, 1))) - load
 
             largest_force = float(limits.sum()) + 1.0
-            carried[k] = brentq(excess, load - largest_force, load + largest_force, xtol=1e-6 * top)
-            turned = np.interp(carried[k], torques, angles)
-            anchors = np.clip(anchors, turned - reaches, turned + reaches)
-        return curve.at(carried) + self.twisted(carried), carried
+            carried_torque[k] = brentq(excess, load - largest_force, load + largest_force, xtol=1e-6 * top)
+            spring_angle = np.interp(carried_torque[k], torques, angles)
+            anchors = np.clip(anchors, spring_angle - reaches, spring_angle + reaches)
+        return curve.at(carried_torque) + self.twisted(carried_torque), carried_torque

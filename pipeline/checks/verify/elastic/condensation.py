@@ -46,10 +46,10 @@ def _patch_loads(specimen: Specimen) -> tuple[Real, Real]:
     patches = specimen.patches
     assembled = specimen.disk.loads(patches).T @ specimen.disk.rigid_motions
     jacobian = specimen.reducer.contact_jacobian[specimen.disk_rows]
-    along, across = jacobian[:, :2].T, jacobian[:, 2]
+    directions, arms = jacobian[:, :2].T, jacobian[:, 2]
     turn = np.exp(1j * specimen.reducer.crank / specimen.profile.lobes)
-    force = -(along[0] + 1j * along[1]) * turn
-    return assembled, np.stack([force.real, force.imag, -across], axis=-1)
+    force = -(directions[0] + 1j * directions[1]) * turn
+    return assembled, np.stack([force.real, force.imag, -arms], axis=-1)
 
 
 def check_disk_compliance(specimen: Specimen) -> Iterator[Finding]:

@@ -113,8 +113,8 @@ def manufactured_error(mesh: MeshTri, stress: Stress) -> float:
 def _ring(n_around: int) -> MeshTri:
     """Structured ring with the boundaries bore and rim."""
     radius = np.geomspace(INNER, OUTER, n_around // 8 + 1)
-    row, around = np.meshgrid(np.arange(len(radius) - 1), np.arange(n_around), indexing="ij")
-    corner = [(row + i) * n_around + (around + j) % n_around for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    row, column = np.meshgrid(np.arange(len(radius) - 1), np.arange(n_around), indexing="ij")
+    corner = [(row + i) * n_around + (column + j) % n_around for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
     nodes = (radius[:, None] * np.exp(2j * np.pi * np.arange(n_around) / n_around)).ravel()
     triangles = np.hstack([[corner[k].ravel() for k in (0, 1, 2)], [corner[k].ravel() for k in (0, 2, 3)]])
     middle = (INNER + OUTER) / 2

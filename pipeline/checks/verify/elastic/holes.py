@@ -94,10 +94,10 @@ def pressed_disk(specimen: Specimen, fineness: float) -> PressedDisk:
         Curve(partial(_circle, 0j, bore), fineness * EDGES["bore"] * bore, even=True),
     )
     presses = tuple(
-        Press(0, complex(hole_point), complex(along), reduce.patch_half_width_mm)
+        Press(0, complex(hole_point), complex(hole_normal), reduce.patch_half_width_mm)
         if hole < 0
-        else Press(1 + int(hole), complex(hole_point), complex(-along), reduce.roller_patch_half_width_mm)
-        for hole, hole_point, along in zip(contacts.hole, point, normal, strict=True)
+        else Press(1 + int(hole), complex(hole_point), complex(-hole_normal), reduce.roller_patch_half_width_mm)
+        for hole, hole_point, hole_normal in zip(contacts.hole, point, normal, strict=True)
     )
     edge = 0.5 * fineness * min(reduce.patch_half_width_mm, reduce.roller_patch_half_width_mm)
     mesh = curved_mesh(curves[0], curves[1:], point, edge, GROWTH)

@@ -75,9 +75,9 @@ class Unreduced:
     def tangent(self, state: Real) -> csc_array:
         """Hessian of the energy (n, n)."""
         force = self.forces(state)
-        closed = force > 0
+        in_contact = force > 0
         slope = np.zeros(len(force))
-        slope[closed] = 1 / self.laws[closed].compliance(force[closed])
+        slope[in_contact] = 1 / self.laws[in_contact].compliance(force[in_contact])
         slope = np.maximum(slope, HELD_BY_NOTHING * slope.max())
         return csc_array(self.stiffness + self.contact_jacobian.T @ (self.contact_jacobian * slope[:, None]))
 
@@ -165,11 +165,11 @@ def _newton(system: Unreduced, state: Real, torque: float) -> tuple[Real, int]:
 
 def _length(system: Unreduced, state: Real, step: Real, unbalanced: Real, torque: float) -> Real:
     """The step, halved until the energy falls; near the solution the energy is rounding and the whole step is taken."""
-    before, slope = system.energy(state, torque), float(unbalanced @ step)
+    energy_before, slope = system.energy(state, torque), float(unbalanced @ step)
     length = 1.0
     while length > SHORTEST:
-        change = system.energy(state + length * step, torque) - before
-        if change <= SUFFICIENT * length * slope or abs(slope) < ROUNDING * abs(before):
+        change = system.energy(state + length * step, torque) - energy_before
+        if change <= SUFFICIENT * length * slope or abs(slope) < ROUNDING * abs(energy_before):
             return length * step
         length *= 0.5
     return step

@@ -38,12 +38,12 @@ def on_mesh(specimen: Specimen) -> Reducer:
 
 
 def _agreement(
-    name: str, angle: np.ndarray, force: np.ndarray, ours: Equilibria, output: int, limits: tuple[float, float]
+    name: str, angle: np.ndarray, force: np.ndarray, solution: Equilibria, output: int, limits: tuple[float, float]
 ) -> Iterator[Finding]:
     """Angle, and forces as a share of the largest, of another solution (n_torques,), (n_torques, n_contacts)."""
     largest = force.max(axis=1, keepdims=True)
-    yield relative(f"output angle, {name} [rad]", angle, ours.motion[0, :, output], limits[0])
-    yield compared(f"contact forces, {name}, over the largest [N]", force, ours.force[0], limits[1], largest)
+    yield relative(f"output angle, {name} [rad]", angle, solution.motion[0, :, output], limits[0])
+    yield compared(f"contact forces, {name}, over the largest [N]", force, solution.force[0], limits[1], largest)
 
 
 def _cost(name: str, seconds: float, peak_bytes: float) -> Iterator[Finding]:
@@ -59,12 +59,12 @@ def check_unreduced(specimen: Specimen) -> Iterator[Finding]:
         loaded(specimen, torque)
         condensed_in = condensing.seconds
     start = time.perf_counter()
-    ours = loaded(specimen, torque)  # the disk is condensed and the solver compiled by now
+    condensed = loaded(specimen, torque)  # the disk is condensed and the solver compiled by now
     solved_in = time.perf_counter() - start
     with Meter() as meter:
         solution: WholeSolution = solve_unreduced(specimen, unreduced(specimen), torque)
         whole_in = meter.seconds
-    yield from _agreement("unreduced", solution.angle, solution.force, ours, output, (ANGLE_LIMIT, FORCE_LIMIT))
+    yield from _agreement("unreduced", solution.angle, solution.force, condensed, output, (ANGLE_LIMIT, FORCE_LIMIT))
     same_arms = loaded(specimen, torque, reducer=on_mesh(specimen))
     name = "unreduced, arms of the mesh"
     yield from _agreement(name, solution.angle, solution.force, same_arms, output, (ALGEBRA_LIMIT, ALGEBRA_LIMIT))
@@ -83,19 +83,19 @@ def check_calculix(specimen: Specimen) -> Iterator[Finding]:
     torque, output = SHARES * specimen.rated_torque, specimen.reducer.output_motion
     for stress in ("plane_strain", "plane_stress"):
         bodies = specimen if specimen.study.design.disk.stress == stress else specimen.in_stress(stress)
-        ours = loaded(bodies, torque)
+        solution = loaded(bodies, torque)
         with tempfile.TemporaryDirectory() as folder:
-            answer: Answer = run_calculix(calculix_deck(bodies, torque, ours), Path(folder))
+            answer: Answer = run_calculix(calculix_deck(bodies, torque, solution), Path(folder))
         if stress == "plane_strain":
             limits = (PLANE_STRAIN_LIMIT, PLANE_STRAIN_LIMIT)
-            yield from _agreement("CalculiX in plane strain", answer.angle, answer.force, ours, output, limits)
+            yield from _agreement("CalculiX in plane strain", answer.angle, answer.force, solution, output, limits)
             yield stated("iterations of CalculiX, 5 loads", float(answer.iterations))
             yield from _cost("5 loads, CalculiX", answer.seconds, answer.peak_bytes)
         else:
             yield stated(
                 "output angle at the rated torque, CalculiX's plane stress beside ours [rad]",
-                float(ours.motion[0, -1, output]),
+                float(solution.motion[0, -1, output]),
                 float(answer.angle[-1]),
             )
-            gap = np.abs(ours.motion[0, :, output] / answer.angle - 1).max()
+            gap = np.abs(solution.motion[0, :, output] / answer.angle - 1).max()
             yield stated("gap of CalculiX's expanded elements in plane stress, output angle, relative", float(gap))

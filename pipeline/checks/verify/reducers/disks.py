@@ -48,8 +48,10 @@ def check_disks(specimen: Specimen) -> Iterator[Finding]:
         share = moments[:, two_disk_drive.reducer.disk_of_contact == 0].sum(axis=1) / torque
         yield compared(f"share of either perfect disk, torque {name}", 0.5, share, 1e-9)
         expected = of_one.motion[0, :, single.reducer.output_motion]
-        turned = states.motion[0, :, two_disk_drive.reducer.output_motion]
-        yield relative(f"rotation under T with two disks against T/2 with one, {name} [rad]", expected, turned, 1e-9)
+        output_angle = states.motion[0, :, two_disk_drive.reducer.output_motion]
+        yield relative(
+            f"rotation under T with two disks against T/2 with one, {name} [rad]", expected, output_angle, 1e-9
+        )
     yield _two_meshes(study, blocks[1])
     yield from _phase(study)
 
@@ -101,13 +103,13 @@ def _phase(study: Study) -> Iterator[Finding]:
     errors = assembly.errors(draw(study, 0, 1))
     phase = np.array([[0.0, MM_PER_UM * PHASE_UM]])
     plays = [_play(study, reducer, case) for case in (errors, replace(errors, eccentric_phase=phase))]
-    moved = MM_PER_UM * PHASE_UM / (cycloid.eccentricity_mm * cycloid.lobes)
-    yield relative("backlash that a phase error of one eccentric takes [rad]", moved, plays[0] - plays[1], 1e-2)
+    phase_turn = MM_PER_UM * PHASE_UM / (cycloid.eccentricity_mm * cycloid.lobes)
+    yield relative("backlash that a phase error of one eccentric takes [rad]", phase_turn, plays[0] - plays[1], 1e-2)
     gap = gaps(assembly.profile(study.design), reducer, replace(errors, eccentric_phase=phase), **dict(study.clearance))
     program = general_play(reducer, gap, np.zeros(1)).backlash[0]
     yield relative("backlash with it, against HiGHS [rad]", program, plays[1], 1e-9)
 
 
-def _play(study: Study, at: Reducer, errors: Errors) -> float:
-    gap = gaps(assembly.profile(study.design), at, errors, **dict(study.clearance))
-    return float(separated_play(at, gap).backlash[0])
+def _play(study: Study, reducer: Reducer, errors: Errors) -> float:
+    gap = gaps(assembly.profile(study.design), reducer, errors, **dict(study.clearance))
+    return float(separated_play(reducer, gap).backlash[0])

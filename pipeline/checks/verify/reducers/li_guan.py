@@ -79,7 +79,7 @@ def pin_forces(study: Study, phase_deg: Real, crank_deg: float = 0.0) -> Real:
     states = solve(
         reducer, assembly.bearing(study.design), laws, compliance, gap, loose, play.pose_plus, np.array([torque])
     )
-    loaded = states.force[0, 0, :n]
-    sense = np.sign(reducer.pins.phase[np.argmax(loaded)])
+    pin_force = states.force[0, 0, :n]
+    sense = np.sign(reducer.pins.phase[np.argmax(pin_force)])
     pin_numbers = [int(np.argmin(np.abs(reducer.pins.phase - sense * np.radians(angle)))) for angle in phase_deg]
-    return loaded[pin_numbers]
+    return pin_force[pin_numbers]

@@ -52,10 +52,10 @@ def _with(study: Study, changes: Mapping[str, Mapping[str, Any]]) -> Study:
     """The study with other settings of sections of its design."""
     design = study.design
     for path, values in changes.items():
-        section, _, below = path.partition(".")
+        section, _, subsection = path.partition(".")
         update: Mapping[str, Any] = values
-        if below:
-            update = {below: getattr(getattr(design, section), below).model_copy(update=values)}
+        if subsection:
+            update = {subsection: getattr(getattr(design, section), subsection).model_copy(update=values)}
         design = design.model_copy(update={section: getattr(design, section).model_copy(update=update)})
     return study.model_copy(update={"design": design})
 
@@ -70,9 +70,9 @@ def _ratio(study: Study) -> Finding:
     stage = output.first_stage
     sun_radius = output.crank_circle_radius_mm * stage.sun_teeth / (stage.sun_teeth + stage.planet_teeth)
     meshes = reducer.contacts.interface == 1
-    closed = np.where(meshes, sun_radius * (1 - 2 * reducer.contacts.face), 0.0)
-    motion, *_ = np.linalg.lstsq(reducer.contact_jacobian, -closed, rcond=None)
-    left_open = np.max(np.abs(reducer.contact_jacobian @ motion + closed)) / sun_radius
+    rolled_length = np.where(meshes, sun_radius * (1 - 2 * reducer.contacts.face), 0.0)
+    motion, *_ = np.linalg.lstsq(reducer.contact_jacobian, -rolled_length, rcond=None)
+    left_open = np.max(np.abs(reducer.contact_jacobian @ motion + rolled_length)) / sun_radius
     ratio = 1 / motion[reducer.output_motion] if left_open < 1e-10 else np.nan
     teeth = stage.planet_teeth / stage.sun_teeth
     expected = 1 + teeth * study.design.cycloid.pins
@@ -93,8 +93,8 @@ def _loaded(drive: Drive, torque: Real) -> Equilibria:
     return drive.equilibria(first_poses(drive, pose, torque[0]), torque)
 
 
-def _of_pins(at: Reducer, disk: int) -> np.ndarray:
-    return np.flatnonzero((at.disk_of_contact == disk) & (at.contacts.kind == PIN))
+def _of_pins(reducer: Reducer, disk: int) -> np.ndarray:
+    return np.flatnonzero((reducer.disk_of_contact == disk) & (reducer.contacts.kind == PIN))
 
 
 def _blocks(study: Study) -> list[Real]:
@@ -156,9 +156,11 @@ def _bearings(study: Study) -> Iterator[Finding]:
                 computed.append(-np.sum(force[ring] * reducer.contacts.normal[ring]) / torque)
                 expected.append((-resultant / output.cranks + 1j * outwards[crank] * tangential) / torque)
     scale = np.max(np.abs(expected))
-    reference, solved = (np.array([values.real, values.imag]) for values in (np.array(expected), np.array(computed)))
+    reference, computed_forces = (
+        np.array([values.real, values.imag]) for values in (np.array(expected), np.array(computed))
+    )
     quantity = "force of each crank bearing over the torque, rigid perfect disks [1/mm]"
-    yield compared(quantity, reference, solved, 1e-9, scale)
+    yield compared(quantity, reference, computed_forces, 1e-9, scale)
     yield compared("balance of every motion over the torque", 0.0, np.array(unbalanced), 1e-9)
 
 
@@ -170,20 +172,20 @@ def _backlash(study: Study) -> Finding:
     gap = np.where(reducer.contacts.kind == OUTPUT, reducer.contacts.gap, 0.0)[None]
     play = general_play(reducer, gap, np.full(1, loose.design.cycloid.eccentricity_mm)).backlash[0]
     angle = 1e-3 * BACKLASH_UM / output.planet_pitch_radius_mm
-    reached = angle / (loose.design.cycloid.pins + stage.sun_teeth / stage.planet_teeth)
-    return relative("backlash of the planets at the output: its angle over N + z1/z2 [rad]", reached, play, 1e-6)
+    closed_form = angle / (loose.design.cycloid.pins + stage.sun_teeth / stage.planet_teeth)
+    return relative("backlash of the planets at the output: its angle over N + z1/z2 [rad]", closed_form, play, 1e-6)
 
 
 def _compliance(study: Study) -> Finding:
     """What the output turns more by meshes half as stiff."""
-    output, turned = _carrier(study), []
+    output, rotations = _carrier(study), []
     stiffness = output.first_stage.mesh_stiffness_N_per_mm
     for factor in (0.5, 1.0):
         soft = _with(study, {"output.first_stage": {"mesh_stiffness_N_per_mm": factor * stiffness}})
         drive = _drive(soft, None)
         torque = drive.rated_torque * SHARES
-        turned.append(_loaded(drive, torque).motion[0, :, drive.reducer.output_motion])
+        rotations.append(_loaded(drive, torque).motion[0, :, drive.reducer.output_motion])
     ratio = study.design.cycloid.pins + output.first_stage.sun_teeth / output.first_stage.planet_teeth
     meshes = torque / (output.cranks * stiffness * output.planet_pitch_radius_mm**2 * ratio**2)
     quantity = "rotation by meshes half as stiff: their compliance over (N + z1/z2)^2 [rad]"
-    return compared(quantity, meshes, turned[0] - turned[1], 1e-9, scale=turned[1])
+    return compared(quantity, meshes, rotations[0] - rotations[1], 1e-9, scale=rotations[1])

@@ -58,19 +58,19 @@ def _closed_form(specimen: Specimen, crank: float) -> Real:
     s = np.sqrt(1 + k * k - 2 * k * np.cos(phi))
     arm, room = profile.eccentricity * profile.lobes * np.sin(phi) / s, np.full(profile.pins, GAP)
     room[DISPLACED] -= INWARDS * (1 - k * np.cos(phi[DISPLACED])) / s[DISPLACED]
-    reached = room / np.maximum(np.abs(arm), 1e-12)
-    return np.array([np.min(reached[arm > 0]), -np.min(reached[arm < 0])])
+    rotation_to_contact = room / np.maximum(np.abs(arm), 1e-12)
+    return np.array([np.min(rotation_to_contact[arm > 0]), -np.min(rotation_to_contact[arm < 0])])
 
 
 def _by_symmetry(specimen: Specimen) -> Finding:
     """The disk condensed once, its pins some pitches on, against a condensation at that crank angle."""
     study, phase = specimen.study, 1
     body, pins = specimen.disk, specimen.profile.pins
-    turned, differences = TurnedDisk.of(study, body, phase), []
+    turned_disk, differences = TurnedDisk.of(study, body, phase), []
     for pitches in TURNED:
         reducer = assembly.reducer(study.design, 360.0 * (phase / PHASES + pitches) / pins)
         rows = assembly.disk_contacts(reducer)
         fresh = body.compliance(elastic.disk_patches(study, body, reducer)).matrix
-        by_symmetry = turned.compliance(pitches)[np.ix_(rows, rows)]
+        by_symmetry = turned_disk.compliance(pitches)[np.ix_(rows, rows)]
         differences.append(np.abs(by_symmetry - fresh).max() / np.abs(fresh).max())
     return vanishing("compliance after some pitches by symmetry, off a fresh one, over the largest", differences, 1e-8)

@@ -25,7 +25,7 @@ def oval_shift(amplitude: Real, phase: Real, order: int, pins: int) -> Real:
     return amplitude[:, None] * np.cos(order * (theta - phase[:, None]))
 
 
-def ovality(order: int, lobed: str, rank: int, drawn: tuple[int, int]) -> Dimension:
+def ovality(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
     """The ovality of so many waves."""
     return Dimension(
         name=f"ovality_{order}",
@@ -33,7 +33,7 @@ def ovality(order: int, lobed: str, rank: int, drawn: tuple[int, int]) -> Dimens
         sign="amplitude; direction random",
         meaning=f"{lobed} ovality of the pin circle, part of radial_um",
         rank=rank,
-        drawn=drawn,
+        drawn=draw_columns,
         one_sided=True,
         direction="direction in which the pin circle is widest",
         acts_on="pin_radial",

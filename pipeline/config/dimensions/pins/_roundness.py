@@ -12,7 +12,7 @@ HELD = Need(
 )
 
 
-def roundness(order: int, lobed: str, rank: int, drawn: tuple[int, int]) -> Dimension:
+def roundness(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) -> Dimension:
     """The roundness error of so many waves."""
     return Dimension(
         name=f"pin_roundness_{order}",
@@ -20,7 +20,7 @@ def roundness(order: int, lobed: str, rank: int, drawn: tuple[int, int]) -> Dime
         sign="amplitude of each pin, half of its roundness deviation; direction random; pins held against turning",
         meaning=f"amplitude of the pin's {lobed} wave, half of its roundness deviation",
         rank=rank,
-        drawn=drawn,
+        drawn=draw_columns,
         elements=PINS,
         need=HELD,
         one_sided=True,

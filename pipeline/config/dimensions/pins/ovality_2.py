@@ -2,4 +2,4 @@
 
 from pipeline.config.dimensions.pins._ovality import ovality
 
-DIMENSION = ovality(2, "two-lobed", rank=90, drawn=(3, 5))
+DIMENSION = ovality(2, "two-lobed", rank=90, draw_columns=(3, 5))

@@ -2,4 +2,4 @@
 
 from pipeline.config.dimensions.pins._ovality import ovality
 
-DIMENSION = ovality(3, "three-lobed", rank=100, drawn=(4, 6))
+DIMENSION = ovality(3, "three-lobed", rank=100, draw_columns=(4, 6))

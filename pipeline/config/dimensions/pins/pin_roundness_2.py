@@ -2,4 +2,4 @@
 
 from pipeline.config.dimensions.pins._roundness import roundness
 
-DIMENSION = roundness(2, "two-lobed", rank=32, drawn=(130, 131))
+DIMENSION = roundness(2, "two-lobed", rank=32, draw_columns=(130, 131))

@@ -2,4 +2,4 @@
 
 from pipeline.config.dimensions.pins._roundness import roundness
 
-DIMENSION = roundness(3, "three-lobed", rank=34, drawn=(132, 133))
+DIMENSION = roundness(3, "three-lobed", rank=34, draw_columns=(132, 133))

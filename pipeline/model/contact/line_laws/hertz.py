@@ -30,11 +30,11 @@ def hertz_laws(contact: LineContact, shares: list[tuple[Real, Real]], smallest_r
     logarithmic = np.sum([c for _, c in shares], axis=0)
     flat = np.exp(linear / logarithmic - 1)
     widest = (HALF_WIDTH_LIMIT * smallest_radius / np.exp(contact.log_half_width)) ** 2
-    nothing = np.zeros_like(linear)
+    zeros = np.zeros_like(linear)
     return ContactLaws(
         linear=linear,
         logarithmic=logarithmic,
-        power=nothing,
+        power=zeros,
         exponent=np.ones_like(linear),
         force_limit=np.minimum(SHARE_OF_LIMIT * flat, widest),
         pressure=contact.pressure_factor,

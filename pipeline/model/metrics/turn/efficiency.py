@@ -12,8 +12,8 @@ LARGEST_LOSS = 0.2
 def _value(turn: TurnReadings) -> Real:
     run = turn.conditions
     torque = 1e-3 * run.bearing_friction_mm * np.sum(np.abs(turn.bearing_force), axis=3)
-    lost = np.mean(turn.friction_power + torque * run.bearing_speed_rpm * 2 * np.pi / 60, axis=2)
-    share = np.max(lost / (run.output_power_W + lost), axis=1)
+    power_loss = np.mean(turn.friction_power + torque * run.bearing_speed_rpm * 2 * np.pi / 60, axis=2)
+    share = np.max(power_loss / (run.output_power_W + power_loss), axis=1)
     return np.where(share <= LARGEST_LOSS, 100 * (1 - share), np.nan)
 
 

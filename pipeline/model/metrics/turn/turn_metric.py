@@ -89,19 +89,19 @@ class TurnReadings:
 
     def thinned(self, stride: int) -> "TurnReadings":
         """The readings at every so many of the even angles."""
-        loaded = np.flatnonzero(self.loaded_even)[::stride]
+        loaded_angles = np.flatnonzero(self.loaded_even)[::stride]
         free = np.flatnonzero(self.free_even)[::stride]
         return replace(
             self,
-            loaded_angle=self.loaded_angle[..., loaded],
+            loaded_angle=self.loaded_angle[..., loaded_angles],
             free_angle=self.free_angle[..., free],
-            bearing_force=self.bearing_force[:, :, loaded],
-            input_share=self.input_share[..., loaded],
-            pressure_speed=self.pressure_speed[:, loaded],
-            shear=self.shear[:, loaded],
-            shear_depth=self.shear_depth[:, loaded],
-            friction_power=self.friction_power[..., loaded],
-            loaded_even=self.loaded_even[loaded],
+            bearing_force=self.bearing_force[:, :, loaded_angles],
+            input_share=self.input_share[..., loaded_angles],
+            pressure_speed=self.pressure_speed[:, loaded_angles],
+            shear=self.shear[:, loaded_angles],
+            shear_depth=self.shear_depth[:, loaded_angles],
+            friction_power=self.friction_power[..., loaded_angles],
+            loaded_even=self.loaded_even[loaded_angles],
             free_even=self.free_even[free],
         )
 
@@ -123,8 +123,8 @@ class TurnMetric(Limited):
 
     def of(self, readings: TurnReadings) -> Real:
         """The metric (n,) of readings, missing where a unit has not what it needs."""
-        even = readings.free_even if self.of_play else readings.loaded_even
-        if TURN in self.needs and np.count_nonzero(even) < FEWEST_ANGLES:
+        even_angles = readings.free_even if self.of_play else readings.loaded_even
+        if TURN in self.needs and np.count_nonzero(even_angles) < FEWEST_ANGLES:
             return np.full(len(readings.loaded_angle), np.nan)
         if BALANCE in self.needs:
             return np.where(readings.balanced, self.value(readings), np.nan)
