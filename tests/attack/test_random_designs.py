@@ -42,19 +42,19 @@ class Outcome:
 
 
 @contextmanager
-def at_most(seconds: float, what: str) -> Iterator[None]:
+def at_most(seconds: float, keywords: str) -> Iterator[None]:
     """Raise TimeoutError in whatever still runs after so many seconds of processor time."""
 
     def stop(number: int, frame: object) -> None:
-        raise TimeoutError(f"{what} ran for {seconds:g} s")
+        raise TimeoutError(f"{keywords} ran for {seconds:g} s")
 
-    before = signal.signal(signal.SIGPROF, stop)
+    previous_handler = signal.signal(signal.SIGPROF, stop)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, before)
+        signal.signal(signal.SIGPROF, previous_handler)
 
 
 def outcome(seed: int, runs: Path) -> Outcome:
@@ -97,16 +97,18 @@ def held(seed: int, outputs: dict[str, Output]) -> tuple[str, ...]:
 
 def summary(outcomes: list[Outcome]) -> str:
     """Counts and times, for docs/promises.md."""
-    seconds = np.array([one.seconds for one in outcomes])
-    units = SAMPLES * sum(not one.refused for one in outcomes)
-    reasons = pd.Series([reason for one in outcomes for reason in one.failed], dtype=str).value_counts()
-    refused = pd.Series([one.refused.split("; ")[-1][:90] for one in outcomes if one.refused], dtype=str).value_counts()
+    seconds = np.array([outcome.seconds for outcome in outcomes])
+    units = SAMPLES * sum(not outcome.refused for outcome in outcomes)
+    reasons = pd.Series([reason for outcome in outcomes for reason in outcome.failed], dtype=str).value_counts()
+    refusal = pd.Series(
+        [outcome.refused.split("; ")[-1][:90] for outcome in outcomes if outcome.refused], dtype=str
+    ).value_counts()
     lines = [
-        f"{len(outcomes)} designs, {len(outcomes) - int(refused.sum())} solved, {int(refused.sum())} refused",
+        f"{len(outcomes)} designs, {len(outcomes) - int(refusal.sum())} solved, {int(refusal.sum())} refused",
         f"{units} units, {int(reasons.sum())} failed with a reason",
         f"seconds: median {np.median(seconds):.2f}, 99 % {np.quantile(seconds, 0.99):.2f}, "
         f"slowest {seconds.max():.2f} (design {outcomes[int(seconds.argmax())].seed})",
-        *(f"  {count} x {reason}" for reason, count in [*reasons.items(), *refused.items()]),
+        *(f"  {count} x {reason}" for reason, count in [*reasons.items(), *refusal.items()]),
     ]
     return "\n".join(lines)
 

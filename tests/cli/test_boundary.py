@@ -50,8 +50,10 @@ def test_help_imports_no_library() -> None:
     script = "import sys\nfrom pipeline import cli\ntry:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass\n"
     script += "print('imported', *sys.modules)"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
-    help_text, modules = done.stdout.rsplit("imported", 1)
+    process = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    help_text, modules = process.stdout.rsplit("imported", 1)
     assert "clean-runs" in help_text
     assert not set(HEAVY) & set(modules.split())
 
@@ -71,20 +73,20 @@ def test_every_command_has_its_action() -> None:
 # --- what the system refuses ------------------------------------------------------------------------------------------
 
 
-def ran_sample_stage(runs: str, *limits: str, within: str = "") -> subprocess.CompletedProcess:
+def ran_sample_stage(runs: str, *limits: str, tolerance_range: str = "") -> subprocess.CompletedProcess:
     command = [sys.executable, "-c", SAMPLE_STAGE, runs, *limits]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    if within:
-        command = ["unshare", "-rm", "sh", "-c", f'{within}; exec "$@"', "sh", *command]
+    if tolerance_range:
+        command = ["unshare", "-rm", "sh", "-c", f'{tolerance_range}; exec "$@"', "sh", *command]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def one_line(done: subprocess.CompletedProcess, path: str, remedy: str) -> None:
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr
-    last = done.stderr.strip().splitlines()[-1]
-    assert path in last
-    assert remedy in last
+def one_line(process: subprocess.CompletedProcess, path: str, remedy: str) -> None:
+    assert process.returncode == 2, process.stderr
+    assert "Traceback" not in process.stderr
+    last_line = process.stderr.strip().splitlines()[-1]
+    assert path in last_line
+    assert remedy in last_line
 
 
 @pytest.fixture(scope="module")
@@ -101,13 +103,13 @@ def test_a_file_larger_than_the_limit(tmp_path: Path) -> None:
 
 
 def test_a_full_disk(may_mount, tmp_path: Path) -> None:
-    done = ran_sample_stage(str(tmp_path), within=f"mount -t tmpfs -o size=32k x {tmp_path}")
-    one_line(done, str(tmp_path), "No space left on device; free some space")
+    process = ran_sample_stage(str(tmp_path), tolerance_range=f"mount -t tmpfs -o size=32k x {tmp_path}")
+    one_line(process, str(tmp_path), "No space left on device; free some space")
 
 
 def test_a_read_only_disk(may_mount, tmp_path: Path) -> None:
-    done = ran_sample_stage(str(tmp_path / "runs"), within=f"mount -t tmpfs -o ro x {tmp_path}")
-    one_line(done, str(tmp_path), "Read-only file system; work in a folder that can be written")
+    process = ran_sample_stage(str(tmp_path / "runs"), tolerance_range=f"mount -t tmpfs -o ro x {tmp_path}")
+    one_line(process, str(tmp_path), "Read-only file system; work in a folder that can be written")
 
 
 @pytest.mark.skipif(not Path("/sys/kernel").is_dir(), reason="no folder that even the superuser may not write")
@@ -157,7 +159,7 @@ def test_a_unit_on_a_study_that_is_none(tmp_path: Path, capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("why", "sample", "--study", "x" * 300), "at most 60; rename"),
         (("why", "sample", "--study", "x" * 300 + ".toml"), "at most 60; rename"),
@@ -178,9 +180,9 @@ def test_a_unit_on_a_study_that_is_none(tmp_path: Path, capsys) -> None:
         (("why", "s" * 5000, "--study", "quick"), "unknown"),
     ],
 )
-def test_a_command_line_that_cannot_be_done(tmp_path, monkeypatch, capsys, arguments, said) -> None:
+def test_a_command_line_that_cannot_be_done(tmp_path, monkeypatch, capsys, arguments, message) -> None:
     monkeypatch.setattr(settings, "RUNS", tmp_path)
-    assert re.search(said, told(capsys, *arguments))
+    assert re.search(message, told(capsys, *arguments))
 
 
 def test_a_study_whose_name_would_leave_the_runs(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -201,9 +203,9 @@ def test_what_else_can_happen_has_its_line_and_status() -> None:
     assert boundary.answer(BrokenPipeError()) == boundary.Answer((), 141)
     assert "--jobs 1" in boundary.answer(MemoryError()).lines[0]
     for number in boundary.REMEDIES:
-        told = boundary.answer(OSError(number, os.strerror(number), "a/b.parquet"))
+        message = boundary.answer(OSError(number, os.strerror(number), "a/b.parquet"))
         if not isinstance(OSError(number, ""), BrokenPipeError):
-            assert (told.lines[0].startswith("a/b.parquet: "), told.status) == (True, 2)
+            assert (message.lines[0].startswith("a/b.parquet: "), message.status) == (True, 2)
     assert boundary.answer(OSError(errno.ELOOP, "loop", "p")).lines == ("p: loop; see what the system says of it",)
 
 
@@ -265,12 +267,12 @@ def test_clean_runs_says_what_it_could_not_remove(may_mount, tmp_path: Path) -> 
     (tmp_path / "runs/quick/sample").mkdir(parents=True)
     (tmp_path / "runs/other").mkdir()
     script = SAMPLE_STAGE.replace('["run", "sample", "--study", "quick"]', '["clean-runs"]')
-    within = f"mount -t tmpfs x {tmp_path / 'runs/quick/sample'}"
-    command = ["unshare", "-rm", "sh", "-c", f'{within}; exec "$@"', "sh", sys.executable, "-c", script]
+    tolerance_range = f"mount -t tmpfs x {tmp_path / 'runs/quick/sample'}"
+    command = ["unshare", "-rm", "sh", "-c", f'{tolerance_range}; exec "$@"', "sh", sys.executable, "-c", script]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
+    process = subprocess.run(
         [*command, str(tmp_path / "runs")], env=environment, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 2
-    assert "runs/quick: not removed: sample: Device or resource busy" in done.stderr
+    assert process.returncode == 2
+    assert "runs/quick: not removed: sample: Device or resource busy" in process.stderr
     assert not (tmp_path / "runs/other").exists()

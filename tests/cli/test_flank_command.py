@@ -16,44 +16,46 @@ EQUIDISTANT, EXCESS = 9.0, 4.0
 
 
 @pytest.fixture
-def written(tmp_path):
+def flank_folder(tmp_path):
     raw = tomllib.loads((ROOT / "data/designs/pin_in_hole_39.toml").read_text())
     phases = np.arange(0.0, 360.0, 10.0)
     table = pd.DataFrame({"phase_deg": phases, "deviation_um": EXCESS})
     table.to_csv(tmp_path / "flank.csv", index=False)
     flank = {"equidistant_um": EQUIDISTANT, "measured": "flank.csv"}
     (tmp_path / "design.toml").write_text(toml_of({**raw, "flank": flank}))
-    out = tmp_path / "out"
-    assert cli.main(["flank", "--design", str(tmp_path / "design.toml"), "--out", str(out), "--points", "60"]) == 0
-    return out
+    folder_out = tmp_path / "out"
+    assert (
+        cli.main(["flank", "--design", str(tmp_path / "design.toml"), "--out", str(folder_out), "--points", "60"]) == 0
+    )
+    return folder_out
 
 
-def test_points_are_the_envelope_of_the_generating_roller(written):
+def test_points_are_the_envelope_of_the_generating_roller(flank_folder):
     """Each point is one roller radius off the centre of a roller that the textbooks place, along its outward normal."""
-    drawn = pd.read_csv(written / "drawn.csv")
-    assert len(drawn) == 39 * 60
-    psi = -(drawn["lobe"] + drawn["phase_deg"] / 360) * 2 * np.pi / 39
+    drawn_points = pd.read_csv(flank_folder / "drawn.csv")
+    assert len(drawn_points) == 39 * 60
+    psi = -(drawn_points["lobe"] + drawn_points["phase_deg"] / 360) * 2 * np.pi / 39
     roller = 70.0 * np.exp(1j * psi) - 1.2 * np.exp(40j * psi)
-    point = drawn["x_mm"] + 1j * drawn["y_mm"]
-    outward = drawn["normal_x"] + 1j * drawn["normal_y"]
+    point = drawn_points["x_mm"] + 1j * drawn_points["y_mm"]
+    outward = drawn_points["normal_x"] + 1j * drawn_points["normal_y"]
     np.testing.assert_allclose(np.abs(roller - point), 3.0 + 1e-3 * EQUIDISTANT, atol=2e-9)
     np.testing.assert_allclose((roller - point) / (3.0 + 1e-3 * EQUIDISTANT), outward, atol=2e-9)
 
 
-def test_the_measured_flank_stands_its_deviation_outside_of_the_drawn_one(written):
-    drawn, measured = pd.read_csv(written / "drawn.csv"), pd.read_csv(written / "measured.csv")
-    off = [(measured[f"{axis}_mm"] - drawn[f"{axis}_mm"]) / 1e-3 for axis in "xy"]
-    along = off[0] * drawn["normal_x"] + off[1] * drawn["normal_y"]
-    np.testing.assert_allclose(along, EXCESS, atol=1e-5)
+def test_the_measured_flank_stands_its_deviation_outside_of_the_drawn_one(flank_folder):
+    drawn_points, measured = pd.read_csv(flank_folder / "drawn.csv"), pd.read_csv(flank_folder / "measured.csv")
+    offset = [(measured[f"{axis}_mm"] - drawn_points[f"{axis}_mm"]) / 1e-3 for axis in "xy"]
+    normal_part = offset[0] * drawn_points["normal_x"] + offset[1] * drawn_points["normal_y"]
+    np.testing.assert_allclose(normal_part, EXCESS, atol=1e-5)
 
 
-def test_the_drawing_has_both_on_layers_in_millimetres(written):
-    document = ezdxf.readfile(written / "flank.dxf")
+def test_the_drawing_has_both_on_layers_in_millimetres(flank_folder):
+    document = ezdxf.readfile(flank_folder / "flank.dxf")
     assert document.units == ezdxf.units.MM
     lines = {line.dxf.layer: line for line in document.modelspace().query("LWPOLYLINE")}
     assert set(lines) == {"drawn", "measured"}
     for name, line in lines.items():
-        table = pd.read_csv(written / f"{name}.csv")
+        table = pd.read_csv(flank_folder / f"{name}.csv")
         assert line.closed
         np.testing.assert_allclose(np.array(line.get_points("xy")), table[["x_mm", "y_mm"]], atol=1e-8)
     assert not document.audit().errors

@@ -39,25 +39,29 @@ def test_every_package_is_pinned_with_the_hashes_of_its_files() -> None:
     pinned = {_same(match["name"]) for match in PINNED.finditer(text)}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = [name for names in project["optional-dependencies"].values() for name in names]
-    wanted = {_same(re.split(r"[\[<>=; ]", name)[0]) for name in [*project["dependencies"], *extras]}
-    assert wanted - {_same(project["name"])} <= pinned
+    expected = {_same(re.split(r"[\[<>=; ]", name)[0]) for name in [*project["dependencies"], *extras]}
+    assert expected - {_same(project["name"])} <= pinned
     for path in PINS:
         assert f"--require-hashes --requirement {path.relative_to(ROOT)}" in (ROOT / "Makefile").read_text()
 
 
 def test_both_files_of_pins_agree() -> None:
-    first, second = ({_same(match["name"]): match["version"] for match in PINNED.finditer(p.read_text())} for p in PINS)
-    shared = first.keys() & second.keys()
+    first_order, second = (
+        {_same(match["name"]): match["version"] for match in PINNED.finditer(p.read_text())} for p in PINS
+    )
+    shared = first_order.keys() & second.keys()
     assert len(shared) > 5
-    assert {name: first[name] for name in shared} == {name: second[name] for name in shared}
+    assert {name: first_order[name] for name in shared} == {name: second[name] for name in shared}
 
 
 def test_every_installed_package_states_its_licence(capsys: pytest.CaptureFixture) -> None:
-    found = licences(CONSTRAINTS)
-    installed = [one for one in found if one.version != UNKNOWN]
+    licence_rows = licences(CONSTRAINTS)
+    installed = [package_row for package_row in licence_rows if package_row.version != UNKNOWN]
     assert len(installed) > 50
-    assert [one.package for one in installed if one.licence == UNKNOWN] == []
-    assert not [one for one in installed if re.search(r"\bA?GPL", one.licence)]  # this program is MIT
+    assert [package_row.package for package_row in installed if package_row.licence == UNKNOWN] == []
+    assert not [
+        package_row for package_row in installed if re.search(r"\bA?GPL", package_row.licence)
+    ]  # this program is MIT
     assert cli.main(["licences"]) == 0
     assert re.search(r"^numpy +\d+\.\S+ +BSD", capsys.readouterr().out, re.MULTILINE)
 
@@ -79,10 +83,10 @@ def test_a_study_runs_without_any_network(tmp_path: Path, stage: str) -> None:
         str(tmp_path / "small.toml"),
         stage,
     ]
-    done = subprocess.run(
+    process = subprocess.run(
         command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
     if stage == "report":
         assert not re.search(
             r"""(src|href)=["'](https?:)?//""", (tmp_path / "runs/small/report/report.html").read_text()

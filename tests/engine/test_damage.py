@@ -37,7 +37,7 @@ def hashes(outputs: dict[str, Output]) -> dict[str, dict[str, str]]:
 
 
 @pytest.fixture
-def finished(tmp_path: Path) -> dict[str, dict[str, str]]:
+def outputs(tmp_path: Path) -> dict[str, dict[str, str]]:
     """A finished toy study in tmp_path, and its hashes."""
     return hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES))
 
@@ -59,12 +59,12 @@ def _foreign(entry: Path) -> None:
 
 
 def _of_another_key(entry: Path) -> None:
-    written = json.loads((entry / ENTRY).read_text())
-    (entry / ENTRY).write_text(json.dumps(written | {"key": "another"}))
+    written_file = json.loads((entry / ENTRY).read_text())
+    (entry / ENTRY).write_text(json.dumps(written_file | {"key": "another"}))
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         (lambda entry: flip(entry / "m.npy", -3), "m.npy: not what was written"),
         (_truncated, "m.npy: not what was written"),
@@ -76,30 +76,30 @@ def _of_another_key(entry: Path) -> None:
         (_of_another_key, f"{ENTRY}: of another key"),
     ],
 )
-def test_a_damaged_cache_entry_is_named_discarded_and_made_anew(tmp_path, capsys, damage, said) -> None:
-    made = []
+def test_a_damaged_cache_entry_is_named_discarded_and_made_anew(tmp_path, capsys, damage, message) -> None:
+    calls = []
 
     def make(folder: Path) -> None:
-        made.append(folder)
+        calls.append(folder)
         np.save(folder / "m.npy", np.arange(6.0).reshape(2, 3))
 
     cache = Cache(tmp_path, "code")
     damage(cache.folder("key", make))
-    found = cache.folder("key", make)
-    assert len(made) == 2
-    np.testing.assert_array_equal(np.load(found / "m.npy"), np.arange(6.0).reshape(2, 3))
-    told = capsys.readouterr().err
-    assert "discarded, made anew" in told
-    assert re.search(said, told)
-    assert cache.folder("key", make) == found
-    assert len(made) == 2
+    result = cache.folder("key", make)
+    assert len(calls) == 2
+    np.testing.assert_array_equal(np.load(result / "m.npy"), np.arange(6.0).reshape(2, 3))
+    told_text = capsys.readouterr().err
+    assert "discarded, made anew" in told_text
+    assert re.search(message, told_text)
+    assert cache.folder("key", make) == result
+    assert len(calls) == 2
 
 
-def test_a_flipped_bit_in_the_cache_changes_no_result(tmp_path: Path, finished, capsys) -> None:
+def test_a_flipped_bit_in_the_cache_changes_no_result(tmp_path: Path, outputs, capsys) -> None:
     (cached,) = (tmp_path / ".cache").glob("*/powers.npy")
     flip(cached, -1, 6)
     shutil.rmtree(tmp_path / "toy")
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
     assert "powers.npy: not what was written" in capsys.readouterr().err
 
 
@@ -107,22 +107,22 @@ def test_a_flipped_bit_in_the_cache_changes_no_result(tmp_path: Path, finished, 
 
 
 def _edited(**changes: object):
-    return lambda found: found | changes
+    return lambda record: record | changes
 
 
 def _sealed(change):
     """A change by one who knows how a record is sealed: the schema alone must refuse it."""
 
-    def edit(found: dict) -> dict:
-        changed = json.loads(json.dumps(found))
-        change(changed)
-        return changed | {"seal": record.seal(changed)}
+    def edit(content: dict) -> dict:
+        variant = json.loads(json.dumps(content))
+        change(variant)
+        return variant | {"seal": record.seal(variant)}
 
     return edit
 
 
-def _part(found: dict) -> dict:
-    return found["tables"]["sums"]["files"][0]
+def _part(record: dict) -> dict:
+    return record["tables"]["sums"]["files"][0]
 
 
 INVALID = {
@@ -131,84 +131,84 @@ INVALID = {
     "a number": lambda _: 1,
     "layout alone": lambda _: {"layout": record.LAYOUT},
     "another layout": _edited(layout=record.LAYOUT - 1),
-    "no tables": lambda found: {name: value for name, value in found.items() if name != "tables"},
-    "no sources": _sealed(lambda found: found.update(sources=None)),
-    "no files of a table": _sealed(lambda found: found["tables"]["sums"].update(files=[])),
-    "rows as text": _sealed(lambda found: _part(found).update(rows="10")),
-    "a missing part": lambda found: _edited(tables={"sums": found["tables"]["sums"]})(found),
-    "swapped files": lambda found: (
-        found | {"tables": {"sums": found["tables"]["kept"], "kept": found["tables"]["sums"]}}
+    "no tables": lambda record: {name: value for name, value in record.items() if name != "tables"},
+    "no sources": _sealed(lambda record: record.update(sources=None)),
+    "no files of a table": _sealed(lambda record: record["tables"]["sums"].update(files=[])),
+    "rows as text": _sealed(lambda record: _part(record).update(rows="10")),
+    "a missing part": lambda record: _edited(tables={"sums": record["tables"]["sums"]})(record),
+    "swapped files": lambda record: (
+        record | {"tables": {"sums": record["tables"]["kept"], "kept": record["tables"]["sums"]}}
     ),
     "swapped and sealed": _sealed(
-        lambda found: found["tables"].update(sums=found["tables"]["kept"], kept=found["tables"]["sums"])
+        lambda record: record["tables"].update(sums=record["tables"]["kept"], kept=record["tables"]["sums"])
     ),
-    "parts in another order": lambda found: (
-        found
+    "parts in another order": lambda record: (
+        record
         | {
-            "tables": found["tables"]
-            | {"sums": found["tables"]["sums"] | {"files": found["tables"]["sums"]["files"][::-1]}}
+            "tables": record["tables"]
+            | {"sums": record["tables"]["sums"] | {"files": record["tables"]["sums"]["files"][::-1]}}
         }
     ),
-    "of another stage": _sealed(lambda found: found.update(stage="draw")),
-    "an absolute path": _sealed(lambda found: _part(found).update(name="/etc/hostname")),
-    "a path upwards": _sealed(lambda found: _part(found).update(name="../draw/points.parquet")),
-    "a hidden file": _sealed(lambda found: found["files"].update({".lock": found["files"]["powers.txt"]})),
-    "a drive": _sealed(lambda found: found["files"].update({"C:x.txt": found["files"]["powers.txt"]})),
-    "a backslash": _sealed(lambda found: found["files"].update({"a\\b.txt": found["files"]["powers.txt"]})),
+    "of another stage": _sealed(lambda record: record.update(stage="draw")),
+    "an absolute path": _sealed(lambda record: _part(record).update(name="/etc/hostname")),
+    "a path upwards": _sealed(lambda record: _part(record).update(name="../draw/points.parquet")),
+    "a hidden file": _sealed(lambda record: record["files"].update({".lock": record["files"]["powers.txt"]})),
+    "a drive": _sealed(lambda record: record["files"].update({"C:x.txt": record["files"]["powers.txt"]})),
+    "a backslash": _sealed(lambda record: record["files"].update({"a\\b.txt": record["files"]["powers.txt"]})),
     "a path upwards in the files": _sealed(
-        lambda found: found["files"].update({"a/../../x": found["files"]["powers.txt"]})
+        lambda record: record["files"].update({"a/../../x": record["files"]["powers.txt"]})
     ),
 }
 
 
 @pytest.mark.parametrize("edit", INVALID.values(), ids=INVALID)
-def test_an_invalid_record_is_a_stage_that_never_ran(tmp_path: Path, finished, edit) -> None:
+def test_an_invalid_record_is_a_stage_that_never_ran(tmp_path: Path, outputs, edit) -> None:
     path = tmp_path / "toy/add/record.json"
     path.write_text(json.dumps(edit(json.loads(path.read_text()))))
     assert why(STAGES, Toy(), "add", tmp_path) == ["never run"]
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
 
 
-def test_a_record_removes_no_file_outside_its_stage(tmp_path: Path, finished) -> None:
-    outside = tmp_path / "mine.txt"
-    for name in (str(outside), "../../mine.txt", "link/mine.txt"):
-        outside.write_text("precious")
+def test_a_record_removes_no_file_outside_its_stage(tmp_path: Path, outputs) -> None:
+    outside_path = tmp_path / "mine.txt"
+    for name in (str(outside_path), "../../mine.txt", "link/mine.txt"):
+        outside_path.write_text("precious")
         folder = tmp_path / "toy/add"
         (folder / "link").unlink(missing_ok=True)
         (folder / "link").symlink_to(tmp_path)
-        found = json.loads((folder / "record.json").read_text())
-        found["files"][name] = found["files"]["powers.txt"]
-        found["seal"] = record.seal(found)
-        (folder / "record.json").write_text(json.dumps(found))
-        opened = Output.open(folder)
-        if opened is not None:  # a link below the folder is no escape by its name
+        content = json.loads((folder / "record.json").read_text())
+        content["files"][name] = content["files"]["powers.txt"]
+        content["seal"] = record.seal(content)
+        (folder / "record.json").write_text(json.dumps(content))
+        opening = Output.open(folder)
+        if opening is not None:  # a link below the folder is no escape by its name
             with pytest.raises(InputError, match="damaged"):
-                opened.path(name)
-        assert outside.read_text() == "precious"
-        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+                opening.path(name)
+        assert outside_path.read_text() == "precious"
+        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
 
 
-@pytest.mark.parametrize("where", [".work", ".work/add", ".work/add/output", ".work/add/chunks"])
-def test_links_inside_the_work_folder_are_not_followed(tmp_path: Path, monkeypatch, where: str) -> None:
+@pytest.mark.parametrize("options", [".work", ".work/add", ".work/add/output", ".work/add/chunks"])
+def test_links_inside_the_work_folder_are_not_followed(tmp_path: Path, monkeypatch, options: str) -> None:
     """An interrupted run whose folders were moved elsewhere and linked: nothing is written or removed there."""
     monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}')
     with pytest.raises(ChunkError):
         run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
     monkeypatch.delenv("TOY_TROUBLE")
-    outside, link = tmp_path / "outside", tmp_path / "toy" / where
-    link.rename(outside)
-    (outside / ".mine.tmp").write_text("precious")
-    link.symlink_to(outside)
-    before = {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()}
-    again = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
-    assert {path: path.read_bytes() for path in outside.rglob("*") if path.is_file()} == before
-    assert hashes(again) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
+    outside_path, link = tmp_path / "outside", tmp_path / "toy" / options
+    link.rename(outside_path)
+    (outside_path / ".mine.tmp").write_text("precious")
+    link.symlink_to(outside_path)
+    files_before = {path: path.read_bytes() for path in outside_path.rglob("*") if path.is_file()}
+    repeat = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+    assert {path: path.read_bytes() for path in outside_path.rglob("*") if path.is_file()} == files_before
+    assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
 
 
 # --- parts ------------------------------------------------------------------------------------------------------------
 
 
-def test_every_flipped_bit_of_a_part_is_found_when_it_is_read(tmp_path: Path, finished) -> None:
+def test_every_flipped_bit_of_a_part_is_found_when_it_is_read(tmp_path: Path, outputs) -> None:
     """Equal size, any place: footer and statistics, of which a Parquet reader checks nothing, too."""
     output = Output.open(tmp_path / "toy/add")
     assert output is not None
@@ -224,20 +224,20 @@ def test_every_flipped_bit_of_a_part_is_found_when_it_is_read(tmp_path: Path, fi
     assert output.read("sums")["sample"].size == 40
 
 
-def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: Path, finished) -> None:
+def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: Path, outputs) -> None:
     assert runner.damages(tmp_path / "toy") == []
     flip(tmp_path / "toy/add/sums.parquet/part-000000010.parquet", -20)
     flip(tmp_path / "toy/add/powers.txt")
     (tmp_path / "toy/finish/record.json").write_text("{}")
     (tmp_path / "toy/draw/points.parquet").unlink()
-    found = runner.damages(tmp_path / "toy")
-    assert [(one.stage, one.name) for one in found] == [
+    damages = runner.damages(tmp_path / "toy")
+    assert [(damaged.stage, damaged.name) for damaged in damages] == [
         ("add", "sums.parquet/part-000000010.parquet"),
         ("add", "powers.txt"),
         ("draw", "points.parquet"),
         ("finish", "record.json"),
     ]
-    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
     assert runner.damages(tmp_path / "toy") == []
 
 
@@ -273,7 +273,7 @@ run(STAGES, Toy(), ["finish"], runs, Resources(1, 10))
 """
 
 
-def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path, finished) -> None:
+def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path, outputs) -> None:
     """With an old output to replace; then the new one is damaged too, so that the stage is built once more."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
     killed = 0
@@ -285,9 +285,9 @@ def test_killed_at_any_step_of_a_publish_the_next_run_ends_equal(tmp_path: Path,
         assert ended.returncode in (0, -signal.SIGKILL)
         killed += ended.returncode == -signal.SIGKILL
         for _ in range(2):
-            assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+            assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
             (tmp_path / "toy/add/powers.txt").write_text("cut")
-        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == finished
+        assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
         assert list((tmp_path / "toy/.work").iterdir()) == []
         if ended.returncode == 0:
             break
@@ -304,7 +304,7 @@ def test_the_lock_of_a_killed_process_holds_nobody_up(tmp_path: Path) -> None:
         assert (tmp_path / "toy/.holder").read_text() == str(os.getpid())
 
 
-def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, finished, capsys) -> None:
+def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, outputs, capsys) -> None:
     capsys.readouterr()
     run((DRAW, ADD), Toy(), ["add"], tmp_path, RESOURCES)
     assert capsys.readouterr().err == "draw  up to date\nadd  up to date\n"
@@ -325,6 +325,6 @@ def test_a_full_disk_that_a_body_meets_is_told_with_the_stage(tmp_path: Path) ->
         with open("/dev/full", "wb", buffering=0) as file:
             file.write(b"1")
 
-    with pytest.raises(OSError, match="No space left") as caught:
+    with pytest.raises(OSError, match="No space left") as error:
         run((replace(DRAW, run=fills),), Toy(), ["draw"], tmp_path, RESOURCES)
-    assert caught.value.filename == str(tmp_path / "toy/draw")
+    assert error.value.filename == str(tmp_path / "toy/draw")

@@ -23,42 +23,49 @@ ALL_WORKERS = -1
 ROOT = Path(__file__).parent.parent.parent
 
 
-def started(module: str, *options: str, here: Path = Path(__file__).parent) -> subprocess.Popen:
-    """A process of the cluster; it finds the toy stages (in `here`) and the library as on other machines."""
-    paths = os.pathsep.join([str(here), str(ROOT)])
+def started(module: str, *options: str, local: Path = Path(__file__).parent) -> subprocess.Popen:
+    """A process of the cluster; it finds the toy stages (in `local`) and the library as on other machines."""
+    paths = os.pathsep.join([str(local), str(ROOT)])
     command = [sys.executable, "-m", f"distributed.cli.{module}", *options]
     return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths}, stderr=subprocess.DEVNULL)
 
 
-def worker(about: Path, scratch: Path, **where: Path) -> subprocess.Popen:
-    options = ("--scheduler-file", str(about), "--nthreads", "1", "--no-nanny", "--no-dashboard")
-    return started("dask_worker", *options, "--local-directory", str(scratch), **where)
+def worker(address_file: Path, scratch: Path, **location: Path) -> subprocess.Popen:
+    options = ("--scheduler-file", str(address_file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    return started("dask_worker", *options, "--local-directory", str(scratch), **location)
 
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
     """Address of a scheduler, and its two workers."""
-    about = tmp_path / "scheduler.json"
+    address_file = tmp_path / "scheduler.json"
     processes = [
         started(
-            "dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(about)
+            "dask_scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--scheduler-file",
+            str(address_file),
         )
     ]
-    processes += [worker(about, tmp_path) for _ in range(2)]
+    processes += [worker(address_file, tmp_path) for _ in range(2)]
     try:
-        yield address_in(about), processes[1:]
+        yield address_in(address_file), processes[1:]
     finally:
         for process in processes:
             process.kill()
             process.wait()
 
 
-def address_in(about: Path) -> str:
+def address_in(address_file: Path) -> str:
     """The scheduler's address, once it has written it."""
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
-        if about.exists() and about.read_text().strip():
-            return json.loads(about.read_text())["address"]
+        if address_file.exists() and address_file.read_text().strip():
+            return json.loads(address_file.read_text())["address"]
         time.sleep(0.1)
     raise AssertionError("the scheduler did not start")
 
@@ -67,7 +74,7 @@ def test_cluster_that_loses_a_worker_gives_the_same_tables(
     tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address, workers = cluster
-    here = run(STAGES, Toy(), ["finish"], tmp_path / "here", Resources(jobs=1, chunk=2))
+    local = run(STAGES, Toy(), ["finish"], tmp_path / "here", Resources(jobs=1, chunk=2))
     monkeypatch.setenv("TOY_TROUBLE", '{"seconds": 0.2}')  # a chunk: two workers need two seconds
     with dask_cluster(address) as backend:
         from distributed import get_client
@@ -75,12 +82,12 @@ def test_cluster_that_loses_a_worker_gives_the_same_tables(
         get_client().wait_for_workers(2, timeout=60)
         killer = threading.Timer(1.0, workers[0].send_signal, [signal.SIGKILL])
         killer.start()
-        there = run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 2, backend))
+        remote = run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 2, backend))
         killer.join()
     assert workers[0].wait() == -signal.SIGKILL
-    assert there["add"].record["seconds"] > 1.0  # so that the worker was killed in the middle
-    assert {name: output.hashes for name, output in there.items()} == {
-        name: output.hashes for name, output in here.items()
+    assert remote["add"].record["seconds"] > 1.0  # so that the worker was killed in the middle
+    assert {name: output.hashes for name, output in remote.items()} == {
+        name: output.hashes for name, output in local.items()
     }
 
 
@@ -88,13 +95,13 @@ def test_worker_of_another_version_of_the_code_is_refused(
     tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
 ) -> None:
     """A worker whose checkout has another formula joins; what it would have solved is not in any table."""
-    other = tmp_path / "other"
-    other.mkdir()
+    variant = tmp_path / "other"
+    variant.mkdir()
     source = (Path(__file__).parent / "toy_study.py").read_text()
     assert "slope" in source
-    (other / "toy_study.py").write_text(source.replace('shared["slope"] * total', 'shared["slope"] * total * 1.001'))
+    (variant / "toy_study.py").write_text(source.replace('shared["slope"] * total', 'shared["slope"] * total * 1.001'))
     address, workers = cluster
-    third = worker(tmp_path / "scheduler.json", tmp_path, here=other)
+    third = worker(tmp_path / "scheduler.json", tmp_path, here=variant)
     try:
         with dask_cluster(address) as backend:
             from distributed import get_client
@@ -104,12 +111,12 @@ def test_worker_of_another_version_of_the_code_is_refused(
                 run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 1, backend))
             third.kill()
             third.wait()
-            there = run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 1, backend))
+            remote = run(STAGES, Toy(), ["finish"], tmp_path / "there", Resources(ALL_WORKERS, 1, backend))
     finally:
         third.kill()
         third.wait()
-    here = run(STAGES, Toy(), ["finish"], tmp_path / "here", Resources(jobs=1, chunk=1))
-    assert there["add"].hashes == here["add"].hashes
+    local = run(STAGES, Toy(), ["finish"], tmp_path / "here", Resources(jobs=1, chunk=1))
+    assert remote["add"].hashes == local["add"].hashes
 
 
 def test_scheduler_without_a_worker_is_an_input_error(cluster, monkeypatch) -> None:
@@ -124,7 +131,7 @@ def test_scheduler_without_a_worker_is_an_input_error(cluster, monkeypatch) -> N
 
 
 @pytest.mark.parametrize(
-    ("scheduler", "closed"),
+    ("scheduler", "closed_case"),
     [
         ("tcp://127.0.0.1:8786", True),
         ("127.1.2.3:8786", True),
@@ -140,9 +147,11 @@ def test_scheduler_without_a_worker_is_an_input_error(cluster, monkeypatch) -> N
         ("nonsense", False),
     ],
 )
-def test_open_scheduler_beyond_the_loopback_is_refused_unless_the_user_says_so(scheduler: str, closed: bool) -> None:
-    assert _authenticated(scheduler) == closed
-    if not closed:
+def test_open_scheduler_beyond_the_loopback_is_refused_unless_the_user_says_so(
+    scheduler: str, closed_case: bool
+) -> None:
+    assert _authenticated(scheduler) == closed_case
+    if not closed_case:
         with pytest.raises(InputError, match="authenticates nobody.* --open-scheduler"), dask_cluster(scheduler):
             pass
 

@@ -35,15 +35,15 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / name
 
 
-def edit(path: Path, before: str, after: str) -> None:
+def edit(path: Path, files_before: str, text_after: str) -> None:
     text = path.read_text()
-    assert before in text
-    path.write_text(text.replace(before, after))
+    assert files_before in text
+    path.write_text(text.replace(files_before, text_after))
 
 
 def test_sources_are_the_own_files_imported_directly_or_not(package: Path) -> None:
-    found = {name.removeprefix(f"{package.name}/") for name in source_hashes(f"{package.name}.root")}
-    assert found == set(FILES) - {"typed.py", "alone.py"}
+    result = {name.removeprefix(f"{package.name}/") for name in source_hashes(f"{package.name}.root")}
+    assert result == set(FILES) - {"typed.py", "alone.py"}
 
 
 def test_the_engine_is_a_source_but_its_progress_is_not() -> None:
@@ -53,7 +53,7 @@ def test_the_engine_is_a_source_but_its_progress_is_not() -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "before", "after", "changes"),
+    ("file", "text_before", "text_after", "changes"),
     [
         ("near.py", '"""Double."""', '"""Twice."""', False),
         ("near.py", "return 2 * x", "return 2 * x  # why", False),
@@ -66,12 +66,12 @@ def test_the_engine_is_a_source_but_its_progress_is_not() -> None:
     ],
 )
 def test_only_what_can_change_a_value_changes_a_hash(
-    package: Path, file: str, before: str, after: str, changes: bool
+    package: Path, file: str, text_before: str, text_after: str, changes: bool
 ) -> None:
     root = f"{package.name}.root"
-    old = source_hashes(root)
-    edit(package / file, before, after)
-    differing = {name for name, digest in source_hashes(root).items() if digest != old.get(name)}
+    hashes_before = source_hashes(root)
+    edit(package / file, text_before, text_after)
+    differing = {name for name, digest in source_hashes(root).items() if digest != hashes_before.get(name)}
     assert differing == ({f"{package.name}/{file}"} if changes else set())
 
 
@@ -82,9 +82,11 @@ def test_a_module_that_is_nowhere_is_a_mistake() -> None:
 
 def recorded(study: object, inputs: dict[str, str]) -> dict:
     """A fingerprint as it comes back from a record."""
-    now = fingerprint(ADD, study, inputs)
+    current = fingerprint(ADD, study, inputs)
     return json.loads(
-        json.dumps({k: getattr(now, k) for k in ("settings", "sources", "packages", "inputs")} | {"key": now.key})
+        json.dumps(
+            {k: getattr(current, k) for k in ("settings", "sources", "packages", "inputs")} | {"key": current.key}
+        )
     )
 
 
@@ -100,18 +102,20 @@ def test_an_equal_fingerprint_has_no_changes() -> None:
 
 
 def test_each_change_is_a_plain_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = recorded(Toy(), {"draw/points": "a"})
-    now = fingerprint(ADD, Toy(numbers=Numbers(slope=3.0), plan={"powers": [2]}), {"draw/points": "b", "draw/x": "c"})
-    sources = dict(now.sources) | {"toy_study.py": "0", "pipeline/new.py": "1"}
+    record_before = recorded(Toy(), {"draw/points": "a"})
+    current = fingerprint(
+        ADD, Toy(numbers=Numbers(slope=3.0), plan={"powers": [2]}), {"draw/points": "b", "draw/x": "c"}
+    )
+    sources = dict(current.sources) | {"toy_study.py": "0", "pipeline/new.py": "1"}
     del sources["pipeline/errors.py"]
-    now = replace(now, sources=sources, packages=dict(now.packages) | {"numpy": "9.9"})
-    assert now.changes_since(before) == [
+    current = replace(current, sources=sources, packages=dict(current.packages) | {"numpy": "9.9"})
+    assert current.changes_since(record_before) == [
         "setting numbers.slope changed: 2.0 -> 3.0",
         "setting plan.powers changed: [1, 2] -> [2]",
         "source pipeline/errors.py removed",
         "source pipeline/new.py added",
         "source toy_study.py changed",
-        f"package numpy {before['packages']['numpy']} -> 9.9",
+        f"package numpy {record_before['packages']['numpy']} -> 9.9",
         "input draw/points changed",
         "input draw/x changed",
     ]

@@ -56,12 +56,12 @@ def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_fligh
             process.kill()
         psutil.wait_procs(workers, timeout=10)
     assert kills == 3
-    before = finished(tmp_path / "runs")
-    at = len(begun(log))
+    chunks_before = finished(tmp_path / "runs")
+    n_begun = len(begun(log))
     with started(tmp_path / "runs", log) as process:
         assert process.wait() == 0
-    again = begun(log)[at:]
-    assert sorted(again) == sorted(set(range(0, 40, 2)) - before)
+    repeat = begun(log)[n_begun:]
+    assert sorted(repeat) == sorted(set(range(0, 40, 2)) - chunks_before)
     repeated = len(begun(log)) - CHUNKS
     assert repeated <= 5 * kills  # what two workers had begun, and begin before they see that they are alone
     print(f"{kills} kills: {repeated} of {CHUNKS} chunks computed again")
@@ -81,11 +81,11 @@ def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) 
         assert process.wait() == 1
         assert process.stderr is not None
         assert "a worker process was ended from outside" in process.stderr.read()
-    before, at = finished(tmp_path / "runs"), len(begun(log))
-    assert len(before) >= 4
+    chunks_before, n_begun = finished(tmp_path / "runs"), len(begun(log))
+    assert len(chunks_before) >= 4
     with started(tmp_path / "runs", log) as process:
         assert process.wait() == 0
-    assert sorted(begun(log)[at:]) == sorted(set(range(0, 40, 2)) - before)
+    assert sorted(begun(log)[n_begun:]) == sorted(set(range(0, 40, 2)) - chunks_before)
     assert hashes(run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(1, 2))) == hashes(
         run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2))
     )
@@ -97,10 +97,10 @@ def test_out_of_memory_in_a_chunk_is_named_and_the_others_stay(tmp_path: Path, m
     monkeypatch.setenv("TOY_TROUBLE", json.dumps({"exhaust_at": 30, "log": str(log)}))
     with pytest.raises(ChunkError, match="samples 30 to 31 failed: .*MemoryError"):
         run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(jobs, 2))
-    before = finished(tmp_path / "runs")
-    assert before >= set(range(0, 30, 2)) if jobs == 1 else len(before) >= 10
-    at = len(begun(log))
+    memory_before = finished(tmp_path / "runs")
+    assert memory_before >= set(range(0, 30, 2)) if jobs == 1 else len(memory_before) >= 10
+    n_begun = len(begun(log))
     monkeypatch.setenv("TOY_TROUBLE", json.dumps({"log": str(log)}))
     outputs = run(STAGES, Toy(), ["finish"], tmp_path / "runs", Resources(jobs, 2))
-    assert sorted(begun(log)[at:]) == sorted(set(range(0, 40, 2)) - before)
+    assert sorted(begun(log)[n_begun:]) == sorted(set(range(0, 40, 2)) - memory_before)
     assert hashes(outputs) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", Resources(1, 2)))

@@ -28,11 +28,11 @@ def test_inputs_are_read_when_needed_and_results_wait_for_the_reader(tmp_path: P
         return chunk(start, stop)
 
     bounds = [(k, k + 1) for k in range(20)]
-    solved = solved_chunks(ADD, SHARED, bounds, reader, tmp_path, 2, Backend())
-    starts = {next(solved).start}
+    chunks = solved_chunks(ADD, SHARED, bounds, reader, tmp_path, 2, Backend())
+    starts = {next(chunks).start}
     time.sleep(0.5)
     assert len(read) <= 6  # the wave of two jobs; without it every chunk would be solved by now
-    starts |= {part.start for part in solved}
+    starts |= {part.start for part in chunks}
     assert starts == {start for start, _ in bounds}
 
 
@@ -72,15 +72,15 @@ def test_any_backend_gives_the_same_parts(tmp_path: Path, name: str) -> None:
 def test_shared_value_is_loaded_once_a_process_and_arrays_are_private(tmp_path: Path) -> None:
     path = tmp_path / "shared"
     joblib.dump({"a": np.arange(1000.0)}, path)
-    first = Dumped(path, "k").load()
-    first["a"][0] = 5.0
-    assert Dumped(path, "k").load() is first
+    first_result = Dumped(path, "k").load()
+    first_result["a"][0] = 5.0
+    assert Dumped(path, "k").load() is first_result
     assert joblib.load(path)["a"][0] == 0.0
     assert Dumped(path, "another").load()["a"][0] == 0.0
     assert list(parallel._LOADED) == ["another"]  # a worker does not keep what earlier stages shared
 
 
 def test_a_chunk_without_upstream_rows_is_an_error_that_keeps_its_cause() -> None:
-    with pytest.raises(parallel.ChunkError, match="samples 0 to 0 failed: KeyError") as caught:
+    with pytest.raises(parallel.ChunkError, match="samples 0 to 0 failed: KeyError") as error:
         solve_chunk(ADD, Value(SHARED), Chunk(0, 1))
-    assert isinstance(caught.value.__cause__, KeyError)
+    assert isinstance(error.value.__cause__, KeyError)

@@ -34,10 +34,10 @@ def test_on_a_terminal_the_line_is_redrawn_and_ends_as_the_plain_one(monkeypatch
     monkeypatch.setattr(sys, "stderr", terminal)
     announce("add")
     advance()
-    *drawn, last = terminal.getvalue().rstrip("\n").split("\r")
-    assert "add ..." in drawn[0]
-    assert any(re.match(r"add  0/40 samples", text) for text in drawn)
-    assert last == "add  40/40 samples  0 s  3 failed"
+    *draws, last_line = terminal.getvalue().rstrip("\n").split("\r")
+    assert "add ..." in draws[0]
+    assert any(re.match(r"add  0/40 samples", text) for text in draws)
+    assert last_line == "add  40/40 samples  0 s  3 failed"
 
 
 def test_an_error_says_how_far_it_came(capsys: pytest.CaptureFixture) -> None:
@@ -53,9 +53,9 @@ def test_an_error_says_how_far_it_came(capsys: pytest.CaptureFixture) -> None:
 
 def test_meter_sees_a_peak_that_is_gone_at_the_end() -> None:
     with Meter() as meter:
-        before = meter.peak_bytes
+        peak_before = meter.peak_bytes
         block = np.ones(25_000_000)
         time.sleep(2.5 * Meter.INTERVAL)
         del block
-    assert meter.peak_bytes - before > 150e6
+    assert meter.peak_bytes - peak_before > 150e6
     assert meter.seconds > 2 * Meter.INTERVAL

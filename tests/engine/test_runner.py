@@ -34,10 +34,10 @@ ONE = Resources(jobs=1, chunk=10)
 def trouble(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """Order trouble in the solves; returns a function that says which chunks were begun since the last order."""
 
-    def order(**what: object):
+    def order(**keywords: object):
         log = tmp_path / f"log-{time.monotonic_ns()}"
         log.touch()
-        monkeypatch.setenv("TOY_TROUBLE", json.dumps(what | {"log": str(log)}))
+        monkeypatch.setenv("TOY_TROUBLE", json.dumps(keywords | {"log": str(log)}))
         return lambda: sorted(int(line) for line in log.read_text().split())
 
     return order
@@ -108,16 +108,16 @@ def test_an_equal_result_upstream_leaves_the_rest_fresh(tmp_path: Path, capsys: 
 @settings(deadline=None, max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(chunk=st.integers(1, 50))
 def test_values_do_not_depend_on_the_chunk(tmp_path_factory: pytest.TempPathFactory, chunk: int) -> None:
-    alike = [
+    runs_of_chunk_sizes = [
         run(STAGES, Toy(), ["finish"], tmp_path_factory.mktemp("runs"), Resources(1, size)) for size in (chunk, 40)
     ]
-    assert hashes(alike[0]) == hashes(alike[1])
+    assert hashes(runs_of_chunk_sizes[0]) == hashes(runs_of_chunk_sizes[1])
 
 
 def test_values_do_not_depend_on_the_number_of_jobs(tmp_path: Path) -> None:
-    one = run(STAGES, Toy(), ["finish"], tmp_path / "1", ONE)
-    two = run(STAGES, Toy(), ["finish"], tmp_path / "2", Resources(jobs=2, chunk=10))
-    assert hashes(one) == hashes(two)
+    single_job = run(STAGES, Toy(), ["finish"], tmp_path / "1", ONE)
+    second_run = run(STAGES, Toy(), ["finish"], tmp_path / "2", Resources(jobs=2, chunk=10))
+    assert hashes(single_job) == hashes(second_run)
     for table in ("sums", "kept"):
         frames = [pd.read_parquet(tmp_path / jobs / "toy/add" / f"{table}.parquet") for jobs in "12"]
         pd.testing.assert_frame_equal(*frames, check_exact=True)
@@ -186,14 +186,14 @@ def test_a_failing_chunk_is_named_and_the_others_are_kept(tmp_path: Path, troubl
     trouble(fail_at=23)
     with pytest.raises(
         ChunkError, match="add: samples 20 to 29 failed: ValueError: cannot add sample 23.*one job"
-    ) as caught:
+    ) as error:
         run(STAGES, Toy(), ["finish"], tmp_path, Resources(jobs, 10))
-    assert 'raise ValueError(f"cannot add' in "".join(traceback.format_exception(caught.value))
-    finished = {int(p.stem) for p in (tmp_path / "toy/.work/add/chunks").iterdir()}
-    assert finished == {0, 10} if jobs == 1 else {0, 10} <= finished <= {0, 10, 30}
-    begun = trouble()
+    assert 'raise ValueError(f"cannot add' in "".join(traceback.format_exception(error.value))
+    chunks_finished = {int(p.stem) for p in (tmp_path / "toy/.work/add/chunks").iterdir()}
+    assert chunks_finished == {0, 10} if jobs == 1 else {0, 10} <= chunks_finished <= {0, 10, 30}
+    trouble_seen = trouble()
     outputs = run(STAGES, Toy(), ["finish"], tmp_path, Resources(jobs, 10))
-    assert begun() == sorted({0, 10, 20, 30} - finished)
+    assert trouble_seen() == sorted({0, 10, 20, 30} - chunks_finished)
     assert hashes(outputs) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", ONE))
 
 
@@ -202,9 +202,9 @@ def test_finished_chunks_of_other_settings_or_another_chunk_size_are_not_used(tm
         trouble(fail_at=39)
         with pytest.raises(ChunkError):
             run(STAGES, Toy(), ["add"], tmp_path, ONE)
-        begun = trouble()
+        trouble_seen = trouble()
         outputs = run(STAGES, study, ["add"], tmp_path, resources)
-        assert begun() == list(range(0, 40, resources.chunk))
+        assert trouble_seen() == list(range(0, 40, resources.chunk))
         assert hashes(outputs) == hashes(run(STAGES, study, ["add"], tmp_path / f"{resources.chunk}", ONE))
 
 
@@ -215,9 +215,9 @@ def test_a_damaged_finished_chunk_is_solved_again(tmp_path: Path, trouble) -> No
     damage(tmp_path / "toy/.work/add/output/sums.parquet/part-000000010.parquet")
     (tmp_path / "toy/.work/add/chunks/000000000.json").write_text('{"failed": 3, ')
     (tmp_path / "toy/.work/add/output/sums.parquet/.part-000000030.parquet.1.tmp").write_text("half")
-    begun = trouble()
+    trouble_seen = trouble()
     run(STAGES, Toy(), ["add"], tmp_path, ONE)
-    assert begun() == [0, 10, 30]
+    assert trouble_seen() == [0, 10, 30]
     assert not list((tmp_path / "toy").rglob("*.tmp"))
 
 
@@ -244,10 +244,10 @@ def test_a_killed_run_resumes_and_its_workers_end(tmp_path: Path, trouble) -> No
             time.sleep(0.01)
         workers = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(signal.SIGKILL)
-    finished = {int(path.stem) for path in chunks.glob("0*.json")}
-    begun = trouble()
+    chunks_finished = {int(path.stem) for path in chunks.glob("0*.json")}
+    trouble_seen = trouble()
     outputs = run(STAGES, Toy(), ["finish"], tmp_path, Resources(1, 2))
-    assert begun() == sorted(set(range(0, 40, 2)) - finished)
+    assert trouble_seen() == sorted(set(range(0, 40, 2)) - chunks_finished)
     assert hashes(outputs) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", ONE))
     assert psutil.wait_procs(workers, timeout=10)[1] == []
 
@@ -331,7 +331,7 @@ def test_an_interrupted_replacement_leaves_no_half_output(tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize(
-    ("sums", "said"),
+    ("sums", "message"),
     [
         (None, r"returned tables \['kept'\], its contract is \['kept', 'sums'\]"),
         ({"sample": [0]}, "no column sum_mm; no column large"),
@@ -339,12 +339,12 @@ def test_an_interrupted_replacement_leaves_no_half_output(tmp_path: Path, monkey
         ({"sample": [40], "sum_mm": [0], "large": [True]}, "sample must be sorted and inside the chunk"),
     ],
 )
-def test_a_body_that_breaks_its_contract_is_named(tmp_path: Path, sums, said: str) -> None:
+def test_a_body_that_breaks_its_contract_is_named(tmp_path: Path, sums, message: str) -> None:
     def wrong(shared: object, chunk: Chunk):
-        kept = ADD.tables[1].empty()
-        return {"kept": kept} if sums is None else {"sums": sums, "kept": kept}
+        kept_items = ADD.tables[1].empty()
+        return {"kept": kept_items} if sums is None else {"sums": sums, "kept": kept_items}
 
-    with pytest.raises(ChunkError, match=said):
+    with pytest.raises(ChunkError, match=message):
         run((DRAW, replace(ADD, solve=wrong)), Toy(), ["add"], tmp_path, Resources(1, 40))
 
 

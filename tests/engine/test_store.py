@@ -27,57 +27,57 @@ def output(folder: Path, ends: list[int]):
     if not ends:
         work.write_whole({"rows": ROWS.part(columns)})
     for start, stop in zip([0, *ends], [*ends, 20], strict=True) if ends else ():
-        inside = (start <= SAMPLES) & (stop > SAMPLES)
-        if inside.any():
-            work.write_chunk(start, {"rows": ROWS.part({k: v[inside] for k, v in columns.items()})}, 0)
+        is_inside = (start <= SAMPLES) & (stop > SAMPLES)
+        if is_inside.any():
+            work.write_chunk(start, {"rows": ROWS.part({k: v[is_inside] for k, v in columns.items()})}, 0)
     return work.publish(work.contents([ROWS]))
 
 
 @pytest.fixture(scope="module", params=[[], [5, 10, 15], [1, 2, 3, 4, 5, 17]])
-def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory):
+def output_written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(table_module, "ROWS_PER_GROUP", 7)
         return output(tmp_path_factory.mktemp("run"), request.param)
 
 
 @given(bounds=st.tuples(st.integers(0, 20), st.integers(0, 20)))
-def test_a_range_of_items_is_cut_out_of_any_parts(written, bounds: tuple[int, int]) -> None:
+def test_a_range_of_items_is_cut_out_of_any_parts(output_written, bounds: tuple[int, int]) -> None:
     start, stop = min(bounds), max(bounds)
-    inside = np.flatnonzero((start <= SAMPLES) & (stop > SAMPLES))
-    found = written.read_items("rows", start, stop)
-    np.testing.assert_array_equal(found["x_mm"], inside)
-    np.testing.assert_array_equal(found["sample"], SAMPLES[inside])
-    assert found["sample"].dtype == np.int32
+    rows_inside = np.flatnonzero((start <= SAMPLES) & (stop > SAMPLES))
+    result = output_written.read_items("rows", start, stop)
+    np.testing.assert_array_equal(result["x_mm"], rows_inside)
+    np.testing.assert_array_equal(result["sample"], SAMPLES[rows_inside])
+    assert result["sample"].dtype == np.int32
 
 
 def test_unsorted_rows_are_not_read_by_item(tmp_path: Path) -> None:
     work = Work(tmp_path, "stage", None)
     work.write_whole({"rows": ROWS.part({"sample": [1, 0], "x_mm": [0, 1]})})
-    written = work.publish(work.contents([ROWS]))
-    assert written.read("rows")["sample"].tolist() == [1, 0]
+    written_file = work.publish(work.contents([ROWS]))
+    assert written_file.read("rows")["sample"].tolist() == [1, 0]
     with pytest.raises(TypeError, match="stage/rows has no rows sorted by sample"):
-        written.read_items("rows", 0, 1)
+        written_file.read_items("rows", 0, 1)
 
 
 def test_a_flipped_bit_that_decodes_is_noticed(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).normal(size=1000)  # does not compress: the bytes of the values stand in the file
     work = Work(tmp_path, "stage", None)
     work.write_whole({"rows": ROWS.part({"sample": np.zeros(1000, int), "x_mm": noise})})
-    written = work.publish(work.contents([ROWS]))
+    written_file = work.publish(work.contents([ROWS]))
     path = tmp_path / "stage/rows.parquet"
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
     assert np.count_nonzero(pq.read_table(path)["x_mm"].to_numpy() != noise) == 1
     with pytest.raises(InputError, match="rows.parquet: damaged"):
-        written.read("rows")
+        written_file.read("rows")
 
 
-def test_a_name_that_the_stage_does_not_write_is_a_mistake(written) -> None:
+def test_a_name_that_the_stage_does_not_write_is_a_mistake(output_written) -> None:
     with pytest.raises(TypeError, match=r"has no table row; it has \['rows'\]"):
-        written.read("row")
+        output_written.read("row")
     with pytest.raises(TypeError, match="has no file x.npz"):
-        written.path("x.npz")
+        output_written.path("x.npz")
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,18 +95,21 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_cache_makes_once_a_key_and_code(tmp_path: Path) -> None:
-    made = []
+    calls = []
 
     def make(folder: Path) -> None:
-        made.append(folder)
+        calls.append(folder)
         (folder / "x").write_text("1")
 
-    first = Cache(tmp_path, "code").folder("key", make)
-    assert (first / "x").read_text() == "1"
-    assert Cache(tmp_path, "code").folder("key", make) == first
-    assert len(made) == 1
-    assert len({Cache(tmp_path, "code").folder("k", make), Cache(tmp_path, "new code").folder("key", make), first}) == 3
-    assert len(made) == 3
+    first_result = Cache(tmp_path, "code").folder("key", make)
+    assert (first_result / "x").read_text() == "1"
+    assert Cache(tmp_path, "code").folder("key", make) == first_result
+    assert len(calls) == 1
+    assert (
+        len({Cache(tmp_path, "code").folder("k", make), Cache(tmp_path, "new code").folder("key", make), first_result})
+        == 3
+    )
+    assert len(calls) == 3
 
 
 def test_a_failed_computation_leaves_nothing_in_the_cache(tmp_path: Path) -> None:
@@ -123,7 +126,7 @@ def test_two_processes_that_compute_the_same_agree_on_the_first(tmp_path: Path) 
     cache = Cache(tmp_path, "code")
 
     def make(folder: Path) -> None:
-        cache.folder("key", lambda other: (other / "x").write_text("first"))
+        cache.folder("key", lambda variant: (variant / "x").write_text("first"))
         (folder / "x").write_text("second")
 
     assert (cache.folder("key", make) / "x").read_text() == "first"

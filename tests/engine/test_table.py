@@ -48,10 +48,10 @@ def test_values_survive_the_round_trip() -> None:
     columns["kind"] = pd.Categorical.from_codes([0, 1, -1, 0, 0, 1, 1], ["pin", "roller"])
     table = pq.read_table(io.BytesIO(TABLE.part(columns).data))
     assert table["force_N"].null_count == 1  # a missing value is null on disk, not NaN
-    back = columns_of(table)
-    np.testing.assert_array_equal(back["force_N"], columns["force_N"])
-    assert back["kind"].tolist()[:3] == ["pin", "roller", np.nan]
-    assert all(array.flags.writeable for name, array in back.items() if name != "kind")
+    return_value = columns_of(table)
+    np.testing.assert_array_equal(return_value["force_N"], columns["force_N"])
+    assert return_value["kind"].tolist()[:3] == ["pin", "roller", np.nan]
+    assert all(array.flags.writeable for name, array in return_value.items() if name != "kind")
 
 
 def test_labels_of_parts_with_different_categories_are_joined(tmp_path) -> None:
@@ -63,7 +63,7 @@ def test_labels_of_parts_with_different_categories_are_joined(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"force_N": None}, "no column force_N"),
         ({"forces": [1, 2, 3]}, "unknown column forces"),
@@ -76,9 +76,9 @@ def test_labels_of_parts_with_different_categories_are_joined(tmp_path) -> None:
         ({"kind": ["pin"]}, "different lengths .*'kind': 1"),
     ],
 )
-def test_a_wrong_column_is_named(change: dict, said: str) -> None:
+def test_a_wrong_column_is_named(change: dict, message: str) -> None:
     columns = {name: values for name, values in (rows(3) | change).items() if values is not None}
-    with pytest.raises(TypeError, match=f"table loads: .*{said}"):
+    with pytest.raises(TypeError, match=f"table loads: .*{message}"):
         TABLE.to_arrow(columns)
 
 
@@ -98,8 +98,8 @@ def digest(*columns: dict[str, object]) -> str:
     return content_hash(TABLE, (TABLE.part(part).content for part in columns))
 
 
-def cut(columns: dict, at: list[int]) -> list[dict]:
-    ends = [0, *sorted(at), len(columns["sample"])]
+def cut(columns: dict, reducer: list[int]) -> list[dict]:
+    ends = [0, *sorted(reducer), len(columns["sample"])]
     return [{name: values[a:b] for name, values in columns.items()} for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
 
@@ -112,15 +112,17 @@ def test_content_hash_is_of_values_not_of_parts(items: list[int], order) -> None
 
 @pytest.mark.parametrize("name", ["sample", "force_N", "active", "kind"])
 def test_content_hash_sees_a_change_of_one_value(name: str) -> None:
-    changed = rows(9) | {name: rows(9)[name].copy()}
-    last = 5  # row of an item
-    changed[name][last] = {"sample": 2, "force_N": np.nextafter(0.25, 1), "active": True, "kind": "roller "}[name]
-    assert digest(changed) != digest(rows(9))
+    variant = rows(9) | {name: rows(9)[name].copy()}
+    last_value = 5  # row of an item
+    variant[name][last_value] = {"sample": 2, "force_N": np.nextafter(0.25, 1), "active": True, "kind": "roller "}[name]
+    assert digest(variant) != digest(rows(9))
 
 
 def test_content_hash_sees_the_last_byte_of_an_item() -> None:
     flags = Table("flags", "sample", (TABLE.columns[0], TABLE.columns[2]))
-    parts = [flags.part({"sample": [0, 0, 1], "active": [True, last, True]}).content for last in (False, True)]
+    parts = [
+        flags.part({"sample": [0, 0, 1], "active": [True, last_value, True]}).content for last_value in (False, True)
+    ]
     assert parts[0] != parts[1]
 
 

@@ -32,34 +32,34 @@ def commands(text: str) -> list[str]:
 
 
 def test_every_path_exists() -> None:
-    named = [(page.name, span) for page in PAGES for span in spans(page.read_text())]
-    named = [(page, path) for page, path in named if re.match(r"(pipeline|stages|tests|data|docs|\.ci)/", path)]
-    named = [(page, path) for page, path in named if not path.startswith(LEFT_BY_RUNS) and not EXAMPLE.search(path)]
-    assert len(named) > 60
-    assert not [(page, path) for page, path in named if not (ROOT / path).exists()]
+    names = [(page.name, span) for page in PAGES for span in spans(page.read_text())]
+    names = [(page, path) for page, path in names if re.match(r"(pipeline|stages|tests|data|docs|\.ci)/", path)]
+    names = [(page, path) for page, path in names if not path.startswith(LEFT_BY_RUNS) and not EXAMPLE.search(path)]
+    assert len(names) > 60
+    assert not [(page, path) for page, path in names if not (ROOT / path).exists()]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page: Path) -> None:
     contracts = PROJECT["tool"]["importlinter"]["contracts"]
     rooms = [contract["id"] for contract in contracts if contract["type"] == "layers"]
-    drawn = {f"generated/{name}.svg" for name in (*rooms, "chain")}
+    draws = {f"generated/{name}.svg" for name in (*rooms, "chain")}
     links = [link for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()) if "://" not in link]
-    assert not [link for link in links if link not in drawn and not (page.parent / link.partition("#")[0]).exists()]
+    assert not [link for link in links if link not in draws and not (page.parent / link.partition("#")[0]).exists()]
 
 
 def test_every_page_is_in_the_table_of_contents() -> None:
     (contents,) = re.findall(r"```\{toctree\}\n(.*?)```", (ROOT / "docs/index.md").read_text(), re.DOTALL)
-    named = {line for line in contents.splitlines() if line and not line.startswith(":")}
-    assert named == {path.stem for path in (ROOT / "docs").iterdir() if path.suffix in {".md", ".rst"}} - {"index"}
+    names = {line for line in contents.splitlines() if line and not line.startswith(":")}
+    assert names == {path.stem for path in (ROOT / "docs").iterdir() if path.suffix in {".md", ".rst"}} - {"index"}
 
 
 def test_every_make_target_named_exists() -> None:
     targets = {*re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE), *(stage.name for stage in STAGES)}
     lines = [shlex.split(line, comments=True) for page in PAGES for line in commands(page.read_text())]
-    named = {word for line in lines if line[:1] == ["make"] for word in line[1:] if "=" not in word}
-    assert len(named) > 15
-    assert named <= targets
+    names = {word for line in lines if line[:1] == ["make"] for word in line[1:] if "=" not in word}
+    assert len(names) > 15
+    assert names <= targets
 
 
 def test_every_command_line_is_understood() -> None:
@@ -82,9 +82,9 @@ def test_the_recipes_name_what_the_code_has() -> None:
 
 
 def test_every_stage_is_a_target_and_in_the_readme() -> None:
-    (listed,) = re.findall(r"^STAGES := (.*)$", MAKEFILE, re.MULTILINE)
-    assert listed.split() == [stage.name for stage in STAGES]
-    assert re.findall(r"^\| `make (\w+)` \|", PAGES[0].read_text(), re.MULTILINE) == listed.split()
+    (listed_study,) = re.findall(r"^STAGES := (.*)$", MAKEFILE, re.MULTILINE)
+    assert listed_study.split() == [stage.name for stage in STAGES]
+    assert re.findall(r"^\| `make (\w+)` \|", PAGES[0].read_text(), re.MULTILINE) == listed_study.split()
 
 
 def test_the_glossary_has_each_term_once() -> None:

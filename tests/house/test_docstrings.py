@@ -39,22 +39,22 @@ def raises(function: ast.FunctionDef) -> bool:
 
 def test_a_public_function_that_raises_says_so() -> None:
     guilty, checked = [], 0
-    for place, function in public_functions(("pipeline", "stages")):
-        if raises(function) and not place.startswith(str(COMMANDS.relative_to(ROOT))):
+    for position, function in public_functions(("pipeline", "stages")):
+        if raises(function) and not position.startswith(str(COMMANDS.relative_to(ROOT))):
             checked += 1
-            guilty += [] if TOLD.search(ast.get_docstring(function) or "") else [place]
+            guilty += [] if TOLD.search(ast.get_docstring(function) or "") else [position]
     assert checked > 40
     assert not guilty
 
 
 def test_arrays_of_the_mechanics_state_shape_or_unit() -> None:
     guilty, checked = [], 0
-    for place, function in public_functions(("pipeline/model",)):
+    for position, function in public_functions(("pipeline/model",)):
         arguments = (*function.args.args, *function.args.kwonlyargs)
         annotations = [*(argument.annotation for argument in arguments), function.returns]
         text = ast.get_docstring(function)
         if text and any(annotation and ARRAY.search(ast.unparse(annotation)) for annotation in annotations):
             checked += 1
-            guilty += [] if SHAPE_OR_UNIT.search(text) else [place]
+            guilty += [] if SHAPE_OR_UNIT.search(text) else [position]
     assert checked > 60
     assert not guilty

@@ -11,8 +11,8 @@ def test_every_test_that_a_promise_names_exists() -> None:
     rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| promise")]
     assert len(rows) >= 20
     for row in rows:
-        named = re.findall(r"(test_\w+\.py)(?:::(test_\w+))?", row)
-        assert named or "not held by a test yet" in row, row
-        for name, test in named:
+        names = re.findall(r"(test_\w+\.py)(?:::(test_\w+))?", row)
+        assert names or "not held by a test yet" in row, row
+        for name, test in names:
             (path,) = (ROOT / "tests").rglob(name)
             assert f"def {test}" in path.read_text(), f"{name}::{test}"

@@ -21,7 +21,7 @@ def model_of(n_parameters: int) -> Model:
 def linear_data(positions=2, cycles=2, branches=2, cells=10, sigma=0.1, count=4) -> Data:
     """Cells in the order position, cycle, branch; angles are zeros."""
     shape = (positions, cycles, branches, cells)
-    position, cycle, branch, _ = (one.ravel() for one in np.indices(shape))
+    position, cycle, branch, _ = (indice.ravel() for indice in np.indices(shape))
     n = len(position)
     return Data(
         position=position,
@@ -59,15 +59,15 @@ class LinearFitter(Fitter):
     def predict(self, model, unknowns, positions=None, modes=False):
         self.looks += 1
         data, n_modes = self.problem.data, self.problem.n_modes
-        there = np.isin(data.position, list(self.positions if positions is None else positions))
+        in_positions = np.isin(data.position, list(self.positions if positions is None else positions))
         lacking = np.zeros(self.shares - len(unknowns.shares))
         flat = np.concatenate([unknowns.scales, unknowns.shares, lacking, unknowns.modes])
         influence = self.design[:, self.design.shape[1] - n_modes :] if modes else np.zeros((len(data), n_modes))
-        angle = np.where(there, self.design @ flat, np.nan)
-        return Prediction(angle, influence * there[:, None], np.zeros(len(data)), True)
+        angle = np.where(in_positions, self.design @ flat, np.nan)
+        return Prediction(angle, influence * in_positions[:, None], np.zeros(len(data)), True)
 
-    def _change(self, model, now, near, at, positions):
-        return self.predict(model, near, positions).angle - at.angle
+    def _change(self, model, current, base_unknowns, reducer, positions):
+        return self.predict(model, base_unknowns, positions).angle - reducer.angle
 
 
 def stood(fitter: LinearFitter, model: Model, unknowns, sigma) -> Fit:

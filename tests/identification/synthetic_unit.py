@@ -71,11 +71,11 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
     rng = np.random.default_rng(bench.seed)
     study = load_study("quick", ROOT)
     sampled = draw(study, bench.sample, bench.sample + 1)
-    one = assembly.errors(sampled)
-    errors = type(one)(**{name: np.repeat(values, bench.cycles, axis=0) for name, values in vars(one).items()})
-    known = candidates()
-    model = Model(tuple(known[name] for name in effects))
-    values = [value for own in effects.values() for value in own]
+    item = assembly.errors(sampled)
+    errors = type(item)(**{name: np.repeat(values, bench.cycles, axis=0) for name, values in vars(item).items()})
+    library = candidates()
+    model = Model(tuple(library[name] for name in effects))
+    values = [value for own_value in effects.values() for value in own_value]
     number = np.arange(bench.cycles, dtype=float)
     conditions = Conditions(number, bench.warming * number)
     torque = np.concatenate(
@@ -87,14 +87,14 @@ def make_unit(folder: Path, effects: Mapping[str, Sequence[float]], bench: Bench
     for crank, compliance in zip(bench.cranks, condensed(study, bench.cranks), strict=True):
         loose = assembly.bearing_clearance(study.design, np.repeat(sampled.bearing_clearance, bench.cycles))
         drive = drive_of(study, crank, compliance, errors, loose)
-        (made,), instrument = model.put([drive], [conditions], values)
+        (unit,), instrument = model.put([drive], [conditions], values)
         at_input = bench.locked == "output"
-        place, lobes = np.radians(crank), study.design.cycloid.lobes
+        position, lobes = np.radians(crank), study.design.cycloid.lobes
         course = Course(
             *(bench.turns, leg, bench.state, np.column_stack([torque, torque]), time),
-            *((float(lobes), place) if at_input else (1.0, -place / lobes)),
+            *((float(lobes), position) if at_input else (1.0, -position / lobes)),
         )
-        reading = Forward([course], made.rated_torque).read(made, 0, instrument)
+        reading = Forward([course], unit.rated_torque).read(unit, 0, instrument)
         assert reading.sound
         offset = 2.0 if bench.common else rng.normal(0, 3)
         cycle = bench.state[leg]
@@ -142,4 +142,4 @@ def exactly_known(problem: Problem) -> Problem:
     """The problem with nothing uncertain but its calibrated numbers; dimensions and force laws are as declared."""
     ranges = problem.scale_range.copy()
     ranges[:, len(problem.calibrated) :] *= 1e-4
-    return replace(problem, scale_range=ranges, modes=tuple(one[:0] for one in problem.modes))
+    return replace(problem, scale_range=ranges, modes=tuple(mode[:0] for mode in problem.modes))

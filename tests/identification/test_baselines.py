@@ -15,29 +15,29 @@ PLAY, SPRING, SOFTENING, COULOMB, SHARE = 2.0, 0.3, 0.01, 0.8, 0.1
 def measured():
     """Cells of a drive with play, softening and friction, followed row by row, at three positions of other zeros."""
     data = linear_data(positions=3, cycles=2, branches=2, cells=60, sigma=0.05)
-    down = np.linspace(12, -12, 60)
-    torque = np.tile(np.concatenate([down[::-1], down]), 6)
-    net, carried = [], 0.0
+    unloading = np.linspace(12, -12, 60)
+    torque = np.tile(np.concatenate([unloading[::-1], unloading]), 6)
+    net, carried_torque = [], 0.0
     for k, load in enumerate(torque):
-        carried = 0.0 if k % 240 == 0 else carried
+        carried_torque = 0.0 if k % 240 == 0 else carried_torque
         half = COULOMB + SHARE * abs(load)
-        carried = min(max(carried, load - half), load + half)
-        net.append(carried)
+        carried_torque = min(max(carried_torque, load - half), load + half)
+        net.append(carried_torque)
     net = np.array(net)
     angle = 0.5 * PLAY * np.clip(net / 0.24, -1, 1) + SPRING * net + SOFTENING * net * np.abs(net)
-    first = np.isin(data.block, np.unique(data.block)[::4])  # the first branch of a position
+    is_first_branch = np.isin(data.block, np.unique(data.block)[::4])  # the first branch of a position
     direction = np.where(data.block % 2 == 0, 1, -1)
-    kind = np.where(first, 0, np.where(direction > 0, 2, 1))
+    kind = np.where(is_first_branch, 0, np.where(direction > 0, 2, 1))
     return replace(data, torque=torque, angle=angle + OFFSETS[data.position]), Cycles(direction, kind)
 
 
 def offsets(data):
-    def of(angle, known, sigma):
-        out = np.zeros(len(data))
+    def of(angle, exact_unit, sigma):
+        values = np.zeros(len(data))
         for position in range(3):
-            mine = data.position == position
-            out[mine] = np.nanmean((data.angle - angle)[mine])
-        return out
+            in_position = data.position == position
+            values[in_position] = np.nanmean((data.angle - angle)[in_position])
+        return values
 
     return of
 
@@ -48,16 +48,16 @@ def folds(data):
 
 def test_a_drive_of_play_and_friction_is_predicted_by_the_baseline_of_its_form():
     data, cycles = measured()
-    found = baselines(data, cycles, folds(data), offsets(data))
+    errors = baselines(data, cycles, folds(data), offsets(data))
     title = next(title for title in METHODS if title.startswith("play"))
-    assert np.sqrt(np.mean((data.angle - found[title]) ** 2)) < 0.02 * PLAY
+    assert np.sqrt(np.mean((data.angle - errors[title]) ** 2)) < 0.02 * PLAY
 
 
 def test_positions_that_repeat_each_other_are_replayed():
     data, cycles = measured()
-    found = baselines(data, cycles, folds(data), offsets(data))
+    errors = baselines(data, cycles, folds(data), offsets(data))
     title = next(title for title in METHODS if title.startswith("replay"))
-    np.testing.assert_allclose(found[title], data.angle, atol=0.02)
+    np.testing.assert_allclose(errors[title], data.angle, atol=0.02)
 
 
 def test_a_polynomial_is_fitted_by_the_polynomial():
@@ -72,8 +72,8 @@ def test_a_polynomial_is_fitted_by_the_polynomial():
 def test_held_out_angles_move_a_prediction_by_its_offset_alone(title):
     data, cycles = measured()
     split = folds(data)[1:2]
-    before = baselines(data, cycles, split, offsets(data))[title]
-    other = replace(data, angle=np.where(data.position == 1, 1.4 * data.angle + data.torque, data.angle))
-    after = baselines(other, cycles, split, offsets(other))[title]
-    mine = data.position == 1
-    assert np.ptp((after - before)[mine]) < 1e-9
+    errors_before = baselines(data, cycles, split, offsets(data))[title]
+    variant = replace(data, angle=np.where(data.position == 1, 1.4 * data.angle + data.torque, data.angle))
+    errors_after = baselines(variant, cycles, split, offsets(variant))[title]
+    in_position = data.position == 1
+    assert np.ptp((errors_after - errors_before)[in_position]) < 1e-9

@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[2]
 def smallest(tmp_path_factory):
     """A maker of units of the catalogue's smallest reducer alone."""
     folder = tmp_path_factory.mktemp("blind")
-    reducers = tuple(one for one in catalogue(ROOT) if one.name == "holes_19")
+    reducers = tuple(design_reducer for design_reducer in catalogue(ROOT) if design_reducer.name == "holes_19")
     return Maker(reducers, condense(reducers, folder / "condensed", 1), folder, ROOT, seed=5)
 
 
@@ -54,31 +54,31 @@ def test_every_run_has_the_proportions_of_the_full_one():
 
 def test_a_unit_is_the_same_whatever_was_made_before(smallest, tmp_path):
     case = _of_kind("outside")
-    first = generate(smallest, case)
+    first_result = generate(smallest, case)
     data = (smallest.unit_folder(case) / "data.csv").read_bytes()
-    other = replace(smallest, folder=tmp_path)
-    generate(other, _of_kind("one"))
-    second = generate(other, case)
-    assert first.truth == second.truth
-    assert data == (other.unit_folder(case) / "data.csv").read_bytes()
-    assert data != _data(replace(other, seed=6), case)
+    variant = replace(smallest, folder=tmp_path)
+    generate(variant, _of_kind("one"))
+    second = generate(variant, case)
+    assert first_result.truth == second.truth
+    assert data == (variant.unit_folder(case) / "data.csv").read_bytes()
+    assert data != _data(replace(variant, seed=6), case)
 
 
 def test_every_other_unit_of_a_kind_is_of_the_second_simulator():
-    made = [(kind_of(case), simulator_of(case)) for case in range(60)]
+    simulators = [(kind_of(case), simulator_of(case)) for case in range(60)]
     for kind in FULL:
-        of_kind = [simulator for other, simulator in made if other == kind]
+        of_kind = [simulator for unit_kind, simulator in simulators if unit_kind == kind]
         assert abs(of_kind.count(RIGID) - len(of_kind) / 2) <= 0.5
 
 
 def test_a_unit_of_the_second_simulator_is_believed_with_a_rigid_disk_and_another_law(smallest):
     case = next(case for case in range(100) if (kind_of(case), simulator_of(case)) == (NONE, RIGID))
-    made = generate(smallest, case)
+    unit = generate(smallest, case)
     study = tomllib.loads((smallest.unit_folder(case) / "study.toml").read_text())
     assert (study["reduce"]["disk"], study["springs"]["law"]) == ("rigid", "hertz")
-    assert made.truth["simulator"] == RIGID
-    assert not np.any(made.believed(made.unit.study, made.unit.bench.cranks))
-    problem, over_cells = problem_of(load_measured_unit(smallest.unit_folder(case), ROOT), made.believed)
+    assert unit.truth["simulator"] == RIGID
+    assert not np.any(unit.believed(unit.unit.study, unit.unit.bench.cranks))
+    problem, over_cells = problem_of(load_measured_unit(smallest.unit_folder(case), ROOT), unit.believed)
     fitter, cells = Fitter(problem), np.ones(len(problem.data), bool)
     fit = fitter.fit(Model(), cells, fitter.start(Model()))
     assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.25
@@ -91,7 +91,7 @@ def _data(maker: Maker, case: int) -> bytes:
 
 def test_the_truth_is_not_in_the_units_folder(smallest):
     case = _of_kind("one")
-    made = generate(smallest, case)
+    unit = generate(smallest, case)
     folder = smallest.unit_folder(case)
     assert {path.name for path in folder.iterdir()} <= {
         "data.csv",
@@ -101,29 +101,29 @@ def test_the_truth_is_not_in_the_units_folder(smallest):
         "dims.toml",
     }
     sealed = smallest.truth_path(case)
-    assert json.loads(sealed.read_text())["truth"] == made.truth["truth"]
+    assert json.loads(sealed.read_text())["truth"] == unit.truth["truth"]
     assert folder not in sealed.parents
     words = "".join(path.read_text() for path in folder.glob("*.toml"))
-    assert made.truth["truth"] not in words
+    assert unit.truth["truth"] not in words
     assert not any(effect.name in words for effect in OUTSIDE)
 
 
 def test_what_the_model_believes_is_off_as_a_bench_and_a_calibration_are(smallest):
     """Calibrated numbers by 5 to 20 %, inside of their stated ranges; measured dimensions by what measuring leaves."""
-    made = [generate(smallest, case) for case in range(9) if kind_of(case) == NONE]
-    scales = np.array([list(one.truth["scales"].values()) for one in made])
+    units = [generate(smallest, case) for case in range(9) if kind_of(case) == NONE]
+    scales = np.array([list(design_reducer.truth["scales"].values()) for design_reducer in units])
     assert np.all((np.abs(np.log(scales)) >= np.log(OFF[0])) & (np.abs(np.log(scales)) <= np.log(OFF[1])))
     assert OFF[1] < PLAUSIBLE
-    off = []
-    for one in made:
-        folder = smallest.unit_folder(one.truth["case"])
-        if one.truth["dimensions_known"]:
-            written = tomllib.loads((folder / "dims.toml").read_text())
-            off.append(np.array(written["pin_radial"]) - one.dimensions.pin_radial[0])
+    offset = []
+    for design_reducer in units:
+        folder = smallest.unit_folder(design_reducer.truth["case"])
+        if design_reducer.truth["dimensions_known"]:
+            written_file = tomllib.loads((folder / "dims.toml").read_text())
+            offset.append(np.array(written_file["pin_radial"]) - design_reducer.dimensions.pin_radial[0])
             design = tomllib.loads((folder / "design.toml").read_text())["provenance"]
-            assert all("plausible" in design[key] for key in one.truth["scales"])
-    assert len(off) >= 2
-    spread = np.std(np.array(off) - np.mean(off, axis=1, keepdims=True))
+            assert all("plausible" in design[key] for key in design_reducer.truth["scales"])
+    assert len(offset) >= 2
+    spread = np.std(np.array(offset) - np.mean(offset, axis=1, keepdims=True))
     assert 0.7 * MEASURING_UM < spread < 1.4 * MEASURING_UM
 
 
@@ -149,8 +149,8 @@ def test_no_unit_asks_for_what_no_verdict_may_claim(smallest, monkeypatch):
     with pytest.raises(UnsoundError, match="no effect reaches its size"):
         draw._library(yardstick, "one")
     monkeypatch.setattr(generating._Draw, "_sought", lambda *_: (0.85, 4.0))
-    _, found = draw._library(yardstick, "one")
-    assert found["effects"][0]["values"] == pytest.approx([0.85, 0.05 * 2e5**0.5])
+    _, result = draw._library(yardstick, "one")
+    assert result["effects"][0]["values"] == pytest.approx([0.85, 0.05 * 2e5**0.5])
 
 
 def test_an_amplitude_is_found_where_the_size_grows_and_none_where_it_cannot():
@@ -165,46 +165,46 @@ def test_without_effect_and_noise_the_models_own_study_is_recovered(smallest, tm
     from pipeline.checks.blind.files import write_unit
 
     reducer = smallest.reducers[0]
-    study, (believed, _) = reducer.model, smallest.condensed[reducer.name]
+    study, (believed_study, _) = reducer.model, smallest.condensed[reducer.name]
     bench = draw_bench(np.random.default_rng(3), reducer.cranks, study.design.cycloid.rated_torque_Nm)
     bench = replace(bench, torque_noise=0.0, torque_step=1e-9)
     sample = draw(study, 4, 5)
     keys = refitted(study.design)
-    unit = true_unit(study, keys, (1.2, 0.95), assembly.errors(sample), 0.0, believed(study, bench.cranks), bench)
+    unit = true_unit(study, keys, (1.2, 0.95), assembly.errors(sample), 0.0, believed_study(study, bench.cranks), bench)
     write_unit(tmp_path / "u", study, bench, unit.angles(), (0.0, 1e-9), np.random.default_rng(0), sample, 0.0)
-    problem, _ = problem_of(load_measured_unit(tmp_path / "u", ROOT), believed)
-    fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
-    fit = fitter.fit(Model(), everything, fitter.start(Model()))
+    problem, _ = problem_of(load_measured_unit(tmp_path / "u", ROOT), believed_study)
+    fitter, all_cells = Fitter(problem), np.ones(len(problem.data), bool)
+    fit = fitter.fit(Model(), all_cells, fitter.start(Model()))
     # the cells within the play's jump have a sigma of their own; all others weigh alike
-    inside = problem.data.sigma < 3 * np.median(problem.data.sigma)
-    assert np.sqrt(np.mean((problem.data.angle - fit.predicted)[inside] ** 2)) < 1e-3 * problem.span
+    is_precise = problem.data.sigma < 3 * np.median(problem.data.sigma)
+    assert np.sqrt(np.mean((problem.data.angle - fit.predicted)[is_precise] ** 2)) < 1e-3 * problem.span
     assert set(keys) <= set(UNCERTAIN)
 
 
 def test_an_outside_effect_vanishes_with_its_amplitude(smallest):
-    made = generate(smallest, _of_kind(NONE))
+    unit = generate(smallest, _of_kind(NONE))
     rng = np.random.default_rng(1)
-    plain = made.unit.angles()
+    reference = unit.unit.angles()
     for effect in OUTSIDE:
         shape = effect.shape(rng)
-        none, some = (made.unit.angles_outside(effect.at(amplitude, shape)) for amplitude in (1e-9, 0.05))
+        no_effect, subset = (unit.unit.angles_outside(effect.at(amplitude, shape)) for amplitude in (1e-9, 0.05))
         # both interpolate the same frictionless curve
-        assert np.max(np.abs(np.concatenate(none) - np.concatenate(plain))) < 1e-3 * np.ptp(plain[0])
-        assert np.max(np.abs(np.concatenate(some) - np.concatenate(plain))) > 5e-3 * np.ptp(plain[0])
+        assert np.max(np.abs(np.concatenate(no_effect) - np.concatenate(reference))) < 1e-3 * np.ptp(reference[0])
+        assert np.max(np.abs(np.concatenate(subset) - np.concatenate(reference))) > 5e-3 * np.ptp(reference[0])
 
 
 def test_effects_of_the_library_change_the_curves(smallest):
-    made = generate(smallest, _of_kind(NONE))
-    plain = np.concatenate(made.unit.angles())
+    unit = generate(smallest, _of_kind(NONE))
+    reference = np.concatenate(unit.unit.angles())
     torsion = candidates()["output_torsion"]
-    twisted = np.concatenate(made.unit.angles([torsion], [0.01]))
-    torque = np.concatenate([ramp.torque for ramp in made.unit.bench.ramps])
-    assert twisted - plain == pytest.approx(0.01 * torque, abs=1e-9)
+    twisted = np.concatenate(unit.unit.angles([torsion], [0.01]))
+    torque = np.concatenate([ramp.torque for ramp in unit.unit.bench.ramps])
+    assert twisted - reference == pytest.approx(0.01 * torque, abs=1e-9)
 
 
-@pytest.mark.parametrize(("passed", "of"), [(60, 60), (57, 60), (1, 10), (199, 200)])
-def test_bound_is_where_so_many_have_a_chance_of_5_percent(passed, of):
-    assert binom.sf(passed - 1, of, lower_bound(passed, of)) == pytest.approx(0.05)
+@pytest.mark.parametrize(("passes", "findings_of_unit"), [(60, 60), (57, 60), (1, 10), (199, 200)])
+def test_bound_is_where_so_many_have_a_chance_of_5_percent(passes, findings_of_unit):
+    assert binom.sf(passes - 1, findings_of_unit, lower_bound(passes, findings_of_unit)) == pytest.approx(0.05)
 
 
 def test_bounds_known_by_name():
@@ -213,20 +213,22 @@ def test_bounds_known_by_name():
 
 
 def test_what_counts_as_right():
-    one, two = frozenset({"coulomb"}), frozenset({"coulomb", "preload"})
-    named = [frozenset({"preload"}), frozenset({"coulomb"})]
-    many = [frozenset({name}) for name in ("coulomb", "a", "b", "c")]
+    design_reducer, double = frozenset({"coulomb"}), frozenset({"coulomb", "preload"})
+    named_sets = [frozenset({"preload"}), frozenset({"coulomb"})]
+    four_sets = [frozenset({name}) for name in ("coulomb", "a", "b", "c")]
     assert run.is_correct("none", 0, frozenset({"none"}), [], "adequate")
-    assert not run.is_correct("none", 0, frozenset({"none"}), named, "equivalent")
-    assert run.is_correct("one", 5, one, named, "equivalent")
-    assert not run.is_correct("one", 5, one, many, "equivalent")
-    assert not run.is_correct("one", 5, one, [two], "identified")  # a pair claims an effect that is not there
-    assert run.is_correct("two", 5, two, [one], "identified")
-    outside = frozenset({"outside:stick_slip"})
-    assert run.is_correct("outside", 9, outside, [], "unexplained")
-    assert run.is_correct("outside", 2, outside, [], "adequate")
-    assert not run.is_correct("outside", 9, outside, [], "adequate")
-    assert not run.is_correct("outside", 2, outside, named, "equivalent")
+    assert not run.is_correct("none", 0, frozenset({"none"}), named_sets, "equivalent")
+    assert run.is_correct("one", 5, design_reducer, named_sets, "equivalent")
+    assert not run.is_correct("one", 5, design_reducer, four_sets, "equivalent")
+    assert not run.is_correct(
+        "one", 5, design_reducer, [double], "identified"
+    )  # a pair claims an effect that is not there
+    assert run.is_correct("two", 5, double, [design_reducer], "identified")
+    outside_path = frozenset({"outside:stick_slip"})
+    assert run.is_correct("outside", 9, outside_path, [], "unexplained")
+    assert run.is_correct("outside", 2, outside_path, [], "adequate")
+    assert not run.is_correct("outside", 9, outside_path, [], "adequate")
+    assert not run.is_correct("outside", 2, outside_path, named_sets, "equivalent")
 
 
 def test_two_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
@@ -235,28 +237,28 @@ def test_two_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     rows = run.blind(2, 8, 1, ROOT, tmp_path)
     table = pd.read_csv(tmp_path / "blind" / "cases.csv")
     contract = "case truth size_over_noise verdict named class_size correct oracle_separates rms_declared_arcmin"
-    more = "rms_recalibrated_arcmin rms_after_arcmin noise_floor_arcmin seconds"
-    assert [*contract.split(), *more.split()] == list(table.columns[:13])
+    increment = "rms_recalibrated_arcmin rms_after_arcmin noise_floor_arcmin seconds"
+    assert [*contract.split(), *increment.split()] == list(table.columns[:13])
     assert list(table["case"]) == [0, 1]
     assert table["rms_recalibrated_arcmin"].notna().all()
     monkeypatch.setattr(run, "one_case", lambda *_: pytest.fail("a finished case was solved again"))
     assert [row.truth for row in run.blind(2, 8, 1, ROOT, tmp_path)] == [row.truth for row in rows]
-    assert {one.name for one in rates(rows)} >= {"no effect: none named"}
+    assert {rate.name for rate in rates(rows)} >= {"no effect: none named"}
 
 
 def test_a_row_depends_on_every_source_and_on_the_catalogues_studies(smallest, monkeypatch):
-    sources, before = source_hashes(run.__name__), run.source_hash(smallest.reducers)
-    used = "assembly mounting sampling/errors identification/identify model/effects/creep checks/blind/bench"
-    paths = [*(f"pipeline/{name}.py" for name in used.split()), "stages/condensed.py", "stages/reduce.py"]
+    sources, hash_before = source_hashes(run.__name__), run.source_hash(smallest.reducers)
+    used_names = "assembly mounting sampling/errors identification/identify model/effects/creep checks/blind/bench"
+    paths = [*(f"pipeline/{name}.py" for name in used_names.split()), "stages/condensed.py", "stages/reduce.py"]
     assert set(paths) <= set(sources)
     for path in paths:
         monkeypatch.setattr(run, "source_hashes", lambda _, path=path: sources | {path: "edited"})
-        assert run.source_hash(smallest.reducers) != before
+        assert run.source_hash(smallest.reducers) != hash_before
     monkeypatch.undo()
-    assert run.source_hash(smallest.reducers) == before
+    assert run.source_hash(smallest.reducers) == hash_before
     reducer = smallest.reducers[0]
     finer = reducer.truth.model_copy(update={"reduce": reducer.model.reduce})
-    assert run.source_hash((replace(reducer, truth=finer),)) != before
+    assert run.source_hash((replace(reducer, truth=finer),)) != hash_before
 
 
 def test_unit_whose_identification_fails_keeps_its_row_with_the_reason(smallest, tmp_path, monkeypatch):
@@ -269,8 +271,8 @@ def test_unit_whose_identification_fails_keeps_its_row_with_the_reason(smallest,
     monkeypatch.setattr(run, "identify", failing)
     rows = run.blind(2, 8, 1, ROOT, tmp_path)
     assert [(row.verdict, row.correct) for row in rows] == [("failed", False)] * 2
-    kept = list(run.read_rows(tmp_path / "blind" / "cases.csv"))
-    assert kept[1].reason == 'ArithmeticError: no force, "0001",\nnot anywhere'
-    assert [row.truth for row in kept] == [row.truth for row in rows]
-    write_reports(kept, tmp_path / "report")
+    kept_items = list(run.read_rows(tmp_path / "blind" / "cases.csv"))
+    assert kept_items[1].reason == 'ArithmeticError: no force, "0001",\nnot anywhere'
+    assert [row.truth for row in kept_items] == [row.truth for row in rows]
+    write_reports(kept_items, tmp_path / "report")
     assert "failed" in (tmp_path / "report" / "confusion.csv").read_text()

@@ -35,8 +35,8 @@ def turns(draw):
 
 @given(turns(), st.integers(20, 60))
 def test_turning_points_are_those_of_the_path(expected, per_branch):
-    found = turning_points(path_of(expected, per_branch), 0.05 * np.ptp(expected))
-    assert found.tolist() == [i * per_branch for i in range(len(expected))]
+    result = turning_points(path_of(expected, per_branch), 0.05 * np.ptp(expected))
+    assert result.tolist() == [i * per_branch for i in range(len(expected))]
 
 
 @given(turns(), st.integers(0, 100))
@@ -95,8 +95,8 @@ def test_coarse_data_are_merged_but_not_across_the_play(tmp_path):
     measurement = taken(tmp_path, path_table([-12.0, 12.0, -12.0], per_branch=31))
     taken_cells = measurement.cells
     assert np.all(taken_cells.count >= 3)
-    last = np.append(taken_cells.first_row[1:], len(measurement.rows)) - 1
-    assert np.all(measurement.rows.torque[taken_cells.first_row] * measurement.rows.torque[last] > -1e-9)
+    last_value = np.append(taken_cells.first_row[1:], len(measurement.rows)) - 1
+    assert np.all(measurement.rows.torque[taken_cells.first_row] * measurement.rows.torque[last_value] > -1e-9)
 
 
 def test_angle_spread_is_the_noise_about_the_line(tmp_path):

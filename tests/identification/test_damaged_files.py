@@ -59,7 +59,7 @@ def zipped(content: bytes, path: Path) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("rows.csv.gz", PACKED[:-20], "damaged gzip"),
         ("rows.csv.gz", PACKED[:1000] + b"xyz" + PACKED[1003:], "damaged gzip"),
@@ -79,10 +79,10 @@ def zipped(content: bytes, path: Path) -> bytes:
         ("rows.csv", CSV.replace(b"cycle,crank_deg", b"cycle, cycle ", 1), 'more than one column "cycle"'),
     ],
 )
-def test_a_file_that_is_no_table_is_named(tmp_path: Path, name: str, content: bytes, said: str) -> None:
-    with pytest.raises(InputError, match=said) as caught:
+def test_a_file_that_is_no_table_is_named(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    with pytest.raises(InputError, match=message) as error:
         read(with_file(tmp_path / "u", name, content))
-    assert all(line.startswith(name) for line in caught.value.problems)
+    assert all(line.startswith(name) for line in error.value.problems)
 
 
 def test_a_zip_archive_under_the_name_of_a_table_is_named(tmp_path: Path) -> None:
@@ -95,11 +95,11 @@ def test_an_odd_separator_is_a_fault_or_an_error_of_its_file(tmp_path: Path, sep
     folder = write_unit(tmp_path / "u", {}, UNIT + f'[[files]]\npath = "r.csv"\nseparator = "{separator}"\n')
     (folder / "r.csv").write_bytes(CSV)
     try:
-        told = [fault.message for fault in read(folder).fatal if fault.kind == "missing column"]
+        message = [fault.message for fault in read(folder).fatal if fault.kind == "missing column"]
     except InputError as error:
-        told = list(error.problems)
-    assert told
-    assert all("r.csv" in line for line in told)
+        message = list(error.problems)
+    assert message
+    assert all("r.csv" in line for line in message)
 
 
 @pytest.mark.parametrize("column", ["crank_deg", "torque_Nm", "angle_arcmin"])
@@ -119,7 +119,7 @@ def test_one_branch_is_a_fault(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "no table"),
         ("unit,lost_motion_arcmin\n", "no unit; give one row per unit"),
@@ -129,9 +129,9 @@ def test_one_branch_is_a_fault(tmp_path: Path) -> None:
         ("unit\0,lost_motion_arcmin\na,1\n", "zero bytes"),
     ],
 )
-def test_units_that_are_no_population_are_named(tmp_path: Path, text: str, said: str) -> None:
+def test_units_that_are_no_population_are_named(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "units.csv").write_text(text)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         load_population(tmp_path / "units.csv")
 
 
@@ -142,10 +142,10 @@ def measured_memory(folder: Path) -> tuple[str, float, float]:
     """What reading a unit says, and the largest resident memory [MiB] of its process before and after."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", MEMORY, str(folder), str(ROOT)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    said, memory = done.stdout.strip().rsplit("\n", 1)
-    before, after = map(float, memory.split())
-    return said, before, after
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    message, memory = process.stdout.strip().rsplit("\n", 1)
+    memory_before, memory_after = map(float, memory.split())
+    return message, memory_before, memory_after
 
 
 @needs_proc
@@ -153,9 +153,9 @@ def test_a_gzip_that_unpacks_beyond_the_bound_is_refused_in_constant_memory(tmp_
     """150 kB that unpack to 150 MB, in one line; the bound is an eighth of the program's own, to save time."""
     folder = write_unit(tmp_path / "u", {})
     (folder / "rows.csv.gz").write_bytes(gzip.compress(b"1" * (1 << 24)) * 9)  # a gzip of 9 members
-    said, before, after = measured_memory(folder)
-    assert "more than 134217728 bytes, unpacked" in said
-    assert after - before < 30
+    message, memory_before, memory_after = measured_memory(folder)
+    assert "more than 134217728 bytes, unpacked" in message
+    assert memory_after - memory_before < 30
 
 
 @pytest.mark.parametrize(("rows", "limit"), [(300_000, 600), pytest.param(3_000_000, 2048, marks=pytest.mark.attack)])
@@ -165,7 +165,7 @@ def test_many_rows_are_read_and_judged_within_a_stated_memory(tmp_path: Path, ro
     table = measured(positions=(0.0, 90.0), cycles=4, per_branch=rows // 24)
     assert len(table) >= rows
     table.round(6).to_csv(folder / "rows.csv", index=False)
-    said, before, after = measured_memory(folder)
-    print(f"{len(table)} rows: {before:.0f} MiB before, {after:.0f} MiB at most")
-    assert said == f"{len(table)} rows"
-    assert after < limit
+    message, memory_before, memory_after = measured_memory(folder)
+    print(f"{len(table)} rows: {memory_before:.0f} MiB before, {memory_after:.0f} MiB at most")
+    assert message == f"{len(table)} rows"
+    assert memory_after < limit

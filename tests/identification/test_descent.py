@@ -58,8 +58,8 @@ def test_form_is_the_same_for_every_row_of_the_cells():
     form = (fit.sigma**2 - data.sigma**2) * count
     np.testing.assert_allclose(form, form[0], rtol=1e-9)
     fitter = LinearFitter(data, np.zeros((40, 1)))
-    left = (data.angle - fitter.offsets(np.zeros(40), everything(data), fit.sigma)) / fit.sigma
-    assert np.mean(left**2) == pytest.approx(1.0, rel=1e-3)
+    residual = (data.angle - fitter.offsets(np.zeros(40), everything(data), fit.sigma)) / fit.sigma
+    assert np.mean(residual**2) == pytest.approx(1.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("size", [0.2, 1.0])
@@ -71,8 +71,8 @@ def test_a_model_within_the_noise_misses_nothing(size):
 def orthogonal(data, columns, seed=0):
     """Design (n_cells, columns) of orthonormal columns without a mean over any position."""
     values = np.random.default_rng(seed).normal(size=(len(data), columns))
-    for one in np.unique(data.position):
-        values[data.position == one] -= values[data.position == one].mean(axis=0)
+    for item in np.unique(data.position):
+        values[data.position == item] -= values[data.position == item].mean(axis=0)
     return np.linalg.qr(values)[0]
 
 
@@ -82,8 +82,8 @@ def test_one_step_solves_a_linear_problem_but_for_its_damping():
     fitter = LinearFitter(replace(data, angle=design @ truth + np.array([3.0, -40.0])[data.position]), design)
     start = fitter.start(model_of(2), [0.5, 0.5])
     fit = fitter.fit(model_of(2), everything(data), start, 1)
-    known, prior = 1 / fit.sigma[0] ** 2, 1 / OPEN_SHARE**2
-    step = (known * (truth - 0.5) - prior * 0.5) / ((known + prior) * (1 + FIRST_DAMPING))
+    precision, prior = 1 / fit.sigma[0] ** 2, 1 / OPEN_SHARE**2
+    step = (precision * (truth - 0.5) - prior * 0.5) / ((precision + prior) * (1 + FIRST_DAMPING))
     np.testing.assert_allclose(fit.unknowns.shares, 0.5 + step, rtol=1e-6)
     settled = fitter.fit(model_of(2), everything(data), start)
     np.testing.assert_allclose(settled.values, truth, atol=1e-6)
@@ -104,19 +104,19 @@ def test_scales_parameters_and_modes_settle_at_the_optimum_with_their_priors():
     right = np.concatenate([angle / SIGMA, np.zeros(7)])
     best = np.linalg.lstsq(rows, right, rcond=None)[0]
     np.testing.assert_allclose(fit.unknowns.flat, best[:5], atol=2e-3)
-    least = np.sum((rows @ best - right) ** 2)
-    assert least * (1 - 1e-12) <= fit.cost < least + 1e-3
+    minimum = np.sum((rows @ best - right) ** 2)
+    assert minimum * (1 - 1e-12) <= fit.cost < minimum + 1e-3
 
 
 def test_an_unknown_at_its_bound_stays_there_and_the_others_settle_beside_it():
     data = linear_data(sigma=SIGMA)
     values = np.random.default_rng(3).normal(size=(len(data), 2)) @ [[1.0, 0.6], [0.0, 0.8]]  # correlated
-    for one in (0, 1):
-        values[data.position == one] -= values[data.position == one].mean(axis=0)
+    for item in (0, 1):
+        values[data.position == item] -= values[data.position == item].mean(axis=0)
     angle = values @ [1.4, 0.2]
     fitter = LinearFitter(replace(data, angle=angle), values)
-    for first in (0.5, 1.0):
-        fit = fitter.fit(model_of(2), everything(data), fitter.start(model_of(2), [first, 0.9]))
+    for start_share in (0.5, 1.0):
+        fit = fitter.fit(model_of(2), everything(data), fitter.start(model_of(2), [start_share, 0.9]))
         rows = np.vstack([values / fit.sigma[:, None], np.eye(2) / OPEN_SHARE])
         bounded = lsq_linear(rows, np.append(angle / fit.sigma, [0.0, 0.0]), (0.0, 1.0)).x
         assert bounded[0] == pytest.approx(1.0)
@@ -173,24 +173,24 @@ def stale_unit(change):
     data = linear_data(sigma=SIGMA)
     design = 5 * orthogonal(data, 1)
     fitter = LinearFitter(replace(data, angle=0.04 * design[:, 0]), design, (10.0,))
-    none = model_of(0)
-    near = stood(fitter, none, Vector(np.zeros(1), np.zeros(0), np.zeros(0)), data.sigma)
+    no_effect = model_of(0)
+    base_fit = stood(fitter, no_effect, Vector(np.zeros(1), np.zeros(0), np.zeros(0)), data.sigma)
     fitter.looks = 0
-    return fitter, replace(near, jacobian=change * design)
+    return fitter, replace(base_fit, jacobian=change * design)
 
 
 @pytest.mark.parametrize("change", [-1.0, 1.0])
 def test_stale_derivatives_that_lead_nowhere_are_taken_anew(change):
-    fitter, near = stale_unit(change)
-    fit = fitter.fit(near.model, everything(fitter.problem.data), near.unknowns, base_fit=near)
+    fitter, neighbour = stale_unit(change)
+    fit = fitter.fit(neighbour.model, everything(fitter.problem.data), neighbour.unknowns, base_fit=neighbour)
     assert fit.unknowns.scales[0] == pytest.approx(0.04, rel=1e-2)
     np.testing.assert_allclose(fit.jacobian, fitter.design, atol=1e-6)
 
 
 def test_derivatives_are_kept_while_scales_hardly_move():
-    fitter, near = stale_unit(0.9)
-    fitter.fit(near.model, everything(fitter.problem.data), near.unknowns, 1, near)
-    kept = fitter.looks
-    fitter, near = stale_unit(0.9)
-    fitter.fit(near.model, everything(fitter.problem.data), near.unknowns, 1)
-    assert fitter.looks > kept
+    fitter, neighbour = stale_unit(0.9)
+    fitter.fit(neighbour.model, everything(fitter.problem.data), neighbour.unknowns, 1, neighbour)
+    kept_items = fitter.looks
+    fitter, neighbour = stale_unit(0.9)
+    fitter.fit(neighbour.model, everything(fitter.problem.data), neighbour.unknowns, 1)
+    assert fitter.looks > kept_items

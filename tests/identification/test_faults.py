@@ -110,11 +110,11 @@ def test_an_implausible_unit_names_the_unit_that_would_fit(tmp_path, column, fac
 
 
 def test_duplicate_files(tmp_path):
-    one = measured((0.0,)).drop(columns="crank_deg")
+    item = measured((0.0,)).drop(columns="crank_deg")
     text = UNIT + '[[files]]\npath="a.csv"\ncrank_deg=0.0\n[[files]]\npath="b.csv"\ncrank_deg=90.0\n'
-    faults, _ = judged(tmp_path, {"a.csv": one, "b.csv": one}, text)
+    faults, _ = judged(tmp_path, {"a.csv": item, "b.csv": item}, text)
     assert faults["duplicate file"].message.startswith("b.csv repeats a.csv")
-    assert faults["duplicate file"].count == len(one)
+    assert faults["duplicate file"].count == len(item)
 
 
 def clipped(with_command, level=8.0):
@@ -141,9 +141,9 @@ def test_a_declared_saturation_cuts_there(tmp_path):
     text = UNIT + "[instrument]\ntorque_saturation_Nm = 10.0\n"
     table = measured()
     faults, usable = judged(tmp_path, {"rows.csv": table}, text)
-    beyond = table["torque_Nm"].abs().to_numpy() >= 10
-    np.testing.assert_array_equal(~usable, beyond | at_start(table))
-    assert faults["saturation"].count == beyond.sum()
+    is_beyond = table["torque_Nm"].abs().to_numpy() >= 10
+    np.testing.assert_array_equal(~usable, is_beyond | at_start(table))
+    assert faults["saturation"].count == is_beyond.sum()
 
 
 def test_a_hold_at_the_peak_is_no_saturation(tmp_path):
@@ -164,10 +164,10 @@ def test_missing_cycles_one_sense_and_too_few_points(tmp_path):
     assert faults["too few points"].severity == "note"
     assert "no effect can be accepted" in faults["too few points"].message
     unit = load_measured_unit(write_unit(tmp_path / "v", {"rows.csv": measured((0.0,), 1, per_branch=3)}), ROOT)
-    few = [fault for fault in Measurement.read(unit).faults if fault.kind == "too few points"]
-    assert [fault.severity for fault in few] == ["note", "fatal"]
-    assert few[0].rows == tuple(f"rows.csv:{line}" for line in range(2, 7))
-    assert few[0].count == 10
+    small_case = [fault for fault in Measurement.read(unit).faults if fault.kind == "too few points"]
+    assert [fault.severity for fault in small_case] == ["note", "fatal"]
+    assert small_case[0].rows == tuple(f"rows.csv:{line}" for line in range(2, 7))
+    assert small_case[0].count == 10
 
 
 def test_positions_with_their_own_offset_under_a_common_one(tmp_path):
@@ -193,10 +193,10 @@ def test_rows_at_the_ends_of_the_angles_range_are_a_fault(tmp_path):
     cut = table.assign(angle_arcmin=(table["angle_arcmin"] - middle).clip(-1.8, 1.8))
     faults, usable = judged(tmp_path / "a", {"rows.csv": cut})
     assert faults["clipped angle"].severity == "fatal"
-    beyond = (table["angle_arcmin"] - middle).abs() > 1.85
-    assert usable[beyond.to_numpy()].sum() < 3  # a row alone at the end is noise
-    little = table.assign(angle_arcmin=(table["angle_arcmin"] - middle).clip(-2.4, 2.4))
-    faults, _ = judged(tmp_path / "b", {"rows.csv": little})
+    is_beyond = (table["angle_arcmin"] - middle).abs() > 1.85
+    assert usable[is_beyond.to_numpy()].sum() < 3  # a row alone at the end is noise
+    small_range = table.assign(angle_arcmin=(table["angle_arcmin"] - middle).clip(-2.4, 2.4))
+    faults, _ = judged(tmp_path / "b", {"rows.csv": small_range})
     assert faults.keys() <= {"clipped angle"}
 
 
@@ -225,9 +225,13 @@ def test_noise_of_the_torque_turns_no_branch_and_a_note_is_told_once(tmp_path):
     faults, _ = judged(tmp_path / "a", {"rows.csv": table.assign(torque_Nm=table["torque_Nm"] + 0.8 * chatter)})
     unit = load_measured_unit(tmp_path / "a/u", ROOT)
     assert Measurement.read(unit).branches.direction.tolist() == [1, -1, 1] * 6
-    few = measured(cycles=20, per_branch=4)
-    found = Measurement.read(load_measured_unit(write_unit(tmp_path / "b", {"rows.csv": few}), ROOT)).faults
-    (fault,) = [one for one in found if one.kind == "too few points" and one.rows]
+    small_case = measured(cycles=20, per_branch=4)
+    faults_found = Measurement.read(
+        load_measured_unit(write_unit(tmp_path / "b", {"rows.csv": small_case}), ROOT)
+    ).faults
+    (fault,) = [
+        fault_of_file for fault_of_file in faults_found if fault_of_file.kind == "too few points" and fault_of_file.rows
+    ]
     assert "and" in fault.message
     assert fault.count > 100
 

@@ -33,7 +33,7 @@ COULOMB = Model((candidates()["coulomb"],))
 
 
 @pytest.fixture(scope="module")
-def known(tmp_path_factory, condensed):
+def exact_unit(tmp_path_factory, condensed):
     """A unit with known dimensions and friction."""
     folder = make_unit(tmp_path_factory.mktemp("known") / "u", {"coulomb": [0.3]}, Bench(cranks=CRANKS), condensed)
     return problem_of(folder, condensed)
@@ -42,7 +42,7 @@ def known(tmp_path_factory, condensed):
 @pytest.fixture(scope="module")
 def unknown(tmp_path_factory, condensed):
     """A unit whose dimensions are not measured."""
-    folder = make_unit(tmp_path_factory.mktemp("unknown") / "u", {}, Bench(cranks=CRANKS, known=False), condensed)
+    folder = make_unit(tmp_path_factory.mktemp("unknown") / "u", {}, Bench(cranks=CRANKS, exact_unit=False), condensed)
     return problem_of(folder, condensed)
 
 
@@ -78,104 +78,109 @@ def test_positive_bounds_far_apart_are_shared_by_the_logarithm():
     np.testing.assert_allclose(unmapped([(0.05, 5e4)], [50.0]), 0.5)
 
 
-def test_offsets_are_of_the_cells_fitted_in_their_group(known):
-    data = known.data
+def test_offsets_are_of_the_cells_fitted_in_their_group(exact_unit):
+    data = exact_unit.data
     fitted = (np.arange(len(data)) % 3 > 0) & (data.position != 2)
     for common in (False, True):
-        fitter = Fitter(replace(known, data=replace(data, common_offset=common)))
+        fitter = Fitter(replace(exact_unit, data=replace(data, common_offset=common)))
         predicted = data.angle - np.where(data.position == 0, 5.0, -2.0) - np.where(data.position == 2, 7.0, 0.0)
         disturbed = np.where(fitted | (data.position == 2), predicted, predicted + 100.0)
-        found = fitter.offsets(disturbed, fitted, data.sigma)
+        result = fitter.offsets(disturbed, fitted, data.sigma)
         if not common:
-            np.testing.assert_allclose(found, np.array([5.0, -2.0, 5.0])[data.position])
+            np.testing.assert_allclose(result, np.array([5.0, -2.0, 5.0])[data.position])
         else:
             weight = fitted / data.sigma**2
             mean = np.sum(weight * np.where(data.position == 0, 5.0, -2.0)) / weight.sum()
-            np.testing.assert_allclose(found, mean)
+            np.testing.assert_allclose(result, mean)
 
 
-def test_centred_values_have_no_mean_over_the_cells_fitted_of_a_group(known):
-    fitter, data = Fitter(known), known.data
+def test_centred_values_have_no_mean_over_the_cells_fitted_of_a_group(exact_unit):
+    fitter, data = Fitter(exact_unit), exact_unit.data
     weight = (data.position < 2) / data.sigma**2
     values = np.random.default_rng(0).normal(size=(len(data), 2)) + data.position[:, None]
     centred = fitter.centred(values, weight)
     for position in (0, 1):
-        mine = data.position == position
-        np.testing.assert_allclose(weight[mine] @ centred[mine], 0.0, atol=1e-9 * weight.max())
-        np.testing.assert_allclose(np.diff(centred[mine], axis=0), np.diff(values[mine], axis=0), atol=1e-12)
+        in_position = data.position == position
+        np.testing.assert_allclose(weight[in_position] @ centred[in_position], 0.0, atol=1e-9 * weight.max())
+        np.testing.assert_allclose(
+            np.diff(centred[in_position], axis=0), np.diff(values[in_position], axis=0), atol=1e-12
+        )
     np.testing.assert_array_equal(centred[data.position == 2], values[data.position == 2])
 
 
-def test_a_shift_of_each_position_changes_nothing_but_its_offset(known):
-    shift = np.array([40.0, -7.0, 3.0])[known.data.position]
+def test_a_shift_of_each_position_changes_nothing_but_its_offset(exact_unit):
+    shift = np.array([40.0, -7.0, 3.0])[exact_unit.data.position]
     fits = [
-        Fitter(problem).fit(COULOMB, everything(known), Fitter(problem).start(COULOMB, [0.1]))
-        for problem in (known, with_angles(known, known.data.angle + shift))
+        Fitter(problem).fit(COULOMB, everything(exact_unit), Fitter(problem).start(COULOMB, [0.1]))
+        for problem in (exact_unit, with_angles(exact_unit, exact_unit.data.angle + shift))
     ]
     np.testing.assert_allclose(fits[1].values, fits[0].values, rtol=1e-6)
     np.testing.assert_allclose(fits[1].predicted - fits[0].predicted, shift, atol=1e-6)
 
 
-def test_calibrated_scales_are_found_again(known):
-    known = exactly_known(known)
-    fitter, truth = Fitter(known), np.log([0.5, 1.01, 1.15, 1.0, 1.0])
-    assert known.calibrated == (
+def test_calibrated_scales_are_found_again(exact_unit):
+    exact_unit = exactly_known(exact_unit)
+    fitter, truth = Fitter(exact_unit), np.log([0.5, 1.01, 1.15, 1.0, 1.0])
+    assert exact_unit.calibrated == (
         "bearing.stiffness_N_per_mm_power",
         "output.outer_station_mm",
         "output.roller_length_mm",
     )
-    at = replace(fitter.start(Model()), scales=truth)
-    angle, _, _, sound = fitter.predict(Model(), at)
+    true_unknowns = replace(fitter.start(Model()), scales=truth)
+    angle, _, _, sound = fitter.predict(Model(), true_unknowns)
     assert sound
-    noise = known.data.noise * np.random.default_rng(0).standard_normal(len(angle))
-    other = Fitter(with_angles(known, angle + noise))
-    fit = other.fit(Model(), everything(known), other.start(Model()))
+    noise = exact_unit.data.noise * np.random.default_rng(0).standard_normal(len(angle))
+    variant = Fitter(with_angles(exact_unit, angle + noise))
+    fit = variant.fit(Model(), everything(exact_unit), variant.start(Model()))
     np.testing.assert_allclose(fit.unknowns.scales[1:], truth[1:], atol=0.02)
     np.testing.assert_allclose(fit.unknowns.scales[0], truth[0], atol=0.25)  # a stiff bearing hardly shows
-    assert rms(other.problem, fit.predicted)[0] < 1.1 * known.data.noise
+    assert rms(variant.problem, fit.predicted)[0] < 1.1 * exact_unit.data.noise
 
 
-def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(known):
+def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(exact_unit):
     """A bearing 11 times as stiff and a roller half as long were silent before."""
-    known = exactly_known(known)
-    fitter, truth = Fitter(known), np.log([1.0, 1.0, 0.5, 1.0, 1.0])
+    exact_unit = exactly_known(exact_unit)
+    fitter, truth = Fitter(exact_unit), np.log([1.0, 1.0, 0.5, 1.0, 1.0])
     angle = fitter.predict(Model(), replace(fitter.start(Model()), scales=truth)).angle
-    other = Fitter(with_angles(known, angle))
-    held = other.fit(Model(), everything(known), other.start(Model()))
-    low, high = known.scale_range
+    variant = Fitter(with_angles(exact_unit, angle))
+    held_value = variant.fit(Model(), everything(exact_unit), variant.start(Model()))
+    low, high = exact_unit.scale_range
     assert np.exp([low[2], high[2]]) == pytest.approx([2.1 / 2.584, 3.1 / 2.584])
-    assert held.unknowns.scales[2] == pytest.approx(low[2])
-    assert held.unknowns.at_reach[2]
-    assert np.all((held.unknowns.scales >= low) & (held.unknowns.scales <= high))
-    tried = trial(other, held, everything(known))
-    free = released(other, tried, everything(known))
+    assert held_value.unknowns.scales[2] == pytest.approx(low[2])
+    assert held_value.unknowns.at_reach[2]
+    assert np.all((held_value.unknowns.scales >= low) & (held_value.unknowns.scales <= high))
+    candidate = trial(variant, held_value, everything(exact_unit))
+    free = released(variant, candidate, everything(exact_unit))
     assert free.fit.unknowns.scales[2] == pytest.approx(truth[2], abs=0.05)
-    assert free.rms < 0.5 * tried.rms
-    assert released(other, free, everything(known)) is None
-    law = replace(held, unknowns=replace(held.unknowns, scales=np.array([0.0, 0.0, 0.0, 0.0, high[4]])))
+    assert free.rms < 0.5 * candidate.rms
+    assert released(variant, free, everything(exact_unit)) is None
+    law = replace(held_value, unknowns=replace(held_value.unknowns, scales=np.array([0.0, 0.0, 0.0, 0.0, high[4]])))
     assert law.unknowns.at_reach[4]
-    assert released(other, trial(other, law, everything(known)), everything(known), STRETCH) is None
-    numbers = {one.key: one for one in calibrated_numbers(other, free.fit, everything(known))}
+    assert released(variant, trial(variant, law, everything(exact_unit)), everything(exact_unit), STRETCH) is None
+    numbers = {
+        calibrated_number.key: calibrated_number
+        for calibrated_number in calibrated_numbers(variant, free.fit, everything(exact_unit))
+    }
     roller = numbers["output.roller_length_mm"]
     assert roller.leaves
     assert roller.ci_low < np.exp(free.fit.unknowns.scales[2]) < roller.ci_high
     assert "output.roller_length_mm x 0.5" in implausible(list(numbers.values()))
 
 
-def test_numbers_of_which_the_curve_shows_the_sum_alone_say_so(known):
+def test_numbers_of_which_the_curve_shows_the_sum_alone_say_so(exact_unit):
     """Two scales whose columns are alike, and one that nothing shows."""
-    fitter = Fitter(exactly_known(known))
-    fit = fitter.fit(Model(), everything(known), fitter.start(Model()))
-    alike = fit.jacobian.copy()
-    alike[:, 0], alike[:, 1] = 0.0, alike[:, 2] * 1.0001
-    numbers = calibrated_numbers(fitter, replace(fit, jacobian=alike), everything(known))
+    fitter = Fitter(exactly_known(exact_unit))
+    fit = fitter.fit(Model(), everything(exact_unit), fitter.start(Model()))
+    dependent = fit.jacobian.copy()
+    dependent[:, 0], dependent[:, 1] = 0.0, dependent[:, 2] * 1.0001
+    numbers = calibrated_numbers(fitter, replace(fit, jacobian=dependent), everything(exact_unit))
     assert "its range alone holds it" in numbers[0].note
     assert numbers[1].note == "only a combination with output.roller_length_mm is determined"
-    assert numbers[0].ci_high / numbers[0].ci_low > 0.8 * np.exp(np.ptp(known.scale_range[:, 0]))
+    assert numbers[0].ci_high / numbers[0].ci_low > 0.8 * np.exp(np.ptp(exact_unit.scale_range[:, 0]))
 
 
 @pytest.mark.parametrize(("modes", "share"), [([0.0, 0.0], 1.0), ([3.0, 0.0], 0.0111), ([4.0, 4.0], 1.1e-7), ([], 1.0)])
-def test_sum_of_squares_of_the_modes_is_chi_square(known, modes, share):
+def test_sum_of_squares_of_the_modes_is_chi_square(exact_unit, modes, share):
     fit = SimpleNamespace(unknowns=SimpleNamespace(modes=np.array(modes)))
     assert tolerance_share(fit) == pytest.approx(share, rel=0.05)
 
@@ -186,8 +191,8 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
     start = fitter.start(Model())
     fit = fitter.fit(Model(), everything(unknown), start)
     declared = fitter.predict(Model(), start).angle
-    before = rms(unknown, declared + fitter.offsets(declared, everything(unknown), unknown.data.sigma))[0]
-    assert before > 10 * unknown.data.noise
+    rms_before = rms(unknown, declared + fitter.offsets(declared, everything(unknown), unknown.data.sigma))[0]
+    assert rms_before > 10 * unknown.data.noise
     assert rms(unknown, fit.predicted)[1] < 1.5
     assert np.max(np.abs(fit.unknowns.modes)) <= TOLERANCE
     assert np.sqrt(np.mean(fit.unknowns.modes**2)) < 1.5  # of unit variance
@@ -196,35 +201,35 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
 def test_influence_of_modes_is_the_difference_of_predictions(unknown):
     fitter = Fitter(unknown)
     start = fitter.start(Model())
-    plain, influence, _, _ = fitter.predict(Model(), start, modes=True)
+    base_prediction, influence, _, _ = fitter.predict(Model(), start, modes=True)
     for mode in (0, 1, 4):
         ends = []
         for step in (1e-3, -1e-3):
-            moved = start.modes.copy()
-            moved[mode] = step
-            ends.append(fitter.predict(Model(), replace(start, modes=moved)).angle)
-        found = (ends[0] - ends[1]) / 2e-3
-        misfit = np.abs(influence[:, mode] - found)
-        assert np.median(misfit) < 0.01 * np.max(np.abs(found))
-        assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(found))
+            shifted_modes = start.modes.copy()
+            shifted_modes[mode] = step
+            ends.append(fitter.predict(Model(), replace(start, modes=shifted_modes)).angle)
+        result = (ends[0] - ends[1]) / 2e-3
+        misfit = np.abs(influence[:, mode] - result)
+        assert np.median(misfit) < 0.01 * np.max(np.abs(result))
+        assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(result))
 
 
 OTHERS = [("creep",), ("torque_gain",), ("motor_cogging",)]  # not by the forces: predicted anew
 
 
 @pytest.mark.parametrize("names", [(), ("pin_radius_error",), ("coulomb", "eccentricity_error"), *OTHERS])
-def test_derivatives_by_springs_and_gaps_are_those_of_predictions(known, names):
-    fitter, model = Fitter(known), Model(tuple(candidates()[name] for name in names))
-    now = fitter.start(model, np.full(model.n_parameters, 0.6))
-    positions, weight = list(fitter.positions), 1 / known.data.sigma**2
-    at = fitter.predict(model, now, modes=True)
-    found, _ = fitter.jacobian(model, now, at, positions, weight, None)
-    for k in range(len(now.scales) + len(now.shares)):
-        flat, step = now.flat, STEP
+def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, names):
+    fitter, model = Fitter(exact_unit), Model(tuple(candidates()[name] for name in names))
+    current = fitter.start(model, np.full(model.n_parameters, 0.6))
+    positions, weight = list(fitter.positions), 1 / exact_unit.data.sigma**2
+    prediction = fitter.predict(model, current, modes=True)
+    derivative, _ = fitter.jacobian(model, current, prediction, positions, weight, None)
+    for k in range(len(current.scales) + len(current.shares)):
+        flat, step = current.flat, STEP
         flat[k] += step
-        there = fitter.predict(model, now.like(flat)).angle
-        truth = fitter.centred((there - at.angle) / step, weight)
-        misfit = np.abs(found[:, k] - truth)
+        remote = fitter.predict(model, current.like(flat)).angle
+        truth = fitter.centred((remote - prediction.angle) / step, weight)
+        misfit = np.abs(derivative[:, k] - truth)
         assert np.median(misfit) < 0.02 * np.max(np.abs(truth))
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(truth))
 
@@ -235,74 +240,80 @@ def test_modes_have_unit_variance_over_their_population_and_span_its_curves():
     gaps[1] = gaps[0] @ rng.normal(size=(6, 6))
     influence = [rng.normal(size=(9, 6)) for _ in range(2)]
     modes = PriorModes.of(gaps, influence).above(1e-9)
-    assert [len(one) for one in modes] == [2, 2]
-    curves = ARCMIN * np.hstack([(one - one.mean(0)) @ i.T for one, i in zip(gaps, influence, strict=True)])
-    basis = ARCMIN * np.hstack([one @ i.T for one, i in zip(modes, influence, strict=True)])
+    assert [len(mode) for mode in modes] == [2, 2]
+    curves = ARCMIN * np.hstack([(mode - mode.mean(0)) @ i.T for mode, i in zip(gaps, influence, strict=True)])
+    basis = ARCMIN * np.hstack([mode @ i.T for mode, i in zip(modes, influence, strict=True)])
     coefficients, *_ = np.linalg.lstsq(basis.T, curves.T, rcond=None)
     np.testing.assert_allclose(basis.T @ coefficients, curves.T, atol=1e-9 * np.abs(curves).max())
     np.testing.assert_allclose(np.cov(coefficients), np.eye(2), atol=1e-9)
-    assert [len(one) for one in PriorModes.of(gaps, influence).above(1e9)] == [0, 0]
+    assert [len(mode) for mode in PriorModes.of(gaps, influence).above(1e9)] == [0, 0]
 
 
-def test_held_out_cells_have_no_influence_on_a_fit(known):
-    fitted = known.data.position < 2
-    fit = Fitter(known).fit(COULOMB, fitted, Fitter(known).start(COULOMB, [0.1]))
-    angle = np.where(fitted, known.data.angle, np.random.default_rng(0).normal(size=len(fitted)))
-    other = Fitter(with_angles(known, angle))
-    again = other.fit(COULOMB, fitted, other.start(COULOMB, [0.1]))
-    np.testing.assert_array_equal(again.unknowns.flat, fit.unknowns.flat)
-    np.testing.assert_array_equal(again.predicted[fitted], fit.predicted[fitted])
+def test_held_out_cells_have_no_influence_on_a_fit(exact_unit):
+    fitted = exact_unit.data.position < 2
+    fit = Fitter(exact_unit).fit(COULOMB, fitted, Fitter(exact_unit).start(COULOMB, [0.1]))
+    angle = np.where(fitted, exact_unit.data.angle, np.random.default_rng(0).normal(size=len(fitted)))
+    variant = Fitter(with_angles(exact_unit, angle))
+    repeat = variant.fit(COULOMB, fitted, variant.start(COULOMB, [0.1]))
+    np.testing.assert_array_equal(repeat.unknowns.flat, fit.unknowns.flat)
+    np.testing.assert_array_equal(repeat.predicted[fitted], fit.predicted[fitted])
 
 
 def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatch):
     """The angles held out are replaced on disk: selection, model and parameters stay, the predictions too."""
     names = ("coulomb", "torque_zero")
-    offered = "pipeline.identification.selection.model_selection.candidates"
-    monkeypatch.setattr(offered, lambda: {n: candidates()[n] for n in names})
-    more = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]'
-    bench = Bench(cranks=CRANKS, cycles=3, rows=40, more=more)
+    patched_name = "pipeline.identification.selection.model_selection.candidates"
+    monkeypatch.setattr(patched_name, lambda: {n: candidates()[n] for n in names})
+    increment = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]'
+    bench = Bench(cranks=CRANKS, cycles=3, rows=40, more=increment)
     folder = make_unit(tmp_path / "u", {"coulomb": [0.3]}, bench, condensed)
-    found = [identify(load_measured_unit(folder, ROOT), condensed)]
+    identifications = [identify(load_measured_unit(folder, ROOT), condensed)]
     rows = pd.read_csv(folder / "rows.csv")
-    out = rows["crank_deg"] == CRANKS[2]
-    rows.loc[out, "angle_arcmin"] = 1.1 * rows.loc[out, "angle_arcmin"] + 0.2 * rows.loc[out, "torque_Nm"]
+    is_held_out = rows["crank_deg"] == CRANKS[2]
+    rows.loc[is_held_out, "angle_arcmin"] = (
+        1.1 * rows.loc[is_held_out, "angle_arcmin"] + 0.2 * rows.loc[is_held_out, "torque_Nm"]
+    )
     rows.to_csv(folder / "rows.csv", index=False)
-    found.append(identify(load_measured_unit(folder, ROOT), condensed))
-    for one in found:
-        np.testing.assert_array_equal(one.folds.cells, one.problem.data.position == 2)
-        assert one.verdict.verdict == "identified"
-        assert one.verdict.named == ("coulomb",)
-        assert np.all(np.isfinite(one.curves["after"][one.folds.cells]))
-    first, second = (one.selection.chosen.fit for one in found)
-    np.testing.assert_allclose(second.values, first.values, rtol=0.02)
-    before, after = (one.errors["after"].to_noise for one in found)
-    assert before < 1.0
-    assert after > 10.0
+    identifications.append(identify(load_measured_unit(folder, ROOT), condensed))
+    for identification_of_rows in identifications:
+        np.testing.assert_array_equal(
+            identification_of_rows.folds.cells, identification_of_rows.problem.data.position == 2
+        )
+        assert identification_of_rows.verdict.verdict == "identified"
+        assert identification_of_rows.verdict.named == ("coulomb",)
+        assert np.all(np.isfinite(identification_of_rows.curves["after"][identification_of_rows.folds.cells]))
+    first_order, second = (identification_of_rows.selection.chosen.fit for identification_of_rows in identifications)
+    np.testing.assert_allclose(second.values, first_order.values, rtol=0.02)
+    error_before, error_after = (
+        identification_of_rows.errors["after"].to_noise for identification_of_rows in identifications
+    )
+    assert error_before < 1.0
+    assert error_after > 10.0
 
 
-def test_folds_leave_out_positions_else_cycles(known):
-    data = known.data
-    np.testing.assert_array_equal(groups(data, everything(known)), data.position)
+def test_folds_leave_out_positions_else_cycles(exact_unit):
+    data = exact_unit.data
+    np.testing.assert_array_equal(groups(data, everything(exact_unit)), data.position)
     np.testing.assert_array_equal(groups(data, data.position == 1), data.cycle)
 
 
-def test_a_dimension_is_an_effect_only_beyond_its_tolerance(known):
+def test_a_dimension_is_an_effect_only_beyond_its_tolerance(exact_unit):
     """Pins measured to 0.3 um may be 0.5 um thinner, not 3 um; friction moves no gap, and is never a tolerance."""
     thinner = Model((candidates()["pin_radius_error"],))
-    assert known.within_tolerance(thinner, [-0.5])
-    assert known.within_tolerance(thinner, [0.5])
-    assert not known.within_tolerance(thinner, [-3.0])
-    assert not known.within_tolerance(COULOMB, [0.01])
-    both = Model((*COULOMB.effects, *thinner.effects))
-    assert known.within_tolerance(both, [0.5, -0.5])
-    assert not known.within_tolerance(both, [0.5, -3.0])
+    assert exact_unit.within_tolerance(thinner, [-0.5])
+    assert exact_unit.within_tolerance(thinner, [0.5])
+    assert not exact_unit.within_tolerance(thinner, [-3.0])
+    assert not exact_unit.within_tolerance(COULOMB, [0.01])
+    pair = Model((*COULOMB.effects, *thinner.effects))
+    assert exact_unit.within_tolerance(pair, [0.5, -0.5])
+    assert not exact_unit.within_tolerance(pair, [0.5, -3.0])
 
 
-def test_a_pattern_that_no_measured_unit_has_is_an_effect_though_its_mean_gap_is_small(known):
+def test_a_pattern_that_no_measured_unit_has_is_an_effect_though_its_mean_gap_is_small(exact_unit):
     """Two lobes over the pins are no error of each pin by itself, though no larger on average."""
     lobes = Model((candidates()["ovality_2"],))
-    assert known.within_tolerance(lobes, [0.1, 0.0])
-    assert not known.within_tolerance(lobes, [-1.7, -1.2])
-    nominal = known.nominal[0].first
-    moved = lobes.effects[0].apply(nominal, [-1.7, -1.2], Conditions.run_in(1)).gap - nominal.gap
-    assert 1e3 * np.mean(np.abs(moved[:, : nominal.reducer.n_pins])) < 1.5
+    assert exact_unit.within_tolerance(lobes, [0.1, 0.0])
+    assert not exact_unit.within_tolerance(lobes, [-1.7, -1.2])
+    nominal = exact_unit.nominal[0].first
+    shifted = lobes.effects[0].apply(nominal, [-1.7, -1.2], Conditions.run_in(1)).gap - nominal.gap
+    assert 1e3 * np.mean(np.abs(shifted[:, : nominal.reducer.n_pins])) < 1.5

@@ -24,11 +24,11 @@ def points(torque):
     return np.column_stack([torque, torque])
 
 
-def course_of(turns=TURNS, time=None, encoder_turns=1.0, place=0.0):
+def course_of(turns=TURNS, time=None, encoder_turns=1.0, position=0.0):
     torque = np.concatenate([np.linspace(a, b, ROWS + 2)[1:-1] for a, b in zip(turns[:-1], turns[1:], strict=True)])
     leg = np.repeat(np.arange(len(turns) - 1), ROWS)
     states = np.zeros(len(turns) - 1, np.int64)
-    return Course(turns, leg, states, points(torque), leg * 0.0 if time is None else time, encoder_turns, place)
+    return Course(turns, leg, states, points(torque), leg * 0.0 if time is None else time, encoder_turns, position)
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +48,10 @@ def test_torsion_counts_once_whichever_drive_was_seen_first(drive):
     course = course_of()
     twisted = replace(drive, torsion=5e-9)
     forward = Forward([course], drive.rated_torque)
-    after, plain = forward.read(twisted, 0, Instrument()).angle, forward.read(drive, 0, Instrument()).angle
+    twisted_angle, reference = forward.read(twisted, 0, Instrument()).angle, forward.read(drive, 0, Instrument()).angle
     twist = ARCMIN * 5e-9 * 1e3 * course.at[:, 0]
-    np.testing.assert_allclose(after - plain, twist, atol=1e-9)
-    np.testing.assert_allclose(plain, read(drive).angle, atol=1e-12)
+    np.testing.assert_allclose(twisted_angle - reference, twist, atol=1e-9)
+    np.testing.assert_allclose(reference, read(drive).angle, atol=1e-12)
 
 
 def test_frictionless_reading_is_the_backbone_at_its_nodes(drive):
@@ -69,24 +69,26 @@ def test_the_angle_of_a_cell_is_the_mean_over_its_rows(drive, friction):
     rubbing = library()["coulomb"].apply(drive, [friction], Conditions.run_in(1))
     fine = np.linspace(-0.45, 1.05, 4001)
     edges = np.array([[-0.45, 0.3, 1.05]])
-    one = Course(TURNS, np.array([2]), np.zeros(4, np.int64), edges, np.zeros(1), 1.0, 0.0)
-    many = Course(TURNS, np.full(4001, 2), np.zeros(4, np.int64), points(fine), np.zeros(4001), 1.0, 0.0)
-    (mean,) = read(rubbing, course=one).angle
-    every = read(rubbing, course=many).angle
+    short_course = Course(TURNS, np.array([2]), np.zeros(4, np.int64), edges, np.zeros(1), 1.0, 0.0)
+    long_course = Course(TURNS, np.full(4001, 2), np.zeros(4, np.int64), points(fine), np.zeros(4001), 1.0, 0.0)
+    (mean,) = read(rubbing, course=short_course).angle
+    every = read(rubbing, course=long_course).angle
     assert np.ptp(every) > 0.5  # through the play
     assert mean == pytest.approx(np.mean(0.5 * (every[1:] + every[:-1])), abs=2e-3 * np.ptp(every))
 
 
 def test_instrument_reads_torque_and_angle_with_its_errors(drive):
-    course = course_of(time=np.linspace(0, 7200, 4 * ROWS), encoder_turns=79.0, place=0.4)
-    plain = read(drive, course=course).angle
-    np.testing.assert_allclose(read(drive, Instrument(drift=1.5), course).angle - plain, np.linspace(0, 3, 4 * ROWS))
-    turned = 79 * plain / ARCMIN + 0.4
-    found = read(drive, Instrument(encoder=(0.8, -0.6)), course).angle - plain
-    np.testing.assert_allclose(found, 0.8 * np.cos(turned) - 0.6 * np.sin(turned), atol=1e-9)
+    course = course_of(time=np.linspace(0, 7200, 4 * ROWS), encoder_turns=79.0, position=0.4)
+    reference = read(drive, course=course).angle
+    np.testing.assert_allclose(
+        read(drive, Instrument(drift=1.5), course).angle - reference, np.linspace(0, 3, 4 * ROWS)
+    )
+    rotation = 79 * reference / ARCMIN + 0.4
+    computed_angle = read(drive, Instrument(encoder=(0.8, -0.6)), course).angle - reference
+    np.testing.assert_allclose(computed_angle, 0.8 * np.cos(rotation) - 0.6 * np.sin(rotation), atol=1e-9)
     stretched = replace(course, torque=1.1 * course.torque + 0.5, at=1.1 * course.at + 0.5)
-    found = read(drive, Instrument(torque_gain=0.1, torque_zero=0.5), stretched).angle
-    np.testing.assert_allclose(found, plain, atol=0.02)  # at nodes of another ladder
+    computed_angle = read(drive, Instrument(torque_gain=0.1, torque_zero=0.5), stretched).angle
+    np.testing.assert_allclose(computed_angle, reference, atol=0.02)  # at nodes of another ladder
 
 
 def test_creep_after_a_step_is_that_of_spring_and_damper(drive):
@@ -94,26 +96,26 @@ def test_creep_after_a_step_is_that_of_spring_and_damper(drive):
     compliance, tau = 2e-9, 40.0
     hold = np.linspace(0.001, 200, 60)
     turns = np.array([0.0, 12.0, 6.0])
-    at = np.concatenate([[0.0], np.full(60, 12.0), np.full(60, 6.0)])
+    sample_times = np.concatenate([[0.0], np.full(60, 12.0), np.full(60, 6.0)])
     leg = np.concatenate([[0], np.zeros(60, np.int64), np.ones(60, np.int64)])
     time = np.concatenate([[0.0], hold, 200 + hold])
-    course = Course(turns, leg, np.zeros(2, np.int64), points(at), time, 1.0, 0.0)
-    made = replace(drive, creep=Creep(compliance, tau))
-    found = read(made, course=course).angle - read(drive, course=course).angle
+    course = Course(turns, leg, np.zeros(2, np.int64), points(sample_times), time, 1.0, 0.0)
+    variant = replace(drive, creep=Creep(compliance, tau))
+    computed_angle = read(variant, course=course).angle - read(drive, course=course).angle
 
     def rise(t):
         return np.where(t > 0, -np.expm1(-np.maximum(t, 0) / tau), 0.0)
 
     expected = ARCMIN * compliance * 1e3 * (12 * rise(time) - 6 * rise(time - 200))
-    np.testing.assert_allclose(found, expected, atol=1e-9 + 1e-4 * expected.max())
+    np.testing.assert_allclose(computed_angle, expected, atol=1e-9 + 1e-4 * expected.max())
 
 
 def delayed(torque, time, creep):
     """Rotation [rad] of spring and damper under a torque [N mm], by fine trapezoids."""
-    passed = np.exp((time - time[-1]) / creep.time_constant)
+    passes = np.exp((time - time[-1]) / creep.time_constant)
     rate = creep.compliance * torque / creep.time_constant
-    sums = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (passed[1:] * rate[1:] + passed[:-1] * rate[:-1]))])
-    return sums / passed
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (passes[1:] * rate[1:] + passes[:-1] * rate[:-1]))])
+    return sums / passes
 
 
 @pytest.mark.parametrize("time_constant", [8.0, 40.0, 300.0])
@@ -125,14 +127,14 @@ def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, tim
     shares = np.tile((np.arange(per_leg) + 0.5) / per_leg, len(TURNS) - 1)
     start, end = TURNS[leg], TURNS[leg + 1]
     length = np.where(np.abs(end - start) > 12, 2.0, 1.0)  # one speed of the torque
-    begun = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(TURNS)) / 12.0)]) * period
-    time = begun[leg] + period * length * shares
+    start_times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(TURNS)) / 12.0)]) * period
+    time = start_times[leg] + period * length * shares
     torque = start + shares * (end - start)
     course = Course(TURNS, leg, np.zeros(len(TURNS) - 1, np.int64), points(torque), time, 1.0, 0.0)
-    found = read(replace(drive, creep=creep), course=course).angle - read(drive, course=course).angle
-    fine = np.linspace(0.0, begun[-1], 40001)
-    whole = ARCMIN * delayed(1e3 * np.interp(fine, begun, TURNS), fine, creep)
-    np.testing.assert_allclose(found, np.interp(time, fine, whole), atol=0.01 * np.ptp(whole))
+    computed_angle = read(replace(drive, creep=creep), course=course).angle - read(drive, course=course).angle
+    fine = np.linspace(0.0, start_times[-1], 40001)
+    whole = ARCMIN * delayed(1e3 * np.interp(fine, start_times, TURNS), fine, creep)
+    np.testing.assert_allclose(computed_angle, np.interp(time, fine, whole), atol=0.01 * np.ptp(whole))
 
 
 def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive):
@@ -141,9 +143,9 @@ def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive)
     reading = read(rubbing)
     assert reading.sound
     falling, rising = slice(ROWS, 2 * ROWS), slice(2 * ROWS, 3 * ROWS)
-    apart = reading.angle[falling][::-1] - reading.angle[rising]  # at equal torques
+    distance = reading.angle[falling][::-1] - reading.angle[rising]  # at equal torques
     torque = course_of().at[rising, 0]
-    middle = np.interp([2.0, 8.0], torque, apart)
+    middle = np.interp([2.0, 8.0], torque, distance)
     assert middle[1] > 1.5 * middle[0] > 0
     repeated = read(rubbing, course=course_of(np.append(TURNS[:-1], [-12.0, 12.0, 0.0])))
     np.testing.assert_allclose(repeated.angle[3 * ROWS : 4 * ROWS], reading.angle[falling], atol=0.02)
@@ -154,9 +156,9 @@ def test_influence_of_a_shift_of_all_gaps_is_the_difference_of_readings(drive):
     forward = Forward([course], drive.rated_torque)
     pattern = np.zeros((1, len(drive.laws)))
     pattern[0, : drive.reducer.n_pins] = 1.0
-    carried = forward.read(drive, 0, Instrument()).carried
-    found = forward.influence(drive, 0, carried, pattern)[:, 0]
+    carried_torque = forward.read(drive, 0, Instrument()).carried
+    derivative = forward.influence(drive, 0, carried_torque, pattern)[:, 0]
     ends = [read(replace(drive, shift=drive.shift + sign * step * pattern)).angle for sign in (1, -1)]
     expected = (ends[0] - ends[1]) / (2 * step)
-    np.testing.assert_allclose(found, expected, atol=0.05 * np.abs(expected).max())
-    assert np.median(np.abs(found - expected)) < 0.01 * np.abs(expected).max()
+    np.testing.assert_allclose(derivative, expected, atol=0.05 * np.abs(expected).max())
+    assert np.median(np.abs(derivative - expected)) < 0.01 * np.abs(expected).max()

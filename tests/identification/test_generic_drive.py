@@ -30,8 +30,14 @@ def followed(torque: np.ndarray, drive: dict[str, float]) -> np.ndarray:
     """Angle [arcmin] along torques, element by element: a slider that holds the spring back."""
     angle, spring = [], 0.0
     for load in torque:
-        held = drive["friction"] + drive["load_friction"] * abs(load)
-        spring = load - held if spring < load - held else load + held if spring > load + held else spring
+        held_value = drive["friction"] + drive["load_friction"] * abs(load)
+        spring = (
+            load - held_value
+            if spring < load - held_value
+            else load + held_value
+            if spring > load + held_value
+            else spring
+        )
         gap = 0.5 * drive["play"] * np.clip(spring / 0.24, -1, 1)
         angle.append(gap + drive["compliance"] * spring + drive["softening"] * spring * abs(spring))
     return np.array(angle)
@@ -39,19 +45,19 @@ def followed(torque: np.ndarray, drive: dict[str, float]) -> np.ndarray:
 
 def driven_by_angle(torque: np.ndarray, angle: np.ndarray, rows: int) -> np.ndarray:
     """Rows at equal steps of the angle that a motor runs through, as a servo that is told an angle takes them."""
-    along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)) + 1e-6)])
-    return np.searchsorted(along, np.linspace(0.0, along[-1], rows))
+    arc = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)) + 1e-6)])
+    return np.searchsorted(arc, np.linspace(0.0, arc[-1], rows))
 
 
-def drive_measured(folder, by=None, by_angle=False, locked="input", noise=0.1) -> Measurement:
-    drive, rng, parts = {**DRIVE, **(by or {})}, np.random.default_rng(5), []
+def drive_measured(folder, changes=None, by_angle=False, locked="input", noise=0.1) -> Measurement:
+    drive, rng, parts = {**DRIVE, **(changes or {})}, np.random.default_rng(5), []
     for number, crank in enumerate(CRANKS):
         torque = np.tile(path_of([0.0, 12.0, -12.0, 0.0], 4000 if by_angle else 80)[1:], 3)
         angle = followed(torque, drive)
-        kept = driven_by_angle(torque, angle, 1500) if by_angle else np.arange(len(torque))
-        cycle = np.minimum(kept // (len(torque) // 3), 2)
-        noisy = angle[kept] + 7.0 * number + noise * rng.standard_normal(len(kept))
-        measured = torque[kept] + (0.01 * rng.standard_normal(len(kept)) if by_angle else 0.0)
+        kept_items = driven_by_angle(torque, angle, 1500) if by_angle else np.arange(len(torque))
+        cycle = np.minimum(kept_items // (len(torque) // 3), 2)
+        noisy = angle[kept_items] + 7.0 * number + noise * rng.standard_normal(len(kept_items))
+        measured = torque[kept_items] + (0.01 * rng.standard_normal(len(kept_items)) if by_angle else 0.0)
         parts.append(pd.DataFrame({"cycle": cycle, "crank_deg": crank, "torque_Nm": measured, "angle_arcmin": noisy}))
     write_unit(folder, {"rows.csv": pd.concat(parts, ignore_index=True)}, TEXT.format(locked=locked))
     return Measurement.read(load_measured_unit(folder, ROOT))
@@ -59,38 +65,42 @@ def drive_measured(folder, by=None, by_angle=False, locked="input", noise=0.1) -
 
 @pytest.mark.parametrize(("by_angle", "locked"), [(False, "input"), (False, "output"), (True, "input")])
 def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locked):
-    found = described(drive_measured(tmp_path / "u", by_angle=by_angle, locked=locked))
-    numbers = {number.term: number for number in found.numbers}
+    description = described(drive_measured(tmp_path / "u", by_angle=by_angle, locked=locked))
+    numbers = {number.term: number for number in description.numbers}
     assert numbers["torque_zero"].named is False
     for term in ("play", "friction", "load_friction"):
         assert numbers[term].named
         assert numbers[term].value == pytest.approx(DRIVE[term], rel=0.1)
     assert numbers["compliance"].value == pytest.approx(DRIVE["compliance"], rel=0.05)
     if not by_angle:
-        assert found.verdict == DESCRIBED
-        assert found.errors["described"].rms_arcmin < 0.05 * found.errors["spring"].rms_arcmin
+        assert description.verdict == DESCRIBED
+        assert description.errors["described"].rms_arcmin < 0.05 * description.errors["spring"].rms_arcmin
 
 
 def test_a_spring_alone_has_nothing_claimed(tmp_path):
-    nothing = dict.fromkeys(("play", "friction", "load_friction", "softening"), 0.0)
-    found = described(drive_measured(tmp_path / "u", nothing))
-    assert not any(number.named for number in found.numbers)
-    assert found.errors["described"].to_noise < 1.25
+    no_effect = dict.fromkeys(("play", "friction", "load_friction", "softening"), 0.0)
+    description = described(drive_measured(tmp_path / "u", no_effect))
+    assert not any(number.named for number in description.numbers)
+    assert description.errors["described"].to_noise < 1.25
 
 
 def test_held_out_rows_move_no_prediction_by_more_than_their_offset(tmp_path):
-    first = drive_measured(tmp_path / "a")
+    measurement_before = drive_measured(tmp_path / "a")
     rows = pd.read_csv(tmp_path / "a" / "rows.csv")
-    last = rows["crank_deg"] == CRANKS[-1]
-    rows.loc[last, "angle_arcmin"] *= 1.4
+    is_last = rows["crank_deg"] == CRANKS[-1]
+    rows.loc[is_last, "angle_arcmin"] *= 1.4
     text = TEXT.format(locked="input") + '[held_out]\nby = "position"\ntrain = [0.0, 90.0]\n'
     (tmp_path / "a" / "unit.toml").write_text(text)
     write_unit(tmp_path / "b", {"rows.csv": rows}, text)
-    one, other = (described(Measurement.read(load_measured_unit(tmp_path / name, ROOT))) for name in "ab")
-    apart = (one.curves["described"] - other.curves["described"])[one.cells]
-    assert np.ptp(apart) < 1e-9
-    assert [n.value for n in one.numbers] == [n.value for n in other.numbers]
-    assert first.unit.designed is None
+    description_before, description_after = (
+        described(Measurement.read(load_measured_unit(tmp_path / name, ROOT))) for name in "ab"
+    )
+    distance = (description_before.curves["described"] - description_after.curves["described"])[
+        description_before.cells
+    ]
+    assert np.ptp(distance) < 1e-9
+    assert [n.value for n in description_before.numbers] == [n.value for n in description_after.numbers]
+    assert measurement_before.unit.designed is None
 
 
 def test_the_command_judges_first_and_writes_a_page(tmp_path, monkeypatch, capsys):

@@ -33,27 +33,27 @@ def unit(seed=0, spread=TIGHT, n_modes=0, sigma=None):
     return fitter, stood(fitter, model_of(2), unknowns, sigma)
 
 
-def dense(fitter, fit, prior, out):
+def dense(fitter, fit, prior, is_left_out):
     """Mahalanobis distance per cell of the cells left out, and their mean given all but the modes, by dense algebra.
 
     The fold's optimum is that of the linear problem itself.
     """
-    data, seen, jacobian = fitter.problem.data, ~out, fit.jacobian
+    data, visible, jacobian = fitter.problem.data, ~is_left_out, fit.jacobian
     offsets = (data.position[:, None] == np.unique(data.position)).astype(float)
     design = np.column_stack([jacobian, offsets])
     precision = np.diag(np.concatenate([prior**-2.0, np.full(offsets.shape[1], 1e-6)]))
-    now = np.concatenate([fit.unknowns.flat, np.zeros(offsets.shape[1])])
-    away = fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)
-    pull = np.concatenate([fitter.penalty(fit.unknowns) ** 2 * away, np.zeros(offsets.shape[1])])
-    weighted = design[seen].T / data.sigma[seen] ** 2
-    covariance = np.linalg.inv(weighted @ design[seen] + precision)
+    current = np.concatenate([fit.unknowns.flat, np.zeros(offsets.shape[1])])
+    offsets_away = fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)
+    pull = np.concatenate([fitter.penalty(fit.unknowns) ** 2 * offsets_away, np.zeros(offsets.shape[1])])
+    weighted = design[visible].T / data.sigma[visible] ** 2
+    covariance = np.linalg.inv(weighted @ design[visible] + precision)
     residual = data.angle - fit.predicted
-    moved = covariance @ (weighted @ residual[seen] - pull)
-    left = (residual - design @ moved)[out]
-    spread = design[out] @ covariance @ design[out].T
-    known = np.linalg.solve(np.diag(data.sigma[out] ** 2) + spread, left)
-    assert len(now) == len(moved)
-    return left @ known / out.sum()
+    shifted = covariance @ (weighted @ residual[visible] - pull)
+    residuals = (residual - design @ shifted)[is_left_out]
+    spread = design[is_left_out] @ covariance @ design[is_left_out].T
+    expected_losses = np.linalg.solve(np.diag(data.sigma[is_left_out] ** 2) + spread, residuals)
+    assert len(current) == len(shifted)
+    return residuals @ expected_losses / is_left_out.sum()
 
 
 @pytest.mark.parametrize("n_modes", [0, 2])
@@ -64,16 +64,18 @@ def test_losses_are_the_mahalanobis_distance_under_the_covariance_of_the_predict
     data = fitter.problem.data
     noise = 0.3 * data.sigma * np.random.default_rng(seed).standard_normal(len(data))
     fitter = LinearFitter(replace(data, angle=start.predicted + noise), fitter.design, TIGHT, n_modes)
-    everything = np.ones(len(DATA), bool)
-    fit = fitter.fit(start.model, everything, start.unknowns)
-    judged = trial(fitter, fit, everything)
+    all_cells = np.ones(len(DATA), bool)
+    fit = fitter.fit(start.model, all_cells, start.unknowns)
+    trial_result = trial(fitter, fit, all_cells)
     prior = np.concatenate([TIGHT, [OPEN_SHARE] * 2, np.ones(n_modes)])
     for position in range(3):
-        out = DATA.position == position
-        mine = [k for k, block in enumerate(np.unique(DATA.block)) if DATA.position[DATA.block == block][0] == position]
-        counts = np.array([(DATA.block == block).sum() for block in np.unique(DATA.block)])[mine]
-        found = np.average(judged.losses[mine], weights=counts)
-        assert found == pytest.approx(dense(fitter, fit, prior, out), rel=2e-2)
+        is_held_out = DATA.position == position
+        own_cells = [
+            k for k, block in enumerate(np.unique(DATA.block)) if DATA.position[DATA.block == block][0] == position
+        ]
+        counts = np.array([(DATA.block == block).sum() for block in np.unique(DATA.block)])[own_cells]
+        selection = np.average(trial_result.losses[own_cells], weights=counts)
+        assert selection == pytest.approx(dense(fitter, fit, prior, is_held_out), rel=2e-2)
 
 
 def test_losses_are_means_by_block_and_a_failed_cell_counts_as_far():
@@ -84,27 +86,27 @@ def test_losses_are_means_by_block_and_a_failed_cell_counts_as_far():
     cells = np.ones(8, bool)
     np.testing.assert_allclose(block_losses(data, predicted, strain, cells), [0.5, 2.0, FAILED**2 / 2, 4.0])
     np.testing.assert_allclose(block_losses(data, predicted, strain, data.position == 1), [FAILED**2 / 2, 4.0])
-    judged = Trial(None, np.array([0.5, 1.5]))
-    assert judged.rms == pytest.approx(1.0)
-    np.testing.assert_allclose(judged.scores, np.log([0.5 + LEAST_LOSS, 1.5 + LEAST_LOSS]))
+    trial_result = Trial(None, np.array([0.5, 1.5]))
+    assert trial_result.rms == pytest.approx(1.0)
+    np.testing.assert_allclose(trial_result.scores, np.log([0.5 + LEAST_LOSS, 1.5 + LEAST_LOSS]))
 
 
 def test_losses_of_the_true_model_are_one_and_those_of_too_small_a_model_are_not():
     """Expected square of a residual under the covariance of its prediction: 1, if nothing but noise is left."""
-    data, found = linear_data(positions=3, cells=12), []
+    data, result = linear_data(positions=3, cells=12), []
     for seed in range(20):
         rng = np.random.default_rng(seed)
         design = rng.normal(size=(len(data), 2))
         angle = design @ [0.3, 0.6] + np.array([5.0, -3.0, 1.0])[data.position] + 0.1 * rng.normal(size=len(data))
-        everything = np.ones(len(data), bool)
-        one = []
+        all_cells = np.ones(len(data), bool)
+        losses_found = []
         for columns in (2, 1):
             fitter = LinearFitter(replace(data, angle=angle), design[:, :columns])
             model = model_of(columns)
-            fit = fitter.fit(model, everything, fitter.start(model))
-            judged = trial(fitter, fit, everything)
-            one.append(judged.rms)
-        found.append(one)
-    right, wrong = np.mean(found, axis=0)
+            fit = fitter.fit(model, all_cells, fitter.start(model))
+            trial_result = trial(fitter, fit, all_cells)
+            losses_found.append(trial_result.rms)
+        result.append(losses_found)
+    right, wrong = np.mean(result, axis=0)
     assert right == pytest.approx(1.0, abs=0.05)
     assert wrong > 4.0

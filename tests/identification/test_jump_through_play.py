@@ -19,10 +19,10 @@ ZERO = 0.06
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.5, 0.9])
 def test_scatter_of_a_step_about_its_line_is_that_of_its_rows(share):
     """By least squares over many rows; in the middle 90 % of the cell the height follows from one number."""
-    place = (np.arange(20000) + 0.5) / 20000
-    step = (place > share).astype(float)
-    left = step - np.polyval(np.polyfit(place, step, 1), place)
-    assert step_scatter(share) == pytest.approx(np.std(left), rel=1e-3)
+    position = (np.arange(20000) + 0.5) / 20000
+    step = (position > share).astype(float)
+    residual = step - np.polyval(np.polyfit(position, step, 1), position)
+    assert step_scatter(share) == pytest.approx(np.std(residual), rel=1e-3)
     assert step_scatter(share) == pytest.approx(STEP_SCATTER, rel=0.3)
 
 
@@ -30,11 +30,11 @@ def test_a_zero_of_the_torque_within_the_cell_of_the_jump_is_named(tmp_path, con
     """It was never tried: the scatter of the jump was taken for the error of its place, 50 times too much."""
     folder = make_unit(tmp_path / "u", {"torque_zero": [ZERO]}, Bench(rows=400), condensed)
     problem = problem_of(folder, condensed)
-    seen = np.ones(len(problem.data), bool)
-    selector = Selector(Fitter(problem), seen)
+    visible = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem), visible)
     selector.testable = {name: selector.testable[name] for name in ("torque_zero", "pin_radius_error", "coulomb")}
-    selection = selector.extended(selector.select(seen), seen)
-    verdict = judge(selector.fitter, selection, seen)
+    selection = selector.extended(selector.select(visible), visible)
+    verdict = judge(selector.fitter, selection, visible)
     assert (verdict.verdict, verdict.named) == (IDENTIFIED, ("torque_zero",))
     (zero,) = verdict.parameters
     assert zero.ci_low < ZERO < zero.ci_high

@@ -20,86 +20,86 @@ TRIED = ("coulomb", "output_torsion", "angle_drift")  # the bounds of a drift ar
 
 def selected(folder, condensed):
     measurement = Measurement.read(load_measured_unit(folder, ROOT))
-    seen = measurement.training_cells
+    visible = measurement.training_cells
     compliances = condensed(measurement.unit.study, measurement.rows.cranks.tolist())
-    problem = build_problem(measurement, compliances, seen)
-    selector = Selector(Fitter(problem), seen)
+    problem = build_problem(measurement, compliances, visible)
+    selector = Selector(Fitter(problem), visible)
     selector.testable = {name: selector.testable[name] for name in TRIED}
-    selection = selector.extended(selector.select(seen), seen)
-    return measurement, problem, selection, judge(selector.fitter, selection, seen), seen
+    selection = selector.extended(selector.select(visible), visible)
+    return measurement, problem, selection, judge(selector.fitter, selection, visible), visible
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory, condensed):
+def two_runs(tmp_path_factory, condensed):
     """A selection on two of three positions, as measured and with the third stretched."""
     folder = tmp_path_factory.mktemp("leak") / "u"
     bench = Bench(cranks=CRANKS, more=HELD_OUT, rows=40, known=False, noise=0.01)
     make_unit(folder, {"coulomb": [0.3]}, bench, condensed)
-    before = selected(folder, condensed)
+    run_before = selected(folder, condensed)
     rows = pd.read_csv(folder / "rows.csv")
     held_out = rows["crank_deg"] == CRANKS[2]
     rows.loc[held_out, "angle_arcmin"] *= STRETCH
     rows.loc[held_out, "time_s"] *= STRETCH
     rows.to_csv(folder / "rows.csv", index=False)
-    return before, selected(folder, condensed)
+    return run_before, selected(folder, condensed)
 
 
-def test_every_fitted_number_is_the_same_to_the_last_digit_whatever_held_out_rows_are(both):
-    (measured, problem, selection, verdict, seen), (_, other, again, judged, _) = both
-    assert problem.data.noise == other.data.noise
-    np.testing.assert_array_equal(problem.data.sigma[seen], other.data.sigma[seen])
-    assert problem.offered == other.offered
-    assert (problem.span, problem.hours, problem.record) == (other.span, other.hours, other.record)
-    for pair in zip(problem.modes, other.modes, strict=True):
+def test_every_fitted_number_is_the_same_to_the_last_digit_whatever_held_out_rows_are(two_runs):
+    (measured, problem, selection, verdict, visible), (_, variant, repeat, trial_result, _) = two_runs
+    assert problem.data.noise == variant.data.noise
+    np.testing.assert_array_equal(problem.data.sigma[visible], variant.data.sigma[visible])
+    assert problem.offered == variant.offered
+    assert (problem.span, problem.hours, problem.record) == (variant.span, variant.hours, variant.record)
+    for pair in zip(problem.modes, variant.modes, strict=True):
         np.testing.assert_array_equal(*pair)
-    assert selection.screened == again.screened
-    assert list(selection.trials) == list(again.trials)
+    assert selection.screened == repeat.screened
+    assert list(selection.trials) == list(repeat.trials)
     for name, trial in {"": selection.base, **selection.trials}.items():
-        twin = again.trials[name] if name else again.base
+        twin = repeat.trials[name] if name else repeat.base
         np.testing.assert_array_equal(trial.fit.unknowns.flat, twin.fit.unknowns.flat)
         np.testing.assert_array_equal(trial.losses, twin.losses)
-    assert verdict == judged
+    assert verdict == trial_result
     assert "coulomb" in verdict.named
 
 
-def test_the_stretch_shows_where_all_rows_are_seen(both):
+def test_the_stretch_shows_where_all_rows_are_seen(two_runs):
     """The noise of all rows moves: what the training rows alone hold still would otherwise be no test."""
-    (measured, problem, *_), (stretched, other, *_) = both
-    everything = np.ones(len(problem.data), bool)
-    noise = [one.noise_of(everything).within_branch.value for one in (measured, stretched)]
+    (measured, problem, *_), (stretched, variant, *_) = two_runs
+    all_cells = np.ones(len(problem.data), bool)
+    noise = [item.noise_of(all_cells).within_branch.value for item in (measured, stretched)]
     assert noise[1] != noise[0]
-    assert other.trained_on(everything).span > 1.2 * problem.trained_on(everything).span
+    assert variant.trained_on(all_cells).span > 1.2 * problem.trained_on(all_cells).span
 
 
-def test_noise_of_some_positions_is_that_of_a_unit_that_has_no_others(both, tmp_path):
-    (measured, _, _, _, seen), _ = both
+def test_noise_of_some_positions_is_that_of_a_unit_that_has_no_others(two_runs, tmp_path):
+    (measured, _, _, _, visible), _ = two_runs
     folder = tmp_path / "u"
     folder.mkdir()
     for file in measured.unit.folder.iterdir():
         (folder / file.name).write_text(file.read_text())
     rows = pd.read_csv(folder / "rows.csv")
     rows[rows["crank_deg"] != CRANKS[2]].to_csv(folder / "rows.csv", index=False)
-    alone = Measurement.read(load_measured_unit(folder, ROOT)).repeatability
-    some = measured.noise_of(seen)
+    isolated = Measurement.read(load_measured_unit(folder, ROOT)).repeatability
+    subset = measured.noise_of(visible)
     for name in ("repeats", "random", "within_branch", "between_positions"):
-        assert getattr(some, name).value == pytest.approx(getattr(alone, name).value, rel=1e-12, nan_ok=True)
-    assert some.torque_noise_Nm == pytest.approx(alone.torque_noise_Nm)
+        assert getattr(subset, name).value == pytest.approx(getattr(isolated, name).value, rel=1e-12, nan_ok=True)
+    assert subset.torque_noise_Nm == pytest.approx(isolated.torque_noise_Nm)
 
 
-def test_a_fold_of_two_positions_refits_an_effect_over_the_crank_angle(both):
+def test_a_fold_of_two_positions_refits_an_effect_over_the_crank_angle(two_runs):
     """It was a KeyError: two positions cannot test what three have named."""
-    (_, problem, *_), _ = both
-    everything = np.ones(len(problem.data), bool)
-    selector = Selector(Fitter(problem.trained_on(everything)), everything)
+    (_, problem, *_), _ = two_runs
+    all_cells = np.ones(len(problem.data), bool)
+    selector = Selector(Fitter(problem.trained_on(all_cells)), all_cells)
     fold = selector.trained_on(problem.data.position != 2)
     assert "ovality_2" in fold.testable
     assert fold.testable == selector.testable
     assert fold.problem.data.noise == problem.data.noise
 
 
-def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(both, tmp_path, condensed):
+def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(two_runs, tmp_path, condensed):
     """Other torque, time, noise and outliers where nothing is fitted: what a fit starts from is the same bit by bit."""
-    (measured, problem, _, _, seen), _ = both
+    (measured, problem, _, _, visible), _ = two_runs
     folder = tmp_path / "u"
     folder.mkdir()
     for file in measured.unit.folder.iterdir():
@@ -112,20 +112,22 @@ def test_filters_limits_and_courses_of_training_rows_know_nothing_of_the_others(
     rows.loc[rng.choice(np.flatnonzero(held_out), 2, replace=False), "angle_arcmin"] += 30.0
     rows.loc[held_out, "time_s"] -= 1e6
     rows.to_csv(folder / "rows.csv", index=False)
-    other = Measurement.read(load_measured_unit(folder, ROOT))
-    assert (other.torque_noise, other.angle_step) == (measured.torque_noise, measured.angle_step)
-    np.testing.assert_array_equal(other.usable[other.fitted], measured.usable[measured.fitted])
-    seen_again = other.training_cells
-    again = build_problem(other, condensed(other.unit.study, CRANKS), seen_again)
+    variant = Measurement.read(load_measured_unit(folder, ROOT))
+    assert (variant.torque_noise, variant.angle_step) == (measured.torque_noise, measured.angle_step)
+    np.testing.assert_array_equal(variant.usable[variant.fitted], measured.usable[measured.fitted])
+    seen_again = variant.training_cells
+    repeat = build_problem(variant, condensed(variant.unit.study, CRANKS), seen_again)
     for name in ("torque", "angle", "count", "spread", "sigma", "branch"):
-        np.testing.assert_array_equal(getattr(again.data, name)[seen_again], getattr(problem.data, name)[seen], name)
-    np.testing.assert_array_equal(again.forward.shares, problem.forward.shares)
-    for position in np.unique(problem.data.position[seen]):
+        np.testing.assert_array_equal(
+            getattr(repeat.data, name)[seen_again], getattr(problem.data, name)[visible], name
+        )
+    np.testing.assert_array_equal(repeat.forward.shares, problem.forward.shares)
+    for position in np.unique(problem.data.position[visible]):
         for name, values in vars(problem.forward.courses[position]).items():
-            np.testing.assert_array_equal(getattr(again.forward.courses[position], name), values, name)
-    for pair in zip(problem.modes, again.modes, strict=True):
+            np.testing.assert_array_equal(getattr(repeat.forward.courses[position], name), values, name)
+    for pair in zip(problem.modes, repeat.modes, strict=True):
         np.testing.assert_array_equal(*pair)
-    assert (again.span, again.hours, again.record, again.offered) == (
+    assert (repeat.span, repeat.hours, repeat.record, repeat.offered) == (
         *(problem.span, problem.hours),
         *(problem.record, problem.offered),
     )

@@ -19,33 +19,35 @@ def answer(request, tmp_path_factory, condensed):
     """Identification and page of one loop with friction, of so many rows a branch."""
     home = tmp_path_factory.mktemp("loop")
     bench = Bench(cranks=(0.0,), cycles=1, rows=request.param)
-    found = identify(load_measured_unit(make_unit(home / "u", {"coulomb": [0.5]}, bench, condensed), ROOT), condensed)
-    of = findings(found)
-    write(of, home / "out")
-    write_page(of, home / "out", home / "out")
-    return found, home / "out"
+    identification = identify(
+        load_measured_unit(make_unit(home / "u", {"coulomb": [0.5]}, bench, condensed), ROOT), condensed
+    )
+    findings_of_unit = findings(identification)
+    write(findings_of_unit, home / "out")
+    write_page(findings_of_unit, home / "out", home / "out")
+    return identification, home / "out"
 
 
 def test_the_fit_is_in_sample_and_says_so(answer):
-    found, folder = answer
-    assert found.folds.in_sample
-    assert found.folds.cells.all()
-    np.testing.assert_array_equal(found.curves["recalibrated"], found.selection.base.fit.predicted)
+    result, folder = answer
+    assert result.folds.in_sample
+    assert result.folds.cells.all()
+    np.testing.assert_array_equal(result.curves["recalibrated"], result.selection.base.fit.predicted)
     page = re.sub(r"<[^>]*>", "", (folder / "report.html").read_text())
-    for text in (found.statement.sentence, page):
+    for text in (result.statement.sentence, page):
         assert "in sample" in text
         assert "othing is held out" in text
-    assert "held-out error" not in found.statement.sentence
-    assert "two or more other crank angles" in found.statement.advice
+    assert "held-out error" not in result.statement.sentence
+    assert "two or more other crank angles" in result.statement.advice
 
 
 def test_nothing_is_claimed_of_one_loop_but_the_effect_describes_it(answer):
-    found, _ = answer
-    assert found.verdict.named == ()
-    if len(found.measurement.rows) > 100:  # 60 rows do not resolve the corners of the loop
-        assert found.verdict.verdict == "unexplained"
-        assert "friction" in found.statement.sentence
-        assert "not claimed" in found.statement.sentence
+    result, _ = answer
+    assert result.verdict.named == ()
+    if len(result.measurement.rows) > 100:  # 60 rows do not resolve the corners of the loop
+        assert result.verdict.verdict == "unexplained"
+        assert "friction" in result.statement.sentence
+        assert "not claimed" in result.statement.sentence
 
 
 def test_signatures_of_one_loop_have_values(answer):
@@ -58,9 +60,9 @@ def test_signatures_of_one_loop_have_values(answer):
 
 
 def test_the_best_description_can_be_run_and_says_that_it_is_no_claim(answer):
-    found, folder = answer
+    result, folder = answer
     best = folder / "best-u.toml"
-    assert best.exists() == (found.verdict.verdict == "unexplained")
+    assert best.exists() == (result.verdict.verdict == "unexplained")
     if best.exists():
         design = load_study(best, ROOT).design
         assert design.effects

@@ -42,9 +42,9 @@ def answer(request, tmp_path_factory, condensed):
     folder = make_unit(home / "u", drawn(request.param), bench, condensed)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in OFFERED})
-        of = findings(identify(load_measured_unit(folder, ROOT), condensed))
-    write(of, home)
-    write_page(of, home, home)
+        findings_of_unit = findings(identify(load_measured_unit(folder, ROOT), condensed))
+    write(findings_of_unit, home)
+    write_page(findings_of_unit, home, home)
     verdict = json.loads((home / "verdict.json").read_text())
     return verdict, (home / "report.html").read_text(), pd.read_parquet(home / "residual.parquet")
 
@@ -74,19 +74,19 @@ def test_sentence_and_cards_say_the_same(answer):
     for (arcmin, floors), error in zip(cards, errors.values(), strict=True):
         assert number(arcmin) == pytest.approx(error["rms_arcmin"], rel=5.1e-3)
         assert number(floors) == pytest.approx(error["to_noise"], rel=5.1e-3)
-    said = re.findall(r"([\d.e+-]+) arcmin \(([\d.e+-]+) noise floors\)", verdict["sentence"])
-    assert said[0] == (f"{errors['recalibrated']['rms_arcmin']:.3g}", f"{errors['recalibrated']['to_noise']:.3g}")
+    message = re.findall(r"([\d.e+-]+) arcmin \(([\d.e+-]+) noise floors\)", verdict["sentence"])
+    assert message[0] == (f"{errors['recalibrated']['rms_arcmin']:.3g}", f"{errors['recalibrated']['to_noise']:.3g}")
     if verdict["named"]:
-        assert said[1] == (f"{errors['after']['rms_arcmin']:.3g}", f"{errors['after']['to_noise']:.3g}")
+        assert message[1] == (f"{errors['after']['rms_arcmin']:.3g}", f"{errors['after']['to_noise']:.3g}")
 
 
 def test_after_is_refitted_where_nothing_is_named_and_better_where_an_effect_is(answer):
     verdict, _, cells = answer
-    after, refitted = (verdict["held_out_errors"][stage] for stage in ("after", "recalibrated"))
+    error_after, refitted = (verdict["held_out_errors"][stage] for stage in ("after", "recalibrated"))
     if verdict["named"]:
-        assert after["to_noise"] < 0.9 * refitted["to_noise"]
+        assert error_after["to_noise"] < 0.9 * refitted["to_noise"]
     else:
-        assert after == refitted
+        assert error_after == refitted
         np.testing.assert_array_equal(cells["after_arcmin"], cells["recalibrated_arcmin"])
 
 
@@ -114,9 +114,9 @@ def test_an_adequate_unit_says_what_could_hide(answer):
 def test_baselines_stand_on_the_page_and_it_says_which_is_ahead(answer):
     verdict, page, _ = answer
     assert len(verdict["baselines"]) == 3
-    after, best = verdict["held_out_errors"]["after"], min(e["to_noise"] for e in verdict["baselines"].values())
-    assert ("The model is behind" if after["to_noise"] > best else "The model is ahead") in page
-    assert all(error["cells"] == after["cells"] for error in verdict["baselines"].values())
+    error_after, best = verdict["held_out_errors"]["after"], min(e["to_noise"] for e in verdict["baselines"].values())
+    assert ("The model is behind" if error_after["to_noise"] > best else "The model is ahead") in page
+    assert all(error["cells"] == error_after["cells"] for error in verdict["baselines"].values())
 
 
 def test_the_page_has_one_noise_floor(answer):

@@ -18,9 +18,9 @@ NAMES = ("coulomb", "torque_zero", "bearing_clearance")
 @pytest.mark.parametrize("seed", range(12))
 def test_amounts_are_the_least_squares_within_their_bounds(seed):
     rng = np.random.default_rng(seed)
-    one, other, goal = rng.normal(size=(3, 20)) + rng.normal(size=(3, 1))
-    best = lsq_linear(np.column_stack([one, other]), goal, (0.0, LARGEST_AMOUNT), tol=1e-12).x
-    np.testing.assert_allclose(pairs._amounts(one, other, goal), best, atol=1e-6)
+    change, second_change, goal = rng.normal(size=(3, 20)) + rng.normal(size=(3, 1))
+    best = lsq_linear(np.column_stack([change, second_change]), goal, (0.0, LARGEST_AMOUNT), tol=1e-12).x
+    np.testing.assert_allclose(pairs._amounts(change, second_change, goal), best, atol=1e-6)
 
 
 def test_a_pair_is_found_though_a_third_effect_is_the_best_alone(monkeypatch):
@@ -50,7 +50,7 @@ def test_a_pair_is_found_though_a_third_effect_is_the_best_alone(monkeypatch):
     bounds = {"coulomb": (0.0, 5.0), "torque_zero": (-5.0, 5.0), "bearing_clearance": (0.0, 5.0)}
     fitter = SimpleNamespace(problem=SimpleNamespace(bounds=lambda effect: (bounds[effect.name],)))
     promises = {name: Promise(0.5, (Vector(np.zeros(0), np.array([0.9]), np.zeros(0)),)) for name in NAMES}
-    (model, start), *others = promising_pairs(fitter, np.ones(50, bool), base, promises, effects, 3)
+    (model, start), *remaining = promising_pairs(fitter, np.ones(50, bool), base, promises, effects, 3)
     assert model.name == "coulomb+torque_zero"
     np.testing.assert_allclose(start.shares, [0.7 * 0.9, 0.5 + 0.4 * (0.9 - 0.5)], atol=1e-9)
-    assert len(others) == 2
+    assert len(remaining) == 2

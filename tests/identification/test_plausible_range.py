@@ -22,9 +22,9 @@ def with_range(low, high):
 
 
 def test_stated_range_holds_in_the_unit_of_the_number():
-    found = plausible_range(with_range(2.0, 3.0), KEY)
-    assert (found.low, found.high) == pytest.approx((2.0 / 2.584, 3.0 / 2.584))
-    assert "stated" in found.reason
+    range_found = plausible_range(with_range(2.0, 3.0), KEY)
+    assert (range_found.low, range_found.high) == pytest.approx((2.0 / 2.584, 3.0 / 2.584))
+    assert "stated" in range_found.reason
 
 
 @pytest.mark.parametrize(
@@ -36,8 +36,8 @@ def test_stated_range_holds_in_the_unit_of_the_number():
     ],
 )
 def test_a_number_without_a_stated_range_has_that_of_its_kind(key, factor):
-    found = plausible_range(PAPER, key)
-    assert (found.low, found.high) == pytest.approx((1 / factor, factor))
+    range_found = plausible_range(PAPER, key)
+    assert (range_found.low, range_found.high) == pytest.approx((1 / factor, factor))
 
 
 def test_what_was_silent_before_is_outside_of_its_range():
@@ -45,8 +45,8 @@ def test_what_was_silent_before_is_outside_of_its_range():
     rim = 30.9 / PAPER.output.outer_station_mm
     of_issue = {"bearing.stiffness_N_per_mm_power": 11.4, KEY: 0.52, "output.outer_station_mm": rim}
     for key, factor in {**of_issue, "materials.steel.youngs_modulus_MPa": 0.05}.items():
-        found = plausible_range(PAPER, key)
-        assert not found.low < factor < found.high
+        range_found = plausible_range(PAPER, key)
+        assert not range_found.low < factor < range_found.high
 
 
 @pytest.mark.parametrize("pair", [(2.6, 3.0), (2.0, 2.5), (3.0, 2.0)])

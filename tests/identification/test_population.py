@@ -74,20 +74,21 @@ def with_tolerance(study, name, **values):
 def test_statistics_are_those_of_scipy():
     rng = np.random.default_rng(1)
     units, samples = rng.normal(0.4, 1.2, 25), rng.normal(0, 1, 300)
-    ours = {test.name: test for test in permutation_tests(units, samples, rng)}
+    model_value = {test.name: test for test in permutation_tests(units, samples, rng)}
     ks = stats.ks_2samp(units, samples, method="exact")
-    assert ours["kolmogorov_smirnov"].statistic == pytest.approx(ks.statistic)
-    assert ours["kolmogorov_smirnov"].p_value == pytest.approx(ks.pvalue, abs=0.03)
+    assert model_value["kolmogorov_smirnov"].statistic == pytest.approx(ks.statistic)
+    assert model_value["kolmogorov_smirnov"].p_value == pytest.approx(ks.pvalue, abs=0.03)
     cvm = stats.cramervonmises_2samp(units, samples)
-    assert ours["cramer_von_mises"].statistic == pytest.approx(cvm.statistic)
-    assert ours["cramer_von_mises"].p_value == pytest.approx(cvm.pvalue, abs=0.03)
+    assert model_value["cramer_von_mises"].statistic == pytest.approx(cvm.statistic)
+    assert model_value["cramer_von_mises"].p_value == pytest.approx(cvm.pvalue, abs=0.03)
     # scipy's statistic is standardised: (A2 - 1) / sigma
     shifted = [permutation_tests(units + shift, samples, rng)[2].statistic for shift in (0.0, 0.1, 0.2)]
-    few = stats.PermutationMethod(n_resamples=2)
-    theirs = [
-        stats.anderson_ksamp([units + s, samples], variant="continuous", method=few).statistic for s in (0.0, 0.1, 0.2)
+    permutation_method = stats.PermutationMethod(n_resamples=2)
+    reference_value = [
+        stats.anderson_ksamp([units + s, samples], variant="continuous", method=permutation_method).statistic
+        for s in (0.0, 0.1, 0.2)
     ]
-    assert np.corrcoef(shifted, theirs)[0, 1] == pytest.approx(1, abs=1e-9)
+    assert np.corrcoef(shifted, reference_value)[0, 1] == pytest.approx(1, abs=1e-9)
 
 
 def test_tests_keep_their_size():
@@ -118,20 +119,22 @@ def test_intervals_of_bias_and_spread_cover(monkeypatch):
         samples[name] = rng.uniform(0, 1, len(samples))
     for _ in range(200):
         units = pd.DataFrame({"unit": np.arange(20), WIDTH: rng.uniform(0.5, 2.0, 20)})
-        (found,) = compared(units, samples)
+        (comparisons,) = compared(units, samples)
         hits += [
-            found.bias.ci_low < 1.25 - samples[WIDTH].mean() < found.bias.ci_high,
-            found.spread_ratio.ci_low < 1.5 * np.sqrt(1 / 12) / samples[WIDTH].std() < found.spread_ratio.ci_high,
+            comparisons.bias.ci_low < 1.25 - samples[WIDTH].mean() < comparisons.bias.ci_high,
+            comparisons.spread_ratio.ci_low
+            < 1.5 * np.sqrt(1 / 12) / samples[WIDTH].std()
+            < comparisons.spread_ratio.ci_high,
         ]
     assert np.all(hits >= 178)  # 95 % give fewer of 200 with a probability of 0.04 %
 
 
 def test_units_of_the_study_itself_do_not_differ(study, population):
-    found = compared(units_of(study), population.metrics)
-    assert [comparison.metric for comparison in found] == list(POPULATION_METRICS)
-    assert all(min(test.p_value for test in comparison.tests) > 0.01 for comparison in found)
-    assert all(comparison.spread_ratio.ci_low < 1 < comparison.spread_ratio.ci_high for comparison in found)
-    assert not closing(found, population).takes_an_effect
+    comparisons = compared(units_of(study), population.metrics)
+    assert [comparison.metric for comparison in comparisons] == list(POPULATION_METRICS)
+    assert all(min(test.p_value for test in comparison.tests) > 0.01 for comparison in comparisons)
+    assert all(comparison.spread_ratio.ci_low < 1 < comparison.spread_ratio.ci_high for comparison in comparisons)
+    assert not closing(comparisons, population).takes_an_effect
 
 
 @pytest.mark.parametrize("name", ["disk_profile", "pin_radius"])
@@ -139,52 +142,52 @@ def test_a_shifted_tolerance_is_found(study, population, name):
     shift = {"disk_profile": 1.5, "pin_radius": -0.4}[name]
     tolerance = getattr(study.tolerances, name)
     shifted = with_tolerance(study, name, allowance_um=tolerance.allowance_um + shift)
-    found = closing(compared(units_of(shifted), population.metrics), population)
-    assert found.different
-    best = {candidate.tolerance: candidate for candidate in found.candidates}
+    closings = closing(compared(units_of(shifted), population.metrics), population)
+    assert closings.different
+    best = {candidate.tolerance: candidate for candidate in closings.candidates}
     assert best[name].closes
     assert best[name].shift_low_um < shift < best[name].shift_high_um
     if name == "disk_profile":
-        assert found.candidates[0].tolerance == name
-    assert not found.takes_an_effect
+        assert closings.candidates[0].tolerance == name
+    assert not closings.takes_an_effect
 
 
 def test_a_shift_beyond_the_limits_takes_an_effect(study, population):
     shifted = with_tolerance(study, "disk_profile", allowance_um=25.0)
-    found = closing(compared(units_of(shifted), population.metrics), population)
-    best = {candidate.tolerance: candidate for candidate in found.candidates}
+    closings = closing(compared(units_of(shifted), population.metrics), population)
+    best = {candidate.tolerance: candidate for candidate in closings.candidates}
     assert best["disk_profile"].shift_um == pytest.approx(15.0, abs=1.0)
     assert best["disk_profile"].room_um == pytest.approx(2.0, abs=0.1)
     assert not best["disk_profile"].within_limits
-    assert found.takes_an_effect
+    assert closings.takes_an_effect
 
 
 def test_a_tolerance_that_drives_nothing_closes_nothing(study):
     """Fifty samples leave its slopes to chance, and a long enough shift would fit any bias."""
     for seed in range(5):
         deviations = deviations_of(study, 50, seed)
-        few = StudyPopulation(study, metrics_of(deviations, seed), deviations)
+        small_population = StudyPopulation(study, metrics_of(deviations, seed), deviations)
         shifted = with_tolerance(study, "disk_profile", allowance_um=11.5)
-        found = closing(compared(units_of(shifted), few.metrics), few)
-        idle = [c for c in found.candidates if c.tolerance in ("ovality_2", "ovality_3", "pin_tangential")]
+        closings = closing(compared(units_of(shifted), small_population.metrics), small_population)
+        idle = [c for c in closings.candidates if c.tolerance in ("ovality_2", "ovality_3", "pin_tangential")]
         assert not any(candidate.closes for candidate in idle)
 
 
 def test_a_wider_tolerance_widens_the_spread(study, population):
     wider = with_tolerance(study, "disk_profile", lower_um=-6.0, upper_um=10.0)
-    found = {comparison.metric: comparison for comparison in compared(units_of(wider), population.metrics)}
-    assert found[WIDTH].spread_ratio.ci_low > 1.5
-    assert found[WIDTH].tests[2].p_value < 0.05
-    probability, ours, theirs = found[WIDTH].quantiles.T
-    assert np.ptp(theirs) > 1.5 * np.ptp(ours)
+    comparisons = {comparison.metric: comparison for comparison in compared(units_of(wider), population.metrics)}
+    assert comparisons[WIDTH].spread_ratio.ci_low > 1.5
+    assert comparisons[WIDTH].tests[2].p_value < 0.05
+    probability, model_value, reference_value = comparisons[WIDTH].quantiles.T
+    assert np.ptp(reference_value) > 1.5 * np.ptp(model_value)
     assert np.all(np.diff(probability) > 0)
 
 
 def test_units_measured_at_a_crank_angle_are_compared_there(study, population):
     units = units_of(study).drop(columns=[LOST, RIGIDITY]).assign(crank_deg=90.0)
-    (found,) = compared(units, population.metrics)
-    assert found.crank_deg == 90.0
-    assert abs(found.bias.value) < 0.03
+    (comparisons,) = compared(units, population.metrics)
+    assert comparisons.crank_deg == 90.0
+    assert abs(comparisons.bias.value) < 0.03
     with pytest.raises(InputError, match="the study has 0, 90"):
         compared(units.assign(crank_deg=45.0), population.metrics)
 
@@ -198,12 +201,12 @@ def test_a_failed_sample_counts_nowhere(population):
 
 def test_two_units_have_a_bias_and_no_test(population):
     units = pd.DataFrame({"unit": ["a", "b"], WIDTH: [0.9, 1.0], LOST: [1.2, np.nan]})
-    width, lost = compared(units, population.metrics)
+    width, lost_motion = compared(units, population.metrics)
     assert np.isfinite(width.bias.ci_high)
     assert width.tests == ()
     assert np.isnan(width.spread_ratio.value)
-    assert lost.bias.ci_high == np.inf
-    assert dataclasses.is_dataclass(closing([width, lost], population))
+    assert lost_motion.bias.ci_high == np.inf
+    assert dataclasses.is_dataclass(closing([width, lost_motion], population))
 
 
 def test_units_csv_with_empty_values(tmp_path):
@@ -215,9 +218,9 @@ def test_units_csv_with_empty_values(tmp_path):
 def test_problems_of_units_csv_come_at_once(tmp_path):
     path = tmp_path / "units.csv"
     path.write_text("unit,zero_torque_with_arcmin,lost_motion_arcmin\na,1,2\na,1,-2\nb,1,x\n")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         load_population(path)
-    lines = "\n".join(caught.value.problems)
+    lines = "\n".join(error.value.problems)
     assert "did you mean 'zero_torque_width_arcmin'" in lines
     assert "units.csv:3: lost_motion_arcmin = -2" in lines
     assert "units.csv:4: lost_motion_arcmin = x" in lines
@@ -235,6 +238,6 @@ def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, popu
         read_population_run(run, study)
     metrics = metrics_of(mean_deviations({name: pd.DataFrame(columns) for name, columns in tables.items()}))
     metrics.to_parquet(run / "aggregate/metrics.parquet")
-    found = read_population_run(run, study)
-    assert found.metrics["sample"].min() == 1
-    pd.testing.assert_frame_equal(found.deviations, population.deviations.loc[1:20], check_index_type=False)
+    result = read_population_run(run, study)
+    assert result.metrics["sample"].min() == 1
+    pd.testing.assert_frame_equal(result.deviations, population.deviations.loc[1:20], check_index_type=False)

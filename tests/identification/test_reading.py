@@ -24,22 +24,22 @@ def test_standard_files_are_read_in_time_order_by_position(tmp_path):
     table = measured(positions=(180.0, 0.0)).assign(note="a")
     _, rows = rows_of(write_unit(tmp_path / "u", {"rows.csv": table}))
     assert rows.cranks.tolist() == [0.0, 180.0]
-    later = table["crank_deg"] == 0.0
-    expected = pd.concat([table[later], table[~later]])
+    is_later = table["crank_deg"] == 0.0
+    expected = pd.concat([table[is_later], table[~is_later]])
     np.testing.assert_array_equal(rows.torque, expected["torque_Nm"])
     np.testing.assert_array_equal(rows.angle, expected["angle_arcmin"])
     np.testing.assert_array_equal(rows.line, expected.index + 2)
     assert rows.time is rows.temperature is rows.command is None
     assert list(rows.extra) == ["note"]
-    assert rows.where(np.arange(len(rows)) == 0) == (f"rows.csv:{later.idxmax() + 2}",)
+    assert rows.where(np.arange(len(rows)) == 0) == (f"rows.csv:{is_later.idxmax() + 2}",)
 
 
 def test_gzip_gives_the_same_rows(tmp_path):
-    _, plain = rows_of(write_unit(tmp_path / "a"))
+    _, reference = rows_of(write_unit(tmp_path / "a"))
     folder = write_unit(tmp_path / "b", {})
     (folder / "rows.csv.gz").write_bytes(gzip.compress((tmp_path / "a/rows.csv").read_bytes()))
     _, packed = rows_of(folder)
-    np.testing.assert_array_equal(packed.angle, plain.angle)
+    np.testing.assert_array_equal(packed.angle, reference.angle)
 
 
 FOREIGN = (
@@ -108,10 +108,10 @@ def test_a_wrong_cell_is_nan_and_spares_the_others(tmp_path):
 
 def test_settings_that_the_files_contradict_are_reported_together(tmp_path):
     text = UNIT + "".join(f'[[files]]\npath = "rows.csv"\nwhere = {{ {w} }}\n' for w in ("cycel = [1]", "cycle = [9]"))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         rows_of(write_unit(tmp_path / "u", text=text))
-    assert "did you mean 'cycle'" in caught.value.problems[0]
-    assert "no row that its where selects" in caught.value.problems[1]
+    assert "did you mean 'cycle'" in error.value.problems[0]
+    assert "no row that its where selects" in error.value.problems[1]
 
 
 def test_a_missing_column_is_kept_for_the_faults(tmp_path):

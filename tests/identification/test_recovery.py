@@ -52,16 +52,16 @@ def test_every_effect_has_a_case():
     "name", [pytest.param(name, marks=pytest.mark.attack) if name in LONG else name for name in CASES]
 )
 def test_an_effect_is_found_again(name, tmp_path, condensed):
-    values, bench, within = CASES[name]
+    values, bench, tolerance_range = CASES[name]
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
     fitter = Fitter(problem)
     selector = Selector(fitter, np.ones(len(problem.data), bool))
     selector.testable = {name: selector.testable[name]}
-    everything = np.ones(len(problem.data), bool)
-    base = fitter.fit(Model(), everything, fitter.start(Model()))
-    promises = selector.screen(everything, base)
+    all_cells = np.ones(len(problem.data), bool)
+    base = fitter.fit(Model(), all_cells, fitter.start(Model()))
+    promises = selector.screen(all_cells, base)
     assert promises[name].misfit < HOPELESS
-    (fit,) = selector.fits(base, everything, promises, 1)
+    (fit,) = selector.fits(base, all_cells, promises, 1)
     assert fit.sound
     assert np.sqrt(np.mean(((problem.data.angle - fit.predicted) / problem.data.sigma) ** 2)) < 1.2
-    np.testing.assert_allclose(fit.values, values, rtol=within)
+    np.testing.assert_allclose(fit.values, values, rtol=tolerance_range)

@@ -12,9 +12,9 @@ BRANCHES, CELLS = 2, 2 * TORQUE_BINS
 def unit(residual):
     """Data whose angles are ``residual(position, torque share, sense)``; falling and rising branches alternate."""
     data = linear_data(positions=3, cycles=2, branches=BRANCHES, cells=CELLS)
-    along = np.tile(np.linspace(-1, 1, CELLS), len(data) // CELLS)
+    arc = np.tile(np.linspace(-1, 1, CELLS), len(data) // CELLS)
     sense = np.where(data.block % 2 == 0, 1.0, -1.0)
-    data.torque[:] = along * sense
+    data.torque[:] = arc * sense
     data.angle[:] = residual(data.position, data.torque, sense)
     return data, sense
 
@@ -28,15 +28,15 @@ def test_parts_of_a_residual_are_found_again():
     data, _ = unit(
         lambda position, torque, sense: 3.0 * sense + np.array([1.0, -1.0, 0.0])[position] * sense + position
     )
-    found = remainder(data, np.zeros(len(data)), np.ones(len(data), bool), 2.0, 8.0)
-    assert found.removed == 0.75
-    assert found.common_arcmin == pytest.approx(3.0)
-    assert found.by_position_arcmin == pytest.approx(1.0)  # of a position, from the population's mean
-    assert found.rms_arcmin == pytest.approx(np.sqrt(9 + 2 / 3))
+    remainder_found = remainder(data, np.zeros(len(data)), np.ones(len(data), bool), 2.0, 8.0)
+    assert remainder_found.removed == 0.75
+    assert remainder_found.common_arcmin == pytest.approx(3.0)
+    assert remainder_found.by_position_arcmin == pytest.approx(1.0)  # of a position, from the population's mean
+    assert remainder_found.rms_arcmin == pytest.approx(np.sqrt(9 + 2 / 3))
 
 
 def test_one_position_has_no_scatter_between_positions():
     data, _ = unit(lambda position, torque, sense: sense)
-    found = remainder(data, np.zeros(len(data)), data.position == 0, 2.0, 8.0)
-    assert np.isnan(found.by_position_arcmin)
-    assert found.common_arcmin == pytest.approx(1.0)
+    remainder_found = remainder(data, np.zeros(len(data)), data.position == 0, 2.0, 8.0)
+    assert np.isnan(remainder_found.by_position_arcmin)
+    assert remainder_found.common_arcmin == pytest.approx(1.0)

@@ -83,18 +83,18 @@ def simulated(positions: int = 3, cycles: int = 3, noise: float = 0.01, seed: in
         ("half", 0.2, "branch_half_difference", _friction),
         ("growth", 0.02, "branch_growth", _friction),
         ("play", 0.3, "play", _play),
-        ("slope", 0.05, "compliance", lambda at: [_rigidity(at)]),
-        ("crank", 0.3, "crank_1_cosine", lambda at: _over_the_crank(at, 3)),
+        ("slope", 0.05, "compliance", lambda cells: [_rigidity(cells)]),
+        ("crank", 0.3, "crank_1_cosine", lambda cells: _over_the_crank(cells, 3)),
         ("cycle", 0.1, "play_per_cycle", _over_time),
     ],
 )
 def test_a_signature_is_the_part_that_was_put_in(part: str, value: float, name: str, read) -> None:
-    (found,) = [one for one in read(simulated(**{part: value})) if one.name == name]
-    assert found.ci_low < value < found.ci_high
-    assert abs(found.value - value) < 0.1 * value
-    assert found.significant
-    (nothing,) = [one for one in read(simulated()) if one.name == name]
-    assert abs(nothing.value) < 0.1 * value
+    (signature,) = [item for item in read(simulated(**{part: value})) if item.name == name]
+    assert signature.ci_low < value < signature.ci_high
+    assert abs(signature.value - value) < 0.1 * value
+    assert signature.significant
+    (no_effect,) = [item for item in read(simulated()) if item.name == name]
+    assert abs(no_effect.value) < 0.1 * value
 
 
 def test_the_strongest_period_over_the_output_angle_is_found() -> None:
@@ -106,17 +106,17 @@ def test_the_strongest_period_over_the_output_angle_is_found() -> None:
 
 def test_false_alarms_of_the_signatures_keep_their_level() -> None:
     alarms = [
-        one.significant
+        item.significant
         for seed in range(20)
         for read in (_friction, _play, _over_time)
-        for one in read(simulated(seed=seed))
-        if not one.why_not
+        for item in read(simulated(seed=seed))
+        if not item.why_not
     ]
     assert np.mean(alarms) < 0.12
 
 
 def test_harmonics_that_the_positions_do_not_determine_are_named() -> None:
-    reasons = {one.name: one.why_not for one in _over_the_crank(simulated(), 3)}
+    reasons = {item.name: item.why_not for item in _over_the_crank(simulated(), 3)}
     assert reasons["crank_1_sine"] == ""
     assert reasons["crank_2_cosine"] == "needs 5 crank positions, has 3"
     assert reasons["crank_3_cosine"] == "needs 7 crank positions, has 3"
@@ -158,8 +158,8 @@ def test_the_friction_that_was_put_in_is_named_with_its_size_and_written_into_th
     assert verdict["named"] == ["coulomb"]
     (parameter,) = verdict["parameters"]
     assert parameter["value"] == pytest.approx(FRICTION, rel=0.05)
-    written = load_study(folder / f"corrected-{EXAMPLE}.toml", ROOT).design.effects
-    assert written["coulomb"]["torque_Nm"] == pytest.approx(parameter["value"], rel=1e-5)
+    written_file = load_study(folder / f"corrected-{EXAMPLE}.toml", ROOT).design.effects
+    assert written_file["coulomb"]["torque_Nm"] == pytest.approx(parameter["value"], rel=1e-5)
 
 
 def test_the_folder_holds_what_the_contract_says(folder: Path) -> None:
@@ -189,8 +189,10 @@ def test_residuals_and_errors_are_those_of_the_table(folder: Path) -> None:
         assert error["rms_arcmin"] == pytest.approx(float(np.sqrt(np.average(residual**2, weights=cells["rows"]))))
         assert error["by_crank_deg"].keys() == {str(crank) for crank in CRANKS}
         for crank, rms in error["by_crank_deg"].items():
-            mine = cells["crank_deg"] == float(crank)
-            assert rms == pytest.approx(float(np.sqrt(np.average(residual[mine] ** 2, weights=cells["rows"][mine]))))
+            of_crank = cells["crank_deg"] == float(crank)
+            assert rms == pytest.approx(
+                float(np.sqrt(np.average(residual[of_crank] ** 2, weights=cells["rows"][of_crank])))
+            )
         assert error["max_arcmin"] == pytest.approx(float(residual.abs().max()))
     errors = {stage: error["rms_arcmin"] for stage, error in verdict["held_out_errors"].items()}
     assert errors["after"] < errors["recalibrated"]
@@ -200,17 +202,19 @@ def test_the_written_study_lies_on_the_data_as_the_page_says(folder: Path) -> No
     """Its friction and numbers come from the files alone; at equal torque it leaves little more than the fits."""
     verdict = json.loads((folder / "verdict.json").read_text())
     cells = pd.read_parquet(folder / "residual.parquet")
-    left = cells["angle_arcmin"] - cells["written_arcmin"]
-    rms = np.sqrt(np.average(left**2, weights=cells["rows"]))
+    residuals = cells["angle_arcmin"] - cells["written_arcmin"]
+    rms = np.sqrt(np.average(residuals**2, weights=cells["rows"]))
     assert verdict["written"] == {"study": f"corrected-{EXAMPLE}.toml", "rms_arcmin": pytest.approx(rms, rel=1e-9)}
     assert rms < 0.25 * verdict["held_out_errors"]["recalibrated"]["rms_arcmin"]
     assert f"leaves {rms:.4f} arcmin" in (folder / "report.html").read_text().replace("\u00a0", " ")
 
 
 def test_a_unit_that_is_mostly_explained_says_what_is_left_of_it() -> None:
-    rest = Remainder(3.0, 0.85, 22.0, 14.0, 18.0, 2.0)
+    remainder = Remainder(3.0, 0.85, 22.0, 14.0, 18.0, 2.0)
     baselines = {"replay": AngleError(25.0, 90.0, {}, 12.0, 1.0, 10), "line": AngleError(19.0, 90.0, {}, 9.0, 1.0, 10)}
-    cards = remainder_cards(SimpleNamespace(remainder=rest, baselines=baselines, verdict=Verdict("mostly explained")))
+    cards = remainder_cards(
+        SimpleNamespace(remainder=remainder, baselines=baselines, verdict=Verdict("mostly explained"))
+    )
     assert [card[1] for card in cards] == ["85%", "22.0", "14.0", "18.0", "19.0"]
     assert "noise floor of 2.00 arcmin" in cards[1][3]
     assert cards[-1][3] == "line"
@@ -233,11 +237,13 @@ def test_the_corrected_study_runs_the_written_model(folder: Path) -> None:
     assert study.cycle.crank_deg == CRANKS
     assert study.design.effects == design.get("effects", {})
     verdict = json.loads((folder / "verdict.json").read_text())
-    own = load_study("quick", ROOT).design
+    original = load_study("quick", ROOT).design
     for key, factor in verdict["calibrated"].items():
         section, name = key.split(".")
-        before, after = (getattr(getattr(one, section), name) for one in (own, study.design))
-        assert after == pytest.approx(factor * before, rel=1e-5)
+        section_before, section_after = (
+            getattr(getattr(variant, section), name) for variant in (original, study.design)
+        )
+        assert section_after == pytest.approx(factor * section_before, rel=1e-5)
         assert EXAMPLE in study.design.provenance[key].reason
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(settings, "RUNS", folder.parent.parent)

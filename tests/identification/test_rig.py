@@ -17,13 +17,13 @@ def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
     state = tmp_path / "data" / "loose"
     state.mkdir(parents=True)
     torque = path_of([0.0, 20.0, -20.0, 0.0], 50 * EVERY)
-    for number, turned in ((1, 0.01), (5, 0.01), (6, 0.02)):
-        rows = pd.DataFrame({"TIME": np.arange(len(torque)) / 100, "POSITION": turned + 1e-4 * torque})
+    for number, rotation in ((1, 0.01), (5, 0.01), (6, 0.02)):
+        rows = pd.DataFrame({"TIME": np.arange(len(torque)) / 100, "POSITION": rotation + 1e-4 * torque})
         rows = rows.assign(TORQUE=torque, CONTROL_TORQUE=torque)
         ramps = [rows.assign(test_nr=ramp) for ramp in (0, 100, 101)]
         pd.concat(ramps).to_csv(state / f"position{number}.csv.gz", index=False)
-    (found,) = states_of([tmp_path / "data"])
-    measurement = Measurement.read(load_measured_unit(write_unit(found, tmp_path / "unit"), ROOT))
+    (result,) = states_of([tmp_path / "data"])
+    measurement = Measurement.read(load_measured_unit(write_unit(result, tmp_path / "unit"), ROOT))
     assert measurement.rows.cranks.tolist() == [47.0, 48.0, 94.0]  # 0.01 turns of 13 crank turns; one taken
     assert set(measurement.rows.cycle.tolist()) == {0, 1}
     assert measurement.unit.settings.held_out.train == (47.0,)
@@ -33,13 +33,13 @@ def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
 
 
 def test_the_table_has_the_best_description_and_medians(tmp_path):
-    for name, described, after in (("a", {"rms_arcmin": 3.0}, 9.0), ("b", None, 5.0)):
+    for name, described, rms_after in (("a", {"rms_arcmin": 3.0}, 9.0), ("b", None, 5.0)):
         folder = tmp_path / name
         folder.mkdir()
         baselines = {"replay": {"rms_arcmin": 4.0}}
         content = {"verdict": "unexplained", "named": [], "described": described, "baselines": baselines}
-        content |= {"held_out_errors": {"after": {"rms_arcmin": after}}}
+        content |= {"held_out_errors": {"after": {"rms_arcmin": rms_after}}}
         (folder / "verdict.json").write_text(json.dumps(content))
-    found = table([tmp_path / "a", tmp_path / "b"]).set_index("unit")
-    assert found["described"].tolist() == [3.0, 5.0, 4.0]
-    assert found.loc["median", "replay"] == 4.0
+    result = table([tmp_path / "a", tmp_path / "b"]).set_index("unit")
+    assert result["described"].tolist() == [3.0, 5.0, 4.0]
+    assert result.loc["median", "replay"] == 4.0

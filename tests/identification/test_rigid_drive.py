@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def reducer(name: str):
-    return next(one for one in catalogue(ROOT) if one.name == name)
+    return next(design_reducer for design_reducer in catalogue(ROOT) if design_reducer.name == name)
 
 
 def without_errors(study) -> Errors:
@@ -73,9 +73,9 @@ def test_two_simulators_of_one_rigid_drive_agree(name):
     loose = assembly.bearing_clearance(study.design, dimensions.bearing_clearance)
     model = drive_of(study, crank, None, assembly.errors(dimensions), loose)
     fine = backbone(model, torque_levels(60, 1.0))
-    loaded = np.abs(fine.torque) > 1e-3 * top
-    apart = (curve.at(fine.torque) - fine.angle[0])[loaded]
-    assert np.max(np.abs(apart)) < 5e-3 * np.ptp(fine.angle)
+    is_loaded = np.abs(fine.torque) > 1e-3 * top
+    distance = (curve.at(fine.torque) - fine.angle[0])[is_loaded]
+    assert np.max(np.abs(distance)) < 5e-3 * np.ptp(fine.angle)
 
 
 VALUES = {
@@ -111,8 +111,8 @@ def twins():
     ramp = bench.ramps[0]
     warm = replace(ramp, temperature=20.0 + 6.0 * np.arange(ramp.n_cycles))
     bench = replace(bench, cranks=bench.cranks[:1], ramps=(warm,), offset=bench.offset[:1])
-    sampled, none = draw(study, 3, 4), no_compliance(study, bench.cranks)
-    return rigid_unit(study, sampled, bench), true_unit(study, (), (), assembly.errors(sampled), 0.0, none, bench)
+    sampled, no_effect = draw(study, 3, 4), no_compliance(study, bench.cranks)
+    return rigid_unit(study, sampled, bench), true_unit(study, (), (), assembly.errors(sampled), 0.0, no_effect, bench)
 
 
 OFTEN = ("load_friction", "pin_circle_error", "preload", "creep")
@@ -125,13 +125,13 @@ def test_an_effect_is_the_same_in_both(twins, name):
     """The change of the curves, each written from the effect's description alone."""
     changes = []
     for unit in twins:
-        plain, there = unit.angles(), unit.angles([candidates()[name]], VALUES[name])
-        apart = [with_it - without for with_it, without in zip(there, plain, strict=True)]
-        changes.append(np.concatenate([rows - rows.mean() for rows in apart]))
-    ours, models = changes
+        reference, remote = unit.angles(), unit.angles([candidates()[name]], VALUES[name])
+        distance = [with_it - without_effect for with_it, without_effect in zip(remote, reference, strict=True)]
+        changes.append(np.concatenate([rows - rows.mean() for rows in distance]))
+    model_value, models = changes
     assert np.std(models) > 0.02
     # cells within the play's jump differ by where the jump is; the rest by the forms of the two
-    assert np.sqrt(np.median((ours - models) ** 2)) < 0.03 * np.std(models)
+    assert np.sqrt(np.median((model_value - models) ** 2)) < 0.03 * np.std(models)
 
 
 def test_every_effect_has_a_comparison():
@@ -154,26 +154,26 @@ def test_friction_keeps_what_its_limits_say():
     """After a rise to T and a fall by less than twice the friction the torque carried stays; then it lags by it."""
     train, torque = Train(friction=100.0, load_friction=0.1), np.array([1000.0, 900.0, 750.0, 400.0, -1000.0])
     straight = Curve(np.linspace(-2e3, 2e3, 40), np.linspace(-2e-3, 2e-3, 40))
-    angle, carried = train.walked(straight, torque)
-    assert carried == pytest.approx([900 / 1.1, 900 / 1.1, 900 / 1.1, 500 / 0.9, -900 / 1.1])
-    assert angle == pytest.approx(1e-6 * carried)
+    angle, carried_torque = train.walked(straight, torque)
+    assert carried_torque == pytest.approx([900 / 1.1, 900 / 1.1, 900 / 1.1, 500 / 0.9, -900 / 1.1])
+    assert angle == pytest.approx(1e-6 * carried_torque)
 
 
 def test_what_its_bench_reads_has_the_noise_that_is_asked_for():
     read = readings(np.linspace(0.0, 40.0, 20000), 0.2, 0.05, np.random.default_rng(3))
-    off = read - np.linspace(0.0, 40.0, 20000)
+    offset = read - np.linspace(0.0, 40.0, 20000)
     assert read / 0.05 == pytest.approx(np.round(read / 0.05))
-    assert np.std(off) == pytest.approx(np.hypot(0.2, 0.05 / np.sqrt(12)), rel=0.05)
-    alone = off - off.mean()
-    assert np.mean(alone[1:] * alone[:-1]) > 0.3 * SLOW_SHARE**2 * 0.2**2  # neighbours are alike
+    assert np.std(offset) == pytest.approx(np.hypot(0.2, 0.05 / np.sqrt(12)), rel=0.05)
+    centred_offset = offset - offset.mean()
+    assert np.mean(centred_offset[1:] * centred_offset[:-1]) > 0.3 * SLOW_SHARE**2 * 0.2**2  # neighbours are alike
 
 
 def test_its_tolerances_lie_within_the_limits_of_the_study():
     study = reducer("holes_19").rigid_truth
-    drawn = [machined(study, draw(study, 1, 2), np.random.default_rng(seed)) for seed in range(30)]
+    draws = [machined(study, draw(study, 1, 2), np.random.default_rng(seed)) for seed in range(30)]
     for name in ("pin_radial", "pin_tangential", "disk_profile", "eccentricity"):
         tolerance = getattr(study.tolerances, name)
-        values = np.concatenate([np.ravel(getattr(one, name)) for one in drawn]) - tolerance.allowance_um
+        values = np.concatenate([np.ravel(getattr(variant, name)) for variant in draws]) - tolerance.allowance_um
         low, high = tolerance.limits_um
         assert low <= values.min() < low + 0.3 * (high - low)
         assert high - 0.3 * (high - low) < values.max() <= high

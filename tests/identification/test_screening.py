@@ -25,19 +25,19 @@ UNITS = {
 
 @pytest.mark.parametrize("name", UNITS)
 def test_the_effect_of_a_unit_promises_most_and_starts_near_the_truth(name, tmp_path, condensed):
-    values, bench, others = UNITS[name]
+    values, bench, remaining = UNITS[name]
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
-    fitter, everything = Fitter(problem), np.ones(len(problem.data), bool)
-    selector = Selector(fitter, everything)
-    selector.testable = {one: selector.testable[one] for one in (name, *others)}
-    base = fitter.fit(Model(), everything, fitter.start(Model()))
-    promises = selector.screen(everything, base)
+    fitter, all_cells = Fitter(problem), np.ones(len(problem.data), bool)
+    selector = Selector(fitter, all_cells)
+    selector.testable = {item: selector.testable[item] for item in (name, *remaining)}
+    base = fitter.fit(Model(), all_cells, fitter.start(Model()))
+    promises = selector.screen(all_cells, base)
     start = mapped(problem.bounds(candidates()[name]), promises[name].starts[0].shares)
     assert np.linalg.norm(start - values) < 0.5 * np.linalg.norm(values)
     assert promises[name].misfit < 0.2
     # numbers at the ends of their plausible ranges leave others something too
-    least = min(promises[other].misfit for other in others)
-    assert least > max(0.6, 15 * promises[name].misfit)
+    minimum = min(promises[name_left].misfit for name_left in remaining)
+    assert minimum > max(0.6, 15 * promises[name].misfit)
 
 
 SCALE, EFFECT = 0.2, candidates()["coulomb"]
@@ -51,9 +51,9 @@ def looked(share, confused=0.6, seed=0):
     design[:, 1] = confused * design[:, 0] + np.sqrt(1 - confused**2) * design[:, 1]
     angle = design @ [SCALE, share] + 4.0 * data.position + 0.1 * rng.normal(size=len(data))
     fitter = LinearFitter(replace(data, angle=angle), design, (SPREAD,))
-    everything = np.ones(len(data), bool)
-    base = fitter.fit(model_of(0), everything, fitter.start(model_of(0)))
-    return fitter, Screening(fitter, everything, base, data.sigma), base
+    all_cells = np.ones(len(data), bool)
+    base = fitter.fit(model_of(0), all_cells, fitter.start(model_of(0)))
+    return fitter, Screening(fitter, all_cells, base, data.sigma), base
 
 
 def least(fitter, columns):
@@ -94,8 +94,10 @@ def test_effects_without_an_equilibrium_promise_nothing_at_all():
     fitter, look, base = looked(0.3)
     cells = np.ones(len(fitter.problem.data), bool)
     assert screened(fitter, cells, [base], [EFFECT]).keys() == {EFFECT.name}
-    plain = fitter.predict
-    fitter.predict = lambda model, *more, **named: plain(model, *more, **named)._replace(sound=model.n_effects == 0)
+    base_prediction = fitter.predict
+    fitter.predict = lambda model, *increment, **options: base_prediction(model, *increment, **options)._replace(
+        sound=model.n_effects == 0
+    )
     assert look.starts(EFFECT) == []
     assert screened(fitter, cells, [base], [EFFECT]) == {}
 
@@ -103,16 +105,16 @@ def test_effects_without_an_equilibrium_promise_nothing_at_all():
 def test_promises_beside_several_bases_are_shares_of_the_first():
     fitter, _, base = looked(0.3)
     cells = np.ones(len(fitter.problem.data), bool)
-    far = fitter.fit(base.model, cells, replace(base.unknowns, scales=np.array([1.5])), 0)
-    stiff = replace(far, jacobian=0.0 * base.jacobian, sigma=base.sigma)  # cannot move back: it leaves more
-    (alone,) = screened(fitter, cells, [base], [EFFECT]).values()
+    distant = fitter.fit(base.model, cells, replace(base.unknowns, scales=np.array([1.5])), 0)
+    stiff = replace(distant, jacobian=0.0 * base.jacobian, sigma=base.sigma)  # cannot move back: it leaves more
+    (isolated,) = screened(fitter, cells, [base], [EFFECT]).values()
     (worst,) = screened(fitter, cells, [stiff], [EFFECT]).values()
-    (both,) = screened(fitter, cells, [stiff, base], [EFFECT]).values()
-    left = [Screening(fitter, cells, one, base.sigma).nothing for one in (base, stiff)]
-    assert left[1] > 1.01 * left[0]
-    assert both.misfit < worst.misfit
-    assert both.misfit == pytest.approx(alone.misfit * left[0] / left[1])
-    np.testing.assert_array_equal(both.starts[0].flat, alone.starts[0].flat)
-    lost = replace(base, cost=np.inf)
-    (again,) = screened(fitter, cells, [base, lost], [EFFECT]).values()
-    assert again.misfit == alone.misfit
+    (pair,) = screened(fitter, cells, [stiff, base], [EFFECT]).values()
+    residuals = [Screening(fitter, cells, item, base.sigma).nothing for item in (base, stiff)]
+    assert residuals[1] > 1.01 * residuals[0]
+    assert pair.misfit < worst.misfit
+    assert pair.misfit == pytest.approx(isolated.misfit * residuals[0] / residuals[1])
+    np.testing.assert_array_equal(pair.starts[0].flat, isolated.starts[0].flat)
+    lost_motion = replace(base, cost=np.inf)
+    (repeat,) = screened(fitter, cells, [base, lost_motion], [EFFECT]).values()
+    assert repeat.misfit == isolated.misfit

@@ -26,36 +26,36 @@ LUCK = np.where(np.arange(BRANCHES * CYCLES) < 2, 10.0, 0.0)
 """Losses of two blocks: a model without them gains by chance."""
 
 
-def selector(cycles=CYCLES, most_effects=4, tolerated=(), refused=MappingProxyType({})):
+def selector(cycles=CYCLES, most_effects=4, tolerated=(), refusal=MappingProxyType({})):
     """A selector that is asked to judge only."""
     data = SimpleNamespace(block=BLOCK, branch=BLOCK // cycles, sigma=np.full(len(BLOCK), SIGMA))
-    made = Selector.__new__(Selector)
-    made.problem = SimpleNamespace(data=data, within_tolerance=lambda model, _: model.name in tolerated)
-    made.most_effects = most_effects
-    made.testable = dict(candidates())
-    made.why_no_claim = lambda tried, *_: refused.get(tried.fit.model.name, "")
-    return made
+    selector_made = Selector.__new__(Selector)
+    selector_made.problem = SimpleNamespace(data=data, within_tolerance=lambda model, _: model.name in tolerated)
+    selector_made.most_effects = most_effects
+    selector_made.testable = dict(candidates())
+    selector_made.why_no_claim = lambda candidate, *_: refusal.get(candidate.fit.model.name, "")
+    return selector_made
 
 
-def trial(name, losses, apart=0.0):
-    """Trial of a model by its name, its predictions ``apart`` sigmas from zero."""
+def trial(name, losses, distance=0.0):
+    """Trial of a model by its name, its predictions ``distance`` sigmas from zero."""
     model = Model(tuple(candidates()[part] for part in name.split("+") if part))
     shares = np.linspace(0.1, 0.9, model.n_parameters)
-    predicted = np.full(len(BLOCK), apart * SIGMA)
+    predicted = np.full(len(BLOCK), distance * SIGMA)
     unknowns = Vector(np.zeros(0), shares, np.zeros(0))
     fit = Fit(model, unknowns, shares, predicted, 0.0, np.zeros((len(BLOCK), 0)), np.full(len(BLOCK), SIGMA), True)
     return Trial(fit, np.broadcast_to(losses, BRANCHES * CYCLES).astype(float))
 
 
-def trials_of(losses, apart=None):
-    return {name: trial(name, values, (apart or {}).get(name, 0.0)) for name, values in losses.items()}
+def trials_of(losses, distance=None):
+    return {name: trial(name, values, (distance or {}).get(name, 0.0)) for name, values in losses.items()}
 
 
-def best_of(losses, **more):
+def best_of(losses, **options):
     trials = trials_of(losses)
     survivors = sorted(trials, key=lambda name: trials[name].scores.mean())
-    made = selector(**more)
-    return made._best(survivors, trials, made.most_effects)
+    selector_made = selector(**options)
+    return selector_made._best(survivors, trials, selector_made.most_effects)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_the_simpler_of_nested_effects_wins_beside_another_effect_too():
 
 
 @pytest.mark.parametrize(
-    ("alone", "gain", "count"),
+    ("isolated", "gain", "count"),
     [
         (2.0, 0.9 * LEAST_GAIN, 1),
         (2.0, 1.1 * LEAST_GAIN, 2),
@@ -86,21 +86,21 @@ def test_the_simpler_of_nested_effects_wins_beside_another_effect_too():
         (10.0, 1.1 * LEAST_SHARE * 10, 2),
     ],
 )
-def test_more_effects_are_taken_only_for_a_gain_of_use(alone, gain, count):
-    best = best_of({"coulomb": alone, "coulomb+preload": alone - gain + 1e-6 * RIPPLED})
+def test_more_effects_are_taken_only_for_a_gain_of_use(isolated, gain, count):
+    best = best_of({"coulomb": isolated, "coulomb+preload": isolated - gain + 1e-6 * RIPPLED})
     assert len(best.split("+")) == count
 
 
 def test_more_effects_are_named_only_for_a_gain_that_is_not_by_chance():
     chance = 2.6
     assert best_of({"coulomb": 2.5 + LUCK, "coulomb+preload": chance}) == "coulomb"
-    three = {"coulomb": 9.0 + LUCK, "coulomb+preload": 2.5 + LUCK, "coulomb+flank_wear+preload": chance}
-    assert best_of(three) == "coulomb+flank_wear+preload"  # describes, claims nothing
-    assert best_of(three, most_effects=2) == "coulomb+preload"
+    three_effects = {"coulomb": 9.0 + LUCK, "coulomb+preload": 2.5 + LUCK, "coulomb+flank_wear+preload": chance}
+    assert best_of(three_effects) == "coulomb+flank_wear+preload"  # describes, claims nothing
+    assert best_of(three_effects, most_effects=2) == "coulomb+preload"
 
 
-def judged(base, losses, **more):
-    return selector(**more).judged(trial("", base), trials_of(losses), {}, EVERYTHING)
+def judged(base, losses, **options):
+    return selector(**options).judged(trial("", base), trials_of(losses), {}, EVERYTHING)
 
 
 def test_survivors_gain_significantly_and_as_much_as_is_of_use():
@@ -111,42 +111,42 @@ def test_survivors_gain_significantly_and_as_much_as_is_of_use():
         "pin_radius_error": 0.9 + 1e-3 * RIPPLED,
     }
     base = 4.0 + LUCK
-    found = judged(base, losses, tolerated=("pin_radius_error",))
-    assert found.survivors == ("coulomb",)
-    assert found.best == "coulomb"
-    assert found.members == ("coulomb",)
-    assert max(found.p["coulomb"], found.p["preload"]) <= FAMILYWISE < found.p["seat_compliance"]
-    assert found.base.rms**2 - found.trials["seat_compliance"].rms ** 2 > LEAST_GAIN
-    assert found.chosen is found.trials["coulomb"]
+    selection = judged(base, losses, tolerated=("pin_radius_error",))
+    assert selection.survivors == ("coulomb",)
+    assert selection.best == "coulomb"
+    assert selection.members == ("coulomb",)
+    assert max(selection.p["coulomb"], selection.p["preload"]) <= FAMILYWISE < selection.p["seat_compliance"]
+    assert selection.base.rms**2 - selection.trials["seat_compliance"].rms ** 2 > LEAST_GAIN
+    assert selection.chosen is selection.trials["coulomb"]
     assert judged(base, losses).best == "pin_radius_error"
 
 
 @pytest.mark.parametrize(("stretched", "best"), [(1.2, ""), (2.0, "coulomb")])
 def test_an_effect_must_beat_a_refit_a_little_outside_of_the_plausible_ranges(stretched, best):
     losses = trials_of({"coulomb": 1.0 + 1e-3 * RIPPLED})
-    found = selector().judged(trial("", 4.0), losses, {}, EVERYTHING, trial("", stretched))
-    assert found.best == best
-    assert found.stretched is not None
+    selection = selector().judged(trial("", 4.0), losses, {}, EVERYTHING, trial("", stretched))
+    assert selection.best == best
+    assert selection.stretched is not None
 
 
 def test_a_model_whose_parameters_support_no_claim_is_none_and_says_why():
     losses = {"coulomb": 1.0 + 1e-3 * RIPPLED, "preload": 1.0 + 0.8 * ALIKE + 1e-3 * RIPPLED}
-    before = judged(4.0, losses)
-    assert before.best == "coulomb"
-    found = selector(refused={"coulomb": "its interval reaches zero"}).supported(before, EVERYTHING)
-    assert found.best == found.claimed == "preload"
-    assert found.members == ("preload",)
-    assert found.unsupported == {"coulomb": "its interval reaches zero"}
+    selection_before = judged(4.0, losses)
+    assert selection_before.best == "coulomb"
+    selection = selector(refusal={"coulomb": "its interval reaches zero"}).supported(selection_before, EVERYTHING)
+    assert selection.best == selection.claimed == "preload"
+    assert selection.members == ("preload",)
+    assert selection.unsupported == {"coulomb": "its interval reaches zero"}
 
 
 def test_a_model_that_explains_less_is_not_named_for_want_of_numbers_of_the_best():
     losses = {"ovality_2": 1.0 + 1e-3 * RIPPLED, "preload": 1.5 + 1e-3 * RIPPLED}
-    refused = {"ovality_2": "the joint interval reaches zero"}
-    found = selector(refused=refused).supported(judged(4.0, losses), EVERYTHING)
-    assert (found.best, found.claimed, found.members) == ("", "", ())
+    refusal = {"ovality_2": "the joint interval reaches zero"}
+    selection = selector(refusal=refusal).supported(judged(4.0, losses), EVERYTHING)
+    assert (selection.best, selection.claimed, selection.members) == ("", "", ())
     part = {"ovality_2+preload": 1.0 + 1e-3 * RIPPLED, "preload": 3.0 + 1e-3 * RIPPLED}
-    refused = {"ovality_2+preload": "the joint interval reaches zero"}
-    assert selector(refused=refused).supported(judged(9.0, part), EVERYTHING).best == "preload"
+    refusal = {"ovality_2+preload": "the joint interval reaches zero"}
+    assert selector(refusal=refusal).supported(judged(9.0, part), EVERYTHING).best == "preload"
 
 
 def test_nothing_is_chosen_where_the_base_explains_the_data():
@@ -157,37 +157,37 @@ def test_nothing_is_chosen_where_the_base_explains_the_data():
 
 @pytest.mark.parametrize("base", [2.0, 40.0])
 def test_what_may_be_left_grows_with_what_was_explained(base):
-    found = judged(base**2, {"coulomb": 1.0 + 1e-3 * RIPPLED})
-    assert found.limit == pytest.approx(np.sqrt(STRUCTURE**2 + (FORM * base) ** 2))
-    nothing = judged(base**2, {"coulomb": base**2})
-    assert nothing.limit == STRUCTURE
-    assert nothing.chosen is nothing.base
+    selection = judged(base**2, {"coulomb": 1.0 + 1e-3 * RIPPLED})
+    assert selection.limit == pytest.approx(np.sqrt(STRUCTURE**2 + (FORM * base) ** 2))
+    no_effect = judged(base**2, {"coulomb": base**2})
+    assert no_effect.limit == STRUCTURE
+    assert no_effect.chosen is no_effect.base
 
 
-def members_of(best, losses, apart=None, cycles=CYCLES):
-    trials = trials_of(losses, apart)
+def members_of(best, losses, distance=None, cycles=CYCLES):
+    trials = trials_of(losses, distance)
     survivors = sorted(trials, key=lambda name: trials[name].scores.mean())
     return set(selector(cycles)._members(best, survivors, trials, EVERYTHING))
 
 
 def in_confidence_set(losses, cycles=CYCLES):
     """Which of two are in the confidence set over blocks, or branches of some cycles."""
-    scores = np.column_stack([trial("", one).scores.reshape(-1, cycles).mean(axis=1) for one in losses])
+    scores = np.column_stack([trial("", item).scores.reshape(-1, cycles).mean(axis=1) for item in losses])
     return confidence_set(scores, SET_LEVEL, 2000, 0).tolist()
 
 
 def test_models_that_predict_alike_are_one_class_even_if_one_is_a_little_behind():
-    behind = 1.0 + 0.8 * ALIKE + 1e-3 * RIPPLED
-    assert in_confidence_set([1.0, behind]) == [True, False]
-    assert members_of("coulomb", {"coulomb": 1.0, "preload": behind}) == {"coulomb", "preload"}
-    assert members_of("coulomb", {"coulomb": 1.0, "preload": behind + 2 * ALIKE}) == {"coulomb"}
+    lobe_behind = 1.0 + 0.8 * ALIKE + 1e-3 * RIPPLED
+    assert in_confidence_set([1.0, lobe_behind]) == [True, False]
+    assert members_of("coulomb", {"coulomb": 1.0, "preload": lobe_behind}) == {"coulomb", "preload"}
+    assert members_of("coulomb", {"coulomb": 1.0, "preload": lobe_behind + 2 * ALIKE}) == {"coulomb"}
 
 
-@pytest.mark.parametrize(("apart", "together"), [(0.9, True), (1.1, False)])
-def test_models_that_predict_differently_are_told_apart(apart, together):
+@pytest.mark.parametrize(("separation", "combined"), [(0.9, True), (1.1, False)])
+def test_models_that_predict_differently_are_told_apart(separation, combined):
     losses = {"coulomb": 1.0, "preload": 1.0 + 1e-3 * RIPPLED}
-    found = members_of("coulomb", losses, {"preload": apart})
-    assert found == ({"coulomb", "preload"} if together else {"coulomb"})
+    result = members_of("coulomb", losses, {"preload": separation})
+    assert result == ({"coulomb", "preload"} if combined else {"coulomb"})
 
 
 def test_cycles_of_a_branch_are_no_further_evidence():
@@ -203,42 +203,42 @@ def test_cycles_of_a_branch_are_no_further_evidence():
 
 def with_twins(monkeypatch, best, losses):
     """What is selected once the twins of the best are fitted; those without a loss have no equilibrium."""
-    made = selector(tolerated=())
+    selector_made = selector(tolerated=())
 
     def fit(model, *_, **__):
-        found = losses.get(model.name)
-        return SimpleNamespace(model=model, cost=np.inf if found is None else found, sound=True, unknowns=None)
+        selection = losses.get(model.name)
+        return SimpleNamespace(model=model, cost=np.inf if selection is None else selection, sound=True, unknowns=None)
 
     def promised(fitter, cells, bases, effects):
         return {effect.name: Promise(0.5, (None,)) for effect in effects}
 
     monkeypatch.setattr(model_selection, "screened", promised)
-    made.fitter = SimpleNamespace(fit=fit, start=lambda model: None)
-    made.trial = lambda fit, _: trial(fit.model.name, losses[fit.model.name] + 1e-3 * RIPPLED)
+    selector_made.fitter = SimpleNamespace(fit=fit, start=lambda model: None)
+    selector_made.trial = lambda fit, _: trial(fit.model.name, losses[fit.model.name] + 1e-3 * RIPPLED)
     base = replace(trial("", 30.0), fit=SimpleNamespace(model=Model(), cost=30.0))
-    before = made.judged(base, {best: trial(best, losses[best] + 1e-3 * RIPPLED)}, {}, EVERYTHING)
-    assert before.members == (best,)
-    return made._with_twins(before, EVERYTHING)
+    selection_before = selector_made.judged(base, {best: trial(best, losses[best] + 1e-3 * RIPPLED)}, {}, EVERYTHING)
+    assert selection_before.members == (best,)
+    return selector_made._with_twins(selection_before, EVERYTHING)
 
 
 def test_twins_of_the_best_are_fitted_and_the_class_is_named(monkeypatch):
     losses = {"preload": 1.0, "pin_radius_error": 1.01, "pin_circle_error": 9.0}
-    found = with_twins(monkeypatch, "preload", losses)
-    assert found.trials.keys() == losses.keys()
-    assert set(found.members) == {"preload", "pin_radius_error"}
+    selection = with_twins(monkeypatch, "preload", losses)
+    assert selection.trials.keys() == losses.keys()
+    assert set(selection.members) == {"preload", "pin_radius_error"}
 
 
 def test_a_twin_may_be_better_and_twins_of_a_pair_stand_in_its_place(monkeypatch):
     losses = {"coulomb+preload": 3.0, "coulomb+pin_radius_error": 1.0, "contact_friction+preload": 4.0, "preload": 9.0}
     losses |= {"coulomb": 9.0}
-    found = with_twins(monkeypatch, "coulomb+preload", losses)
-    assert found.best == "coulomb+pin_radius_error"
-    assert {"contact_friction+preload", "coulomb+pin_radius_error"} < found.trials.keys()
+    selection = with_twins(monkeypatch, "coulomb+preload", losses)
+    assert selection.best == "coulomb+pin_radius_error"
+    assert {"contact_friction+preload", "coulomb+pin_radius_error"} < selection.trials.keys()
 
 
 def test_twins_are_what_either_of_two_effects_declares():
     for name in candidates():
-        assert all(name in twins(other) for other in twins(name))
+        assert all(name in twins(counterpart) for counterpart in twins(name))
     assert {"pin_radius_error", "pin_circle_error"} <= set(twins("preload"))
 
 
@@ -259,34 +259,36 @@ def test_only_models_of_as_many_effects_are_one_class():
 
 def test_best_is_tried_without_each_effect_and_with_the_simpler_one():
     """From where it stands: the fits start at its shares; what is known to be better is not replaced."""
-    made, starts = selector(), {}
+    selector_made, starts = selector(), {}
 
     def fit(model, _, start):
         starts[model.name] = start.shares
         return model.name
 
-    made.fitter = SimpleNamespace(fit=fit)
-    made.trial = lambda name, _: trial(name, 2.0)
+    selector_made.fitter = SimpleNamespace(fit=fit)
+    selector_made.trial = lambda name, _: trial(name, 2.0)
     trials = trials_of({"presliding+preload": 1.0, "preload": 1.5, "presliding": 3.0})
-    trials = {one.fit.model.name: one for one in trials.values()}
-    found = made._without(Selection(trial("", 9.0), trials, {}, {}, {}, (), "preload+presliding", "", ()), EVERYTHING)
+    trials = {item.fit.model.name: item for item in trials.values()}
+    result = selector_made._without(
+        Selection(trial("", 9.0), trials, {}, {}, {}, (), "preload+presliding", "", ()), EVERYTHING
+    )
     shares = trials["preload+presliding"].fit.unknowns.shares  # presliding's two, then preload's
     expected = {"presliding": shares[:2], "preload": shares[2:], "coulomb+preload": shares[[0, 2]]}
     assert starts.keys() == expected.keys()
     for name, values in expected.items():
         np.testing.assert_array_equal(starts[name], values)
-    assert found.keys() == {"presliding", "coulomb+preload"}
+    assert result.keys() == {"presliding", "coulomb+preload"}
 
 
-@pytest.mark.parametrize(("left", "fitted"), [(0.9, "abcdefg"), (0.09, "abcd"), (0.11, "abcdefg")])
-def test_the_best_four_are_always_fitted_and_others_that_promise_a_tenth_of_what_was_reached(left, fitted):
-    """The second reaches ``left``, far below what it promised; all promise about the base.s misfit."""
+@pytest.mark.parametrize(("residual", "fitted"), [(0.9, "abcdefg"), (0.09, "abcd"), (0.11, "abcdefg")])
+def test_the_best_four_are_always_fitted_and_others_that_promise_a_tenth_of_what_was_reached(residual, fitted):
+    """The second reaches ``residual``, far below what it promised; all promise about the base.s misfit."""
     promised = {"a": 0.92, "b": 0.93} | dict.fromkeys("cdefg", 0.95)
-    tried = []
+    candidate = []
 
     def fit(model, cells, start, *_, **__):
-        tried.append(model.effects[-1].name)
-        cost = 10.0 * left if tried[-1] == "b" else 10.0
+        candidate.append(model.effects[-1].name)
+        cost = 10.0 * residual if candidate[-1] == "b" else 10.0
         return SimpleNamespace(model=model, cost=cost, sound=True, unknowns=start)
 
     effects = {name: SimpleNamespace(name=name) for name in promised}
@@ -294,4 +296,4 @@ def test_the_best_four_are_always_fitted_and_others_that_promise_a_tenth_of_what
     promises = {name: Promise(misfit, (None,)) for name, misfit in promised.items()}
     base = SimpleNamespace(model=Model(), cost=10.0)
     Selector.fits(selector, base, np.ones(1, bool), promises, 3)
-    assert "".join(dict.fromkeys(tried)) == fitted
+    assert "".join(dict.fromkeys(candidate)) == fitted

@@ -28,12 +28,14 @@ def test_cells_of_more_rows_are_known_better_by_the_noise_of_their_rows(tmp_path
     bench = Bench(cycles=4, rows=200, noise=0.05)
     data = problem_of(make_unit(tmp_path / "u", {}, bench, condensed), condensed).data
     calm = np.abs(data.torque) > 3.0  # beyond the play, where the noise of the torque plays no part
-    many, few = calm & (data.count >= 12), calm & (data.count <= 8)
-    ratio = np.median(data.sigma[few] ** 2 * data.count[few]) / np.median(data.sigma[many] ** 2 * data.count[many])
-    assert many.sum() > 5
-    assert few.sum() > 5
+    many_rows, few_rows = calm & (data.count >= 12), calm & (data.count <= 8)
+    ratio = np.median(data.sigma[few_rows] ** 2 * data.count[few_rows]) / np.median(
+        data.sigma[many_rows] ** 2 * data.count[many_rows]
+    )
+    assert many_rows.sum() > 5
+    assert few_rows.sum() > 5
     assert 0.7 < ratio < 1.4
-    assert np.median(data.sigma[few]) > 1.2 * np.median(data.sigma[many])
+    assert np.median(data.sigma[few_rows]) > 1.2 * np.median(data.sigma[many_rows])
 
 
 def paced(folder, second=1.0, dwell=0.0):

@@ -11,9 +11,9 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def problems(folder):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         load_measured_unit(folder, ROOT)
-    return list(caught.value.problems)
+    return list(error.value.problems)
 
 
 def test_a_unit_has_the_tolerances_of_its_study_and_its_own_design(tmp_path):

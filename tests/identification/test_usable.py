@@ -44,8 +44,8 @@ def test_rows_within_four_deviations_of_no_torque_at_the_start_are_not_usable(tm
         expected[start : start + 3] = True  # 0, 0.15, 0.30, and not 0.45 N m
     np.testing.assert_array_equal(at_rest(measurement), expected)
     np.testing.assert_array_equal(measurement.usable, ~expected)
-    later = (np.abs(measurement.rows.torque) < START_NOISE * NOISE) & ~expected
-    assert later.sum() > 20  # passes through zero that stay
+    is_later = (np.abs(measurement.rows.torque) < START_NOISE * NOISE) & ~expected
+    assert is_later.sum() > 20  # passes through zero that stay
 
 
 def test_a_position_that_starts_loaded_loses_no_row(tmp_path):
@@ -66,9 +66,9 @@ def test_a_hold_before_the_load_is_left_out_by_the_scatter_of_its_torque(tmp_pat
     table = pd.DataFrame({"cycle": 0, "crank_deg": 0.0, "angle_arcmin": loop(torque)})
     table["torque_Nm"] = torque + 0.02 * rng.standard_normal(torque.size)
     measurement = read(tmp_path, table, UNIT)
-    found = np.flatnonzero(at_rest(measurement))
-    assert found.tolist() == list(range(len(found)))
-    assert hold <= len(found) <= hold + 3  # 0.08 N m are less than two steps of the ramp
+    result = np.flatnonzero(at_rest(measurement))
+    assert result.tolist() == list(range(len(result)))
+    assert hold <= len(result) <= hold + 3  # 0.08 N m are less than two steps of the ramp
 
 
 def test_without_noise_only_rows_of_no_torque_at_all_are_at_rest(tmp_path):

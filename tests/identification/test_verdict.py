@@ -66,11 +66,13 @@ class LinearFitter:
     def bounds(self, model):
         return [BOUNDS] * model.n_parameters
 
-    def penalty(self, like):
-        return np.concatenate([np.ones(len(like.scales)), np.zeros(len(like.shares)), np.ones(len(like.modes))])
+    def penalty(self, sample_like):
+        return np.concatenate(
+            [np.ones(len(sample_like.scales)), np.zeros(len(sample_like.shares)), np.ones(len(sample_like.modes))]
+        )
 
-    def centre(self, model, like):
-        return np.zeros(len(like.flat))
+    def centre(self, model, sample_like):
+        return np.zeros(len(sample_like.flat))
 
     def fit(self, model):
         """Least squares with the prior, as a ``Fit``."""
@@ -80,11 +82,11 @@ class LinearFitter:
         rows = np.vstack([jacobian / data.sigma[:, None], np.eye(1, k + 1)])
         start = np.full(k, -BOUNDS[0] / width)
         right = np.append(data.angle / data.sigma, 0.0)
-        found = np.linalg.lstsq(rows, right, rcond=None)[0]
-        shares = np.clip(start + found[1:], 0.0, 1.0)
-        predicted = jacobian @ np.append(found[:1], shares - start)
+        result = np.linalg.lstsq(rows, right, rcond=None)[0]
+        shares = np.clip(start + result[1:], 0.0, 1.0)
+        predicted = jacobian @ np.append(result[:1], shares - start)
         values = BOUNDS[0] + width * shares
-        vector = Vector(found[:1], shares, np.zeros(0))
+        vector = Vector(result[:1], shares, np.zeros(0))
         return Fit(model, vector, values, predicted, 0.0, jacobian, data.sigma, True)
 
 
@@ -102,10 +104,10 @@ def test_intervals_cover_the_truth_as_often_as_they_say(truth, monkeypatch):
     runs, covered, widths = 200, 0, []
     for seed in range(runs):
         fitter = fitter_at(truth, seed=seed)
-        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-        covered += found.ci_low <= truth <= found.ci_high
-        widths.append(found.ci_high - found.ci_low)
-        assert found.ci_low < found.value < found.ci_high
+        (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
+        covered += result.ci_low <= truth <= result.ci_high
+        widths.append(result.ci_high - result.ci_low)
+        assert result.ci_low < result.value < result.ci_high
     low, high = binom.ppf([1e-3, 1 - 1e-3], runs, 0.95)
     assert low - 4 <= covered <= high  # 24 blocks: a little narrow
     usual = 2 * 1.96 * 0.1 * np.sqrt(1.25 / (BLOCKS * CELLS))
@@ -119,9 +121,9 @@ def test_intervals_hold_what_a_calibrated_number_may_be(monkeypatch):
     for seed in range(runs):
         rng = np.random.default_rng(1000 + seed)
         fitter = LinearFitter(truth, 0.1, rng, confused=0.5, scale=rng.standard_normal())
-        (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-        covered += found.ci_low <= truth <= found.ci_high
-        widths.append(found.ci_high - found.ci_low)
+        (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
+        covered += result.ci_low <= truth <= result.ci_high
+        widths.append(result.ci_high - result.ci_low)
     low, high = binom.ppf([1e-3, 1 - 1e-3], runs, 0.95)
     assert low <= covered <= high
     assert np.median(widths) == pytest.approx(2 * 1.96 * 0.5, rel=0.15)
@@ -130,30 +132,30 @@ def test_intervals_hold_what_a_calibrated_number_may_be(monkeypatch):
 def test_intervals_hold_what_the_form_of_the_model_may_miss():
     fitter = fitter_at(2.0)
     fit = fitter.fit(COULOMB)
-    (plain,), (wide,) = intervals(fitter, fit, EVERYTHING, 0.0), intervals(fitter, fit, EVERYTHING, 8.0)
+    (reference,), (wide,) = intervals(fitter, fit, EVERYTHING, 0.0), intervals(fitter, fit, EVERYTHING, 8.0)
     rows = np.vstack([fit.jacobian / fit.sigma[:, None], np.eye(1, 2)])
     variance = np.linalg.inv(rows.T @ rows)[1, 1]
     form = norm.ppf(0.975) * FORM * 8.0 * np.sqrt(CELLS * variance) * (BOUNDS[1] - BOUNDS[0])
     assert np.sqrt(STRUCTURE**2 - 1) > FORM * 8.0  # beyond, most of it would be left in the residual
-    for near, far in ((plain.ci_low, wide.ci_low), (plain.ci_high, wide.ci_high)):
-        assert abs(far - plain.value) == pytest.approx(np.hypot(near - plain.value, form), rel=1e-6)
-    (far,), (further,) = intervals(fitter, fit, EVERYTHING, 50.0), intervals(fitter, fit, EVERYTHING, 500.0)
-    assert (far.ci_low, far.ci_high) == (further.ci_low, further.ci_high)
+    for neighbour, distant in ((reference.ci_low, wide.ci_low), (reference.ci_high, wide.ci_high)):
+        assert abs(distant - reference.value) == pytest.approx(np.hypot(neighbour - reference.value, form), rel=1e-6)
+    (distant,), (type_name,) = intervals(fitter, fit, EVERYTHING, 50.0), intervals(fitter, fit, EVERYTHING, 500.0)
+    assert (distant.ci_low, distant.ci_high) == (type_name.ci_low, type_name.ci_high)
 
 
 def test_intervals_hold_a_share_of_what_an_effect_is_itself():
     """The form of the model may scale an effect: however many cells there are, its number is no better known."""
     fitter = fitter_at(4.0, noise=1e-4)
-    (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-    assert found.ci_high - found.value == pytest.approx(norm.ppf(0.975) * FORM * 4.0, rel=0.02)
+    (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
+    assert result.ci_high - result.value == pytest.approx(norm.ppf(0.975) * FORM * 4.0, rel=0.02)
 
 
 def test_parameter_at_its_bound_has_no_interval_and_says_so():
     fitter = fitter_at(9.0)
-    (found,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-    assert found.value == BOUNDS[1]
-    assert np.isnan(found.ci_low)
-    assert "bound" in found.note
+    (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
+    assert result.value == BOUNDS[1]
+    assert np.isnan(result.ci_low)
+    assert "bound" in result.note
 
 
 @pytest.mark.parametrize(
@@ -173,8 +175,8 @@ def test_parameter_at_its_bound_has_no_interval_and_says_so():
 def test_parameters_that_support_no_claim(effect, truth, reason):
     fitter = fitter_at(truth, effects=len(truth))
     fit = fitter.fit(Model((candidates()[effect],)))
-    found = unsupported(fitter, fit, EVERYTHING, 0.0)
-    assert (reason in found) if reason else not found
+    result = unsupported(fitter, fit, EVERYTHING, 0.0)
+    assert (reason in result) if reason else not result
 
 
 def test_an_effect_that_was_tested_against_its_absence_may_have_a_size_that_is_open():
@@ -196,9 +198,11 @@ def selection_of(fitter, base_rms, trials, members, best):
         model = Model(tuple(candidates()[part] for part in name.split("+") if part))
         return Trial(fitter.fit(model), np.full(BLOCKS, rms**2))
 
-    made = {name: trial(name, rms) for name, rms in trials.items()}
+    selected_trials = {name: trial(name, rms) for name, rms in trials.items()}
     claimed = best if best.count("+") < 2 else ""
-    return Selection(trial("", base_rms), made, {}, {}, {}, tuple(made) if best else (), best, claimed, members)
+    return Selection(
+        trial("", base_rms), selected_trials, {}, {}, {}, tuple(selected_trials) if best else (), best, claimed, members
+    )
 
 
 SINGLES = ("coulomb", "flank_wear", "preload", "seat_compliance")
@@ -231,31 +235,37 @@ CASES = {
 }
 
 
-def statement(found, selection):
+def statement(result, selection):
     """What is said of a verdict whose held-out errors are the scores of its selection, in two arcmin a floor."""
-    before, after = selection.base.rms, selection.answer.rms
-    errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (before, after)]
-    return stated(found, selection, *errors, Remainder(after, 1 - after / before, 1.0, 1.0, 1.0, 0.1), in_sample=False)
+    rms_before, rms_after = selection.base.rms, selection.answer.rms
+    errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (rms_before, rms_after)]
+    return stated(
+        result,
+        selection,
+        *errors,
+        Remainder(rms_after, 1 - rms_after / rms_before, 1.0, 1.0, 1.0, 0.1),
+        in_sample=False,
+    )
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_words_of_the_verdict(name):
-    before, trials, members, best, word, named = CASES[name]
+    base_losses, trials, members, best, word, names = CASES[name]
     fitter = fitter_at([1.0, 0.5, -0.5], effects=3)
-    selection = selection_of(fitter, before, trials, members, best)
-    found = judge(fitter, selection, EVERYTHING)
-    said = statement(found, selection)
-    assert found.verdict == word
-    assert found.named == named
-    titles = {candidates()[part].title for one in named for part in one.split("+")}
-    if len(named) <= 3:
-        assert all(title in said.sentence for title in titles)
-    assert [p.effect for p in found.parameters] == [part for one in named for part in one.split("+")]
-    assert bool(said.advice) == (word in ("equivalent", "mostly explained", "unexplained"))
+    selection = selection_of(fitter, base_losses, trials, members, best)
+    judged_selection = judge(fitter, selection, EVERYTHING)
+    message = statement(judged_selection, selection)
+    assert judged_selection.verdict == word
+    assert judged_selection.named == names
+    titles = {candidates()[part].title for item in names for part in item.split("+")}
+    if len(names) <= 3:
+        assert all(title in message.sentence for title in titles)
+    assert [p.effect for p in judged_selection.parameters] == [part for item in names for part in item.split("+")]
+    assert bool(message.advice) == (word in ("equivalent", "mostly explained", "unexplained"))
     if word == "unexplained":
-        assert "nothing is claimed" in said.sentence
-    assert f"{2 * before:.3g} arcmin ({before:.3g} noise floors)" in said.sentence
-    assert said.sentence.count("noise floors)") == (2 if best or word == "unexplained" else 1)
+        assert "nothing is claimed" in message.sentence
+    assert f"{2 * base_losses:.3g} arcmin ({base_losses:.3g} noise floors)" in message.sentence
+    assert message.sentence.count("noise floors)") == (2 if best or word == "unexplained" else 1)
 
 
 STRONG = np.log(11.4)
@@ -267,37 +277,37 @@ def freed_selection(fitter, claimed, best_rms, freed_rms, monkeypatch):
     selection = selection_of(fitter, 5.0, trials, (claimed,) if claimed else (), claimed)
     reach = np.array([[-2.0], [2.0]])
     base = selection.base
-    held = replace(base.fit, unknowns=replace(base.fit.unknowns, scales=np.array([2.0]), reach=reach))
-    out = replace(held, unknowns=replace(held.unknowns, scales=np.array([STRONG]), reach=2 * reach))
-    monkeypatch.setattr(verdict, "released", lambda *_: Trial(out, np.full(BLOCKS, freed_rms**2)))
-    return replace(selection, base=Trial(held, base.losses), stretched=base)
+    held_value = replace(base.fit, unknowns=replace(base.fit.unknowns, scales=np.array([2.0]), reach=reach))
+    outward = replace(held_value, unknowns=replace(held_value.unknowns, scales=np.array([STRONG]), reach=2 * reach))
+    monkeypatch.setattr(verdict, "released", lambda *_: Trial(outward, np.full(BLOCKS, freed_rms**2)))
+    return replace(selection, base=Trial(held_value, base.losses), stretched=base)
 
 
 def test_a_unit_that_only_an_implausible_refit_explains_is_not_adequate(monkeypatch):
     fitter = fitter_at([1.0])
     selection = freed_selection(fitter, "", 0.0, 1.0, monkeypatch)
-    found = verdict.judge(fitter, selection, EVERYTHING)
-    assert (found.verdict, found.named) == ("unexplained", ())
-    only = "would be explained only by bearing.stiffness x 11.4 (plausible 0.135 to 7.39)"
-    assert only in statement(found, selection).sentence
-    assert only in found.findings[0]
-    assert found.calibrated[0].leaves
+    judged_selection = verdict.judge(fitter, selection, EVERYTHING)
+    assert (judged_selection.verdict, judged_selection.named) == ("unexplained", ())
+    expected_reason = "would be explained only by bearing.stiffness x 11.4 (plausible 0.135 to 7.39)"
+    assert expected_reason in statement(judged_selection, selection).sentence
+    assert expected_reason in judged_selection.findings[0]
+    assert judged_selection.calibrated[0].leaves
 
 
 def test_an_implausible_refit_beside_a_named_effect_is_said(monkeypatch):
     fitter = fitter_at([1.0])
-    found = verdict.judge(fitter, freed_selection(fitter, "coulomb", 1.1, 1.0, monkeypatch), EVERYTHING)
-    assert (found.verdict, found.named) == ("identified", ("coulomb",))
-    assert "Without any effect bearing.stiffness x 11.4" in found.findings[0]
+    selection = verdict.judge(fitter, freed_selection(fitter, "coulomb", 1.1, 1.0, monkeypatch), EVERYTHING)
+    assert (selection.verdict, selection.named) == ("identified", ("coulomb",))
+    assert "Without any effect bearing.stiffness x 11.4" in selection.findings[0]
     worse = verdict.judge(fitter, freed_selection(fitter, "coulomb", 1.1, 2.0, monkeypatch), EVERYTHING)
     assert not worse.findings
 
 
 def test_an_effect_beside_an_implausible_number_explains_mostly(monkeypatch):
     fitter = fitter_at([1.0])
-    found = verdict.judge(fitter, freed_selection(fitter, "coulomb", 3.0, 1.0, monkeypatch), EVERYTHING)
-    assert (found.verdict, found.named) == ("mostly explained", ("coulomb",))
-    assert "What is left would be explained only by" in found.findings[-1]
+    selection = verdict.judge(fitter, freed_selection(fitter, "coulomb", 3.0, 1.0, monkeypatch), EVERYTHING)
+    assert (selection.verdict, selection.named) == ("mostly explained", ("coulomb",))
+    assert "What is left would be explained only by" in selection.findings[-1]
     worse = verdict.judge(fitter, freed_selection(fitter, "coulomb", 3.0, 2.0, monkeypatch), EVERYTHING)
     assert worse.verdict == "unexplained"
 
@@ -306,34 +316,38 @@ def test_a_model_that_is_not_claimed_says_why():
     fitter = fitter_at([1.0])
     selection = selection_of(fitter, 5.0, {"coulomb": 1.0}, (), "")
     selection = replace(selection, unsupported={"coulomb": "coulomb: torque_Nm = 6 is at a bound"})
-    found = verdict.judge(fitter, selection, EVERYTHING)
-    assert found.verdict == "unexplained"
-    assert "coulomb, is not claimed (coulomb: torque_Nm = 6 is at a bound)" in found.findings[0]
+    judged_selection = verdict.judge(fitter, selection, EVERYTHING)
+    assert judged_selection.verdict == "unexplained"
+    assert "coulomb, is not claimed (coulomb: torque_Nm = 6 is at a bound)" in judged_selection.findings[0]
 
 
 def unlikely(trial):
     """The trial with tolerances that no unit has."""
-    far = replace(trial.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
-    return replace(trial, fit=replace(trial.fit, unknowns=far, jacobian=np.pad(trial.fit.jacobian, ((0, 0), (0, 3)))))
+    distant = replace(trial.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
+    return replace(
+        trial, fit=replace(trial.fit, unknowns=distant, jacobian=np.pad(trial.fit.jacobian, ((0, 0), (0, 3))))
+    )
 
 
 @pytest.mark.parametrize("best", ["", "coulomb"])
 def test_tolerances_that_no_unit_has_are_never_adequate_and_support_no_claim(best):
     fitter = fitter_at([1.0])
     selection = selection_of(fitter, 5.0 if best else 1.0, {best: 1.0} if best else {}, (best,) if best else (), best)
-    trials = {name: unlikely(one) for name, one in selection.trials.items()}
-    found = verdict.judge(fitter, replace(selection, base=unlikely(selection.base), trials=trials), EVERYTHING)
-    assert found.named == ()
-    assert found.verdict == "unexplained"
-    assert "tolerances" in found.findings[0]
+    trials = {name: unlikely(item) for name, item in selection.trials.items()}
+    judged_selection = verdict.judge(
+        fitter, replace(selection, base=unlikely(selection.base), trials=trials), EVERYTHING
+    )
+    assert judged_selection.named == ()
+    assert judged_selection.verdict == "unexplained"
+    assert "tolerances" in judged_selection.findings[0]
 
 
 def test_unit_with_a_data_fault_has_no_model(tmp_path):
     rows = measured()
     rows["torque_Nm"] = 0.0
     unit = load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": rows}), ROOT)
-    found = identify(unit, lambda *_: pytest.fail("nothing is to be computed of faulty data"))
-    assert found.verdict.verdict == "data fault"
-    assert found.verdict.named == ()
-    assert isinstance(found, FaultyUnit)
-    assert all(fault.message in found.statement.sentence for fault in found.measurement.fatal)
+    identification = identify(unit, lambda *_: pytest.fail("nothing is to be computed of faulty data"))
+    assert identification.verdict.verdict == "data fault"
+    assert identification.verdict.named == ()
+    assert isinstance(identification, FaultyUnit)
+    assert all(fault.message in identification.statement.sentence for fault in identification.measurement.fatal)

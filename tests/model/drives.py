@@ -26,12 +26,12 @@ def small_drive(
 ):
     """``n`` states of the small reducer with errors up to ``scale`` and gaps wider by ``play`` [mm]."""
     rng = np.random.default_rng(seed)
-    at = reducer_at(profile, crank, floats=floats)
-    errors = random_errors(profile, at, n, scale, rng) if scale else errors_of(profile, at, n)
-    laws = laws_of(profile, at)
+    reducer = reducer_at(profile, crank, floats=floats)
+    errors = random_errors(profile, reducer, n, scale, rng) if scale else errors_of(profile, reducer, n)
+    laws = laws_of(profile, reducer)
     drive = Drive(
         profile=profile,
-        reducer=at,
+        reducer=reducer,
         bearing=bearing,
         laws=laws,
         compliance=random_compliance(len(laws), rng),
@@ -45,16 +45,16 @@ def small_drive(
     return drive.moved(pin_radius=np.array(-play), roller_diameter=np.array(-2 * play))
 
 
-def drive_with(profile, at, bearing, laws, compliance, gap, clearance):
+def drive_with(profile, reducer, bearing, laws, compliance, gap, clearance):
     """States of a reducer with gaps (n, n_contacts) and clearances (n,) [mm] as they are, of no stated errors."""
     return Drive(
         profile=profile,
-        reducer=at,
+        reducer=reducer,
         bearing=bearing,
         laws=laws,
         compliance=compliance,
         rated_torque=RATED,
-        errors=errors_of(profile, at, len(gap)),
+        errors=errors_of(profile, reducer, len(gap)),
         reading=GapReading("exact", "radial", "half_diameter"),
         shift=np.zeros(gap.shape),
         bearing_clearance=clearance,

@@ -44,24 +44,24 @@ def reducer_at(profile, crank, *, floats=False, slide_angle=0.5 * np.pi):
     return nominal_reducer(profile, plate, crank)
 
 
-def errors_of(profile, reducer, n=1, **given):
-    """Zero errors but for those ``given`` [mm]: scalars or arrays."""
+def errors_of(profile, reducer, n=1, **arguments):
+    """Zero errors but for those ``arguments`` [mm]: scalars or arrays."""
     zero = Errors.zero(profile.pins, profile.lobes, np.count_nonzero(reducer.contacts.kind == OUTPUT), n)
     shapes = {
-        name: np.broadcast_shapes(value.shape, np.shape(given.get(name, 0.0))) for name, value in vars(zero).items()
+        name: np.broadcast_shapes(value.shape, np.shape(arguments.get(name, 0.0))) for name, value in vars(zero).items()
     }
-    return Errors(**{name: np.zeros(shapes[name]) + given.get(name, 0.0) for name in shapes})
+    return Errors(**{name: np.zeros(shapes[name]) + arguments.get(name, 0.0) for name in shapes})
 
 
 def random_errors(profile, reducer, n, scale, rng, lobe_scale=None):
     zero = errors_of(profile, reducer, n)
-    drawn = {name: scale * rng.uniform(-1, 1, value.shape) for name, value in vars(zero).items()}
-    drawn["eccentric_phase"][:] = 0.0  # of one disk it only turns the crank
+    drawn_errors = {name: scale * rng.uniform(-1, 1, value.shape) for name, value in vars(zero).items()}
+    drawn_errors["eccentric_phase"][:] = 0.0  # of one disk it only turns the crank
     for name in ("lobe_pitch", "bore_runout", "hole_diameter", "pin_off_hole", "pin_roundness"):
-        drawn[name][:] = 0.0  # each has tests of its own
+        drawn_errors[name][:] = 0.0  # each has tests of its own
     if lobe_scale is not None:
-        drawn["lobe"] *= lobe_scale / scale
-    return Errors(**drawn)
+        drawn_errors["lobe"] *= lobe_scale / scale
+    return Errors(**drawn_errors)
 
 
 def laws_of(profile, reducer, law="hertz", width=0.15, length=2.0):
@@ -70,8 +70,8 @@ def laws_of(profile, reducer, law="hertz", width=0.15, length=2.0):
     pins = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), length, STEEL, STEEL)
     rollers = LineContact(np.full(len(reducer.contacts) - profile.pins, 1.5), length, STEEL, STEEL)
     if law == "palmgren":
-        held = mesh_compliance(STEEL, length, radius, width)
-        return concatenated([palmgren_laws(pins, 1, held), palmgren_laws(rollers, 2, 0.0)])
+        mesh_part = mesh_compliance(STEEL, length, radius, width)
+        return concatenated([palmgren_laws(pins, 1, mesh_part), palmgren_laws(rollers, 2, 0.0)])
     halves = [cylinder_share(rollers, STEEL, 1.5), flat_share(rollers, STEEL, 5.0)]
     return concatenated(
         [

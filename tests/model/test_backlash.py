@@ -17,35 +17,35 @@ CRANK = 0.37
 @pytest.fixture(autouse=True)
 def _few_programs(monkeypatch):
     """A general program that goes on cutting for ever fails instead of hanging the tests."""
-    solved = []
+    program_counts = []
 
-    def counted(*given, **named):
-        solved.append(1)
-        assert len(solved) < 1000, "the cuts of the bearing's disc do not end"
-        return linprog(*given, **named)
+    def counted(*arguments, **options):
+        program_counts.append(1)
+        assert len(program_counts) < 1000, "the cuts of the bearing's disc do not end"
+        return linprog(*arguments, **options)
 
     monkeypatch.setattr(disc_program, "linprog", counted)
 
 
-def random_gaps(at, n, seed, low=1e-3, high=12e-3):
-    return np.random.default_rng(seed).uniform(low, high, (n, len(at.contacts)))
+def random_gaps(reducer, n, seed, low=1e-3, high=12e-3):
+    return np.random.default_rng(seed).uniform(low, high, (n, len(reducer.contacts)))
 
 
-def parts(at):
+def parts(reducer):
     """Contacts of each part of the chain: the pins, and the two slides."""
-    return [at.contacts.interface == number for number in (-1, 0, 1)]
+    return [reducer.contacts.interface == number for number in (-1, 0, 1)]
 
 
-def penetration(at, gap, pose):
-    return (pose @ at.contact_jacobian.T - gap).max(axis=1)
+def penetration(reducer, gap, pose):
+    return (pose @ reducer.contact_jacobian.T - gap).max(axis=1)
 
 
 @PLATES
 @pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])
 def test_separated_form_is_the_general_program(profile, floats):
-    at = reducer_at(profile, CRANK, floats=floats)
-    gap = random_gaps(at, 25, 1)
-    separated, general = separated_play(at, gap), general_play(at, gap, np.zeros(len(gap)))
+    reducer = reducer_at(profile, CRANK, floats=floats)
+    gap = random_gaps(reducer, 25, 1)
+    separated, general = separated_play(reducer, gap), general_play(reducer, gap, np.zeros(len(gap)))
     np.testing.assert_allclose(separated.backlash, general.backlash, rtol=1e-9)
     np.testing.assert_array_equal(separated.overlap, 0)
     np.testing.assert_array_equal(general.overlap, 0)
@@ -56,9 +56,9 @@ def test_separated_form_is_the_general_program(profile, floats):
 @PLATES
 @pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])
 def test_overlap_of_interfering_gaps_is_the_general_programs(profile, floats):
-    at = reducer_at(profile, CRANK, floats=floats)
-    gap = random_gaps(at, 30, 2, low=-4e-3, high=4e-3)
-    separated, general = separated_play(at, gap), general_play(at, gap, np.zeros(len(gap)))
+    reducer = reducer_at(profile, CRANK, floats=floats)
+    gap = random_gaps(reducer, 30, 2, low=-4e-3, high=4e-3)
+    separated, general = separated_play(reducer, gap), general_play(reducer, gap, np.zeros(len(gap)))
     assert np.count_nonzero(general.preloaded) > 20
     np.testing.assert_array_equal(separated.preloaded, general.preloaded)
     np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-9, atol=1e-14)
@@ -66,44 +66,48 @@ def test_overlap_of_interfering_gaps_is_the_general_programs(profile, floats):
     np.testing.assert_array_equal(general.backlash[tight], 0)
     for play in (separated, general):
         for pose in (play.pose_plus, play.pose_minus):
-            np.testing.assert_allclose(penetration(at, gap, pose)[tight], play.overlap[tight], rtol=1e-6)
+            np.testing.assert_allclose(penetration(reducer, gap, pose)[tight], play.overlap[tight], rtol=1e-6)
 
 
 @PLATES
 @pytest.mark.parametrize("tight", [0, 1, 2])
 def test_an_interfering_part_leaves_the_play_of_the_others(floats, tight):
-    at = reducer_at(SMALL, CRANK, floats=floats)
-    gap = random_gaps(at, 20, 3)
-    alone = []
-    for part in parts(at):
-        alone.append(separated_play(at, gap).backlash - separated_play(at, np.where(part, 0.0, gap)).backlash)
-    closed = gap - np.where(parts(at)[tight], 15e-3, 0.0)
-    play = separated_play(at, closed)
+    reducer = reducer_at(SMALL, CRANK, floats=floats)
+    gap = random_gaps(reducer, 20, 3)
+    isolated = []
+    for part in parts(reducer):
+        isolated.append(
+            separated_play(reducer, gap).backlash - separated_play(reducer, np.where(part, 0.0, gap)).backlash
+        )
+    closing_values = gap - np.where(parts(reducer)[tight], 15e-3, 0.0)
+    play = separated_play(reducer, closing_values)
     assert play.preloaded.all()
-    np.testing.assert_allclose(play.backlash, sum(alone) - alone[tight], rtol=1e-9)
+    np.testing.assert_allclose(play.backlash, sum(isolated) - isolated[tight], rtol=1e-9)
 
 
 @PLATES
 def test_both_ends_are_reached_and_penetrate_nothing(floats):
-    at = reducer_at(PAPER, CRANK, floats=floats)
-    gap = random_gaps(at, 10, 4)
+    reducer = reducer_at(PAPER, CRANK, floats=floats)
+    gap = random_gaps(reducer, 10, 4)
     clearance = np.array([0.0, 3e-3] * 5)
-    play = rigid_play(at, gap, clearance)
+    play = rigid_play(reducer, gap, clearance)
     for pose in (play.pose_plus, play.pose_minus):
-        np.testing.assert_allclose(penetration(at, gap, pose), 0, atol=1e-12)
+        np.testing.assert_allclose(penetration(reducer, gap, pose), 0, atol=1e-12)
         reach = np.hypot(pose[:, 0], pose[:, 1])
         assert np.all(reach <= clearance * (1 + 1e-9) + 1e-12)  # the program's own tolerance, in mm
         assert np.all(reach[clearance > 0] > 1e-6)
-    assert np.all(play.pose_plus[:, at.output_motion] > play.pose_minus[:, at.output_motion])
+    assert np.all(play.pose_plus[:, reducer.output_motion] > play.pose_minus[:, reducer.output_motion])
 
 
 def test_play_of_equal_gaps_is_the_gap_over_the_longest_arms():
-    at = reducer_at(SMALL, CRANK)
-    pins, slide = at.pins.arm, 4.5
+    reducer = reducer_at(SMALL, CRANK)
+    pins, slide = reducer.pins.arm, 4.5
     expected = 5e-3 * (1 / pins.max() - 1 / pins.min() + 2 * 2 / slide)
-    assert separated_play(at, np.full((1, len(at.contacts)), 5e-3)).backlash[0] == pytest.approx(expected, rel=1e-12)
+    assert separated_play(reducer, np.full((1, len(reducer.contacts)), 5e-3)).backlash[0] == pytest.approx(
+        expected, rel=1e-12
+    )
     floating = reducer_at(SMALL, CRANK, floats=True)
-    assert separated_play(floating, np.full((1, len(at.contacts)), 5e-3)).backlash[0] == pytest.approx(
+    assert separated_play(floating, np.full((1, len(reducer.contacts)), 5e-3)).backlash[0] == pytest.approx(
         expected, rel=1e-12
     )
 
@@ -112,22 +116,22 @@ def test_a_floating_plate_shifts_out_of_the_way_of_one_face():
     """Gaps on one face only: the tongue shifts by half of them, so both faces let it turn; a fixed one cannot turn."""
     gap = np.zeros((1, len(reducer_at(SMALL, CRANK).contacts)))
     for floats, expected in ((False, 0.0), (True, 2 * 4e-3 / (2 * 4.5))):
-        at = reducer_at(SMALL, CRANK, floats=floats)
-        gap[:] = np.where((at.contacts.interface == 1) & (at.contacts.face == 0), 4e-3, 0.0)
-        assert separated_play(at, gap).backlash[0] == pytest.approx(expected, rel=1e-12, abs=1e-18)
+        reducer = reducer_at(SMALL, CRANK, floats=floats)
+        gap[:] = np.where((reducer.contacts.interface == 1) & (reducer.contacts.face == 0), 4e-3, 0.0)
+        assert separated_play(reducer, gap).backlash[0] == pytest.approx(expected, rel=1e-12, abs=1e-18)
 
 
-def polygon_backlash(at, gap, clearance, sides, factor):
+def polygon_backlash(reducer, gap, clearance, sides, factor):
     """Independent program in the relative scale of um: the disc replaced by a polygon of ``factor`` its apothem."""
     angle = 2 * np.pi * np.arange(sides) / sides
-    walls = np.zeros((sides, len(at.motions)))
+    walls = np.zeros((sides, len(reducer.motions)))
     walls[:, 0], walls[:, 1] = np.cos(angle), np.sin(angle)
-    rows = np.vstack([at.contact_jacobian, walls])
+    rows = np.vstack([reducer.contact_jacobian, walls])
     limits = 1e3 * np.append(gap, np.full(sides, factor * clearance))
     ends = []
     for sense in (1, -1):
-        objective = np.zeros(len(at.motions))
-        objective[at.output_motion] = -sense
+        objective = np.zeros(len(reducer.motions))
+        objective[reducer.output_motion] = -sense
         ends.append(-linprog(objective, rows, limits, bounds=(None, None), method="highs").fun)
     return sum(ends) / 1e3
 
@@ -135,21 +139,21 @@ def polygon_backlash(at, gap, clearance, sides, factor):
 @PLATES
 def test_a_bearing_clearance_is_a_disc(floats):
     """The play lies between those of the polygons inside and around the disc, which differ by 2e-5 in size."""
-    at, sides = reducer_at(SMALL, CRANK, floats=floats), 720
-    for gap, clearance in zip(random_gaps(at, 4, 5), [1e-3, 3e-3, 10e-3, 1.0], strict=True):
-        play = general_play(at, gap[None], np.array([clearance])).backlash[0]
-        inside = polygon_backlash(at, gap, clearance, sides, np.cos(np.pi / sides))
-        around = polygon_backlash(at, gap, clearance, sides, 1.0)
-        assert inside * (1 - 1e-9) <= play <= around * (1 + 1e-9)
-        assert play > separated_play(at, gap[None]).backlash[0]
+    reducer, sides = reducer_at(SMALL, CRANK, floats=floats), 720
+    for gap, clearance in zip(random_gaps(reducer, 4, 5), [1e-3, 3e-3, 10e-3, 1.0], strict=True):
+        play = general_play(reducer, gap[None], np.array([clearance])).backlash[0]
+        inner_play = polygon_backlash(reducer, gap, clearance, sides, np.cos(np.pi / sides))
+        circumference = polygon_backlash(reducer, gap, clearance, sides, 1.0)
+        assert inner_play * (1 - 1e-9) <= play <= circumference * (1 + 1e-9)
+        assert play > separated_play(reducer, gap[None]).backlash[0]
 
 
 @PLATES
 def test_play_rises_steadily_with_the_bearing_clearance_from_that_of_a_tight_bearing(floats):
-    at = reducer_at(SMALL, CRANK, floats=floats)
-    gap = np.repeat(random_gaps(at, 1, 6), 8, axis=0)
+    reducer = reducer_at(SMALL, CRANK, floats=floats)
+    gap = np.repeat(random_gaps(reducer, 1, 6), 8, axis=0)
     clearance = np.array([0.0, 1e-10, 1e-7, 1e-5, 1e-4, 1e-3, 3e-3, 10e-3])  # [mm]: well below a nanometre too
-    play = rigid_play(at, gap, clearance)
+    play = rigid_play(reducer, gap, clearance)
     assert np.all(np.diff(play.backlash) > 0)
     assert play.backlash[1] == pytest.approx(play.backlash[0], rel=1e-6)
     assert np.all(
@@ -158,16 +162,16 @@ def test_play_rises_steadily_with_the_bearing_clearance_from_that_of_a_tight_bea
 
 
 def test_a_bearing_clearance_relieves_an_interference():
-    at = reducer_at(SMALL, CRANK, floats=True)
-    gap = np.full((1, len(at.contacts)), 1e-3)
-    gap[0, : SMALL.pins] += 5e-3 * np.real(at.pins.normal)  # the disk sits 5 um off along x: it would fit there
-    assert separated_play(at, gap).preloaded[0]
-    play = general_play(at, gap, np.array([6e-3]))
+    reducer = reducer_at(SMALL, CRANK, floats=True)
+    gap = np.full((1, len(reducer.contacts)), 1e-3)
+    gap[0, : SMALL.pins] += 5e-3 * np.real(reducer.pins.normal)  # the disk sits 5 um off along x: it would fit there
+    assert separated_play(reducer, gap).preloaded[0]
+    play = general_play(reducer, gap, np.array([6e-3]))
     assert not play.preloaded[0]
     assert play.backlash[0] > 0
-    less = general_play(at, gap, np.array([1e-3]))
-    assert less.preloaded[0]
-    assert 0 < less.overlap[0] < separated_play(at, gap).overlap[0]
+    play_small = general_play(reducer, gap, np.array([1e-3]))
+    assert play_small.preloaded[0]
+    assert 0 < play_small.overlap[0] < separated_play(reducer, gap).overlap[0]
 
 
 @PLATES
@@ -176,53 +180,55 @@ def test_an_interference_that_the_disk_cannot_relieve_takes_few_programs(floats,
 
     The tangents alone lead from corner to corner of their polygon, more than a thousand times with 5 pins.
     """
-    at, calls = reducer_at(SMALL, CRANK, floats=floats), []
+    reducer, calls = reducer_at(SMALL, CRANK, floats=floats), []
 
-    def counted(*given, **named):
+    def counted(*arguments, **options):
         calls.append(1)
-        return linprog(*given, **named)
+        return linprog(*arguments, **options)
 
     monkeypatch.setattr(disc_program, "linprog", counted)
     for seed, clearance in enumerate([0.3e-3, 3e-3, 30e-3]):
-        gap = random_gaps(at, 1, seed) - np.where(parts(at)[2], 20e-3, 0.0)
-        play = general_play(at, gap, np.array([clearance]))
-        assert play.overlap[0] == pytest.approx(separated_play(at, gap).overlap[0], rel=1e-9)
-        assert penetration(at, gap, play.pose_plus)[0] == pytest.approx(play.overlap[0], rel=1e-9)
+        gap = random_gaps(reducer, 1, seed) - np.where(parts(reducer)[2], 20e-3, 0.0)
+        play = general_play(reducer, gap, np.array([clearance]))
+        assert play.overlap[0] == pytest.approx(separated_play(reducer, gap).overlap[0], rel=1e-9)
+        assert penetration(reducer, gap, play.pose_plus)[0] == pytest.approx(play.overlap[0], rel=1e-9)
         assert np.hypot(*play.pose_plus[0, :2]) <= clearance * (1 + 1e-9) + 1e-12
     assert len(calls) < 3 * 60
 
 
 def test_samples_with_and_without_bearing_clearance_are_solved_each_in_its_own_way():
-    at = reducer_at(SMALL, CRANK, floats=True)
-    gap, clearance = random_gaps(at, 6, 7, low=-1e-3), np.array([0.0, 2e-3, 0.0, 4e-3, 1e-3, 0.0])
-    together = rigid_play(at, gap, clearance)
+    reducer = reducer_at(SMALL, CRANK, floats=True)
+    gap, clearance = random_gaps(reducer, 6, 7, low=-1e-3), np.array([0.0, 2e-3, 0.0, 4e-3, 1e-3, 0.0])
+    combined = rigid_play(reducer, gap, clearance)
     for sample in range(6):
-        alone = rigid_play(at, gap[sample : sample + 1], clearance[sample : sample + 1])
+        isolated = rigid_play(reducer, gap[sample : sample + 1], clearance[sample : sample + 1])
         for name in ("pose_plus", "pose_minus", "overlap"):
-            np.testing.assert_array_equal(getattr(together, name)[sample], getattr(alone, name)[0])
+            np.testing.assert_array_equal(getattr(combined, name)[sample], getattr(isolated, name)[0])
     loose = clearance > 0
-    np.testing.assert_array_equal(together.backlash[~loose], separated_play(at, gap).backlash[~loose])
-    np.testing.assert_array_equal(together.backlash[loose], general_play(at, gap[loose], clearance[loose]).backlash)
+    np.testing.assert_array_equal(combined.backlash[~loose], separated_play(reducer, gap).backlash[~loose])
+    np.testing.assert_array_equal(
+        combined.backlash[loose], general_play(reducer, gap[loose], clearance[loose]).backlash
+    )
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 10**6), contact=st.integers(0, 27), more=st.floats(0, 10e-3), floats=st.booleans())
-def test_play_grows_with_every_gap_and_scales_with_all_of_them(seed, contact, more, floats):
-    at = reducer_at(SMALL, CRANK, floats=floats)
-    gap = random_gaps(at, 1, seed, low=-2e-3)
-    play = separated_play(at, gap)
-    scaled = separated_play(at, 3.5 * gap)
+@given(seed=st.integers(0, 10**6), contact=st.integers(0, 27), increment=st.floats(0, 10e-3), floats=st.booleans())
+def test_play_grows_with_every_gap_and_scales_with_all_of_them(seed, contact, increment, floats):
+    reducer = reducer_at(SMALL, CRANK, floats=floats)
+    gap = random_gaps(reducer, 1, seed, low=-2e-3)
+    play = separated_play(reducer, gap)
+    scaled = separated_play(reducer, 3.5 * gap)
     np.testing.assert_allclose(scaled.backlash, 3.5 * play.backlash, rtol=1e-12, atol=1e-18)
     np.testing.assert_allclose(scaled.overlap, 3.5 * play.overlap, rtol=1e-9, atol=1e-18)
     wider = gap.copy()
-    wider[0, contact] += more
-    assert separated_play(at, wider).backlash[0] >= play.backlash[0] - 1e-15
-    assert separated_play(at, wider).overlap[0] <= play.overlap[0] + 1e-15
+    wider[0, contact] += increment
+    assert separated_play(reducer, wider).backlash[0] >= play.backlash[0] - 1e-15
+    assert separated_play(reducer, wider).overlap[0] <= play.overlap[0] + 1e-15
 
 
 def test_zero_gaps_leave_no_play():
     for floats in (False, True):
-        at = reducer_at(PAPER, CRANK, floats=floats)
-        play = separated_play(at, np.zeros((1, len(at.contacts))))
+        reducer = reducer_at(PAPER, CRANK, floats=floats)
+        play = separated_play(reducer, np.zeros((1, len(reducer.contacts))))
         assert ARCMIN * play.backlash[0] == 0
         assert not play.preloaded[0]

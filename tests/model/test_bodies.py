@@ -23,8 +23,8 @@ def disk_mesh(edges=24, growth=0.35, largest=0.8, bore=2.5):
     return lobed_disk_mesh(flank_nodes(SMALL, edges), SMALL.lobes, bore, growth, largest)
 
 
-def field(body, moved):
-    return moved[body.freedoms[:, 0]] + 1j * moved[body.freedoms[:, 1]]
+def field(body, displacement):
+    return displacement[body.freedoms[:, 0]] + 1j * displacement[body.freedoms[:, 1]]
 
 
 def without_rigid_motion(body, vector):
@@ -35,24 +35,24 @@ def without_rigid_motion(body, vector):
 def test_patch_test_constant_stress_is_exact(stress):
     mesh = disk_mesh()
     thickness, gradient = 1.7, np.array([[1.0, 0.4], [0.4, -2.0]]) * 1e-3
-    first, shear = lame(stress)
-    sigma = first * np.trace(gradient) * np.eye(2) + 2 * shear * gradient
+    first_lame, shear = lame(stress)
+    sigma = first_lame * np.trace(gradient) * np.eye(2) + 2 * shear * gradient
     body = elastic_body(mesh, E, NU, thickness, stress, "bore")
     boundary = FacetBasis(mesh, ElementVector(ElementTriP2()))
     traction = LinearForm(lambda v, w: sum(sigma[i, j] * w.n[j] * v[i] for i in range(2) for j in range(2))).assemble(
         boundary
     )
-    moved = body.displacement(thickness * traction[:, None])[:, 0]
-    exact = np.zeros_like(moved)
+    displacement = body.displacement(thickness * traction[:, None])[:, 0]
+    exact = np.zeros_like(displacement)
     for i in range(2):
         exact[body.freedoms[:, i]] = gradient[i, 0] * body.nodes.real + gradient[i, 1] * body.nodes.imag
-    np.testing.assert_allclose(moved, without_rigid_motion(body, exact), atol=1e-12 * np.abs(exact).max() * 1e2)
+    np.testing.assert_allclose(displacement, without_rigid_motion(body, exact), atol=1e-12 * np.abs(exact).max() * 1e2)
 
 
 def manufactured_error(mesh, stress):
     """Error in L2 of u = (sin kx cos ky, cos 2kx sin ky) under its own body force and tractions."""
     k = 0.25
-    first, shear = lame(stress)
+    first_lame, shear = lame(stress)
     body = elastic_body(mesh, E, NU, 1.0, stress, "bore")
     basis = Basis(mesh, ElementVector(ElementTriP2()), intorder=8)
     boundary = FacetBasis(mesh, ElementVector(ElementTriP2()), intorder=8)
@@ -65,25 +65,25 @@ def manufactured_error(mesh, stress):
         xx = k**2 * np.array([-np.sin(x) * np.cos(y), -4 * np.cos(2 * x) * np.sin(y)])
         yy = k**2 * np.array([-np.sin(x) * np.cos(y), -np.cos(2 * x) * np.sin(y)])
         xy = k**2 * np.array([-np.cos(x) * np.sin(y), -2 * np.sin(2 * x) * np.cos(y)])
-        along_x = (first + 2 * shear) * xx[0] + first * xy[1] + shear * (yy[0] + xy[1])
-        along_y = (first + 2 * shear) * yy[1] + first * xy[0] + shear * (xx[1] + xy[0])
+        along_x = (first_lame + 2 * shear) * xx[0] + first_lame * xy[1] + shear * (yy[0] + xy[1])
+        along_y = (first_lame + 2 * shear) * yy[1] + first_lame * xy[0] + shear * (xx[1] + xy[0])
         return -(along_x * v[0] + along_y * v[1])
 
     def traction(v, w):
         x, y = k * w.x[0], k * w.x[1]
         ux, uy = k * np.cos(x) * np.cos(y), -k * np.sin(x) * np.sin(y)
         vx, vy = -2 * k * np.sin(2 * x) * np.sin(y), k * np.cos(2 * x) * np.cos(y)
-        normal = first * (ux + vy)
+        normal = first_lame * (ux + vy)
         return ((normal + 2 * shear * ux) * w.n[0] + shear * (uy + vx) * w.n[1]) * v[0] + (
             shear * (uy + vx) * w.n[0] + (normal + 2 * shear * vy) * w.n[1]
         ) * v[1]
 
     loads = LinearForm(force).assemble(basis) + LinearForm(traction).assemble(boundary)
-    moved = body.displacement(loads[:, None])[:, 0]
-    nodal = np.zeros_like(moved)
+    displacement = body.displacement(loads[:, None])[:, 0]
+    nodal = np.zeros_like(displacement)
     nodal[body.freedoms] = exact(body.nodes.real, body.nodes.imag).T
-    moved = moved + body.rigid_motions @ (body.reference.T @ nodal)
-    squared = Functional(lambda w: ((w["u"] - exact(*w.x)) ** 2).sum(axis=0)).assemble(basis, u=moved)
+    displacement = displacement + body.rigid_motions @ (body.reference.T @ nodal)
+    squared = Functional(lambda w: ((w["u"] - exact(*w.x)) ** 2).sum(axis=0)).assemble(basis, u=displacement)
     return np.sqrt(squared)
 
 
@@ -99,8 +99,8 @@ def test_manufactured_solution_converges_with_order_three(stress):
 def ring_mesh(inner, outer, n_around):
     """Structured ring of ``n_around`` edges around, with the boundaries bore and rim."""
     radius = np.geomspace(inner, outer, n_around // 8 + 1)
-    row, around = np.meshgrid(np.arange(len(radius) - 1), np.arange(n_around), indexing="ij")
-    corner = [(row + i) * n_around + (around + j) % n_around for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    row, circumference = np.meshgrid(np.arange(len(radius) - 1), np.arange(n_around), indexing="ij")
+    corner = [(row + i) * n_around + (circumference + j) % n_around for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
     nodes = (radius[:, None] * np.exp(2j * np.pi * np.arange(n_around) / n_around)).ravel()
     triangles = np.hstack([[corner[k].ravel() for k in (0, 1, 2)], [corner[k].ravel() for k in (0, 2, 3)]])
     middle = (inner + outer) / 2
@@ -166,26 +166,26 @@ def test_contact_compliance_does_not_depend_on_mesh_and_patch(disk):
     base = disk.compliance(pin_patches(disk.mesh, width)).matrix
     fine = elastic_body(disk_mesh(edges=96, growth=0.25, largest=0.5), E, NU, 2.0, "plane_stress", "bore")
     for narrower in (1, 2):
-        other = fine.compliance(pin_patches(fine.mesh, width / narrower)).matrix
-        shift = np.diagonal(other - base) - unit * np.log(narrower)
+        variant = fine.compliance(pin_patches(fine.mesh, width / narrower)).matrix
+        shift = np.diagonal(variant - base) - unit * np.log(narrower)
         assert np.abs(shift).max() < 0.02 * unit
-        off_diagonal = (other - base)[~np.eye(len(base), dtype=bool)]
+        off_diagonal = (variant - base)[~np.eye(len(base), dtype=bool)]
         assert np.abs(off_diagonal).max() < 0.005 * np.abs(base).max()
 
 
 def test_compliance_is_symmetric_positive_and_held_at_the_bore(disk):
-    inside = line_patches(disk.mesh, [4.5j, 5 - 1j], [1, 1j], [1j, 1], 0.5)
-    patches = joined(pin_patches(disk.mesh, 0.2), inside)
+    inner_patches = line_patches(disk.mesh, [4.5j, 5 - 1j], [1, 1j], [1j, 1], 0.5)
+    patches = joined(pin_patches(disk.mesh, 0.2), inner_patches)
     compliance = disk.compliance(patches)
     assert compliance.asymmetry < 1e-10
     np.testing.assert_array_equal(compliance.matrix, compliance.matrix.T)
     assert np.linalg.eigvalsh(compliance.matrix).min() > 0
     forces = np.linspace(-50, 100, len(patches))
-    moved = disk.nodal_displacement(patches, forces)
+    displacement = disk.nodal_displacement(patches, forces)
     bore = np.abs(np.abs(disk.nodes) - 2.5) < 5e-3
-    assert np.abs(np.mean(moved[bore])) < 1e-3 * np.abs(moved).max()
+    assert np.abs(np.mean(displacement[bore])) < 1e-3 * np.abs(displacement).max()
     vector = np.zeros(disk.freedoms.size)
-    vector[disk.freedoms[:, 0]], vector[disk.freedoms[:, 1]] = moved.real, moved.imag
+    vector[disk.freedoms[:, 0]], vector[disk.freedoms[:, 1]] = displacement.real, displacement.imag
     np.testing.assert_allclose(disk.reference.T @ vector, 0, atol=1e-15)
     np.testing.assert_allclose(disk.loads(patches).T @ vector, compliance.matrix @ forces, rtol=1e-8)
     energy = vector @ (disk.stiffness @ vector)
@@ -200,9 +200,9 @@ def test_plane_strain_is_plane_stress_with_the_equivalent_constants(disk):
 
 
 def test_compliance_falls_with_thickness_and_modulus(disk):
-    other = elastic_body(disk.mesh, 2 * E, NU, 6.0, "plane_stress", "bore")
+    variant = elastic_body(disk.mesh, 2 * E, NU, 6.0, "plane_stress", "bore")
     np.testing.assert_allclose(
-        other.compliance(pin_patches(disk.mesh, 0.2)).matrix,
+        variant.compliance(pin_patches(disk.mesh, 0.2)).matrix,
         disk.compliance(pin_patches(disk.mesh, 0.2)).matrix / 6,
         rtol=1e-9,
         atol=1e-18,

@@ -34,49 +34,49 @@ def carrier(cranks=2, backlash=0.0, rollers=16):
     )
 
 
-def laws_of(mechanism, at, exponent=1.0):
+def laws_of(mechanism, reducer, exponent=1.0):
     inputs = LawInputs(library()["hertz"], {}, STEEL, 15.0, 1.5, Bearing(K, exponent), 0.5)
-    pins = LineContact(1 / (1 / 4.0 + at.pins.flank_curvature), 15.0, STEEL, STEEL)
+    pins = LineContact(1 / (1 / 4.0 + reducer.pins.flank_curvature), 15.0, STEEL, STEEL)
     return concatenated([inputs.law.on_mesh(pins, 4.0, 0.5), mechanism.laws(inputs), mechanism.laws_behind()])
 
 
 @pytest.mark.parametrize("cranks", [2, 3])
 def test_motions_close_the_bearings_as_circles_move_and_the_meshes_as_planets_roll(cranks):
     mechanism = carrier(cranks)
-    at = nominal_reducer(PROFILE, mechanism, CRANK)
-    assert at.motions == ("disk_x", "disk_y", "disk_phi", "output_phi", *(f"crank {j}_psi" for j in range(cranks)))
+    reducer = nominal_reducer(PROFILE, mechanism, CRANK)
+    assert reducer.motions == ("disk_x", "disk_y", "disk_phi", "output_phi", *(f"crank {j}_psi" for j in range(cranks)))
     x, y, disk, output, *psi = motion = 1e-7 * np.random.default_rng(2).normal(size=4 + cranks)
-    closed = at.contact_jacobian @ motion
+    closing_values = reducer.contact_jacobian @ motion
     centre, eccentric = mechanism.centres() * np.exp(-1j * CRANK / LOBES), 1.5 * np.exp(1j * CRANK)
     pitch, teeth = 45.0 * PLANET / (SUN + PLANET), (SUN + PLANET) / PLANET
     for j in range(cranks):
         hole = eccentric + x + 1j * y + centre[j] * np.exp(1j * disk)
-        within = centre[j] * np.exp(1j * output) + eccentric * np.exp(1j * psi[j])
-        rows = np.flatnonzero((at.contacts.hole == j) & (at.contacts.kind == OUTPUT))
-        towards = (at.contacts.point[rows] - eccentric - centre[j]) / 15.0
-        expected = np.real(np.conj(towards) * (within - hole))
-        np.testing.assert_allclose(closed[rows], expected, atol=1e-11)  # 1e-6 of them
-        mesh = np.flatnonzero((at.contacts.interface == 1) & (at.contacts.end == j))
+        is_within = centre[j] * np.exp(1j * output) + eccentric * np.exp(1j * psi[j])
+        rows = np.flatnonzero((reducer.contacts.hole == j) & (reducer.contacts.kind == OUTPUT))
+        direction = (reducer.contacts.point[rows] - eccentric - centre[j]) / 15.0
+        expected = np.real(np.conj(direction) * (is_within - hole))
+        np.testing.assert_allclose(closing_values[rows], expected, atol=1e-11)  # 1e-6 of them
+        mesh = np.flatnonzero((reducer.contacts.interface == 1) & (reducer.contacts.end == j))
         rolled = pitch * (psi[j] - teeth * output)
-        np.testing.assert_allclose(closed[mesh], [rolled, -rolled], atol=1e-15)
+        np.testing.assert_allclose(closing_values[mesh], [rolled, -rolled], atol=1e-15)
 
 
 @pytest.mark.parametrize("cranks", [2, 3])
 def test_the_ratio_follows_from_the_columns(cranks):
-    at = nominal_reducer(PROFILE, carrier(cranks), CRANK)
-    sun = np.zeros(len(at.contacts))
-    meshes = at.contacts.interface == 1
-    sun[meshes] = (1 - 2 * at.contacts.face[meshes]) * 45.0 * SUN / (SUN + PLANET)  # r1 along each flank
-    motion, *_ = np.linalg.lstsq(at.contact_jacobian, -sun, rcond=None)
-    np.testing.assert_allclose(at.contact_jacobian @ motion, -sun, atol=1e-10)  # all stay closed
-    np.testing.assert_allclose(1 / motion[at.output_motion], 1 + PLANET * 40 / SUN, rtol=1e-10)
+    reducer = nominal_reducer(PROFILE, carrier(cranks), CRANK)
+    sun = np.zeros(len(reducer.contacts))
+    meshes = reducer.contacts.interface == 1
+    sun[meshes] = (1 - 2 * reducer.contacts.face[meshes]) * 45.0 * SUN / (SUN + PLANET)  # r1 along each flank
+    motion, *_ = np.linalg.lstsq(reducer.contact_jacobian, -sun, rcond=None)
+    np.testing.assert_allclose(reducer.contact_jacobian @ motion, -sun, atol=1e-10)  # all stay closed
+    np.testing.assert_allclose(1 / motion[reducer.output_motion], 1 + PLANET * 40 / SUN, rtol=1e-10)
     np.testing.assert_allclose(motion[4:] / motion[3], -LOBES, rtol=1e-10)
 
 
 @pytest.mark.parametrize("cranks", [2, 3])
 def test_backlash_of_the_first_stage_reaches_the_output_divided(cranks):
-    at = nominal_reducer(PROFILE, carrier(cranks, backlash=30.0), CRANK)
-    play = general_play(at, at.contacts.gap[None], np.full(1, 1.5))
+    reducer = nominal_reducer(PROFILE, carrier(cranks, backlash=30.0), CRANK)
+    play = general_play(reducer, reducer.contacts.gap[None], np.full(1, 1.5))
     pitch = 45.0 * PLANET / (SUN + PLANET)
     np.testing.assert_allclose(play.backlash, 0.030 / pitch / (40 + SUN / PLANET), rtol=1e-7)
 
@@ -85,51 +85,55 @@ def test_backlash_of_the_first_stage_reaches_the_output_divided(cranks):
 def test_bearings_of_two_perfect_disks_carry_the_closed_form(cranks):
     """Every contact a linear spring to both sides, so that no part of the solver is asked."""
     torque, mechanism = 4e5, carrier(cranks)
-    at = nominal_reducer(PROFILE, mechanism, CRANK, disks=2)
-    stiffness = np.where(at.contacts.kind == OUTPUT, K / 8, 2e5)
-    load = np.eye(len(at.motions))[at.output_motion] * torque
-    motion = np.linalg.solve(at.contact_jacobian.T @ (stiffness[:, None] * at.contact_jacobian), load)
-    force = stiffness * (at.contact_jacobian @ motion)
+    reducer = nominal_reducer(PROFILE, mechanism, CRANK, disks=2)
+    stiffness = np.where(reducer.contacts.kind == OUTPUT, K / 8, 2e5)
+    load = np.eye(len(reducer.motions))[reducer.output_motion] * torque
+    motion = np.linalg.solve(reducer.contact_jacobian.T @ (stiffness[:, None] * reducer.contact_jacobian), load)
+    force = stiffness * (reducer.contact_jacobian @ motion)
     tangential = torque * PLANET * LOBES / (SUN + PLANET * 40) / (2 * cranks * 45.0)
-    centres = mechanism.centres() * np.exp(1j * at.disks[0].rotation) / 45.0
-    for k, rows in enumerate(at.output_rows):
-        pins = at.disk_of_contact == k
-        pins &= at.contacts.kind != OUTPUT
-        on_pins = np.sum(force[pins] * at.contacts.normal[pins])
+    centres = mechanism.centres() * np.exp(1j * reducer.disks[0].rotation) / 45.0
+    for k, rows in enumerate(reducer.output_rows):
+        pins = reducer.disk_of_contact == k
+        pins &= reducer.contacts.kind != OUTPUT
+        on_pins = np.sum(force[pins] * reducer.contacts.normal[pins])
         for j in range(cranks):
-            bearing = rows[(at.contacts.hole[rows] == j)]
-            on_disk = -np.sum(force[bearing] * at.contacts.normal[bearing])
+            bearing = rows[(reducer.contacts.hole[rows] == j)]
+            on_disk = -np.sum(force[bearing] * reducer.contacts.normal[bearing])
             expected = -on_pins / cranks + 1j * centres[j] * tangential
             assert abs(on_disk - expected) < 1e-9 * torque / 45.0
 
 
 def test_a_ring_of_rollers_has_the_law_of_its_bearing_in_every_direction():
     mechanism = carrier(rollers=16)
-    at = nominal_reducer(PROFILE, mechanism, CRANK)
+    reducer = nominal_reducer(PROFILE, mechanism, CRANK)
     for exponent, scatter in ((1.0, 1e-12), (1.5, 4e-3)):
-        laws = laws_of(mechanism, at, exponent)
-        rows = np.flatnonzero((at.contacts.hole == 0) & (at.contacts.kind == OUTPUT))
+        laws = laws_of(mechanism, reducer, exponent)
+        rows = np.flatnonzero((reducer.contacts.hole == 0) & (reducer.contacts.kind == OUTPUT))
         for direction in np.exp(1j * np.linspace(0, 1, 7)):
-            depth = 0.02 * np.real(np.conj(-at.contacts.normal[rows]) * direction)
+            depth = 0.02 * np.real(np.conj(-reducer.contacts.normal[rows]) * direction)
             pushed = laws[rows].force(depth)
-            resultant = np.sum(pushed * -at.contacts.normal[rows]) / (K * 0.02**exponent)
+            resultant = np.sum(pushed * -reducer.contacts.normal[rows]) / (K * 0.02**exponent)
             np.testing.assert_allclose(resultant, direction, atol=max(scatter, 1e-9))
 
 
 @pytest.mark.parametrize("cranks", [2, 3])
 def test_a_loaded_unit_is_in_balance_and_its_disk_carries_its_share(cranks):
     mechanism, torque = carrier(cranks, backlash=10.0), 4e5
-    at = nominal_reducer(PROFILE, mechanism, CRANK)
+    reducer = nominal_reducer(PROFILE, mechanism, CRANK)
     rng = np.random.default_rng(4)
-    gap = at.contacts.gap + np.where(at.contacts.kind == OUTPUT, 2e-3, rng.uniform(0, 8e-3, (2, len(at.contacts))))
-    drive = drive_with(PROFILE, at, Bearing(K, 1.0), laws_of(mechanism, at), np.zeros(2 * (len(at.contacts),)), gap, 0)
+    gap = reducer.contacts.gap + np.where(
+        reducer.contacts.kind == OUTPUT, 2e-3, rng.uniform(0, 8e-3, (2, len(reducer.contacts)))
+    )
+    drive = drive_with(
+        PROFILE, reducer, Bearing(K, 1.0), laws_of(mechanism, reducer), np.zeros(2 * (len(reducer.contacts),)), gap, 0
+    )
     drive = replace(drive, bearing_clearance=np.full(2, 1.5), rated_torque=torque)
     cycle = LoadCycle.evenly(torque, 4, 1.0, (0.03, 0.5))
     states = solve_cycle(drive, cycle)
     assert states.converged.all()
-    load = np.zeros((*states.force.shape[:2], len(at.motions)))
-    load[..., at.output_motion] = cycle.state_torque
-    np.testing.assert_allclose(states.force @ at.contact_jacobian, load, atol=1e-6 * torque)
-    share = np.sum(states.force[..., : at.n_pins] * at.pins.arm, axis=2)
+    load = np.zeros((*states.force.shape[:2], len(reducer.motions)))
+    load[..., reducer.output_motion] = cycle.state_torque
+    np.testing.assert_allclose(states.force @ reducer.contact_jacobian, load, atol=1e-6 * torque)
+    share = np.sum(states.force[..., : reducer.n_pins] * reducer.pins.arm, axis=2)
     expected = -cycle.state_torque * PLANET * LOBES / (SUN + PLANET * 40)
     np.testing.assert_allclose(share, np.broadcast_to(expected, share.shape), atol=1e-6 * torque)

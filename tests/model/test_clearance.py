@@ -28,23 +28,25 @@ def brute_force_gaps(profile, crank, errors, reading):
     centre = (pin - eccentricity * np.exp(1j * crank)) * np.exp(1j * crank / (profile.pins - 1))
     distance = np.full(centre.shape, np.inf)
     for sample, lobe in np.ndindex(errors.lobe.shape):
-        off = errors.lobe[sample, lobe]
+        offset = errors.lobe[sample, lobe]
         if reading == "normal":
-            flank = replace(profile, pin_radius=profile.pin_radius + off)
+            flank = replace(profile, pin_radius=profile.pin_radius + offset)
         else:
             factor = {"radial": 1.0, "radial_on_diameter": 0.5}[reading]
-            flank = replace(profile, pin_circle_radius=profile.pin_circle_radius - factor * off)
-        first, last = -(lobe + 1) * profile.lobe_pitch, -lobe * profile.lobe_pitch
-        near = np.abs(np.angle(centre[sample] * np.exp(-0.5j * (first + last)))) < 1.6 * profile.lobe_pitch
-        centres = centre[sample, near][:, None]
-        low, high = np.full(centres.shape, first), np.full(centres.shape, last)
+            flank = replace(profile, pin_circle_radius=profile.pin_circle_radius - factor * offset)
+        low_angle, high_angle = -(lobe + 1) * profile.lobe_pitch, -lobe * profile.lobe_pitch
+        is_close = (
+            np.abs(np.angle(centre[sample] * np.exp(-0.5j * (low_angle + high_angle)))) < 1.6 * profile.lobe_pitch
+        )
+        centres = centre[sample, is_close][:, None]
+        low, high = np.full(centres.shape, low_angle), np.full(centres.shape, high_angle)
         for points in (301, *[21] * 7):
             psi = low + (high - low) * np.linspace(0, 1, points)
-            away = np.abs(centres - flank.flank(psi))
-            best = np.take_along_axis(psi, np.argmin(away, axis=1)[:, None], 1)
+            distances = np.abs(centres - flank.flank(psi))
+            best = np.take_along_axis(psi, np.argmin(distances, axis=1)[:, None], 1)
             step = (high - low) / (points - 1)
-            low, high = np.maximum(best - step, first), np.minimum(best + step, last)
-        distance[sample, near] = np.minimum(distance[sample, near], away.min(axis=1))
+            low, high = np.maximum(best - step, low_angle), np.minimum(best + step, high_angle)
+        distance[sample, is_close] = np.minimum(distance[sample, is_close], distances.min(axis=1))
     return distance - profile.pin_radius - errors.pin_radius
 
 
@@ -52,8 +54,8 @@ def brute_force_gaps(profile, crank, errors, reading):
 @pytest.mark.parametrize("crank", [IN_A_ROOT, OFF_ROOT])
 @pytest.mark.parametrize("method", METHODS)
 def test_no_errors_no_gaps(profile, crank, method):
-    at = reducer_at(profile, crank)
-    np.testing.assert_allclose(METHODS[method](profile, at, errors_of(profile, at), "radial"), 0, atol=1e-12)
+    reducer = reducer_at(profile, crank)
+    np.testing.assert_allclose(METHODS[method](profile, reducer, errors_of(profile, reducer), "radial"), 0, atol=1e-12)
 
 
 @PROFILES
@@ -61,10 +63,10 @@ def test_no_errors_no_gaps(profile, crank, method):
 @pytest.mark.parametrize("size", [40e-3, 10e-3, 1e-3])
 @pytest.mark.parametrize("crank", [IN_A_ROOT, 2.0])
 def test_exact_gap_is_the_distance_from_equal_lobes(profile, reading, size, crank):
-    at = reducer_at(profile, crank)
-    errors = random_errors(profile, at, 3, size, np.random.default_rng(1))
+    reducer = reducer_at(profile, crank)
+    errors = random_errors(profile, reducer, 3, size, np.random.default_rng(1))
     errors = replace(errors, lobe=np.repeat(errors.lobe[:, :1], profile.lobes, axis=1))
-    gap = exact_gaps(profile, at, errors, reading)
+    gap = exact_gaps(profile, reducer, errors, reading)
     np.testing.assert_allclose(gap, brute_force_gaps(profile, crank, errors, reading), atol=1e-9)
 
 
@@ -73,9 +75,9 @@ def test_exact_gap_is_the_distance_from_equal_lobes(profile, reading, size, cran
 @pytest.mark.parametrize("crank", [IN_A_ROOT, OFF_ROOT])
 def test_exact_gap_is_the_distance_from_unequal_lobes(profile, size, lobe_size, crank):
     """Also in and near a root, where the pin may touch the lobe next to its nominal one."""
-    at = reducer_at(profile, crank)
-    errors = random_errors(profile, at, 4, size, np.random.default_rng(2), lobe_size)
-    gap = exact_gaps(profile, at, errors, "normal")
+    reducer = reducer_at(profile, crank)
+    errors = random_errors(profile, reducer, 4, size, np.random.default_rng(2), lobe_size)
+    gap = exact_gaps(profile, reducer, errors, "normal")
     np.testing.assert_allclose(gap, brute_force_gaps(profile, crank, errors, "normal"), atol=1e-9)
 
 
@@ -95,29 +97,29 @@ def dense_scan_gaps(profile, crank, errors, reading):
     """Distance from a dense scan of both flanks of each pin's valley and over its tips, zoomed at the nearest point."""
     pins = reducer_at(profile, crank).pins
     turn = np.exp(1j * crank / profile.lobes)
-    out = errors.pin_radial + 1j * errors.pin_tangential
+    outward = errors.pin_radial + 1j * errors.pin_tangential
     eccentricity = (profile.eccentricity + errors.eccentricity[:, None]) * np.exp(1j * crank)
-    centre = (pins.centre * (1 + out / profile.pin_circle_radius) - eccentricity) * turn
+    centre = (pins.centre * (1 + outward / profile.pin_circle_radius) - eccentricity) * turn
     root = pins.flank_parameter + pins.phase / profile.lobes
     half = 1.25**2 / 2 * profile.lobe_pitch
     factor = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}[reading]
     best = np.full(centre.shape, np.inf)
     for lobes, side in zip(pin_lobes(profile, reducer_at(profile, crank)), (1, -1), strict=True):
-        off = factor * errors.lobe[:, lobes]
-        circle = profile.pin_circle_radius - (0 * off if reading == "normal" else off)
-        radius = profile.pin_radius + (off if reading == "normal" else 0 * off)
+        offset = factor * errors.lobe[:, lobes]
+        circle = profile.pin_circle_radius - (0 * offset if reading == "normal" else offset)
+        radius = profile.pin_radius + (offset if reading == "normal" else 0 * offset)
         low, high = np.zeros(centre.shape), np.full(centre.shape, half)
         for points in (2001, *[41] * 7):
-            along = low[..., None] + (high - low)[..., None] * np.linspace(0, 1, points)
-            psi = root[:, None] + side * along
+            arc = low[..., None] + (high - low)[..., None] * np.linspace(0, 1, points)
+            psi = root[:, None] + side * arc
             slow, fast = np.exp(1j * psi), profile.eccentricity * np.exp(1j * profile.pins * psi)
             tangent = circle[..., None] * slow - profile.pins * fast
             flank = circle[..., None] * slow - fast - radius[..., None] * tangent / np.abs(tangent)
-            away = np.abs(centre[..., None] - flank)
-            nearest = np.take_along_axis(along, np.argmin(away, axis=-1)[..., None], -1)[..., 0]
+            distance = np.abs(centre[..., None] - flank)
+            nearest = np.take_along_axis(arc, np.argmin(distance, axis=-1)[..., None], -1)[..., 0]
             step = (high - low) / (points - 1)
             low, high = np.maximum(nearest - step, 0), np.minimum(nearest + step, half)
-        best = np.minimum(best, away.min(axis=-1))
+        best = np.minimum(best, distance.min(axis=-1))
     return best - profile.pin_radius - errors.pin_radius
 
 
@@ -126,12 +128,12 @@ def test_exact_gap_is_that_of_a_dense_scan_of_the_valley(seed):
     """Whichever way a foot is found: pins in roots, on tips and between, moved by 0.1 to 40 um, lobes equal or not."""
     rng = np.random.default_rng(seed)
     profile, crank = (PAPER if seed < 3 else random_profile(rng)), rng.uniform(0, 7)
-    at = reducer_at(profile, crank)
+    reducer = reducer_at(profile, crank)
     for size in (0.1e-3, 1e-3, 5e-3, 15e-3, 40e-3):
-        errors = random_errors(profile, at, 3, size, rng, lobe_scale=size)
+        errors = random_errors(profile, reducer, 3, size, rng, lobe_scale=size)
         errors = replace(errors, lobe=np.concatenate([errors.lobe[:2], 0 * errors.lobe[2:] + size]))
         for reading in ("radial", "radial_on_diameter", "normal"):
-            gap = exact_gaps(profile, at, errors, reading)
+            gap = exact_gaps(profile, reducer, errors, reading)
             np.testing.assert_allclose(gap, dense_scan_gaps(profile, crank, errors, reading), atol=1e-13, rtol=0)
 
 
@@ -139,71 +141,81 @@ def test_exact_gap_is_that_of_a_dense_scan_of_the_valley(seed):
 @pytest.mark.parametrize("reading", ["radial", "radial_on_diameter", "normal"])
 def test_first_order_misses_a_second_order_away_from_the_roots(profile, reading):
     crank = np.radians(20.0)
-    at = reducer_at(profile, crank)
-    errors = random_errors(profile, at, 5, 1.0, np.random.default_rng(3))
-    away = np.abs(at.pins.phase) > np.radians(30)
-    missed = []
+    reducer = reducer_at(profile, crank)
+    errors = random_errors(profile, reducer, 5, 1.0, np.random.default_rng(3))
+    off_root = np.abs(reducer.pins.phase) > np.radians(30)
+    misses = []
     for size in (1e-3, 1e-4):
         scaled = Errors(**{name: size * value for name, value in vars(errors).items()})
-        difference = exact_gaps(profile, at, scaled, reading) - first_order_gaps(profile, at, scaled, reading)
-        missed.append(np.abs(difference[:, away]).max())
-    assert missed[0] < 0.1e-3
-    assert missed[0] / missed[1] == pytest.approx(100, rel=0.05)
+        difference = exact_gaps(profile, reducer, scaled, reading) - first_order_gaps(profile, reducer, scaled, reading)
+        misses.append(np.abs(difference[:, off_root]).max())
+    assert misses[0] < 0.1e-3
+    assert misses[0] / misses[1] == pytest.approx(100, rel=0.05)
 
 
 def test_first_order_fails_in_the_roots_where_the_pin_lies_close_to_the_evolute():
-    at = reducer_at(PAPER, IN_A_ROOT)
-    errors = errors_of(PAPER, at, lobe=10e-3)
-    pin = int(np.argmin(np.abs(at.pins.phase - np.radians(4.5))))
-    first, exact = (METHODS[m](PAPER, at, errors, "radial")[0, pin] for m in ("first_order", "exact"))
-    assert first == pytest.approx(9.0e-3, abs=0.05e-3)
-    assert abs(exact - first) == pytest.approx(0.9e-3, abs=0.05e-3)
+    reducer = reducer_at(PAPER, IN_A_ROOT)
+    errors = errors_of(PAPER, reducer, lobe=10e-3)
+    pin = int(np.argmin(np.abs(reducer.pins.phase - np.radians(4.5))))
+    first_order, exact = (METHODS[m](PAPER, reducer, errors, "radial")[0, pin] for m in ("first_order", "exact"))
+    assert first_order == pytest.approx(9.0e-3, abs=0.05e-3)
+    assert abs(exact - first_order) == pytest.approx(0.9e-3, abs=0.05e-3)
 
 
 @PROFILES
 def test_first_order_counts_the_nearer_lobe_in_a_root(profile):
-    at = reducer_at(profile, IN_A_ROOT)
+    reducer = reducer_at(profile, IN_A_ROOT)
     for side in (0, -1):  # pin 0 stands in the root between the first and the last lobe
         lobe = np.zeros((1, profile.lobes))
         lobe[0, side] = -1e-3
-        assert first_order_gaps(profile, at, errors_of(profile, at, lobe=lobe), "normal")[0, 0] == pytest.approx(-1e-3)
+        assert first_order_gaps(profile, reducer, errors_of(profile, reducer, lobe=lobe), "normal")[
+            0, 0
+        ] == pytest.approx(-1e-3)
         lobe[0, side] = 1e-3
-        assert first_order_gaps(profile, at, errors_of(profile, at, lobe=lobe), "normal")[0, 0] == 0
+        assert first_order_gaps(profile, reducer, errors_of(profile, reducer, lobe=lobe), "normal")[0, 0] == 0
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("error", "reading", "per_um"),
     [
-        ("pin_radial", "radial", lambda at, n, out: -np.real(np.conj(n) * out)),  # outwards: away from the disk
-        ("pin_tangential", "radial", lambda at, n, out: -np.real(np.conj(n) * 1j * out)),  # counterclockwise
-        ("pin_radius", "radial", lambda at, n, out: -np.ones(len(n))),  # a thicker pin closes
-        ("lobe", "normal", lambda at, n, out: np.ones(len(n))),  # material taken off opens
-        ("lobe", "radial", lambda at, n, out: -np.real(np.conj(n) * out)),
-        ("lobe", "radial_on_diameter", lambda at, n, out: -0.5 * np.real(np.conj(n) * out)),
-        ("eccentricity", "radial", lambda at, n, out: np.real(np.conj(n) * np.exp(1j * at.crank))),
+        (
+            "pin_radial",
+            "radial",
+            lambda contacts, n, outward: -np.real(np.conj(n) * outward),
+        ),  # outwards: away from the disk
+        (
+            "pin_tangential",
+            "radial",
+            lambda contacts, n, outward: -np.real(np.conj(n) * 1j * outward),
+        ),  # counterclockwise
+        ("pin_radius", "radial", lambda contacts, n, outward: -np.ones(len(n))),  # a thicker pin closes
+        ("lobe", "normal", lambda contacts, n, outward: np.ones(len(n))),  # material taken off opens
+        ("lobe", "radial", lambda contacts, n, outward: -np.real(np.conj(n) * outward)),
+        ("lobe", "radial_on_diameter", lambda contacts, n, outward: -0.5 * np.real(np.conj(n) * outward)),
+        ("eccentricity", "radial", lambda contacts, n, outward: np.real(np.conj(n) * np.exp(1j * contacts.crank))),
     ],
 )
 def test_sign_and_size_of_each_error(method, error, reading, per_um):
     crank = 0.7
-    at = reducer_at(PAPER, crank)
-    gap = METHODS[method](PAPER, at, errors_of(PAPER, at, **{error: 0.1e-3}), reading)[0]
+    reducer = reducer_at(PAPER, crank)
+    gap = METHODS[method](PAPER, reducer, errors_of(PAPER, reducer, **{error: 0.1e-3}), reading)[0]
     theta = -2 * np.pi * np.arange(PAPER.pins) / PAPER.pins
     to_pitch_point = PAPER.eccentricity * PAPER.pins * np.exp(1j * crank) - PAPER.pin_circle_radius * np.exp(1j * theta)
-    expected = per_um(at, to_pitch_point / np.abs(to_pitch_point), np.exp(1j * theta))
-    away = np.abs(at.pins.phase) > np.radians(20)
-    np.testing.assert_allclose(gap[away] / 0.1e-3, expected[away], atol=2e-3)
+    expected = per_um(reducer, to_pitch_point / np.abs(to_pitch_point), np.exp(1j * theta))
+    off_root = np.abs(reducer.pins.phase) > np.radians(20)
+    np.testing.assert_allclose(gap[off_root] / 0.1e-3, expected[off_root], atol=2e-3)
 
 
 @pytest.mark.parametrize(("reading", "share"), [("diameter", 1.0), ("half_diameter", 0.5)])
 def test_a_smaller_roller_opens_its_own_contact_only(reading, share):
-    at = reducer_at(SMALL, 0.4)
-    rollers = len(at.contacts) - SMALL.pins
+    reducer = reducer_at(SMALL, 0.4)
+    rollers = len(reducer.contacts) - SMALL.pins
     diameter = -1e-3 * np.eye(rollers)
     gap = gaps(
         SMALL,
-        at,
-        errors_of(SMALL, at, rollers, roller_diameter=diameter),
+        reducer,
+        errors_of(SMALL, reducer, rollers, roller_diameter=diameter),
         method="first_order",
         disk_reading="radial",
         roller_reading=reading,
@@ -213,8 +225,8 @@ def test_a_smaller_roller_opens_its_own_contact_only(reading, share):
     with pytest.raises(ValueError, match="1 roller errors for 16 rollers"):
         gaps(
             SMALL,
-            at,
-            replace(errors_of(SMALL, at), roller_diameter=np.zeros((1, 1))),
+            reducer,
+            replace(errors_of(SMALL, reducer), roller_diameter=np.zeros((1, 1))),
             method="exact",
             disk_reading="radial",
             roller_reading=reading,
@@ -226,18 +238,25 @@ def test_a_smaller_roller_opens_its_own_contact_only(reading, share):
 def test_uniform_radial_disk_error_gives_the_published_slope_at_any_crank_angle(method, size_um):
     """0.0632 arcmin per um on the diameter, with no fitted number (mechanics, section 2)."""
     for crank in np.radians([0.0, 1.0, 4.5, 45.0, 123.4, 300.0]):
-        at = reducer_at(PAPER, crank)
-        errors = errors_of(PAPER, at, lobe=size_um * MICROMETRE)
-        gap = gaps(PAPER, at, errors, method=method, disk_reading="radial_on_diameter", roller_reading="half_diameter")
-        assert 0.0631 < ARCMIN * separated_play(at, gap).backlash[0] / size_um < 0.0633
+        reducer = reducer_at(PAPER, crank)
+        errors = errors_of(PAPER, reducer, lobe=size_um * MICROMETRE)
+        gap = gaps(
+            PAPER, reducer, errors, method=method, disk_reading="radial_on_diameter", roller_reading="half_diameter"
+        )
+        assert 0.0631 < ARCMIN * separated_play(reducer, gap).backlash[0] / size_um < 0.0633
 
 
 def test_normal_disk_error_of_10_um_alone_exceeds_the_published_total():
-    at = reducer_at(PAPER, IN_A_ROOT)
+    reducer = reducer_at(PAPER, IN_A_ROOT)
     gap = gaps(
-        PAPER, at, errors_of(PAPER, at, lobe=10e-3), method="exact", disk_reading="normal", roller_reading="diameter"
+        PAPER,
+        reducer,
+        errors_of(PAPER, reducer, lobe=10e-3),
+        method="exact",
+        disk_reading="normal",
+        roller_reading="diameter",
     )
-    assert ARCMIN * separated_play(at, gap).backlash[0] == pytest.approx(2.487, abs=1e-3)
+    assert ARCMIN * separated_play(reducer, gap).backlash[0] == pytest.approx(2.487, abs=1e-3)
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)
@@ -245,7 +264,7 @@ def test_normal_disk_error_of_10_um_alone_exceeds_the_published_total():
 def test_turning_crank_and_errors_by_pin_pitches_turns_the_gaps(pitches, crank, method):
     """A pin pitch of the crank brings the next pin into the place of this one, and the next lobe too."""
     errors = random_errors(SMALL, reducer_at(SMALL, 0.0), 2, 2e-3, np.random.default_rng(pitches))
-    turned = Errors(
+    turned_unit = Errors(
         **{
             name: np.roll(value, pitches, axis=1)
             if name in ("pin_radial", "pin_tangential", "pin_radius", "lobe")
@@ -254,22 +273,22 @@ def test_turning_crank_and_errors_by_pin_pitches_turns_the_gaps(pitches, crank, 
         }
     )
     gap = METHODS[method](SMALL, reducer_at(SMALL, crank), errors, "radial")
-    moved = reducer_at(SMALL, crank - 2 * np.pi * pitches / SMALL.pins)
+    shifted = reducer_at(SMALL, crank - 2 * np.pi * pitches / SMALL.pins)
     np.testing.assert_allclose(
-        METHODS[method](SMALL, moved, turned, "radial"), np.roll(gap, pitches, axis=1), atol=1e-11
+        METHODS[method](SMALL, shifted, turned_unit, "radial"), np.roll(gap, pitches, axis=1), atol=1e-11
     )
 
 
 @PROFILES
 def test_each_pin_stands_between_the_two_lobes_at_its_sides(profile):
     for crank in (0.3, 2.0, 40.0):
-        at = reducer_at(profile, crank)
-        before, behind = pin_lobes(profile, at)
-        psi = at.pins.centre - profile.eccentricity * np.exp(1j * crank)
+        reducer = reducer_at(profile, crank)
+        lobe_before, lobe_behind = pin_lobes(profile, reducer)
+        psi = reducer.pins.centre - profile.eccentricity * np.exp(1j * crank)
         turn = (
             np.angle(psi) - disk_rotation(profile, crank)
         ) / profile.lobe_pitch  # valley = nearest root, counterclockwise
         assert np.all(
-            np.abs(np.angle(np.exp(2j * np.pi * (turn + behind) / profile.lobes))) < 2 * np.pi / profile.lobes
+            np.abs(np.angle(np.exp(2j * np.pi * (turn + lobe_behind) / profile.lobes))) < 2 * np.pi / profile.lobes
         )
-        np.testing.assert_array_equal((before + 1) % profile.lobes, behind)
+        np.testing.assert_array_equal((lobe_before + 1) % profile.lobes, lobe_behind)

@@ -38,8 +38,8 @@ def roller_laws(length=2.6):
     return hertz_laws(contact, 2 * [cylinder_share(contact, STRESS, 1.5), flat_share(contact, STRESS, 5.0)], 1.5)
 
 
-def palmgren(interfaces, held, length=1.0):
-    return palmgren_laws(LineContact(np.array([0.8]), length, STRESS, STRESS), interfaces, held)
+def palmgren(interfaces, resistance, length=1.0):
+    return palmgren_laws(LineContact(np.array([0.8]), length, STRESS, STRESS), interfaces, resistance)
 
 
 LAWS = {
@@ -106,9 +106,9 @@ def test_deflection_increases_everywhere_without_a_jump_of_value_or_slope_at_the
     force = np.geomspace(1e-12, 1e4, 2000)[:, None] * limit
     assert np.all(np.diff(laws.deflection(force), axis=0) > 0)
     assert laws.compliance(force).min() > 0
-    below, above = limit * (1 - 1e-12), limit * (1 + 1e-12)
-    assert laws.deflection([below])[0] == pytest.approx(laws.deflection([above])[0], rel=1e-10)
-    assert laws.compliance([below])[0] == pytest.approx(laws.compliance([above])[0], rel=1e-10)
+    lower, upper = limit * (1 - 1e-12), limit * (1 + 1e-12)
+    assert laws.deflection([lower])[0] == pytest.approx(laws.deflection([upper])[0], rel=1e-10)
+    assert laws.compliance([lower])[0] == pytest.approx(laws.compliance([upper])[0], rel=1e-10)
     if np.isfinite(laws.force_limit[0]):
         np.testing.assert_allclose(
             laws.compliance([[2 * limit], [9 * limit]]), laws.compliance([[limit]] * 2), rtol=1e-14
@@ -167,12 +167,12 @@ def test_mesh_and_correction_together_are_the_flat_half_plane_whatever_the_patch
     """(2p/(pi E')) [ln(2d/b) - nu'/2] down to the depth d (Johnson 1985, 5.6), for any patch half width."""
     contact = LineContact(np.array([0.8]), 2.0, material, material)
     a, c = meshed_share(contact, material, width)
-    held = mesh_compliance(material, 2.0, 3.0, width)
+    mesh_part = mesh_compliance(material, 2.0, 3.0, width)
     modulus, lateral = (206e3, 0.3) if material is STRESS else (206e3 / 0.91, 0.3 / 0.7)
     for force in (1.0, 100.0):
         b = np.sqrt(4 * force / 2.0 * 0.8 / (np.pi * modulus / 2))
         exact = 2 * force / 2.0 / (np.pi * modulus) * (np.log(2 * 3.0 / b) - lateral / 2)
-        assert held * force + force * (a - c * np.log(force))[0] == pytest.approx(exact, rel=1e-12)
+        assert mesh_part * force + force * (a - c * np.log(force))[0] == pytest.approx(exact, rel=1e-12)
         flat_a, flat_c = flat_share(contact, material, 3.0)
         assert force * (flat_a - flat_c * np.log(force))[0] == pytest.approx(exact, rel=1e-12)
 
@@ -194,13 +194,13 @@ def test_palmgrens_approach_and_its_exponents(interfaces):
 
 
 def test_palmgrens_law_on_a_mesh_leaves_out_what_the_mesh_holds_and_is_refused_where_nothing_is_left():
-    held = mesh_compliance(STRESS, 1.0, PIN_RADIUS, 0.3)
-    assert held == pytest.approx(2 / (np.pi * 206e3) * (np.log(1.6 / 0.3) - 0.25 - 0.15), rel=1e-12)
-    laws = palmgren(1, held)
+    mesh_part = mesh_compliance(STRESS, 1.0, PIN_RADIUS, 0.3)
+    assert mesh_part == pytest.approx(2 / (np.pi * 206e3) * (np.log(1.6 / 0.3) - 0.25 - 0.15), rel=1e-12)
+    laws = palmgren(1, mesh_part)
     force = np.array([[1.0], [50.0]])
-    np.testing.assert_allclose(laws.deflection(force) + held * force, 3.84e-5 * force**0.9, rtol=1e-12)
+    np.testing.assert_allclose(laws.deflection(force) + mesh_part * force, 3.84e-5 * force**0.9, rtol=1e-12)
     flat = laws.force_limit[0] / 0.9
-    assert 0.9 * 3.84e-5 * flat**-0.1 == pytest.approx(held, rel=1e-12)
+    assert 0.9 * 3.84e-5 * flat**-0.1 == pytest.approx(mesh_part, rel=1e-12)
     with pytest.raises(ValueError, match="Palmgren's law decreases beyond"):
         palmgren(1, 4e-5)
 
@@ -233,9 +233,11 @@ def test_laws_of_any_design_increase_and_can_be_inverted(relative_radius, radius
 
 def test_law_of_longer_contacts_is_that_of_their_line_load():
     force = np.array([[0.1], [10.0], [1e5]])
-    one, four = pin_laws(3.0), pin_laws(3.0, length=4.0)
-    np.testing.assert_allclose(four.deflection(4 * force), one.deflection(force), rtol=1e-12)
-    np.testing.assert_allclose(four.peak_pressure(4 * force), one.peak_pressure(force), rtol=1e-12)
+    law_of_unit_length, law_of_four = pin_laws(3.0), pin_laws(3.0, length=4.0)
+    np.testing.assert_allclose(law_of_four.deflection(4 * force), law_of_unit_length.deflection(force), rtol=1e-12)
+    np.testing.assert_allclose(
+        law_of_four.peak_pressure(4 * force), law_of_unit_length.peak_pressure(force), rtol=1e-12
+    )
 
 
 def test_records_are_joined_and_taken_apart_in_order():

@@ -17,13 +17,13 @@ def passed(torque_from, torque_to):
 
 def course(per_leg):
     """Times, torques and legs of readings within each leg, at one speed from rest at time 0."""
-    begun, time, torque, leg = 0.0, [], [], []
+    start_time, time, torque, leg = 0.0, [], [], []
     for k, (start, end) in enumerate(zip(TURNS[:-1], TURNS[1:], strict=True)):
-        at = (np.arange(per_leg) + 0.5) / per_leg
-        time.append(begun + at * passed(start, end))
-        torque.append(start + at * (end - start))
+        sample_times = (np.arange(per_leg) + 0.5) / per_leg
+        time.append(start_time + sample_times * passed(start, end))
+        torque.append(start + sample_times * (end - start))
         leg.append(np.full(per_leg, k))
-        begun += passed(start, end)
+        start_time += passed(start, end)
     return np.concatenate(time), np.concatenate(torque), np.concatenate(leg)
 
 
@@ -37,17 +37,19 @@ def test_readings_however_few_are_those_of_the_whole_course(per_leg, constant):
         return (COMPLIANCE * np.interp(t, corners, TURNS) - angle) / constant
 
     whole = solve_ivp(rate, (0, time[-1]), [0.0], t_eval=time, rtol=1e-10, atol=1e-18, max_step=0.2)
-    found = crept(torque, time, leg, TURNS, COMPLIANCE, constant)
-    np.testing.assert_allclose(found, whole.y[0], atol=1e-7 * COMPLIANCE * 900)
+    computed_angle = crept(torque, time, leg, TURNS, COMPLIANCE, constant)
+    np.testing.assert_allclose(computed_angle, whole.y[0], atol=1e-7 * COMPLIANCE * 900)
 
 
 def test_a_load_put_on_at_once_creeps_exponentially():
     time = np.linspace(5.0, 100.0, 20)
-    found = crept(np.full(20, 800.0), time, np.zeros(20, int), np.array([0.0, 800.0]), COMPLIANCE, CONSTANT)
-    np.testing.assert_allclose(found, COMPLIANCE * 800 * -np.expm1(-(time - 5.0) / CONSTANT), rtol=1e-12, atol=1e-20)
+    computed_angle = crept(np.full(20, 800.0), time, np.zeros(20, int), np.array([0.0, 800.0]), COMPLIANCE, CONSTANT)
+    np.testing.assert_allclose(
+        computed_angle, COMPLIANCE * 800 * -np.expm1(-(time - 5.0) / CONSTANT), rtol=1e-12, atol=1e-20
+    )
 
 
 def test_time_that_stands_still_moves_nothing():
     time = np.array([1.0, 1.0, 2.0, 2.0])
-    found = crept(np.full(4, 800.0), time, np.zeros(4, int), np.array([0.0, 800.0]), COMPLIANCE, CONSTANT)
-    np.testing.assert_allclose(found[[0, 2]], found[[1, 3]], rtol=1e-12)
+    computed_angle = crept(np.full(4, 800.0), time, np.zeros(4, int), np.array([0.0, 800.0]), COMPLIANCE, CONSTANT)
+    np.testing.assert_allclose(computed_angle[[0, 2]], computed_angle[[1, 3]], rtol=1e-12)

@@ -40,8 +40,8 @@ def test_cycle_runs_up_back_down_back_and_up_again_through_every_level(levels):
     for mark in (0.03, 0.5, 1.0, *steps):
         assert np.min(np.abs(cycle.fractions - mark)) < 1e-12
     assert count == len({round(f, 9) for f in (0.03, 0.5, 1.0, *steps)})
-    up = np.concatenate([[0.0], RATED * cycle.fractions])
-    path = [up, up[-2::-1], -up, -up[-2::-1], up]
+    loading_branch = np.concatenate([[0.0], RATED * cycle.fractions])
+    path = [loading_branch, loading_branch[-2::-1], -loading_branch, -loading_branch[-2::-1], loading_branch]
     np.testing.assert_array_equal(torque, np.concatenate(path))
     np.testing.assert_array_equal(branch, np.repeat(np.arange(5), [len(p) for p in path]))
     zeros = state[torque == 0]  # out of the play at 0+, back to it, out at 0-, back to it, out at 0+
@@ -61,32 +61,32 @@ def test_levels_of_a_partial_cycle_and_marks_above_its_top():
 @settings(max_examples=20, deadline=None, derandomize=True)
 def curve_metrics(branch, torque, angle, *levels):
     """Every metric of curves without friction's limits, read at torques [N m]."""
-    at, n = Definitions(*levels), len(angle)
-    readings = curve_readings(branch, torque, angle, np.zeros((n, 2)), np.zeros(n), at)
-    return {name: metric.value(readings, at) for name, metric in library().items()}
+    definitions, n = Definitions(*levels), len(angle)
+    readings = curve_readings(branch, torque, angle, np.zeros((n, 2)), np.zeros(n), definitions)
+    return {name: metric.value(readings, definitions) for name, metric in library().items()}
 
 
 @given(
     play=st.floats(0, 10),
     friction=st.floats(0, 2),
     stiff=st.floats(0.5, 6),
-    other=st.floats(0.5, 6),
+    variant=st.floats(0.5, 6),
     kink=st.floats(0.1, 2.0),
 )
-def test_metrics_of_a_loop_with_play_friction_and_two_stiffnesses(play, friction, stiff, other, kink):
+def test_metrics_of_a_loop_with_play_friction_and_two_stiffnesses(play, friction, stiff, variant, kink):
     """Angle = +-play/2 + T/stiffness beyond a soft start ``kink`` up to 6 N m, lagging by the friction."""
 
     def angle(torque, sense):
-        stiffness = np.where(sense > 0, stiff, other)
+        stiffness = np.where(sense > 0, stiff, variant)
         return sense * (0.5 * play + kink * np.minimum(np.abs(torque), 6.0) / 6.0) + torque / stiffness
 
     branch, torque, angles = curve(CYCLE, angle, friction)
     metrics = curve_metrics(branch, torque, np.vstack([angles, 2 * angles]), 0.36, 6.0, 12.0)
     width = play + 2 * friction
     assert metrics["zero_torque_width_arcmin"] == pytest.approx([width, 2 * width], abs=1e-12)
-    lost = play + 0.36 * (1 / stiff + 1 / other) + 2 * kink * 0.06
-    assert metrics["lost_motion_arcmin"] == pytest.approx([lost, 2 * lost], rel=1e-12)
-    rigidity = 3 / (6 / stiff - friction / 4) + 3 / (6 / other + friction / 4)
+    lost_motion = play + 0.36 * (1 / stiff + 1 / variant) + 2 * kink * 0.06
+    assert metrics["lost_motion_arcmin"] == pytest.approx([lost_motion, 2 * lost_motion], rel=1e-12)
+    rigidity = 3 / (6 / stiff - friction / 4) + 3 / (6 / variant + friction / 4)
     assert metrics["torsional_rigidity_Nm_per_arcmin"] == pytest.approx([rigidity, rigidity / 2], rel=1e-9)
 
 
@@ -105,8 +105,8 @@ def test_width_and_rigidity_are_those_of_the_last_loop_not_of_the_first_loading(
     branch, torque, angle = curve(CYCLE, lambda t, sense: t / 3.0, 0.1)
     virgin = angle.copy()
     virgin[:, branch == "loading+"] *= 0.3
-    one, other = (curve_metrics(branch, torque, a, 0.36, 6.0, 12.0) for a in (angle, virgin))
-    np.testing.assert_equal(one, other)
+    metrics_first, metrics_second = (curve_metrics(branch, torque, a, 0.36, 6.0, 12.0) for a in (angle, virgin))
+    np.testing.assert_equal(metrics_first, metrics_second)
 
 
 class Unit:
@@ -114,14 +114,14 @@ class Unit:
 
     def __init__(self, profile=PAPER, *, n=12, floats=False, exponent=1.0, clearance=0.0, crank=0.4, allowance=8e-3):
         rng = np.random.default_rng(0)
-        self.profile, self.at = profile, (at := reducer_at(profile, crank, floats=floats))
-        self.laws = laws_of(profile, at)
-        on_disk = (at.contacts.body_a == "disk") | (at.contacts.body_b == "disk")
+        self.profile, self.at = profile, (reducer := reducer_at(profile, crank, floats=floats))
+        self.laws = laws_of(profile, reducer)
+        on_disk = (reducer.contacts.body_a == "disk") | (reducer.contacts.body_b == "disk")
         self.compliance = random_compliance(len(on_disk), rng) * np.outer(on_disk, on_disk)
-        drawn = random_errors(profile, at, n, 1e-3, rng)
-        fits = {"lobe": drawn.lobe + allowance, "roller_diameter": drawn.roller_diameter - 4e-3}
-        errors = Errors(**{**vars(drawn), **fits})
-        self.gap = gaps(profile, at, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
+        drawn_errors = random_errors(profile, reducer, n, 1e-3, rng)
+        fits = {"lobe": drawn_errors.lobe + allowance, "roller_diameter": drawn_errors.roller_diameter - 4e-3}
+        errors = Errors(**{**vars(drawn_errors), **fits})
+        self.gap = gaps(profile, reducer, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
         self.bearing = Bearing(1e6 if exponent == 1 else 4e6, exponent)
         self.clearance = np.full(n, clearance)
 
@@ -164,9 +164,9 @@ def test_loaded_solution_tends_to_the_rigid_play_in_every_sample(options):
     unit = Unit(**options)
     states = unit.states(LoadCycle(RATED, np.array([1e-6, 1.0])))
     assert states.converged.all()
-    more = unit.width(states, 1) - ARCMIN * unit.play().backlash
-    assert np.all(more > 0)
-    assert more.max() < (3e-4 if unit.bearing.exponent > 1 else 1e-4)
+    increment = unit.width(states, 1) - ARCMIN * unit.play().backlash
+    assert np.all(increment > 0)
+    assert increment.max() < (3e-4 if unit.bearing.exponent > 1 else 1e-4)
 
 
 @pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])
@@ -197,11 +197,19 @@ def test_angle_rises_with_torque_and_every_state_is_an_equilibrium_at_its_torque
 
 def test_states_do_not_depend_on_the_levels_between_them():
     unit = Unit()
-    few, many = (unit.states(LoadCycle(RATED, levels)) for levels in (np.array([0.5, 1.0]), np.linspace(0.1, 1, 10)))
+    coarse_states, fine_states = (
+        unit.states(LoadCycle(RATED, levels)) for levels in (np.array([0.5, 1.0]), np.linspace(0.1, 1, 10))
+    )
     pairs = {1: 5, 2: 10, 4: 16, 5: 21}
-    for one, other in pairs.items():
-        np.testing.assert_allclose(few.force[:, one], many.force[:, other], atol=1e-8 * many.force.max())
-        np.testing.assert_allclose(few.motion[:, one], many.motion[:, other], atol=1e-11)
+    for metrics_first, metrics_second in pairs.items():
+        np.testing.assert_allclose(
+            coarse_states.force[:, metrics_first],
+            fine_states.force[:, metrics_second],
+            atol=1e-8 * fine_states.force.max(),
+        )
+        np.testing.assert_allclose(
+            coarse_states.motion[:, metrics_first], fine_states.motion[:, metrics_second], atol=1e-11
+        )
 
 
 @pytest.mark.parametrize(
@@ -237,13 +245,13 @@ def test_preloaded_and_free_units_together_are_solved_as_each_alone():
     unit = Unit(allowance=3e-3, n=16)
     preloaded = unit.play().preloaded
     assert 0 < np.count_nonzero(preloaded) < 16
-    together = unit.states()
+    combined = unit.states()
     whole, loose = unit.gap, unit.clearance
     for sample in (int(np.argmax(preloaded)), int(np.argmin(preloaded))):
         unit.gap, unit.clearance = whole[sample : sample + 1], loose[:1]
-        alone = unit.states()
+        isolated = unit.states()
         for name in ("motion", "force", "iterations", "residual", "converged"):
-            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[sample])
+            np.testing.assert_array_equal(getattr(isolated, name)[0], getattr(combined, name)[sample])
 
 
 def test_preload_takes_the_limit_of_small_torque():

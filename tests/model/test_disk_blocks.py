@@ -22,9 +22,9 @@ def test_every_compliance_is_in_its_block_or_zero(rigid):
     matrix = compliance_of(BODY, rigid)
     blocks = coupled_blocks(matrix)
     rebuilt = np.zeros_like(matrix)
-    for first, beyond in blocks.ranges:
-        rows = blocks.order[first:beyond]
-        rebuilt[np.ix_(rows, rows)] = blocks.compliance[first:beyond, : beyond - first]
+    for block_start, block_end in blocks.ranges:
+        rows = blocks.order[block_start:block_end]
+        rebuilt[np.ix_(rows, rows)] = blocks.compliance[block_start:block_end, : block_end - block_start]
     np.testing.assert_array_equal(rebuilt, matrix)
     np.testing.assert_array_equal(blocks.own, np.diag(matrix)[blocks.order])
     np.testing.assert_array_equal(np.sort(blocks.order), np.arange(len(BODY)))

@@ -37,49 +37,52 @@ def reducer_at(profile, crank, disks, pins=6):
     return mechanism, nominal_reducer(profile, mechanism, crank, disks=disks)
 
 
-def angles(at):
+def angles(reducer):
     """Directions of the eccentrics [rad]."""
-    return [pose.crank for pose in at.disks]
+    return [pose.crank for pose in reducer.disks]
 
 
-def errors_of_disks(profile, at, n=1, **given):
+def errors_of_disks(profile, reducer, n=1, **arguments):
     """Zero errors but for those given [mm]; one diameter of each output pin, however many disks it reaches through."""
-    per_pin = np.count_nonzero(at.contacts.kind == OUTPUT) // at.n_disks
-    zero = errors_of(profile, at, n)
+    per_pin = np.count_nonzero(reducer.contacts.kind == OUTPUT) // reducer.n_disks
+    zero = errors_of(profile, reducer, n)
     zero = replace(zero, roller_diameter=np.zeros((n, per_pin)))
-    return replace(zero, **{name: np.zeros_like(getattr(zero, name)) + value for name, value in given.items()})
+    return replace(zero, **{name: np.zeros_like(getattr(zero, name)) + value for name, value in arguments.items()})
 
 
 @CASES
 def test_every_disk_meshes_at_its_own_eccentric_and_all_holes_leave_the_output_pins_free(profile, disks, crank):
-    mechanism, at = reducer_at(profile, crank, disks)
-    assert at.motions[: 2 * disks + 1] == (*(f"disk {k}_{axis}" for k in range(disks) for axis in "xy"), "disk 0_phi")
-    np.testing.assert_allclose(np.diff(angles(at)), 2 * np.pi / disks)
+    mechanism, reducer = reducer_at(profile, crank, disks)
+    assert reducer.motions[: 2 * disks + 1] == (
+        *(f"disk {k}_{axis}" for k in range(disks) for axis in "xy"),
+        "disk 0_phi",
+    )
+    np.testing.assert_allclose(np.diff(angles(reducer)), 2 * np.pi / disks)
     for method in ("exact", "first_order"):
-        gap = gaps(profile, at, errors_of_disks(profile, at), method=method, **READING)
+        gap = gaps(profile, reducer, errors_of_disks(profile, reducer), method=method, **READING)
         np.testing.assert_allclose(gap, 0, atol=1e-12)
     output_pins = mechanism.centres() * np.exp(1j * disk_rotation(profile, crank))
     wall = mechanism.hole_radius(profile.eccentricity)
-    for disk, angle in enumerate(angles(at)):
+    for disk, angle in enumerate(angles(reducer)):
         holes = profile.eccentricity * np.exp(1j * angle) + output_pins
-        contacts = np.flatnonzero((at.disk_of_contact == disk) & (at.contacts.kind == OUTPUT))
-        np.testing.assert_allclose(np.abs(at.contacts.point[contacts] - holes), wall)
-        np.testing.assert_allclose(np.abs(at.contacts.point[contacts] - output_pins), mechanism.pin_radius_mm)
+        contacts = np.flatnonzero((reducer.disk_of_contact == disk) & (reducer.contacts.kind == OUTPUT))
+        np.testing.assert_allclose(np.abs(reducer.contacts.point[contacts] - holes), wall)
+        np.testing.assert_allclose(np.abs(reducer.contacts.point[contacts] - output_pins), mechanism.pin_radius_mm)
 
 
 @CASES
 def test_a_disk_feels_its_own_motions_as_if_it_were_alone(profile, disks, crank):
-    _, at = reducer_at(profile, crank, disks)
-    for disk, angle in enumerate(angles(at)):
-        rows, others = at.disk_of_contact == disk, at.disk_of_contact != disk
-        columns = [at.motions.index(f"disk {disk}_{name}") for name in ("x", "y", "phi")]
-        assert not np.any(at.contact_jacobian[np.ix_(others, columns)])
-        _, alone = reducer_at(profile, angle, 1)
-        pins = rows & (at.contacts.kind == PIN)
+    _, reducer = reducer_at(profile, crank, disks)
+    for disk, angle in enumerate(angles(reducer)):
+        rows, remaining = reducer.disk_of_contact == disk, reducer.disk_of_contact != disk
+        columns = [reducer.motions.index(f"disk {disk}_{name}") for name in ("x", "y", "phi")]
+        assert not np.any(reducer.contact_jacobian[np.ix_(remaining, columns)])
+        _, isolated = reducer_at(profile, angle, 1)
+        pins = rows & (reducer.contacts.kind == PIN)
         np.testing.assert_allclose(
-            at.contact_jacobian[np.ix_(pins, columns)], alone.contact_jacobian[: profile.pins, :3], atol=1e-12
+            reducer.contact_jacobian[np.ix_(pins, columns)], isolated.contact_jacobian[: profile.pins, :3], atol=1e-12
         )
-    assert list(at.contacts.kind) == [PIN] * at.n_pins + [OUTPUT] * (len(at.contacts) - at.n_pins)
+    assert list(reducer.contacts.kind) == [PIN] * reducer.n_pins + [OUTPUT] * (len(reducer.contacts) - reducer.n_pins)
 
 
 @CASES
@@ -87,141 +90,145 @@ def test_a_disk_feels_its_own_motions_as_if_it_were_alone(profile, disks, crank)
 def test_a_disk_meets_the_shared_pins_and_its_own_errors(profile, disks, crank, method):
     """Gaps of a disk are those of a reducer of that disk alone, with its eccentric's phase as a turn of the crank."""
     rng, n = np.random.default_rng(disks), 2
-    _, at = reducer_at(profile, crank, disks)
+    _, reducer = reducer_at(profile, crank, disks)
     pins = {
         name: 2e-3 * rng.uniform(-1, 1, (n, profile.pins)) for name in ("pin_radial", "pin_tangential", "pin_radius")
     }
     lobe, eccentricity = 2e-3 * rng.uniform(0, 1, (n, disks, profile.lobes)), 1e-3 * rng.uniform(-1, 1, (n, disks))
     diameter, phase = 2e-3 * rng.uniform(-1, 1, (n, 6)), np.zeros((n, disks))
     errors = {"eccentricity": eccentricity, "eccentric_phase": phase, "roller_diameter": diameter}
-    whole = replace(errors_of_disks(profile, at, n), **pins, **errors, lobe=lobe)
-    found = gaps(profile, at, whole, method=method, **READING)
-    for disk, angle in enumerate(angles(at)):
-        _, alone = reducer_at(profile, angle, 1)
-        own = {"lobe": lobe[:, disk], "eccentricity": eccentricity[:, disk], "eccentric_phase": np.zeros(n)}
-        expected = gaps(profile, alone, replace(whole, **own), method=method, **READING)
-        np.testing.assert_allclose(found[:, at.disk_of_contact == disk], expected, atol=1e-13)
+    whole = replace(errors_of_disks(profile, reducer, n), **pins, **errors, lobe=lobe)
+    computed_gaps = gaps(profile, reducer, whole, method=method, **READING)
+    for disk, angle in enumerate(angles(reducer)):
+        _, isolated = reducer_at(profile, angle, 1)
+        own_value = {"lobe": lobe[:, disk], "eccentricity": eccentricity[:, disk], "eccentric_phase": np.zeros(n)}
+        expected = gaps(profile, isolated, replace(whole, **own_value), method=method, **READING)
+        np.testing.assert_allclose(computed_gaps[:, reducer.disk_of_contact == disk], expected, atol=1e-13)
 
 
 @pytest.mark.parametrize("disk", [0, 1])
 def test_the_phase_of_an_eccentric_is_a_turn_of_its_crank_and_a_rotation_of_the_disk(disk):
     """Brute force: at the crank where its eccentric stands, the nominal disk has no gap once it has turned there."""
     way, crank = 20e-3, 0.7
-    mechanism, at = reducer_at(SMALL, crank, 2)
+    mechanism, reducer = reducer_at(SMALL, crank, 2)
     phase = np.zeros((1, 2))
     phase[0, disk] = way
-    found = gaps(SMALL, at, replace(errors_of_disks(SMALL, at), eccentric_phase=phase), method="exact", **READING)[0]
-    others = at.disk_of_contact != disk
-    np.testing.assert_allclose(found[others], 0, atol=1e-12)
-    angle = angles(at)[disk]
+    computed_gaps = gaps(
+        SMALL, reducer, replace(errors_of_disks(SMALL, reducer), eccentric_phase=phase), method="exact", **READING
+    )[0]
+    remaining = reducer.disk_of_contact != disk
+    np.testing.assert_allclose(computed_gaps[remaining], 0, atol=1e-12)
+    angle = angles(reducer)[disk]
     centre = SMALL.eccentricity * np.exp(1j * angle) + way * 1j * np.exp(1j * angle)
     psi = np.linspace(0, 2 * np.pi, 400_001)
     flank = SMALL.flank(psi) * np.exp(1j * disk_rotation(SMALL, angle)) + centre
-    pins = at.pins.centre[: SMALL.pins]
+    pins = reducer.pins.centre[: SMALL.pins]
     nearest = np.array([np.min(np.abs(flank - pin)) for pin in pins]) - SMALL.pin_radius
-    own_pins = (at.disk_of_contact == disk) & (at.contacts.kind == PIN)
-    np.testing.assert_allclose(found[own_pins], nearest, atol=2e-8)
+    own_pins = (reducer.disk_of_contact == disk) & (reducer.contacts.kind == PIN)
+    np.testing.assert_allclose(computed_gaps[own_pins], nearest, atol=2e-8)
     holes = mechanism.centres() * np.exp(1j * disk_rotation(SMALL, crank)) + centre
     stand_off = np.abs(holes - mechanism.centres() * np.exp(1j * disk_rotation(SMALL, crank)))
-    own_holes = (at.disk_of_contact == disk) & (at.contacts.kind == OUTPUT)
-    np.testing.assert_allclose(found[own_holes], SMALL.eccentricity - stand_off, atol=1e-14)
+    own_holes = (reducer.disk_of_contact == disk) & (reducer.contacts.kind == OUTPUT)
+    np.testing.assert_allclose(computed_gaps[own_holes], SMALL.eccentricity - stand_off, atol=1e-14)
     # the disk closes every gap by turning with its eccentric, to the second order of the turn
     turn = -way / (SMALL.eccentricity * SMALL.lobes)
-    left = found - turn * at.contact_jacobian[:, at.motions.index(f"disk {disk}_phi")]
-    np.testing.assert_allclose(left[own_pins], 0, atol=5 * way**2)
+    residuals = computed_gaps - turn * reducer.contact_jacobian[:, reducer.motions.index(f"disk {disk}_phi")]
+    np.testing.assert_allclose(residuals[own_pins], 0, atol=5 * way**2)
 
 
 @CASES
 def test_separated_play_is_the_general_programs(profile, disks, crank):
-    _, at = reducer_at(profile, crank, disks)
-    gap = np.random.default_rng(1).uniform(1e-3, 12e-3, (12, len(at.contacts)))
+    _, reducer = reducer_at(profile, crank, disks)
+    gap = np.random.default_rng(1).uniform(1e-3, 12e-3, (12, len(reducer.contacts)))
     tight = np.zeros(len(gap))
-    separated, general = separated_play(at, gap), general_play(at, gap, tight)
+    separated, general = separated_play(reducer, gap), general_play(reducer, gap, tight)
     np.testing.assert_allclose(separated.backlash, general.backlash, rtol=1e-9, atol=1e-14)
     np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-8, atol=1e-13)
     for pose in (separated.pose_plus, separated.pose_minus):
-        penetration = (pose @ at.contact_jacobian.T - gap).max(axis=1)
+        penetration = (pose @ reducer.contact_jacobian.T - gap).max(axis=1)
         np.testing.assert_allclose(penetration, separated.overlap, atol=1e-12)
     # disks that work against each other though each has play of its own
-    gap[:, at.disk_of_contact == 1] += (
-        12e-3 * at.contact_jacobian[at.disk_of_contact == 1, at.motions.index("output_phi")]
+    gap[:, reducer.disk_of_contact == 1] += (
+        12e-3 * reducer.contact_jacobian[reducer.disk_of_contact == 1, reducer.motions.index("output_phi")]
     )
-    separated, general = separated_play(at, gap), general_play(at, gap, tight)
+    separated, general = separated_play(reducer, gap), general_play(reducer, gap, tight)
     assert np.count_nonzero(separated.preloaded) > 3
     np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-8, atol=1e-13)
     for pose in (separated.pose_plus, separated.pose_minus):
-        np.testing.assert_allclose((pose @ at.contact_jacobian.T - gap).max(axis=1), separated.overlap, atol=1e-11)
+        np.testing.assert_allclose((pose @ reducer.contact_jacobian.T - gap).max(axis=1), separated.overlap, atol=1e-11)
 
 
 @pytest.mark.parametrize("disks", [2, 3])
 def test_a_phase_error_of_one_eccentric_takes_its_turn_of_the_output_off_the_play(disks):
     """Closed form: the interval of that disk moves by s/(e lobes) against the others', which are all alike."""
     crank, clearance = 0.9, 10e-3
-    _, at = reducer_at(EVEN_LOBES, crank, disks)
-    symmetric = errors_of_disks(EVEN_LOBES, at, 1, pin_radius=-clearance, roller_diameter=-2 * clearance)
-    free = separated_play(at, gaps(EVEN_LOBES, at, symmetric, method="first_order", **READING)).backlash[0]
+    _, reducer = reducer_at(EVEN_LOBES, crank, disks)
+    symmetric = errors_of_disks(EVEN_LOBES, reducer, 1, pin_radius=-clearance, roller_diameter=-2 * clearance)
+    free = separated_play(reducer, gaps(EVEN_LOBES, reducer, symmetric, method="first_order", **READING)).backlash[0]
     # the plays of disks at other phases of the pins differ: the least of each sense counts
     for way in (0.0, 4e-3, -4e-3, 12e-3):
         phase = np.zeros((1, disks))
         phase[0, 1] = way
         errors = replace(symmetric, eccentric_phase=phase)
-        gap = gaps(EVEN_LOBES, at, errors, method="first_order", **READING)
+        gap = gaps(EVEN_LOBES, reducer, errors, method="first_order", **READING)
         ends = []
         for disk in range(disks):
-            rows = at.disk_of_contact == disk
-            pins, holes = rows & (at.contacts.kind == PIN), rows & (at.contacts.kind == OUTPUT)
+            rows = reducer.disk_of_contact == disk
+            pins, holes = rows & (reducer.contacts.kind == PIN), rows & (reducer.contacts.kind == OUTPUT)
             shift = -(way if disk == 1 else 0.0) / (EVEN_LOBES.eccentricity * EVEN_LOBES.lobes)
-            aside = shift**2 * EVEN_LOBES.eccentricity * EVEN_LOBES.lobes**2 / 2  # of the holes, second order
-            parts = ((clearance, at.contacts.arm[pins]), (clearance - aside, at.contacts.arm[holes]))
+            lateral_shift = shift**2 * EVEN_LOBES.eccentricity * EVEN_LOBES.lobes**2 / 2  # of the holes, second order
+            parts = ((clearance, reducer.contacts.arm[pins]), (clearance - lateral_shift, reducer.contacts.arm[holes]))
             ends.append([sense * sum(room / np.max(-sense * arm) for room, arm in parts) + shift for sense in (1, -1)])
         expected = np.min(ends, axis=0)[0] - np.max(ends, axis=0)[1]
-        play = separated_play(at, gap)
+        play = separated_play(reducer, gap)
         assert play.backlash[0] == pytest.approx(expected, rel=1e-6)
         assert play.backlash[0] <= free * (1 + 1e-12)
 
 
 def test_each_disk_is_free_within_its_own_bearing():
-    _, at = reducer_at(SMALL, 0.3, 2)
-    gap = np.random.default_rng(3).uniform(1e-3, 12e-3, (4, len(at.contacts)))
+    _, reducer = reducer_at(SMALL, 0.3, 2)
+    gap = np.random.default_rng(3).uniform(1e-3, 12e-3, (4, len(reducer.contacts)))
     clearance = np.array([[0.0, 0.0], [2e-3, 0.0], [0.0, 3e-3], [2e-3, 3e-3]])
-    play = rigid_play(at, gap, clearance)
+    play = rigid_play(reducer, gap, clearance)
     for pose in (play.pose_plus, play.pose_minus):
-        assert np.all((pose @ at.contact_jacobian.T - gap).max(axis=1) <= 1e-12)
+        assert np.all((pose @ reducer.contact_jacobian.T - gap).max(axis=1) <= 1e-12)
         reach = np.hypot(pose[:, [0, 2]], pose[:, [1, 3]])
         assert np.all(reach <= clearance * (1 + 1e-9) + 1e-13)
-    wider = [rigid_play(at, gap[[0]], clearance[[k]]).backlash[0] for k in range(4)]
+    wider = [rigid_play(reducer, gap[[0]], clearance[[k]]).backlash[0] for k in range(4)]
     assert wider[0] <= min(wider[1], wider[2]) <= max(wider[1], wider[2]) <= wider[3]
     assert wider[3] > wider[0] * 1.01
-    alike = rigid_play(at, gap, np.full(4, 2e-3)).backlash
-    np.testing.assert_array_equal(alike, rigid_play(at, gap, np.full((4, 2), 2e-3)).backlash)
+    equal_backlash = rigid_play(reducer, gap, np.full(4, 2e-3)).backlash
+    np.testing.assert_array_equal(equal_backlash, rigid_play(reducer, gap, np.full((4, 2), 2e-3)).backlash)
 
 
-def blocks(at, seed=7):
+def blocks(reducer, seed=7):
     """A compliance (n_contacts, n_contacts) [mm/N] of disks that are one part, each in its place of the turn."""
-    rng, full = np.random.default_rng(seed), np.zeros((len(at.contacts), len(at.contacts)))
-    pins, holes = at.n_pins // at.n_disks, int(at.contacts.station.max()) + 1
+    rng, full = np.random.default_rng(seed), np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    pins, holes = reducer.n_pins // reducer.n_disks, int(reducer.contacts.station.max()) + 1
     block = random_compliance(pins + holes, rng)
-    for disk in range(at.n_disks):
-        rows = np.flatnonzero(at.disk_of_contact == disk)
-        turned = [np.roll(kind, disk * len(kind) // at.n_disks) for kind in (rows[:pins], rows[pins:])]
-        place = np.concatenate(turned)  # numbers run clockwise, eccentrics counterclockwise
-        full[np.ix_(place, place)] = block
+    for disk in range(reducer.n_disks):
+        rows = np.flatnonzero(reducer.disk_of_contact == disk)
+        rotation = [np.roll(kind, disk * len(kind) // reducer.n_disks) for kind in (rows[:pins], rows[pins:])]
+        position = np.concatenate(rotation)  # numbers run clockwise, eccentrics counterclockwise
+        full[np.ix_(position, position)] = block
     return full
 
 
-def laws_of_disks(profile, at):
-    n_out = len(at.contacts) - at.n_pins
-    on_flank = LineContact(1 / (1 / profile.pin_radius + at.pins.flank_curvature), 2.0, STEEL, STEEL)
+def laws_of_disks(profile, reducer):
+    n_out = len(reducer.contacts) - reducer.n_pins
+    on_flank = LineContact(1 / (1 / profile.pin_radius + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
     in_hole = LineContact(np.full(n_out, 1.5), 2.0, STEEL, STEEL)
     shares = [[cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)] for line in (on_flank, in_hole)]
     return concatenated([hertz_laws(on_flank, shares[0], 1.0), hertz_laws(in_hole, shares[1], 1.0)])
 
 
-def loaded(profile, at, torques, gap=0.0):
+def loaded(profile, reducer, torques, gap=0.0):
     """Frictionless equilibria of one unit at ascending torques of one sense [N mm]."""
-    gaps_of_contacts = np.full((1, len(at.contacts)), gap)
-    drive = drive_with(profile, at, LINEAR, laws_of_disks(profile, at), blocks(at), gaps_of_contacts, np.zeros(1))
-    play = separated_play(at, gaps_of_contacts)
+    gaps_of_contacts = np.full((1, len(reducer.contacts)), gap)
+    drive = drive_with(
+        profile, reducer, LINEAR, laws_of_disks(profile, reducer), blocks(reducer), gaps_of_contacts, np.zeros(1)
+    )
+    play = separated_play(reducer, gaps_of_contacts)
     pose = play.pose_plus if torques[0] > 0 else play.pose_minus
     return drive.equilibria(first_poses(drive, pose, torques[0]), torques)
 
@@ -230,19 +237,24 @@ def loaded(profile, at, torques, gap=0.0):
 @pytest.mark.parametrize("gap", [0.0, 2e-3])
 def test_perfect_disks_carry_equal_shares_and_turn_as_one_does_under_its_share(profile, disks, gap):
     """Where the number of disks divides pins and holes they are one picture turned, and nothing shared gives way."""
-    _, at = reducer_at(profile, 0.3, disks)
-    _, alone = reducer_at(profile, 0.3, 1)
+    _, reducer = reducer_at(profile, 0.3, disks)
+    _, isolated = reducer_at(profile, 0.3, 1)
     torques = np.array([300.0, 3000.0, 12000.0])
     for sense in (1, -1):
-        whole, part = loaded(profile, at, sense * torques, gap), loaded(profile, alone, sense * torques / disks, gap)
+        whole, part = (
+            loaded(profile, reducer, sense * torques, gap),
+            loaded(profile, isolated, sense * torques / disks, gap),
+        )
         assert np.all(whole.converged)
         assert np.all(part.converged)
-        output = at.contact_jacobian[:, at.output_motion]
-        carried = [whole.force[0][:, at.disk_of_contact == k] @ output[at.disk_of_contact == k] for k in range(disks)]
-        for of_disk in carried:
+        output = reducer.contact_jacobian[:, reducer.output_motion]
+        carried_torque = [
+            whole.force[0][:, reducer.disk_of_contact == k] @ output[reducer.disk_of_contact == k] for k in range(disks)
+        ]
+        for of_disk in carried_torque:
             np.testing.assert_allclose(of_disk, sense * torques / disks, rtol=1e-9)
         np.testing.assert_allclose(
-            whole.motion[0, :, at.output_motion], part.motion[0, :, alone.output_motion], rtol=1e-9
+            whole.motion[0, :, reducer.output_motion], part.motion[0, :, isolated.output_motion], rtol=1e-9
         )
-        thrust = at.thrust(whole.force)[0]
-        np.testing.assert_allclose(thrust, np.repeat(alone.thrust(part.force)[0], disks, axis=1), rtol=1e-8)
+        thrust = reducer.thrust(whole.force)[0]
+        np.testing.assert_allclose(thrust, np.repeat(isolated.thrust(part.force)[0], disks, axis=1), rtol=1e-8)

@@ -41,9 +41,11 @@ def test_ends_of_play_are_those_of_rigid_bodies():
 
 def test_torsion_adds_its_twist():
     drive = small_drive(2, seed=1)
-    plain, twisted = backbone(drive, SHARES), backbone(replace(drive, torsion=2e-8), SHARES)
-    np.testing.assert_allclose(twisted.angle - plain.angle, 2e-8 * np.tile(plain.torque, (2, 1)), rtol=1e-9, atol=1e-18)
-    np.testing.assert_array_equal(twisted.states.force, plain.states.force)
+    reference, twisted = backbone(drive, SHARES), backbone(replace(drive, torsion=2e-8), SHARES)
+    np.testing.assert_allclose(
+        twisted.angle - reference.angle, 2e-8 * np.tile(reference.torque, (2, 1)), rtol=1e-9, atol=1e-18
+    )
+    np.testing.assert_array_equal(twisted.states.force, reference.states.force)
 
 
 def test_clearance_of_the_bearing_widens_the_play_as_the_general_program_says():
@@ -79,25 +81,25 @@ def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program
     drive = small_drive(6, clearance=30 * MICROMETRE, **LOOSE[name])
     drive = drive.shifted(np.full(drive.gap.shape, -5 * MICROMETRE))
     assert np.any(separated_play(drive.reducer, drive.gap).preloaded) == name.startswith("interfering")
-    asked = []
+    calls = []
 
     def asking(reducer, gap, clearance):
-        asked.append(len(gap))
+        calls.append(len(gap))
         return rigid_play(reducer, gap, clearance)
 
     way = of_drive._one_sense
 
     def failing(drive, pose, levels, preloaded):
-        found = way(drive, pose, levels, preloaded)
-        found.motion[2], found.converged[2, 1] = np.nan, False
-        return found
+        result = way(drive, pose, levels, preloaded)
+        result.motion[2], result.converged[2, 1] = np.nan, False
+        return result
 
     monkeypatch.setattr(of_drive, "rigid_play", asking)
     if falls_back:
         monkeypatch.setattr(of_drive, "_one_sense", failing)
     curve = backbone(drive, SHARES)
     assert np.all(curve.states.converged)
-    assert asked == [1] * falls_back  # only those that need it
+    assert calls == [1] * falls_back  # only those that need it
     general = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     monkeypatch.setattr(of_drive, "separated_play", lambda reducer, gap: general)
     monkeypatch.setattr(of_drive, "_one_sense", raised)
@@ -116,12 +118,12 @@ def raised(drive, pose, levels, preloaded):
 def test_preloaded_curve_is_the_same_from_either_end(depth, monkeypatch):
     drive = small_drive(4, seed=depth, play=-2 * depth * MICROMETRE)
     drive = drive.shifted(np.random.default_rng(depth).uniform(-depth, depth, drive.gap.shape) * MICROMETRE)
-    down = backbone(drive, SHARES)
-    assert np.all(down.states.converged)
+    unloading = backbone(drive, SHARES)
+    assert np.all(unloading.states.converged)
     monkeypatch.setattr(of_drive, "_one_sense", raised)
-    up = backbone(drive, SHARES)
-    found = up.states.converged
-    np.testing.assert_allclose(down.angle[found], up.angle[found], rtol=0, atol=1e-10)
+    loading_branch = backbone(drive, SHARES)
+    result = loading_branch.states.converged
+    np.testing.assert_allclose(unloading.angle[result], loading_branch.angle[result], rtol=0, atol=1e-10)
 
 
 def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
@@ -137,30 +139,30 @@ def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
 
 def test_shifted_drive_has_the_gaps_of_one_whose_shift_was_replaced():
     drive = small_drive(3, seed=4)
-    before, rng = drive.gap.copy(), np.random.default_rng(1)
-    once, twice = (rng.uniform(-5, 5, drive.gap.shape) * MICROMETRE for _ in range(2))
-    made = drive.shifted(once).shifted(twice)
-    anew = replace(drive, shift=drive.shift + once + twice)
-    np.testing.assert_allclose(made.shift, anew.shift, atol=1e-16)
-    np.testing.assert_allclose(made.gap, anew.gap, atol=1e-15)
-    np.testing.assert_array_equal(drive.gap, before)
+    gap_before, rng = drive.gap.copy(), np.random.default_rng(1)
+    single_change, double_change = (rng.uniform(-5, 5, drive.gap.shape) * MICROMETRE for _ in range(2))
+    variant = drive.shifted(single_change).shifted(double_change)
+    rebuilt = replace(drive, shift=drive.shift + single_change + double_change)
+    np.testing.assert_allclose(variant.shift, rebuilt.shift, atol=1e-16)
+    np.testing.assert_allclose(variant.gap, rebuilt.gap, atol=1e-15)
+    np.testing.assert_array_equal(drive.gap, gap_before)
     assert not np.any(drive.shift)
     error = {"eccentricity": np.array(3 * MICROMETRE)}  # the gaps of a change after it are found anew
-    np.testing.assert_allclose(made.moved(**error).gap, anew.moved(**error).gap, atol=1e-15)
-    assert np.max(np.abs(made.moved(**error).gap - made.gap)) > MICROMETRE
+    np.testing.assert_allclose(variant.moved(**error).gap, rebuilt.moved(**error).gap, atol=1e-15)
+    assert np.max(np.abs(variant.moved(**error).gap - variant.gap)) > MICROMETRE
 
 
 def test_first_is_the_drive_of_its_first_state():
     drive = replace(small_drive(4, seed=3), bearing_clearance=np.array([2.0, 0.0, 5.0, 1.0]) * MICROMETRE, torsion=1e-8)
     drive = drive.shifted(np.random.default_rng(2).uniform(0, 3, drive.gap.shape) * MICROMETRE)
-    first = drive.first
-    np.testing.assert_allclose(first.gap, drive.gap[:1], atol=1e-15)
-    np.testing.assert_array_equal(first.bearing_clearance, [2 * MICROMETRE])
-    np.testing.assert_array_equal(first.shift, drive.shift[:1])
+    first_drive = drive.first
+    np.testing.assert_allclose(first_drive.gap, drive.gap[:1], atol=1e-15)
+    np.testing.assert_array_equal(first_drive.bearing_clearance, [2 * MICROMETRE])
+    np.testing.assert_array_equal(first_drive.shift, drive.shift[:1])
     for name, values in vars(drive.errors).items():
-        np.testing.assert_array_equal(getattr(first.errors, name), values[:1])
+        np.testing.assert_array_equal(getattr(first_drive.errors, name), values[:1])
     curve = backbone(drive, SHARES)
-    np.testing.assert_allclose(backbone(first, SHARES).angle, curve.angle[:1], atol=1e-12)
+    np.testing.assert_allclose(backbone(first_drive, SHARES).angle, curve.angle[:1], atol=1e-12)
     assert np.max(np.abs(curve.angle[1:] - curve.angle[0])) > 1e-6
 
 
@@ -182,8 +184,8 @@ def difference(drive, contact, step):
 def test_influence_of_a_gap_is_the_difference_of_curves(bearing, clearance):
     drive = small_drive(2, seed=6, bearing=bearing, clearance=clearance)
     curve = backbone(drive, SHARES)
-    influence, closed = curve.influence, curve.states.force > 0
-    changes = np.any(closed[:, 1:] != closed[:, :-1], axis=2)
+    influence, in_contact = curve.influence, curve.states.force > 0
+    changes = np.any(in_contact[:, 1:] != in_contact[:, :-1], axis=2)
     smooth = np.broadcast_to(np.abs(curve.torque) > 0.05 * RATED, curve.angle.shape).copy()
     smooth[:, [0, -1]] = False  # where the slope is one-sided
     for sample, interval in zip(*np.nonzero(changes), strict=True):
@@ -200,23 +202,23 @@ def test_influence_at_the_ends_of_play_is_that_of_the_first_pin():
     curve, arm = backbone(drive, SHARES), drive.reducer.pins.arm
     for node, sense in ((MIDDLE, 1), (MIDDLE - 1, -1)):
         influence = curve.influence[:, node, : drive.reducer.n_pins]
-        first = np.argmax(np.abs(influence), axis=1)
-        found = influence[np.arange(5), first]
-        np.testing.assert_allclose(found, sense / np.abs(arm[first]), rtol=1e-3)
-        np.testing.assert_allclose(np.abs(influence).sum(axis=1), np.abs(found), rtol=1e-2)
+        first_pin = np.argmax(np.abs(influence), axis=1)
+        result = influence[np.arange(5), first_pin]
+        np.testing.assert_allclose(result, sense / np.abs(arm[first_pin]), rtol=1e-3)
+        np.testing.assert_allclose(np.abs(influence).sum(axis=1), np.abs(result), rtol=1e-2)
 
 
 def test_a_tight_disk_that_gets_play_falls_by_it_and_its_contacts_stay_as_deep_as_they_can():
     drive, loose = small_drive(5), np.full(5, 12 * MICROMETRE)
     states = backbone(drive, SHARES).states
     motion, force = states.motion[:, -1], states.force[:, -1]
-    moved = of_drive._loosened(drive.reducer, motion, force, loose) - motion
-    np.testing.assert_allclose(np.hypot(*moved[:, :2].T), loose)
-    np.testing.assert_allclose(np.sum(moved[:, :2] * motion[:, :2], axis=1), loose * np.hypot(*motion[:, :2].T))
-    deeper, rotations = moved @ drive.reducer.contact_jacobian.T, drive.reducer.contact_jacobian[:, 2:]
-    fallen = moved[:, :2] @ drive.reducer.contact_jacobian[:, :2].T
-    left = np.abs((force * deeper) @ rotations)
-    assert np.all(left < 1e-9 * np.max(np.abs(force * fallen) @ np.abs(rotations)))
+    shifted = of_drive._loosened(drive.reducer, motion, force, loose) - motion
+    np.testing.assert_allclose(np.hypot(*shifted[:, :2].T), loose)
+    np.testing.assert_allclose(np.sum(shifted[:, :2] * motion[:, :2], axis=1), loose * np.hypot(*motion[:, :2].T))
+    deeper, rotations = shifted @ drive.reducer.contact_jacobian.T, drive.reducer.contact_jacobian[:, 2:]
+    fallen = shifted[:, :2] @ drive.reducer.contact_jacobian[:, :2].T
+    residual = np.abs((force * deeper) @ rotations)
+    assert np.all(residual < 1e-9 * np.max(np.abs(force * fallen) @ np.abs(rotations)))
 
 
 CHANGES = {
@@ -232,13 +234,13 @@ CHANGES = {
 @pytest.mark.parametrize("name", CHANGES)
 def test_small_change_of_springs_and_gaps_moves_the_curve_as_the_forces_say(name):
     drive = small_drive(3, seed=6, clearance=10 * MICROMETRE)
-    near = replace(drive, **CHANGES[name](drive), known=None)
+    base_unknowns = replace(drive, **CHANGES[name](drive), known=None)
     shares = torque_levels(160, 1.05)  # the slope of the forces is taken over the nodes
     curve = backbone(drive, shares)
-    truth = backbone(near, shares).angle - curve.angle
-    found = curve.change(drive, near)
-    loaded = np.abs(curve.torque) > 0.02 * RATED
-    assert np.max(np.abs(truth[:, loaded])) > 1e-10
-    off = np.abs(found - truth)[:, loaded] / np.max(np.abs(truth[:, loaded]))
-    assert np.quantile(off, 0.97) < 0.03
-    assert np.max(off) < 0.3  # where a contact closes between two nodes
+    truth = backbone(base_unknowns, shares).angle - curve.angle
+    result = curve.change(drive, base_unknowns)
+    is_loaded = np.abs(curve.torque) > 0.02 * RATED
+    assert np.max(np.abs(truth[:, is_loaded])) > 1e-10
+    offset = np.abs(result - truth)[:, is_loaded] / np.max(np.abs(truth[:, is_loaded]))
+    assert np.quantile(offset, 0.97) < 0.03
+    assert np.max(offset) < 0.3  # where a contact closes between two nodes

@@ -69,9 +69,9 @@ class Model:
     def misfit(self, solution, gap):
         """Largest misfit of a closed contact and largest penetration of an open one [mm]."""
         room = gap[:, None] + solution.force @ self.compliance - solution.motion @ self.at.contact_jacobian.T
-        closed = solution.force > 0
-        of_closed = np.abs(room + self.laws.deflection(solution.force))[closed]
-        return of_closed.max(initial=0), np.max(-room[~closed], initial=0)
+        in_contact = solution.force > 0
+        of_closed = np.abs(room + self.laws.deflection(solution.force))[in_contact]
+        return of_closed.max(initial=0), np.max(-room[~in_contact], initial=0)
 
     def complementary_energy(self, force, gap):
         """Energy whose least value over balanced forces is the solution (linear bearing)."""
@@ -93,9 +93,9 @@ def assert_equilibrium(model, solution, gap, torque, tolerance=1e-8):
     assert solution.residual.max() <= ACCEPTED
     assert solution.force.min() >= 0
     assert model.unbalanced(solution, torque) < tolerance
-    closed, opened = model.misfit(solution, gap)
-    assert closed < 1e-9 * np.abs(solution.motion).max() + 1e-12
-    assert opened < 1e-11
+    closing_values, opening = model.misfit(solution, gap)
+    assert closing_values < 1e-9 * np.abs(solution.motion).max() + 1e-12
+    assert opening < 1e-11
 
 
 @PLATES
@@ -151,12 +151,12 @@ def ring():
     """Compliance of a ring 2.95 mm thin at the lobes' roots, between its pins."""
     mesh = lobed_disk_mesh(flank_nodes(PAPER, 24), 79, 28.4, 0.5, 1.0)
     disk = elastic_body(mesh, 206e3, 0.3, 1.0, "plane_stress", "bore")
-    at = reducer_at(PAPER, 0.0)
+    reducer = reducer_at(PAPER, 0.0)
     turn = np.exp(-1j * disk_rotation(PAPER, 0.0))
-    place, normal = (at.pins.point - PAPER.eccentricity) * turn, at.pins.normal * turn
-    compliance = np.zeros((len(at.contacts),) * 2)
-    pins = slice(at.n_pins)
-    compliance[pins, pins] = disk.compliance(boundary_patches(disk.mesh, "flank", place, normal, 0.16)).matrix
+    position, normal = (reducer.pins.point - PAPER.eccentricity) * turn, reducer.pins.normal * turn
+    compliance = np.zeros((len(reducer.contacts),) * 2)
+    pins = slice(reducer.n_pins)
+    compliance[pins, pins] = disk.compliance(boundary_patches(disk.mesh, "flank", position, normal, 0.16)).matrix
     return compliance
 
 
@@ -170,8 +170,8 @@ def test_a_thin_ring_reaches_equilibrium(ring, sense):
     gap = random_gaps(model, 30, 8, 0.0, 12e-3)
     torque = sense * np.array([360.0, 6000.0, 12000.0])
     assert_equilibrium(model, model.solve(gap, torque), gap, torque)
-    one_by_one = np.concatenate([model.solve(gap, [load]).force for load in torque], axis=1)
-    np.testing.assert_allclose(model.solve(gap, torque).force, one_by_one, atol=1e-7 * one_by_one.max())
+    single_solutions = np.concatenate([model.solve(gap, [load]).force for load in torque], axis=1)
+    np.testing.assert_allclose(model.solve(gap, torque).force, single_solutions, atol=1e-7 * single_solutions.max())
 
 
 @PLATES
@@ -191,7 +191,7 @@ def test_solution_is_the_least_complementary_energy_that_scipy_finds(floats, sen
         total = model.laws.deflection(force) + model.compliance @ force + gap[0]
         return unit * (total + planar @ (planar.T @ force) / model.bearing.stiffness)
 
-    found = minimize(
+    result = minimize(
         lambda x: model.complementary_energy(unit * x, gap[0]),
         np.full(len(model.laws), 1.0),
         jac=slope,
@@ -201,11 +201,11 @@ def test_solution_is_the_least_complementary_energy_that_scipy_finds(floats, sen
         constraints={"type": "eq", "fun": lambda x: free @ x - load / unit, "jac": lambda x: free},
     )
     force = solution.force[0, 0]
-    assert np.abs(free @ found.x * unit - load).max() < 1e-6
-    np.testing.assert_allclose(unit * found.x, force, atol=1e-4 * force.max())
-    ours = model.complementary_energy(force, gap[0])
-    assert ours <= found.fun + 1e-9 * abs(found.fun)
-    assert ours == pytest.approx(found.fun, rel=1e-7)
+    assert np.abs(free @ result.x * unit - load).max() < 1e-6
+    np.testing.assert_allclose(unit * result.x, force, atol=1e-4 * force.max())
+    model_value = model.complementary_energy(force, gap[0])
+    assert model_value <= result.fun + 1e-9 * abs(result.fun)
+    assert model_value == pytest.approx(result.fun, rel=1e-7)
 
 
 @PLATES
@@ -233,19 +233,19 @@ def test_forces_are_unique_from_twenty_random_starts(floats, name):
     for step in range(2):
         force = solution.force[:, step]
         np.testing.assert_allclose(force, np.broadcast_to(force[0], force.shape), atol=1e-8 * force.max())
-        held = solution.motion[:, step]
-        np.testing.assert_allclose(held, np.broadcast_to(held[0], held.shape), atol=1e-9)
+        held_value = solution.motion[:, step]
+        np.testing.assert_allclose(held_value, np.broadcast_to(held_value[0], held_value.shape), atol=1e-9)
 
 
 @PLATES
 def test_each_step_is_independent_of_the_steps_before_it(floats):
     model = Model(floats=floats, bearing=BEARINGS["clearance"][0], clearance=BEARINGS["clearance"][1])
     gap, torque = random_gaps(model, 5, 7), np.array([100.0, 4000.0, -50.0, 900.0])
-    forwards, backwards = model.solve(gap, torque), model.solve(gap, torque[::-1])
-    np.testing.assert_allclose(forwards.force, backwards.force[:, ::-1], atol=1e-8 * forwards.force.max())
-    alone = model.solve(gap[2:3], torque)
+    ascending, descending = model.solve(gap, torque), model.solve(gap, torque[::-1])
+    np.testing.assert_allclose(ascending.force, descending.force[:, ::-1], atol=1e-8 * ascending.force.max())
+    isolated = model.solve(gap[2:3], torque)
     for name in ("force", "motion", "iterations", "residual"):
-        np.testing.assert_array_equal(getattr(alone, name)[0], getattr(forwards, name)[2])
+        np.testing.assert_array_equal(getattr(isolated, name)[0], getattr(ascending, name)[2])
 
 
 @PLATES
@@ -255,11 +255,11 @@ def test_the_mirrored_reducer_carries_the_mirrored_forces(floats, bearing, clear
     model = Model(floats=floats, bearing=bearing, clearance=clearance)
     model.at = reducer_at(SMALL, 0.0, floats=floats, slide_angle=0.0)
     model.laws = laws_of(SMALL, model.at)
-    place, normal, part = model.at.contacts.point, model.at.contacts.normal, model.at.contacts.interface
-    apart = np.abs(place[:, None] - np.conj(place)) + np.abs(normal[:, None] - np.conj(normal))
-    apart = apart + np.abs(part[:, None] - part)
-    image = np.argmin(apart, axis=1)
-    assert apart[np.arange(len(image)), image].max() < 1e-12
+    position, normal, part = model.at.contacts.point, model.at.contacts.normal, model.at.contacts.interface
+    distance = np.abs(position[:, None] - np.conj(position)) + np.abs(normal[:, None] - np.conj(normal))
+    distance = distance + np.abs(part[:, None] - part)
+    image = np.argmin(distance, axis=1)
+    assert distance[np.arange(len(image)), image].max() < 1e-12
     gap = random_gaps(model, 4, 8)
     solution = model.solve(gap, TORQUES)
     model.compliance = model.compliance[np.ix_(image, image)]
@@ -271,27 +271,29 @@ def test_the_mirrored_reducer_carries_the_mirrored_forces(floats, bearing, clear
 
 def linear_laws(n, compliance):
     """Springs of one ``compliance`` [mm/N] each."""
-    ones = np.ones(n)
-    return ContactLaws(compliance * ones, 0 * ones, 0 * ones, ones, np.inf * ones, ones)
+    unit_values = np.ones(n)
+    return ContactLaws(
+        compliance * unit_values, 0 * unit_values, 0 * unit_values, unit_values, np.inf * unit_values, unit_values
+    )
 
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_linear_springs_in_rigid_bodies_turn_as_by_hand(sense):
     """No gaps, a stiff bearing: T (1/sum l^2 + 2/sum x^2) over the loaded contacts, times the spring's compliance."""
     model = Model(bearing=Bearing(1e13, 1.0))
-    own, n = 1e-5, len(model.laws)
-    model.laws, model.compliance = linear_laws(n, own), np.zeros((n, n))
+    pin_compliance, n = 1e-5, len(model.laws)
+    model.laws, model.compliance = linear_laws(n, pin_compliance), np.zeros((n, n))
     torque, arm = sense * 5000.0, model.at.contacts.arm
     solution = model.solve(np.zeros((1, n)), [torque])
     angle = 0.0
     for part in (-1, 0, 1):
         rows = model.at.contacts.interface == part
-        loaded = rows & (sense * arm < 0)
-        angle += torque * own / np.sum(arm[loaded] ** 2)
-        assert np.all(solution.force[0, 0, loaded] > 0)
-        assert np.all(solution.force[0, 0, rows & ~loaded] == 0)
+        is_loaded = rows & (sense * arm < 0)
+        angle += torque * pin_compliance / np.sum(arm[is_loaded] ** 2)
+        assert np.all(solution.force[0, 0, is_loaded] > 0)
+        assert np.all(solution.force[0, 0, rows & ~is_loaded] == 0)
         np.testing.assert_allclose(
-            solution.force[0, 0, loaded], -torque * arm[loaded] / np.sum(arm[loaded] ** 2), rtol=1e-6
+            solution.force[0, 0, is_loaded], -torque * arm[is_loaded] / np.sum(arm[is_loaded] ** 2), rtol=1e-6
         )
     assert solution.motion[0, 0, model.at.output_motion] == pytest.approx(angle, rel=1e-6)
 

@@ -22,53 +22,55 @@ CENTRE = SMALL.eccentricity * np.exp(1j * CRANK)
 HOLES = pins_in_holes(SMALL, 7, CRANK)[1]
 
 
-def in_space(at):
+def in_space(reducer):
     """The contact Jacobian of bodies that move in space; of the output's column: the housing, its flange is held."""
-    contacts = at.contacts
-    jacobian = np.zeros_like(at.contact_jacobian)
+    contacts = reducer.contacts
+    jacobian = np.zeros_like(reducer.contact_jacobian)
     for sign, bodies in ((1, contacts.body_a), (-1, contacts.body_b)):
-        for column, motion in enumerate(at.motions):
+        for column, motion in enumerate(reducer.motions):
             body, component = motion.rsplit("_", 1)
             centre = CENTRE if body == "disk" else 0
             velocity = {"x": 1, "y": 1j, "phi": 1j * (contacts.point - centre)}[component]
             moves = bodies == ("housing" if body == "output" else body)
             jacobian[:, column] += np.where(moves, sign * np.real(np.conj(contacts.normal) * velocity), 0.0)
-    return replace(at, contact_jacobian=jacobian)
+    return replace(reducer, contact_jacobian=jacobian)
 
 
 def test_any_small_motion_closes_the_contacts_and_slips_on_the_pins_as_in_space():
-    turned = with_fixed_flange(HOLES, SMALL.lobes)
+    turned_unit = with_fixed_flange(HOLES, SMALL.lobes)
     x, y, disk, housing = motion = np.random.default_rng(1).normal(size=4)
-    seen = np.array([x, y, disk - housing * RATIO, housing])  # less what the disk turns by rolling
-    np.testing.assert_allclose(turned.contact_jacobian @ seen, in_space(HOLES).contact_jacobian @ motion, atol=1e-12)
+    motion_seen = np.array([x, y, disk - housing * RATIO, housing])  # less what the disk turns by rolling
+    np.testing.assert_allclose(
+        turned_unit.contact_jacobian @ motion_seen, in_space(HOLES).contact_jacobian @ motion, atol=1e-12
+    )
     pins = HOLES.pins
     of_disk = x + 1j * y + 1j * disk * (pins.point - CENTRE)
     slip = np.real(np.conj(1j * pins.normal) * (of_disk - 1j * housing * pins.point))
-    sliders = pin_sliders(turned, laws_of(SMALL, HOLES), 0.1, RATED)
-    np.testing.assert_allclose(sliders.direction @ seen, slip, atol=1e-12)
-    assert np.abs(slip - pin_sliders(HOLES, laws_of(SMALL, HOLES), 0.1, RATED).direction @ seen).max() > 0.1
+    sliders = pin_sliders(turned_unit, laws_of(SMALL, HOLES), 0.1, RATED)
+    np.testing.assert_allclose(sliders.direction @ motion_seen, slip, atol=1e-12)
+    assert np.abs(slip - pin_sliders(HOLES, laws_of(SMALL, HOLES), 0.1, RATED).direction @ motion_seen).max() > 0.1
 
 
-def states_of(at, bearing, clearance):
+def states_of(reducer, bearing, clearance):
     rng = np.random.default_rng(3)
-    gap, compliance = rng.uniform(1e-3, 6e-3, (4, len(at.contacts))), random_compliance(len(at.contacts), rng)
-    drive = drive_with(SMALL, at, bearing, laws_of(SMALL, at), compliance, gap, np.full(4, clearance))
-    play = (general_play if clearance == 0 else rigid_play)(at, gap, drive.bearing_clearance)
-    start = play.pose_plus + np.where([name.endswith("_phi") for name in at.motions], 1e-5, 0.0)
+    gap, compliance = rng.uniform(1e-3, 6e-3, (4, len(reducer.contacts))), random_compliance(len(reducer.contacts), rng)
+    drive = drive_with(SMALL, reducer, bearing, laws_of(SMALL, reducer), compliance, gap, np.full(4, clearance))
+    play = (general_play if clearance == 0 else rigid_play)(reducer, gap, drive.bearing_clearance)
+    start = play.pose_plus + np.where([name.endswith("_phi") for name in reducer.motions], 1e-5, 0.0)
     return play.backlash, drive.equilibria(start, RATED * np.array([0.05, 0.3, 1.0]))
 
 
 @pytest.mark.parametrize(("bearing", "clearance"), [(LINEAR, 0.0), (Bearing(3e5, 1.5), 4e-3)])
-@pytest.mark.parametrize("at", [HOLES, small_drive(crank=CRANK, floats=True).reducer], ids=["holes", "plate"])
-def test_forces_play_and_rotation_are_those_of_bodies_in_space(at, bearing, clearance):
-    play, states = states_of(with_fixed_flange(at, SMALL.lobes), bearing, clearance)
-    space_play, space = states_of(in_space(at), bearing, clearance)
+@pytest.mark.parametrize("reducer", [HOLES, small_drive(crank=CRANK, floats=True).reducer], ids=["holes", "plate"])
+def test_forces_play_and_rotation_are_those_of_bodies_in_space(reducer, bearing, clearance):
+    play, states = states_of(with_fixed_flange(reducer, SMALL.lobes), bearing, clearance)
+    space_play, space = states_of(in_space(reducer), bearing, clearance)
     assert states.converged.all()
     assert space.converged.all()
     np.testing.assert_allclose(play, space_play, rtol=1e-8)
     np.testing.assert_allclose(states.force, space.force, rtol=1e-6, atol=1e-6 * space.force.max())
     np.testing.assert_allclose(
-        states.motion[..., at.output_motion], space.motion[..., at.output_motion], rtol=1e-6, atol=1e-12
+        states.motion[..., reducer.output_motion], space.motion[..., reducer.output_motion], rtol=1e-6, atol=1e-12
     )
 
 

@@ -27,18 +27,18 @@ def slider(limit, distance):
 
 def jenkins(torques, stiffness, limit, distance):
     """Angles of a spring beside one elastic-slip element, step by step in closed form."""
-    angle, anchor, found = 0.0, 0.0, []
-    own = limit / distance
+    angle, anchor, values = 0.0, 0.0, []
+    own_value = limit / distance
     for torque in torques:
-        stuck = (torque + own * anchor) / (stiffness + own)
-        if abs(own * (stuck - anchor)) <= limit:
+        stuck = (torque + own_value * anchor) / (stiffness + own_value)
+        if abs(own_value * (stuck - anchor)) <= limit:
             angle = stuck
         else:
             sense = np.sign(stuck - anchor)
             angle = (torque - sense * limit) / stiffness
             anchor = angle - sense * distance
-        found.append(angle)
-    return np.array(found)
+        values.append(angle)
+    return np.array(values)
 
 
 def on_line(torques, sliders, ripple=NO_RIPPLE):
@@ -48,9 +48,9 @@ def on_line(torques, sliders, ripple=NO_RIPPLE):
 def test_jenkins_element_follows_its_closed_form_at_every_step():
     rng = np.random.default_rng(3)
     torques = np.concatenate([history(0, RATED, -RATED, RATED), rng.uniform(-RATED, RATED, 100)])
-    angle, carried = on_line(torques, slider(LIMIT, DISTANCE))
+    angle, carried_torque = on_line(torques, slider(LIMIT, DISTANCE))
     np.testing.assert_allclose(angle, jenkins(torques, STIFFNESS, LIMIT, DISTANCE), atol=1e-12)
-    np.testing.assert_allclose(carried, STIFFNESS * angle, atol=1e-7)
+    np.testing.assert_allclose(carried_torque, STIFFNESS * angle, atol=1e-7)
 
 
 def test_loop_has_its_corners_width_and_tangents():
@@ -71,10 +71,10 @@ FOUR = slider(np.full(4, LIMIT / 4), DISTANCE * np.array([0.25, 0.5, 0.75, 1.0])
 def test_unloading_of_maxwell_slip_is_the_virgin_curve_twice_as_large():
     virgin_torque = history(0, RATED, steps=400)
     virgin, _ = on_line(virgin_torque, FOUR)
-    down = history(0, RATED, -RATED, steps=400)[400:]
-    unloading, _ = on_line(np.concatenate([virgin_torque[:-1], down]), FOUR)
+    descent = history(0, RATED, -RATED, steps=400)[400:]
+    unloading, _ = on_line(np.concatenate([virgin_torque[:-1], descent]), FOUR)
     unloading = unloading[len(virgin_torque) - 1 :]
-    doubled = unloading[0] - 2 * np.interp((RATED - down) / 2, virgin_torque, virgin)
+    doubled = unloading[0] - 2 * np.interp((RATED - descent) / 2, virgin_torque, virgin)
     np.testing.assert_allclose(unloading, doubled, atol=1e-9)
     assert np.ptp(np.diff(virgin)) > 0.1 * np.diff(virgin).max()  # it is curved
 
@@ -98,14 +98,14 @@ WITH_PLAY = WITH_PLAY_NODES / STIFFNESS + HALF_PLAY * np.sign(WITH_PLAY_NODES)
 def test_play_is_stuck_until_the_friction_is_exceeded():
     sliders = slider(LIMIT, 1e-7)
     torques = history(0, 0.99 * LIMIT, -0.99 * LIMIT, RATED, -0.99 * LIMIT, -RATED, 0.0, RATED)
-    angle, carried = condensed_path(torques, WITH_PLAY_NODES, WITH_PLAY, sliders, NO_RIPPLE)
-    before = slice(0, 121)
-    assert np.max(np.abs(angle[before])) < 1.1e-7
-    at_top, held, back = 180, 240, 360
+    angle, carried_torque = condensed_path(torques, WITH_PLAY_NODES, WITH_PLAY, sliders, NO_RIPPLE)
+    stuck_steps = slice(0, 121)
+    assert np.max(np.abs(angle[stuck_steps])) < 1.1e-7
+    at_top, resistance, return_value = 180, 240, 360
     np.testing.assert_allclose(angle[at_top], HALF_PLAY + (RATED - LIMIT) / STIFFNESS, rtol=1e-6)
-    assert angle[held] > HALF_PLAY - 1.1e-7  # stuck to the flank that was loaded
-    np.testing.assert_allclose(angle[back], -HALF_PLAY - LIMIT / STIFFNESS, rtol=1e-3)
-    np.testing.assert_allclose(carried[back], -LIMIT, rtol=1e-3)
+    assert angle[resistance] > HALF_PLAY - 1.1e-7  # stuck to the flank that was loaded
+    np.testing.assert_allclose(angle[return_value], -HALF_PLAY - LIMIT / STIFFNESS, rtol=1e-3)
+    np.testing.assert_allclose(carried_torque[return_value], -LIMIT, rtol=1e-3)
 
 
 def test_loop_of_play_with_friction_is_as_wide_as_both():
@@ -121,8 +121,8 @@ def test_small_ripple_shifts_the_angle_by_its_torque(cycles, phase):
     torques = history(0, RATED, -RATED)
     shifts = []
     for amplitude in (1e-3 * STIFFNESS / waves, 1e-4 * STIFFNESS / waves):
-        angle, carried = on_line(torques, Sliders.none(1), Ripple(amplitude, waves, phase))
-        np.testing.assert_allclose(carried + amplitude * np.sin(waves * angle + phase), torques, atol=1e-8)
+        angle, carried_torque = on_line(torques, Sliders.none(1), Ripple(amplitude, waves, phase))
+        np.testing.assert_allclose(carried_torque + amplitude * np.sin(waves * angle + phase), torques, atol=1e-8)
         expected = -amplitude / STIFFNESS * np.sin(waves * torques / STIFFNESS + phase)
         shifts.append(np.max(np.abs(angle - torques / STIFFNESS - expected)))
     assert shifts[0] < 2e-6 / waves  # second order in the amplitude
@@ -137,11 +137,11 @@ def test_steep_ripple_jumps_to_the_first_balance_on_the_way():
     angle, _ = on_line(torques, Sliders.none(1), ripple)
     fine = np.linspace(-2, 2, 400001) * RATED / STIFFNESS
     balance = STIFFNESS * fine + amplitude * np.sin(waves * fine + ripple.phase)
-    up = fine[np.searchsorted(np.maximum.accumulate(balance), torques[60:401])]
-    down = fine[::-1][np.searchsorted(-np.minimum.accumulate(balance[::-1]), -torques[460:801])]
+    loading_branch = fine[np.searchsorted(np.maximum.accumulate(balance), torques[60:401])]
+    unloading = fine[::-1][np.searchsorted(-np.minimum.accumulate(balance[::-1]), -torques[460:801])]
     # from the first jump on no memory of the start is left
-    np.testing.assert_allclose(angle[60:401], up, atol=2 * (fine[1] - fine[0]))
-    np.testing.assert_allclose(angle[460:801], down, atol=2 * (fine[1] - fine[0]))
+    np.testing.assert_allclose(angle[60:401], loading_branch, atol=2 * (fine[1] - fine[0]))
+    np.testing.assert_allclose(angle[460:801], unloading, atol=2 * (fine[1] - fine[0]))
     assert np.max(np.diff(angle[60:401])) > 0.3 * 2 * np.pi / waves  # a jump
     assert np.all(np.diff(angle[60:401]) > 0)
 
@@ -155,39 +155,45 @@ def load_share(stiffness, share=SHARE):
 
 
 def test_load_slider_raises_the_friction_of_the_rated_torque_over_its_distance():
-    at = small_drive().reducer
-    slider_of = load_slider(at, SHARE, RATED, DISTANCE)
+    reducer = small_drive().reducer
+    slider_of = load_slider(reducer, SHARE, RATED, DISTANCE)
     np.testing.assert_allclose(slider_of.stiffness * DISTANCE, SHARE * RATED, rtol=1e-15)
     assert (slider_of.limit, slider_of.coefficient, slider_of.contact) == (0.0, SHARE, -1)
-    np.testing.assert_array_equal(slider_of.direction, np.eye(len(at.motions))[[at.output_motion]])
+    np.testing.assert_array_equal(slider_of.direction, np.eye(len(reducer.motions))[[reducer.output_motion]])
 
 
 @pytest.mark.parametrize("steps", [1, 7, 300])
 @pytest.mark.parametrize("stiffness", [2 * STIFFNESS, STIFF], ids=["elastic", "rigid"])
 def test_loop_of_friction_in_proportion_to_the_torque(stiffness, steps):
     torques = history(0, RATED, 0, -RATED, 0, RATED, steps=steps)
-    angle, carried = on_line(torques, load_share(stiffness))
-    np.testing.assert_allclose(carried, STIFFNESS * angle, atol=1e-8)
-    own = SHARE * STIFFNESS
-    top = RATED / (STIFFNESS + own)
-    corner = top * (stiffness - own) / (stiffness + own)  # where the slider has been turned round
-    back = (STIFFNESS - own) * corner  # [N mm] at the corner
-    loading, size = np.abs(torques) / (STIFFNESS + own), np.abs(torques)
-    unloading = np.where(size > back, top - (RATED - size) / (STIFFNESS + stiffness), size / (STIFFNESS - own))
+    angle, carried_torque = on_line(torques, load_share(stiffness))
+    np.testing.assert_allclose(carried_torque, STIFFNESS * angle, atol=1e-8)
+    stiffness_of_friction = SHARE * STIFFNESS
+    top = RATED / (STIFFNESS + stiffness_of_friction)
+    corner = (
+        top * (stiffness - stiffness_of_friction) / (stiffness + stiffness_of_friction)
+    )  # where the slider has been turned round
+    return_value = (STIFFNESS - stiffness_of_friction) * corner  # [N mm] at the corner
+    loading, size = np.abs(torques) / (STIFFNESS + stiffness_of_friction), np.abs(torques)
+    unloading = np.where(
+        size > return_value, top - (RATED - size) / (STIFFNESS + stiffness), size / (STIFFNESS - stiffness_of_friction)
+    )
     falls = (np.arange(len(torques)) - 1) // steps % 2 == 1
     np.testing.assert_allclose(angle, np.sign(torques) * np.where(falls, unloading, loading), atol=1e-10 * top)
 
 
 def test_angle_stays_after_a_reversal_until_the_friction_is_turned_round():
-    held = RATED * (1 - SHARE) / (1 + SHARE)
+    held_value = RATED * (1 - SHARE) / (1 + SHARE)
     minor = 0.5 * RATED
-    again = minor * (1 + SHARE) / (1 - SHARE)
-    torques = np.array([0, RATED, 0.9 * RATED, held, 0.9 * held, minor, 0.9 * again, again, 1.1 * again, RATED, 0.0])
-    angle, carried = on_line(torques, load_share(STIFF))
+    repeat = minor * (1 + SHARE) / (1 - SHARE)
+    torques = np.array(
+        [0, RATED, 0.9 * RATED, held_value, 0.9 * held_value, minor, 0.9 * repeat, repeat, 1.1 * repeat, RATED, 0.0]
+    )
+    angle, carried_torque = on_line(torques, load_share(STIFF))
     top = RATED / (1 + SHARE)
     at_minor = minor / (1 - SHARE)
     expected = [0, top, top, top, 0.9 * top, at_minor, at_minor, at_minor, 1.1 * at_minor, top, 0]
-    np.testing.assert_allclose(carried, expected, atol=1e-3 * RATED)  # the slider gives way by its stiffness
+    np.testing.assert_allclose(carried_torque, expected, atol=1e-3 * RATED)  # the slider gives way by its stiffness
     np.testing.assert_allclose(np.abs(np.diff(angle))[[1, 2, 5, 6]], 0.0, atol=1e-3 * top / STIFFNESS)
     assert np.all(np.abs(np.diff(angle))[[0, 3, 4, 7, 8, 9]] > 0.02 * top / STIFFNESS)
     assert abs(angle[-1]) < 1e-12  # no width without torque
@@ -202,13 +208,13 @@ def test_loop_of_load_friction_dissipates_with_the_square_of_the_torque():
 
 
 def test_constant_friction_adds_to_that_of_the_load():
-    both = load_share(STIFF).joined(slider(LIMIT, LIMIT / STIFF))
+    pair = load_share(STIFF).joined(slider(LIMIT, LIMIT / STIFF))
     torques = history(0, RATED, -RATED, RATED, steps=400)
-    angle, carried = on_line(torques, both)
+    angle, carried_torque = on_line(torques, pair)
     for part, sense in ((slice(550, 801), -1), (slice(950, 1201), 1)):
         net = torques[part] - sense * LIMIT
         expected = net / np.where(net * sense > 0, 1 + SHARE, 1 - SHARE)
-        np.testing.assert_allclose(carried[part], expected, atol=1e-9 * RATED)
+        np.testing.assert_allclose(carried_torque[part], expected, atol=1e-9 * RATED)
         np.testing.assert_allclose(angle[part], expected / STIFFNESS, atol=1e-12)
 
 

@@ -78,9 +78,9 @@ def test_edges_grow_from_the_flank_as_asked():
     flank = mesh.p[0, : 48 * 79] + 1j * mesh.p[1, : 48 * 79]
     middle = ends.mean(axis=0)
     depth = np.array([np.abs(flank - m).min() for m in middle[::40]])
-    wanted = np.minimum(np.abs(flank[1] - flank[0]) + 0.3 * depth, 1.0)
-    near = np.abs(middle[::40]) > 8  # beyond the finer edges about the bore
-    ratio = (np.abs(ends[1] - ends[0])[::40] / wanted)[near]
+    expected = np.minimum(np.abs(flank[1] - flank[0]) + 0.3 * depth, 1.0)
+    off_bore = np.abs(middle[::40]) > 8  # beyond the finer edges about the bore
+    ratio = (np.abs(ends[1] - ends[0])[::40] / expected)[off_bore]
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
     assert ratio.max() < 1.7
     assert ratio.min() > 0.5
@@ -90,8 +90,8 @@ def test_edges_grow_from_the_flank_as_asked():
 def test_the_mesh_of_every_lobe_is_the_first_one_turned(profile, bore):
     mesh = lobed_disk_mesh(flank_nodes(profile, 24), profile.lobes, bore, growth=0.35, largest_edge=1.0)
     corners = (mesh.p[0] + 1j * mesh.p[1])[mesh.t].reshape(3, profile.lobes, -1)
-    turned = corners[:, :1] * np.exp(1j * profile.lobe_pitch * np.arange(profile.lobes))[:, None]
-    np.testing.assert_allclose(corners, turned, atol=1e-12 * profile.pin_circle_radius)
+    rotation = corners[:, :1] * np.exp(1j * profile.lobe_pitch * np.arange(profile.lobes))[:, None]
+    np.testing.assert_allclose(corners, rotation, atol=1e-12 * profile.pin_circle_radius)
 
 
 def test_a_disk_without_bore_is_solid():

@@ -30,9 +30,9 @@ def castigliano(planes, span):
     loads = [(lambda x, a=a: (a - x if x < a else 0.0, 1.0 if x < a else 0.0)) for a in planes]
     ends = [lambda x: (length - x, 1.0), lambda x: (1.0, 0.0)]  # moment and shear by a force and a moment at the end
 
-    def energy(one, two):
+    def energy(force_a, force_b):
         def density(x):
-            (m, v), (n, w) = one(x), two(x)
+            (m, v), (n, w) = force_a(x), force_b(x)
             return m * n / BENDING + v * w / SHEAR
 
         return quad(density, 0, length, points=sorted(planes), epsabs=0, epsrel=1e-12)[0]
@@ -40,8 +40,8 @@ def castigliano(planes, span):
     free = np.array([[energy(a, b) for b in loads] for a in loads])
     if span is None:
         return free
-    across = np.array([[energy(a, b) for b in ends] for a in loads])
-    return free - across @ np.linalg.solve([[energy(a, b) for b in ends] for a in ends], across.T)
+    transverse = np.array([[energy(a, b) for b in ends] for a in loads])
+    return free - transverse @ np.linalg.solve([[energy(a, b) for b in ends] for a in ends], transverse.T)
 
 
 @pytest.mark.parametrize("planes", [[30.0], [14.0, 33.0], [11.0, 27.0, 52.0]])
@@ -68,11 +68,11 @@ def holes(**settings):
 def test_a_pin_gives_way_under_its_own_disks_alone_each_along_its_normal():
     bending = Bending(support="both_ends", plane_mm=20.0, disk_pitch_mm=18.0, span_mm=SPAN)
     design = holes(bending=bending).design
-    at = assembly.reducer(design, 40.0)
-    one = at.contacts.some(np.flatnonzero(at.contacts.kind == OUTPUT))
-    tilted = replace(one, normal=one.normal * np.exp(2.1j))
-    both = type(one)(*(np.concatenate([getattr(one, name), getattr(tilted, name)]) for name in vars(one)))
-    matrix = design.output.compliance(both, np.repeat([0, 1], 10), {"steel": PIN})
+    reducer = assembly.reducer(design, 40.0)
+    item = reducer.contacts.some(np.flatnonzero(reducer.contacts.kind == OUTPUT))
+    tilted = replace(item, normal=item.normal * np.exp(2.1j))
+    pair = type(item)(*(np.concatenate([getattr(item, name), getattr(tilted, name)]) for name in vars(item)))
+    matrix = design.output.compliance(pair, np.repeat([0, 1], 10), {"steel": PIN})
     pin = pin_flexibility([20.0, 38.0], DIAMETER, PIN, SPAN)
     expected = np.kron([[pin[0, 0], pin[0, 1] * np.cos(2.1)], [pin[0, 1] * np.cos(2.1), pin[1, 1]]], np.eye(10))
     np.testing.assert_allclose(matrix, expected, rtol=1e-12, atol=1e-20)
@@ -81,22 +81,24 @@ def test_a_pin_gives_way_under_its_own_disks_alone_each_along_its_normal():
 def test_a_drive_has_the_compliance_of_its_pins_beside_that_of_the_disk():
     study = holes(bending=Bending(support="cantilever", plane_mm=SPAN))
     errors = assembly.errors(draw(study, 0, 1))
-    given = np.full((50, 50), 1e-7)
-    drive = drive_of(study, 40.0, given, errors, np.zeros(1))
+    settings = np.full((50, 50), 1e-7)
+    drive = drive_of(study, 40.0, settings, errors, np.zeros(1))
     soft = SPAN**3 / (3 * BENDING) + SPAN / SHEAR
-    np.testing.assert_allclose(drive.compliance - given, np.diag(np.repeat([0.0, soft], [40, 10])), atol=1e-18)
+    np.testing.assert_allclose(drive.compliance - settings, np.diag(np.repeat([0.0, soft], [40, 10])), atol=1e-18)
     assert not np.any(drive_of(study, 40.0, None, errors, np.zeros(1)).compliance)
 
 
 def test_a_bush_puts_two_contacts_and_two_clearances_in_series():
     bush = Bush(outer_radius_mm=8.0, clearance_um=20.0, material="steel")
     study = holes(bush=bush)
-    at = assembly.reducer(study.design, 37.0)
-    out = at.contacts.kind == OUTPUT
-    np.testing.assert_allclose(at.contacts.gap[out], 0.005 + 0.020, atol=1e-12)
-    np.testing.assert_allclose(-1 / at.contacts.curvature[out], 8.0 + 1.2 + 0.005)
-    wider, narrow = (rigid_play(at, (0.1 * ~out + out * gap)[None], np.zeros(1)).backlash for gap in (0.025, 0.005))
-    arm = at.contacts.arm[out]
+    reducer = assembly.reducer(study.design, 37.0)
+    values = reducer.contacts.kind == OUTPUT
+    np.testing.assert_allclose(reducer.contacts.gap[values], 0.005 + 0.020, atol=1e-12)
+    np.testing.assert_allclose(-1 / reducer.contacts.curvature[values], 8.0 + 1.2 + 0.005)
+    wider, narrow = (
+        rigid_play(reducer, (0.1 * ~values + values * gap)[None], np.zeros(1)).backlash for gap in (0.025, 0.005)
+    )
+    arm = reducer.contacts.arm[values]
     np.testing.assert_allclose(wider - narrow, 0.020 * (1 / arm.max() - 1 / arm.min()), rtol=1e-9)
     force = np.array([10.0, 100.0])[:, None] * np.ones(10)
     share, middle = 2 * force / 15 / (np.pi * 206e3), 0.5 * (8.0 - 6.02)
@@ -110,7 +112,7 @@ def test_a_bush_puts_two_contacts_and_two_clearances_in_series():
         + (np.log(2 * middle / half["inner"]) - 0.15)  # the wall from within
         + (np.log(4 * 6 / half["inner"]) - 0.5)  # the pin to its axis
     )
-    laws = assembly.contact_laws(study, at)[at.n_pins :]
+    laws = assembly.contact_laws(study, reducer)[reducer.n_pins :]
     assert (laws.force_limit > 100).all()
     np.testing.assert_allclose(laws.deflection(force), expected, rtol=1e-9)
 

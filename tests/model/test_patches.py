@@ -26,17 +26,17 @@ def work(body, patches, displacement):
     return body.loads(patches).T @ nodal
 
 
-def patches_of(body, place):
-    centres = np.array([0.37, 0.5, 0.713]) + (0j if place == "boundary" else 0.4321j)
-    direction = 1j * np.exp(0.2j * np.arange(3)) if place == "line" else [1j, 2j, 0.5j]
-    if place == "boundary":
+def patches_of(body, position):
+    centres = np.array([0.37, 0.5, 0.713]) + (0j if position == "boundary" else 0.4321j)
+    direction = 1j * np.exp(0.2j * np.arange(3)) if position == "line" else [1j, 2j, 0.5j]
+    if position == "boundary":
         return centres, boundary_patches(body.mesh, "outline", centres, direction, HALF_WIDTH)
     return centres, line_patches(body.mesh, centres, [1, -2, 3], direction, HALF_WIDTH)
 
 
-@pytest.mark.parametrize("place", ["boundary", "line"])
-def test_unit_force_acts_at_the_centre_with_the_spread_of_the_elliptical_pressure(square, place):
-    centres, patches = patches_of(square, place)
+@pytest.mark.parametrize("position", ["boundary", "line"])
+def test_unit_force_acts_at_the_centre_with_the_spread_of_the_elliptical_pressure(square, position):
+    centres, patches = patches_of(square, position)
     direction = patches.direction
     np.testing.assert_allclose(work(square, patches, lambda z: np.ones_like(z)), direction.real, atol=1e-14)
     np.testing.assert_allclose(work(square, patches, lambda z: 1j * np.ones_like(z)), direction.imag, atol=1e-14)
@@ -50,10 +50,10 @@ def test_on_a_curve_the_pressure_spreads_along_the_tangent():
     mesh = lobed_disk_mesh(circle, 8, 0.5, growth=0.35, largest_edge=0.3)
     normal = -np.exp(1j * np.linspace(0, 6, 9))
     patches = boundary_patches(mesh, "flank", -2 * normal, normal, 0.7)
-    across = np.real((patches.points + 2 * normal[:, None]) * np.conj(-1j * normal)[:, None])
+    transverse = np.real((patches.points + 2 * normal[:, None]) * np.conj(-1j * normal)[:, None])
     assert np.abs(patches.points).min() > 2 * np.cos(np.pi / 720) - 1e-12
-    np.testing.assert_allclose(across @ patches.weights, 0, atol=1e-5)
-    np.testing.assert_allclose(across**2 @ patches.weights, 0.7**2 / 4, rtol=1e-5)
+    np.testing.assert_allclose(transverse @ patches.weights, 0, atol=1e-5)
+    np.testing.assert_allclose(transverse**2 @ patches.weights, 0.7**2 / 4, rtol=1e-5)
 
 
 def test_patches_of_a_bore_press_into_the_body():
@@ -66,9 +66,9 @@ def test_patches_of_a_bore_press_into_the_body():
 
 def test_joined_patches_keep_their_order(square):
     boundary, line = patches_of(square, "boundary")[1], patches_of(square, "line")[1]
-    both = square.loads(joined(boundary, line))
-    np.testing.assert_array_equal(both[:, :3].toarray(), square.loads(boundary).toarray())
-    np.testing.assert_array_equal(both[:, 3:].toarray(), square.loads(line).toarray())
+    pair = square.loads(joined(boundary, line))
+    np.testing.assert_array_equal(pair[:, :3].toarray(), square.loads(boundary).toarray())
+    np.testing.assert_array_equal(pair[:, 3:].toarray(), square.loads(line).toarray())
 
 
 def test_a_patch_outside_the_body_is_refused(square):

@@ -32,14 +32,14 @@ def of_output(drive, motion):
     return motion[:, drive.reducer.output_motion]
 
 
-@pytest.mark.parametrize("given", [{}, {"floats": True}, {"clearance": 3 * MICROMETRE}, {"scale": 0.0, "play": 0.0}])
-def test_path_without_friction_is_the_equilibrium(given):
-    drive = small_drive(seed=4, **given)
+@pytest.mark.parametrize("settings", [{}, {"floats": True}, {"clearance": 3 * MICROMETRE}, {"scale": 0.0, "play": 0.0}])
+def test_path_without_friction_is_the_equilibrium(settings):
+    drive = small_drive(seed=4, **settings)
     torques = history(0.01 * RATED, RATED, -RATED, 0.3 * RATED, steps=15)
     motion, force = followed(drive, torques, Sliders.none(len(drive.reducer.motions)))
     for sense in (1, -1):
-        mine = np.flatnonzero(sense * torques > 0)
-        mine = mine[np.argsort(np.abs(torques[mine]), kind="stable")]
+        steps_of_sense = np.flatnonzero(sense * torques > 0)
+        steps_of_sense = steps_of_sense[np.argsort(np.abs(torques[steps_of_sense]), kind="stable")]
         states = solve(
             drive.reducer,
             drive.bearing,
@@ -48,13 +48,13 @@ def test_path_without_friction_is_the_equilibrium(given):
             drive.gap,
             drive.bearing_clearance,
             np.zeros((1, len(drive.reducer.motions))),
-            torques[mine],
+            torques[steps_of_sense],
         )
         assert np.all(states.converged)
         range_of = np.ptp(of_output(drive, motion))
-        there = states.motion[0, :, drive.reducer.output_motion]
-        np.testing.assert_allclose(of_output(drive, motion)[mine], there, atol=1e-8 * range_of)
-        np.testing.assert_allclose(force[mine], states.force[0], atol=1e-7 * force.max())
+        remote = states.motion[0, :, drive.reducer.output_motion]
+        np.testing.assert_allclose(of_output(drive, motion)[steps_of_sense], remote, atol=1e-8 * range_of)
+        np.testing.assert_allclose(force[steps_of_sense], states.force[0], atol=1e-7 * force.max())
 
 
 def constant(reducer):
@@ -77,14 +77,16 @@ def test_path_with_friction_on_the_output_is_the_condensed_one(kind, floats):
     torques = history(0, RATED, -RATED, RATED, 0.2 * RATED, 0.5 * RATED, steps=20)
     motion, force = followed(drive, torques, sliders)
     curve = backbone(drive, torque_levels(800, 1.2))
-    angle, carried = condensed_path(torques, curve.torque, curve.angle[0], sliders, Ripple())
+    angle, carried_torque = condensed_path(torques, curve.torque, curve.angle[0], sliders, Ripple())
     start = curve.angle[0, 799:801].mean()  # the middle of the play, where the condensed path rests at first
-    away = np.abs(torques) > 0
+    distance = np.abs(torques) > 0
     assert abs(start) < np.ptp(angle)
     loop = np.arange(len(torques)) >= 20  # the anchors have been dragged from wherever they rested
-    np.testing.assert_allclose(of_output(drive, motion)[loop & away], angle[loop & away], atol=2e-5 * np.ptp(angle))
+    np.testing.assert_allclose(
+        of_output(drive, motion)[loop & distance], angle[loop & distance], atol=2e-5 * np.ptp(angle)
+    )
     to_output = force @ drive.reducer.contact_jacobian[:, drive.reducer.output_motion]
-    np.testing.assert_allclose(to_output[loop & away], carried[loop & away], atol=1e-4 * RATED)
+    np.testing.assert_allclose(to_output[loop & distance], carried_torque[loop & distance], atol=1e-4 * RATED)
 
 
 def rubbing(drive, coefficient):
@@ -94,19 +96,19 @@ def rubbing(drive, coefficient):
 @pytest.mark.parametrize("crank", [0.0, 0.4, 2.0])
 def test_slip_of_a_pin_is_the_tangential_motion_of_the_disk_at_it(crank):
     drive = small_drive(crank=crank)
-    at, step = drive.reducer, 1e-6
+    reducer, step = drive.reducer, 1e-6
     sliders = rubbing(drive, 0.1)
     centre = SMALL.eccentricity * np.exp(1j * crank)
-    for motion, moved in {
+    for motion, shifted in {
         "disk_x": lambda p: p + step,
         "disk_y": lambda p: p + 1j * step,
         "disk_phi": lambda p: centre + (p - centre) * np.exp(1j * step),
     }.items():
-        travel = (moved(at.pins.point) - at.pins.point) / step
-        slip = np.real(travel * np.conj(1j * at.pins.normal))
-        np.testing.assert_allclose(sliders.direction[:, at.motions.index(motion)], slip, atol=1e-5)
-    others = [i for i, motion in enumerate(at.motions) if not motion.startswith("disk")]
-    assert not np.any(sliders.direction[:, others])
+        travel = (shifted(reducer.pins.point) - reducer.pins.point) / step
+        slip = np.real(travel * np.conj(1j * reducer.pins.normal))
+        np.testing.assert_allclose(sliders.direction[:, reducer.motions.index(motion)], slip, atol=1e-5)
+    remaining = [i for i, motion in enumerate(reducer.motions) if not motion.startswith("disk")]
+    assert not np.any(sliders.direction[:, remaining])
 
 
 def resistances(drive, sliders, motion, force):
@@ -114,12 +116,12 @@ def resistances(drive, sliders, motion, force):
     slip, anchor = motion @ sliders.direction.T, np.zeros(len(sliders))
     pressed = np.where(sliders.contact >= 0, force[:, sliders.contact], 0.0)
     largest = sliders.limit + sliders.coefficient * pressed
-    held, anchors = [], []
-    for u, most in zip(slip, largest, strict=True):
-        held.append(np.clip(sliders.stiffness * (u - anchor), -most, most))
-        anchor = u - held[-1] / sliders.stiffness
+    resistance, anchors = [], []
+    for u, largest_limit in zip(slip, largest, strict=True):
+        resistance.append(np.clip(sliders.stiffness * (u - anchor), -largest_limit, largest_limit))
+        anchor = u - resistance[-1] / sliders.stiffness
         anchors.append(anchor)
-    return np.array(held), np.array(anchors)
+    return np.array(resistance), np.array(anchors)
 
 
 def loops(count, steps=60):
@@ -141,14 +143,14 @@ def test_loop_of_rubbing_pins_dissipates_what_the_sliders_do(play):
     for coefficient in (0.2, 0.02, 1e-9):
         sliders = rubbing(drive, coefficient)
         motion, force = followed(drive, PATH, sliders)
-        held, anchor = resistances(drive, sliders, motion, force)
-        own = area(PATH[SECOND], of_output(drive, motion)[SECOND])
-        middle = 0.5 * (held[SECOND][1:] + held[SECOND][:-1])
-        lost = np.sum(middle * np.diff(anchor[SECOND], axis=0))
+        resistance, anchor = resistances(drive, sliders, motion, force)
+        area_of_loop = area(PATH[SECOND], of_output(drive, motion)[SECOND])
+        middle = 0.5 * (resistance[SECOND][1:] + resistance[SECOND][:-1])
+        lost_motion = np.sum(middle * np.diff(anchor[SECOND], axis=0))
         if coefficient > 1e-3:
-            assert own > 0
-            np.testing.assert_allclose(own, lost, rtol=0.05)
-        areas.append(own)
+            assert area_of_loop > 0
+            np.testing.assert_allclose(area_of_loop, lost_motion, rtol=0.05)
+        areas.append(area_of_loop)
     assert areas[0] > areas[1] > abs(areas[2])
     assert abs(areas[2]) < 1e-4 * areas[0]
 
@@ -157,16 +159,16 @@ def test_forces_and_friction_balance_at_every_step():
     drive = small_drive(seed=1, floats=True)
     sliders = rubbing(drive, 0.15).joined(output_sliders(drive.reducer, np.array([190.0]), np.array([1e-5])))
     motion, force = followed(drive, PATH, sliders)
-    held, _ = resistances(drive, sliders, motion, force)
-    total = force @ drive.reducer.contact_jacobian + held @ sliders.direction
+    resistance, _ = resistances(drive, sliders, motion, force)
+    total = force @ drive.reducer.contact_jacobian + resistance @ sliders.direction
     total[:, :2] += drive.bearing.stiffness * motion[:, :2]
     total[:, drive.reducer.output_motion] -= PATH
     arms = np.maximum(np.abs(drive.reducer.contact_jacobian).max(axis=0), 1.0)
     assert np.max(np.abs(total) / arms) < 1e-6 * force.max()
     room = drive.gap + force @ drive.compliance - motion @ drive.reducer.contact_jacobian.T
-    closed = force > 0
-    assert np.max(np.abs(room + drive.laws.deflection(force))[closed]) < 1e-9
-    assert np.min(room[~closed]) > -1e-9
+    in_contact = force > 0
+    assert np.max(np.abs(room + drive.laws.deflection(force))[in_contact]) < 1e-9
+    assert np.min(room[~in_contact]) > -1e-9
 
 
 @pytest.mark.parametrize("clearance", [0.0, 20 * MICROMETRE])
@@ -180,8 +182,8 @@ def test_rubbing_pins_of_soft_bodies_on_loose_and_stiffening_bearings_are_follow
         single = drive.some(np.array([state]))
         sliders = rubbing(single, 0.1)
         motion, force = followed(single, torques, sliders)
-        held, _ = resistances(single, sliders, motion, force)
-        total = force @ single.reducer.contact_jacobian + held @ sliders.direction
+        resistance, _ = resistances(single, sliders, motion, force)
+        total = force @ single.reducer.contact_jacobian + resistance @ sliders.direction
         total[:, :2] += bearing_push(single, motion)
         total[:, single.reducer.output_motion] -= torques
         arms = np.maximum(np.abs(single.reducer.contact_jacobian).max(axis=0), 1.0)
@@ -200,31 +202,31 @@ def bearing_push(drive, motion):
 
 def test_no_torque_is_the_limit_from_the_side_it_is_reached_from():
     drive = small_drive(seed=1, play=6 * MICROMETRE)
-    through, before = history(0, RATED, 0, -RATED, steps=10), history(0, RATED, 1e-6 * RATED, -RATED, steps=10)
-    (zero, _), (near, _) = (followed(drive, torques, rubbing(drive, 0.2)) for torques in (through, before))
+    passage, history_before = history(0, RATED, 0, -RATED, steps=10), history(0, RATED, 1e-6 * RATED, -RATED, steps=10)
+    (zero, _), (neighbour, _) = (followed(drive, torques, rubbing(drive, 0.2)) for torques in (passage, history_before))
     width = np.ptp(of_output(drive, zero)[[20, 21]])
-    np.testing.assert_allclose(of_output(drive, zero)[20:], of_output(drive, near)[20:], atol=1e-4 * width)
+    np.testing.assert_allclose(of_output(drive, zero)[20:], of_output(drive, neighbour)[20:], atol=1e-4 * width)
 
 
 def test_friction_shifts_loading_by_its_virtual_work_to_first_order():
     drive = small_drive(scale=0.0, play=0.0, seed=5)
-    at = drive.reducer
+    reducer = drive.reducer
     torques = history(0, RATED, steps=120)
-    free, pressed = followed(drive, torques, Sliders.none(len(at.motions)))
+    free, pressed = followed(drive, torques, Sliders.none(len(reducer.motions)))
     rate = np.gradient(free, torques, axis=0)  # = d angle / d load of every motion, by reciprocity
     direction = rubbing(drive, 1.0).direction
     slip = free @ direction.T
-    there = torques > 0.3 * RATED
+    under_load = torques > 0.3 * RATED
     onward = np.sign(np.diff(slip, axis=0))
-    carrying = pressed[1:, : at.n_pins] > 0
+    carrying = pressed[1:, : reducer.n_pins] > 0
     assert np.all(np.where(carrying, onward == np.sign(slip[1:]), True))  # every pin that carries slides on
-    friction = (np.sign(slip) * pressed[:, : at.n_pins]) @ direction  # per unit of the coefficient
+    friction = (np.sign(slip) * pressed[:, : reducer.n_pins]) @ direction  # per unit of the coefficient
     expected = -np.sum(rate * friction, axis=1)
-    found = []
+    values = []
     for coefficient in (1e-3, 1e-4):
         rubbed, _ = followed(drive, torques, rubbing(drive, coefficient))
-        found.append((of_output(drive, rubbed) - of_output(drive, free)) / coefficient)
-    assert np.all(expected[there] < 0)
-    np.testing.assert_allclose(found[1][there], expected[there], rtol=5e-3)
-    errors = [np.max(np.abs(one - expected)[there]) for one in found]
+        values.append((of_output(drive, rubbed) - of_output(drive, free)) / coefficient)
+    assert np.all(expected[under_load] < 0)
+    np.testing.assert_allclose(values[1][under_load], expected[under_load], rtol=5e-3)
+    errors = [np.max(np.abs(shift_found - expected)[under_load]) for shift_found in values]
     assert errors[1] < 0.5 * errors[0]

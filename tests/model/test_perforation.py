@@ -55,26 +55,26 @@ def test_a_commercial_disk_is_well_shaped():
     growth=st.floats(0.2, 0.45),
     holes=st.integers(3, 16),
     phase=st.floats(0, 6),
-    place=st.floats(0.3, 0.7),
+    position=st.floats(0.3, 0.7),
     fill=st.floats(0.3, 0.9),
     fineness=st.floats(0.02, 0.15),
 )
-def test_every_design_gives_a_conforming_mesh(pins, shortening, edges, growth, holes, phase, place, fill, fineness):
+def test_every_design_gives_a_conforming_mesh(pins, shortening, edges, growth, holes, phase, position, fill, fineness):
     radius, bore = 50.0, 10.0
     eccentricity = shortening * radius / pins
     convex = CycloidProfile(pins, radius, 0.0, eccentricity).smallest_convex_locus_radius()
     profile = CycloidProfile(pins, radius, min(0.6 * convex, 0.6 * np.pi * radius / pins), eccentricity)
     root = radius - eccentricity - profile.pin_radius
-    ring = bore + place * (root - bore)
+    ring = bore + position * (root - bore)
     hole = fill * min(ring - bore, root - ring, ring * np.sin(np.pi / holes))
     flank = flank_nodes(profile, edges)
     disk = lobed_disk_mesh(flank, profile.lobes, bore, growth, largest_edge=3.0)
     mesh = perforated_mesh(disk, circle(holes, ring, phase), hole, fineness * hole, growth)
-    around = {name: len(facets) for name, facets in mesh.boundaries.items()}
-    assert list(around) == ["flank", *map(hole_boundary, range(holes)), "bore"]
-    assert around["flank"] == len(flank)
+    circumference = {name: len(facets) for name, facets in mesh.boundaries.items()}
+    assert list(circumference) == ["flank", *map(hole_boundary, range(holes)), "bore"]
+    assert circumference["flank"] == len(flank)
     np.testing.assert_allclose(mesh.p[0, : len(flank)] + 1j * mesh.p[1, : len(flank)], flank)
-    n = around["hole_0"]
+    n = circumference["hole_0"]
     cut = holes * n / 2 * hole**2 * np.sin(2 * np.pi / n)
     assert mesh_area(mesh) == pytest.approx(mesh_area(disk) - cut, rel=1e-12)
     assert triangle_quality(mesh).min() > 0.4
@@ -94,8 +94,8 @@ def test_constant_stress_is_exact_about_the_holes():
     body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
     boundary = FacetBasis(mesh, ElementVector(ElementTriP2()))
     traction = 2.0 * LinearForm(lambda v, w: -100.0 * (w.n[0] * v[0] + w.n[1] * v[1])).assemble(boundary)
-    moved = body.displacement(traction[:, None])[:, 0]
-    field = moved[body.freedoms[:, 0]] + 1j * moved[body.freedoms[:, 1]]
+    displacement = body.displacement(traction[:, None])[:, 0]
+    field = displacement[body.freedoms[:, 0]] + 1j * displacement[body.freedoms[:, 1]]
     exact = -100.0 * (1 - NU) / E * body.nodes
     exact -= exact.mean() - field.mean()  # the bore's mesh has no exact symmetry
     np.testing.assert_allclose(field, exact, atol=1e-4 * np.abs(exact).max())
@@ -133,10 +133,10 @@ def test_opposite_forces_open_a_hole_as_in_an_infinite_plate(stress, width_ratio
 
 def wall_patches(mesh, crank, width, holes=5, radius=1.2):
     """On every hole, on the side away from the eccentric, pushed the same way: as output pins do."""
-    along = np.exp(1j * crank)
+    direction = np.exp(1j * crank)
     return joined(
         *(
-            boundary_patches(mesh, hole_boundary(k), c - radius * along, -along, width)
+            boundary_patches(mesh, hole_boundary(k), c - radius * direction, -direction, width)
             for k, c in enumerate(circle(holes, 5.2, 0.3))
         )
     )
@@ -147,9 +147,9 @@ def test_patches_at_any_angle_carry_a_unit_force_with_its_arm(crank):
     mesh = small_mesh(edges=24, edge=0.1)
     body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
     resultant = body.rigid_motions.T @ body.loads(wall_patches(mesh, crank, 0.2)).toarray()
-    along = np.exp(1j * crank)
-    arms = np.imag(np.conj(circle(5, 5.2, 0.3)) * -along)
-    np.testing.assert_allclose(resultant[0] + 1j * resultant[1], np.full(5, -along), atol=1e-12)
+    direction = np.exp(1j * crank)
+    arms = np.imag(np.conj(circle(5, 5.2, 0.3)) * -direction)
+    np.testing.assert_allclose(resultant[0] + 1j * resultant[1], np.full(5, -direction), atol=1e-12)
     np.testing.assert_allclose(resultant[2], arms, atol=2e-3)  # the wall is a polygon
 
 
@@ -159,10 +159,10 @@ def test_compliance_of_holes_does_not_depend_on_mesh_and_patch():
     for edge, ratio, growth, edges in ((0.1, 1.0, 0.35, 32), (0.05, 1.0, 0.25, 64), (0.05, 0.5, 0.25, 64)):
         mesh = small_mesh(edges=edges, edge=edge, growth=growth, largest=0.6)
         body = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore")
-        found = body.compliance(wall_patches(mesh, 0.77, ratio * width))
-        assert found.asymmetry < 1e-10
-        assert np.all(np.linalg.eigvalsh(found.matrix) > 0)
-        matrix = found.matrix + unit * np.log(ratio) * np.eye(5)
+        result = body.compliance(wall_patches(mesh, 0.77, ratio * width))
+        assert result.asymmetry < 1e-10
+        assert np.all(np.linalg.eigvalsh(result.matrix) > 0)
+        matrix = result.matrix + unit * np.log(ratio) * np.eye(5)
         if base is None:
             base = matrix
         shift = matrix - base

@@ -61,37 +61,37 @@ def circle_gap(profile, mechanism, crank, pose=(0.0, 0.0, 0.0, 0.0)):
 
 @CASES
 def test_the_contact_lies_on_the_wall_where_hole_and_pin_are_nearest(profile, pins, crank):
-    mechanism, at = reducer_at(profile, pins, crank)
-    out = at.contacts.kind == OUTPUT
+    mechanism, reducer = reducer_at(profile, pins, crank)
+    values = reducer.contacts.kind == OUTPUT
     holes, centres = hole_and_pin(profile, mechanism, crank)
-    point, normal = at.contacts.point[out], at.contacts.normal[out]
+    point, normal = reducer.contacts.point[values], reducer.contacts.normal[values]
     np.testing.assert_allclose(np.abs(point - holes), mechanism.hole_radius(profile.eccentricity))
     np.testing.assert_allclose(np.abs(point - centres), mechanism.pin_radius_mm + CLEARANCE)
     np.testing.assert_allclose(point + (mechanism.pin_radius_mm + CLEARANCE) * normal, centres)  # into the pin
-    np.testing.assert_allclose(at.contacts.gap[out], circle_gap(profile, mechanism, crank))
-    np.testing.assert_allclose(at.contacts.curvature[out], -1 / mechanism.hole_radius(profile.eccentricity))
+    np.testing.assert_allclose(reducer.contacts.gap[values], circle_gap(profile, mechanism, crank))
+    np.testing.assert_allclose(reducer.contacts.curvature[values], -1 / mechanism.hole_radius(profile.eccentricity))
     disk_centre = profile.eccentricity * np.exp(1j * crank)
     for centre in (0, disk_centre):
-        np.testing.assert_allclose(np.imag(np.conj(point - centre) * normal), at.contacts.arm[out], atol=1e-12)
-    assert list(at.contacts.label[out]) == [f"output pin {k}" for k in range(pins)]
-    assert (at.contacts.arm[out] > 1e-9).any()
-    assert (at.contacts.arm[out] < -1e-9).any()
+        np.testing.assert_allclose(np.imag(np.conj(point - centre) * normal), reducer.contacts.arm[values], atol=1e-12)
+    assert list(reducer.contacts.label[values]) == [f"output pin {k}" for k in range(pins)]
+    assert (reducer.contacts.arm[values] > 1e-9).any()
+    assert (reducer.contacts.arm[values] < -1e-9).any()
 
 
 @CASES
 def test_motions_close_the_gaps_of_the_circles(profile, pins, crank):
-    mechanism, at = reducer_at(profile, pins, crank)
-    out = at.contacts.kind == OUTPUT
-    assert at.motions == ("disk_x", "disk_y", "disk_phi", "output_phi")
+    mechanism, reducer = reducer_at(profile, pins, crank)
+    values = reducer.contacts.kind == OUTPUT
+    assert reducer.motions == ("disk_x", "disk_y", "disk_phi", "output_phi")
     for column in range(4):
         pose = np.zeros(4)
         pose[column] = 1e-6
-        closed = circle_gap(profile, mechanism, crank, -pose) - circle_gap(profile, mechanism, crank, pose)
-        np.testing.assert_allclose(closed / 2e-6, at.contact_jacobian[out, column], atol=1e-6)
+        closing_values = circle_gap(profile, mechanism, crank, -pose) - circle_gap(profile, mechanism, crank, pose)
+        np.testing.assert_allclose(closing_values / 2e-6, reducer.contact_jacobian[values, column], atol=1e-6)
 
 
 def test_a_shift_across_the_normal_leaves_out_what_the_notes_say():
-    mechanism, at = reducer_at(SMALL, 6, 0.7)
+    mechanism, reducer = reducer_at(SMALL, 6, 0.7)
     shift = 0.02j * np.exp(0.7j)
     gap = circle_gap(SMALL, mechanism, 0.7, (shift.real, shift.imag, 0, 0))
     np.testing.assert_allclose(CLEARANCE - gap, 0.02**2 / (2 * SMALL.eccentricity), rtol=2e-3)
@@ -100,46 +100,46 @@ def test_a_shift_across_the_normal_leaves_out_what_the_notes_say():
 @CASES
 @pytest.mark.parametrize("reading", ["half_diameter", "diameter"])
 def test_errors_of_pins_and_eccentricity_are_those_of_the_circles(profile, pins, crank, reading):
-    mechanism, at = reducer_at(profile, pins, crank)
+    mechanism, reducer = reducer_at(profile, pins, crank)
     rng = np.random.default_rng(5)
     diameter, eccentricity = 1e-2 * rng.uniform(-1, 1, (3, pins)), 1e-2 * rng.uniform(-1, 1, 3)
-    errors = errors_of(profile, at, 3, roller_diameter=diameter, eccentricity=eccentricity)
-    found = gaps(profile, at, errors, method="exact", disk_reading="radial", roller_reading=reading)
+    errors = errors_of(profile, reducer, 3, roller_diameter=diameter, eccentricity=eccentricity)
+    computed_gaps = gaps(profile, reducer, errors, method="exact", disk_reading="radial", roller_reading=reading)
     for k in range(3):
         shift = eccentricity[k] * np.exp(1j * crank)
         expected = circle_gap(profile, mechanism, crank, (shift.real, shift.imag, 0, 0)) - diameter[k] / 2
-        np.testing.assert_allclose(found[k, profile.pins :], expected, atol=1e-14)
-    np.testing.assert_array_equal(found[:, : profile.pins], exact_gaps(profile, at, errors, "radial"))
+        np.testing.assert_allclose(computed_gaps[k, profile.pins :], expected, atol=1e-14)
+    np.testing.assert_array_equal(computed_gaps[:, : profile.pins], exact_gaps(profile, reducer, errors, "radial"))
 
 
 @CASES
 def test_separated_play_is_the_general_programs_and_the_closed_form(profile, pins, crank):
-    _, at = reducer_at(profile, pins, crank)
-    gap = np.random.default_rng(1).uniform(1e-3, 12e-3, (20, len(at.contacts)))
-    separated, general = separated_play(at, gap), general_play(at, gap, np.zeros(len(gap)))
+    _, reducer = reducer_at(profile, pins, crank)
+    gap = np.random.default_rng(1).uniform(1e-3, 12e-3, (20, len(reducer.contacts)))
+    separated, general = separated_play(reducer, gap), general_play(reducer, gap, np.zeros(len(gap)))
     np.testing.assert_allclose(separated.backlash, general.backlash, rtol=1e-9)
     expected = np.zeros(len(gap))
-    for part in (at.contacts.kind == OUTPUT, at.contacts.kind != OUTPUT):
+    for part in (reducer.contacts.kind == OUTPUT, reducer.contacts.kind != OUTPUT):
         for sign in (1, -1):
-            mine = part & (sign * at.contacts.arm > 1e-9)
-            expected += np.min(gap[:, mine] / np.abs(at.contacts.arm[mine]), axis=1)
+            of_side = part & (sign * reducer.contacts.arm > 1e-9)
+            expected += np.min(gap[:, of_side] / np.abs(reducer.contacts.arm[of_side]), axis=1)
     np.testing.assert_allclose(separated.backlash, expected, rtol=1e-12)
     tight = gap - 6e-3
-    separated, general = separated_play(at, tight), general_play(at, tight, np.zeros(len(gap)))
+    separated, general = separated_play(reducer, tight), general_play(reducer, tight, np.zeros(len(gap)))
     assert np.count_nonzero(general.preloaded) > 5
     np.testing.assert_allclose(separated.overlap, general.overlap, rtol=1e-9, atol=1e-14)
 
 
 @CASES
 def test_a_bearing_clearance_widens_the_play_and_no_contact_is_penetrated_at_its_ends(profile, pins, crank):
-    _, at = reducer_at(profile, pins, crank)
-    gap = np.random.default_rng(2).uniform(1e-3, 12e-3, (6, len(at.contacts)))
-    tight, previous = separated_play(at, gap).backlash, 0.0
+    _, reducer = reducer_at(profile, pins, crank)
+    gap = np.random.default_rng(2).uniform(1e-3, 12e-3, (6, len(reducer.contacts)))
+    tight, previous = separated_play(reducer, gap).backlash, 0.0
     for clearance in (1e-9, 1e-3, 5e-3):
-        play = rigid_play(at, gap, np.full(6, clearance))
+        play = rigid_play(reducer, gap, np.full(6, clearance))
         assert np.all(play.backlash >= np.maximum(tight, previous) * (1 - 1e-9))
         for pose in (play.pose_plus, play.pose_minus):
-            np.testing.assert_allclose((pose @ at.contact_jacobian.T - gap).max(axis=1), 0, atol=1e-12)
+            np.testing.assert_allclose((pose @ reducer.contact_jacobian.T - gap).max(axis=1), 0, atol=1e-12)
             assert np.all(np.abs(pose[:, 0] + 1j * pose[:, 1]) <= clearance * (1 + 1e-9) + 1e-12)
         if clearance == 1e-9:
             np.testing.assert_allclose(play.backlash, tight, rtol=1e-5)
@@ -149,9 +149,9 @@ def test_a_bearing_clearance_widens_the_play_and_no_contact_is_penetrated_at_its
 
 @pytest.mark.parametrize(("pins", "crank"), [(6, 0.3), (7, 4.4)])
 def test_output_pins_balance_the_torque_and_their_resultant_loads_the_bearing_along_the_eccentric(pins, crank):
-    mechanism, at = reducer_at(SMALL, pins, crank)
+    mechanism, reducer = reducer_at(SMALL, pins, crank)
     n_pins, width = SMALL.pins, 0.15
-    on_flank = LineContact(1 / (1 + at.pins.flank_curvature), 2.0, STEEL, STEEL)
+    on_flank = LineContact(1 / (1 + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
     in_holes = LineContact(
         np.full(pins, 1 / (1 / 0.6 - 1 / mechanism.hole_radius(SMALL.eccentricity))), 2.0, STEEL, STEEL
     )
@@ -162,41 +162,41 @@ def test_output_pins_balance_the_torque_and_their_resultant_loads_the_bearing_al
         ]
     )
     rng = np.random.default_rng(3)
-    compliance = random_compliance(len(at.contacts), rng)
-    gap = rng.uniform(0, 3e-3, (4, len(at.contacts)))
+    compliance = random_compliance(len(reducer.contacts), rng)
+    gap = rng.uniform(0, 3e-3, (4, len(reducer.contacts)))
     bearing, cycle = Bearing(1e5, 1.0), LoadCycle.evenly(2e3, 4, 1.0, (0.03, 0.5, 1.0))
-    states = solve_cycle(drive_with(SMALL, at, bearing, laws, compliance, gap, np.zeros(4)), cycle)
+    states = solve_cycle(drive_with(SMALL, reducer, bearing, laws, compliance, gap, np.zeros(4)), cycle)
     assert states.converged.all()
-    arm, normal = at.contacts.arm[n_pins:], at.contacts.normal[n_pins:]
+    arm, normal = reducer.contacts.arm[n_pins:], reducer.contacts.normal[n_pins:]
     np.testing.assert_allclose(
         states.force[..., n_pins:] @ arm, np.broadcast_to(-cycle.state_torque, (4, len(cycle.state_torque))), atol=1e-5
     )
-    on_disk = states.force[..., :n_pins] @ at.pins.normal - states.force[..., n_pins:] @ normal
+    on_disk = states.force[..., :n_pins] @ reducer.pins.normal - states.force[..., n_pins:] @ normal
     spring = 1e5 * (states.motion[..., 0] + 1j * states.motion[..., 1])
     np.testing.assert_allclose(on_disk, spring, atol=1e-5 * np.abs(spring).max())
-    assert np.ptp(ARCMIN * states.motion[..., at.output_motion]) > 1
+    assert np.ptp(ARCMIN * states.motion[..., reducer.output_motion]) > 1
 
 
 @CASES
 def test_errors_of_holes_and_places_of_pins_are_those_of_the_circles(profile, pins, crank):
-    mechanism, at = reducer_at(profile, pins, crank)
+    mechanism, reducer = reducer_at(profile, pins, crank)
     rng = np.random.default_rng(7)
     shape = (3, pins)
     way = 1e-2 * (rng.uniform(-1, 1, shape) + 1j * rng.uniform(-1, 1, shape))
     diameter, eccentricity = 1e-2 * rng.uniform(-1, 1, shape), 1e-2 * rng.uniform(-1, 1, 3)
-    errors = errors_of(profile, at, 3, pin_off_hole=way, hole_diameter=diameter, eccentricity=eccentricity)
+    errors = errors_of(profile, reducer, 3, pin_off_hole=way, hole_diameter=diameter, eccentricity=eccentricity)
     reading = {"disk_reading": "radial", "roller_reading": "half_diameter"}
-    exact = gaps(profile, at, errors, method="exact", **reading)[:, profile.pins :]
-    first = gaps(profile, at, errors, method="first_order", **reading)[:, profile.pins :]
+    exact = gaps(profile, reducer, errors, method="exact", **reading)[:, profile.pins :]
+    first_order = gaps(profile, reducer, errors, method="first_order", **reading)[:, profile.pins :]
     turn = np.exp(-1j * crank / profile.lobes)
     for k in range(3):
         shift = eccentricity[k] * np.exp(1j * crank)
         holes, centres = hole_and_pin(profile, mechanism, crank, (shift.real, shift.imag, 0, 0))
         room = mechanism.hole_radius(profile.eccentricity) + diameter[k] / 2 - mechanism.pin_radius_mm
         np.testing.assert_allclose(exact[k], room - np.abs(holes - centres - turn * way[k]), atol=1e-14)
-    across = np.abs(way) ** 2 / (2 * (profile.eccentricity - 0.02))
-    assert np.all(np.abs(exact - first) <= across)
-    assert np.abs(exact - first).max() > 0.1 * across.max()
+    transverse = np.abs(way) ** 2 / (2 * (profile.eccentricity - 0.02))
+    assert np.all(np.abs(exact - first_order) <= transverse)
+    assert np.abs(exact - first_order).max() > 0.1 * transverse.max()
 
 
 def test_holes_of_each_disk_are_its_own_and_pins_are_shared():
@@ -217,13 +217,13 @@ def test_holes_of_each_disk_are_its_own_and_pins_are_shared():
         of_disk = errors.of_disk(disk)
         np.testing.assert_allclose(of_disk.pin_off_hole, 1e-3 * (pins - holes[:, disk * n : (disk + 1) * n]))
         np.testing.assert_allclose(of_disk.hole_diameter, 1e-3 * sampled.hole_diameter[:, disk * n : (disk + 1) * n])
-    at = assembly.reducer(study.design, 40.0)
-    gap = gaps(assembly.profile(study.design), at, errors, **dict(study.clearance))
+    reducer = assembly.reducer(study.design, 40.0)
+    gap = gaps(assembly.profile(study.design), reducer, errors, **dict(study.clearance))
     narrow = replace(errors, pin_off_hole=0 * errors.pin_off_hole, hole_diameter=0 * errors.hole_diameter)
-    added = gap - gaps(assembly.profile(study.design), at, narrow, **dict(study.clearance))
-    for disk, rows in enumerate(at.output_rows):
-        along = np.conj(at.contacts.normal[rows]) * np.exp(1j * at.disks[disk].rotation)
-        expected = np.real(along * errors.pin_off_hole[:, disk]) + errors.hole_diameter[:, disk] / 2
+    added = gap - gaps(assembly.profile(study.design), reducer, narrow, **dict(study.clearance))
+    for disk, rows in enumerate(reducer.output_rows):
+        direction = np.conj(reducer.contacts.normal[rows]) * np.exp(1j * reducer.disks[disk].rotation)
+        expected = np.real(direction * errors.pin_off_hole[:, disk]) + errors.hole_diameter[:, disk] / 2
         np.testing.assert_allclose(added[:, rows], expected, atol=4e-4 * 0.5)
         assert np.abs(added[:, rows] - expected).max() > 1e-8
 
@@ -235,11 +235,11 @@ def test_a_bush_that_fits_looser_counts_as_a_smaller_one():
     design = study.design.model_copy(update={"output": study.design.output.model_copy(update=thinner)})
     case = {"bush_bore": 6.0, "output_pin_diameter": -4.0, "roller_diameter": -1.0}
     samples = study.samples.model_copy(update={"experiment": "cases", "count": 1, "nominal_first": False})
-    listed = study.model_copy(
+    listed_study = study.model_copy(
         update={"design": design, "cases": (Case.model_validate({"label": "loose", **case}),), "samples": samples}
     )
-    errors = assembly.errors(draw(listed, 0, 1))
+    errors = assembly.errors(draw(listed_study, 0, 1))
     np.testing.assert_allclose(errors.roller_diameter, -11e-3)
-    at = assembly.reducer(design, 0.0)
-    gap = gaps(assembly.profile(design), at, errors, **dict(study.clearance))[0, at.output_rows[0]]
-    np.testing.assert_allclose(gap, at.contacts.gap[at.output_rows[0]] + 5.5e-3, atol=1e-14)
+    reducer = assembly.reducer(design, 0.0)
+    gap = gaps(assembly.profile(design), reducer, errors, **dict(study.clearance))[0, reducer.output_rows[0]]
+    np.testing.assert_allclose(gap, reducer.contacts.gap[reducer.output_rows[0]] + 5.5e-3, atol=1e-14)

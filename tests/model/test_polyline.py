@@ -26,25 +26,25 @@ def mean(low, high):
 
 @pytest.mark.parametrize("edges", [(-0.9, -0.6), (-4.5, -3.5), (-2.0, 4.0), (4.0, 7.0), (-5.0, 8.0)])
 def test_mean_of_a_cell_is_its_integral(edges):
-    found, slope = means(np.array([edges]), X, Y)
-    assert found[0] == pytest.approx(mean(*edges), abs=1e-12)
+    result, slope = means(np.array([edges]), X, Y)
+    assert result[0] == pytest.approx(mean(*edges), abs=1e-12)
     assert slope[0] == pytest.approx((curve(edges[1]) - curve(edges[0])) / (edges[1] - edges[0]))
 
 
 def test_parts_of_a_cell_count_alike_whatever_their_width():
     edges = np.array([-2.0, -1.9, 1.0, 4.0])
-    found, _ = means(edges[None], X, Y)
-    assert found[0] == pytest.approx(np.mean([mean(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]))
+    result, _ = means(edges[None], X, Y)
+    assert result[0] == pytest.approx(np.mean([mean(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]))
 
 
 def test_a_part_without_width_is_a_point():
-    found, slope = means(np.full((1, 4), 1.0), X, Y)
-    assert found[0] == pytest.approx(curve(1.0))
+    result, slope = means(np.full((1, 4), 1.0), X, Y)
+    assert result[0] == pytest.approx(curve(1.0))
     assert slope[0] == pytest.approx(0.85)
 
 
 def test_a_jump_counts_on_both_sides_of_its_place():
     x, y = np.array([-1.0, 0.0, 0.0, 1.0]), np.array([0.0, 0.0, 2.0, 2.0])
-    found, slope = means(np.array([[-0.5, 0.5], [-0.25, 0.75], [-0.9, -0.1]]), x, y)
-    np.testing.assert_allclose(found, [1.0, 1.5, 0.0], atol=1e-11)
+    result, slope = means(np.array([[-0.5, 0.5], [-0.25, 0.75], [-0.9, -0.1]]), x, y)
+    np.testing.assert_allclose(result, [1.0, 1.5, 0.0], atol=1e-11)
     np.testing.assert_allclose(slope, [2.0, 2.0, 0.0], atol=1e-11)

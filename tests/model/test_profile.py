@@ -84,8 +84,8 @@ def test_arm_is_largest_where_the_cosine_of_the_phase_is_the_shortening():
     phases = np.array([pin_contacts(PAPER, crank).phase for crank in np.linspace(0, 2 * np.pi / 80, 200)])
     assert arms.max() == pytest.approx(27.65, rel=1e-6)
     assert np.cos(phases.ravel()[arms.argmax()]) == pytest.approx(PAPER.shortening, abs=1e-3)
-    at = {round(float(np.degrees(b)), 1): a for b, a in zip(phases[0], arms[0], strict=True)}
-    assert (at[-4.5], at[-9.0]) == pytest.approx((13.9, 21.5), abs=0.05)  # mechanics of the roots, section 4
+    reducer = {round(float(np.degrees(b)), 1): a for b, a in zip(phases[0], arms[0], strict=True)}
+    assert (reducer[-4.5], reducer[-9.0]) == pytest.approx((13.9, 21.5), abs=0.05)  # mechanics of the roots, section 4
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -113,11 +113,13 @@ def derivative(profile, curve, points=2048):
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(profile=geometries() | st.just(PAPER))
 def test_normals_and_curvature_agree_with_numerical_differentiation(profile):
-    along, psi = derivative(profile, profile.flank)
+    normal_part, psi = derivative(profile, profile.flank)
     normal = profile.normal(psi)
-    np.testing.assert_allclose(normal, 1j * along / np.abs(along), atol=1e-8)  # to the left of a counterclockwise curve
+    np.testing.assert_allclose(
+        normal, 1j * normal_part / np.abs(normal_part), atol=1e-8
+    )  # to the left of a counterclockwise curve
     turning, _ = derivative(profile, profile.normal)
-    curvature = np.imag(np.conj(normal) * turning) / np.abs(along)
+    curvature = np.imag(np.conj(normal) * turning) / np.abs(normal_part)
     np.testing.assert_allclose(profile.flank_curvature(profile.phase(psi)), curvature, rtol=1e-8, atol=1e-8)
 
 

@@ -49,9 +49,9 @@ def test_friction_changes_no_backlash_and_widens_the_loop(given_drive, kind, cle
     rubbing = respond(replace(drive, sliders=FRICTION[kind](drive)), MARKS)
     np.testing.assert_array_equal(free.hysteresis_loss, 0.0)
     np.testing.assert_allclose(rubbing.clearance_backlash, free.clearance_backlash, rtol=0, atol=1e-7 * ARCMIN)
-    solved = rubbing.converged & free.converged
-    short = -2e-3 * free.clearance_backlash[solved] if clearance and kind.startswith("pins") else 0.0
-    assert np.all(rubbing.hysteresis_loss[solved] >= short)
+    converged = rubbing.converged & free.converged
+    short = -2e-3 * free.clearance_backlash[converged] if clearance and kind.startswith("pins") else 0.0
+    assert np.all(rubbing.hysteresis_loss[converged] >= short)
 
 
 @settings(max_examples=20, deadline=None, derandomize=True, phases=NO_SHRINKING)
@@ -69,10 +69,10 @@ def test_backlash_is_the_rigid_program_where_feasible_and_the_limit_of_small_tor
     start, turn = np.zeros((2, len(drive.reducer.motions))), drive.reducer.output_motion
     minus, plus = (solve(*springs, start, np.array([1e-2, 1e-4, 1e-6]) * sense * RATED) for sense in (-1, 1))
     excess = (plus.motion - minus.motion)[:, :, turn] - response.clearance_backlash[:, None]
-    solved = np.all(plus.converged & minus.converged, axis=1) & response.converged
-    assert np.all(np.diff(excess[solved], axis=1) < 0)
-    assert np.all(excess[solved] > -1e-6 * ARCMIN)
-    assert np.all(excess[solved, -1] < 0.03 * ARCMIN)
+    converged = np.all(plus.converged & minus.converged, axis=1) & response.converged
+    assert np.all(np.diff(excess[converged], axis=1) < 0)
+    assert np.all(excess[converged] > -1e-6 * ARCMIN)
+    assert np.all(excess[converged, -1] < 0.03 * ARCMIN)
 
 
 def test_preload_of_the_pins_leaves_less_play_than_the_other_parts_have_alone():
@@ -97,7 +97,7 @@ def test_metric_torques_alone_give_the_points_of_the_full_cycle(kind):
     scale = np.ptp(full.angle)
     for branch in range(5):
         for torque in brief.torque[brief.branch == branch]:
-            points = [np.flatnonzero((one.branch == branch) & (one.torque == torque))[0] for one in (full, brief)]
+            points = [np.flatnonzero((item.branch == branch) & (item.torque == torque))[0] for item in (full, brief)]
             np.testing.assert_allclose(
                 full.angle[:, points[0]], brief.angle[:, points[1]], rtol=0, atol=(2e-3 if kind else 1e-8) * scale
             )
@@ -108,16 +108,20 @@ def test_width_under_constant_friction_is_the_curve_between_its_torques():
     drive, torque = small_drive(2, seed=7), 200.0
     sliders = output_sliders(drive.reducer, np.array([torque]), np.array([1e-9]))
     rubbing = respond(replace(drive, sliders=sliders), MARKS)
-    carried = respond(drive, LoadCycle(RATED, np.array([torque / RATED, 1.0])))
-    up, down = (np.flatnonzero(carried.torque == sense * torque)[0] for sense in (1, -1))
-    np.testing.assert_allclose(rubbing.zero_torque_width, carried.angle[:, up] - carried.angle[:, down], rtol=3e-4)
+    carried_torque = respond(drive, LoadCycle(RATED, np.array([torque / RATED, 1.0])))
+    loading_branch, unloading = (np.flatnonzero(carried_torque.torque == sense * torque)[0] for sense in (1, -1))
+    np.testing.assert_allclose(
+        rubbing.zero_torque_width,
+        carried_torque.angle[:, loading_branch] - carried_torque.angle[:, unloading],
+        rtol=3e-4,
+    )
 
 
 def test_torsion_turns_every_loaded_step_and_no_play():
     drive = small_drive(1, seed=2)
-    plain, twisted = respond(drive, MARKS), respond(replace(drive, torsion=2e-8), MARKS)
-    np.testing.assert_allclose((twisted.angle - plain.angle)[0], 2e-8 * plain.torque, rtol=1e-9, atol=1e-18)
-    np.testing.assert_array_equal(twisted.play, plain.play)
+    reference, twisted = respond(drive, MARKS), respond(replace(drive, torsion=2e-8), MARKS)
+    np.testing.assert_allclose((twisted.angle - reference.angle)[0], 2e-8 * reference.torque, rtol=1e-9, atol=1e-18)
+    np.testing.assert_array_equal(twisted.play, reference.play)
 
 
 def test_weak_friction_has_the_frictionless_curve():

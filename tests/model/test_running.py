@@ -24,15 +24,15 @@ def placed(profile, crank, point):
 def test_sliding_at_the_pins_by_finite_differences_of_the_exact_motion(profile):
     step = 1e-6
     for crank in (0.3, 2.0, 4.4):
-        at = reducer_at(profile, crank)
-        pins = at.pins
-        own = (pins.point - profile.eccentricity * np.exp(1j * crank)) * np.exp(-1j * disk_rotation(profile, crank))
-        velocity = SPEED * (placed(profile, crank + step, own) - placed(profile, crank - step, own)) / (2 * step)
-        along = np.imag(np.conj(pins.normal) * velocity)
-        into = np.real(np.conj(pins.normal) * velocity)
-        speed = sliding_speed(profile, at, SPEED)[: at.n_pins]
-        np.testing.assert_allclose(speed, np.abs(along), rtol=1e-6)
-        assert np.abs(into).max() < 1e-6 * speed.max()  # surfaces that touch neither part nor overlap
+        reducer = reducer_at(profile, crank)
+        pins = reducer.pins
+        lever = (pins.point - profile.eccentricity * np.exp(1j * crank)) * np.exp(-1j * disk_rotation(profile, crank))
+        velocity = SPEED * (placed(profile, crank + step, lever) - placed(profile, crank - step, lever)) / (2 * step)
+        normal_part = np.imag(np.conj(pins.normal) * velocity)
+        normal_slip = np.real(np.conj(pins.normal) * velocity)
+        speed = sliding_speed(profile, reducer, SPEED)[: reducer.n_pins]
+        np.testing.assert_allclose(speed, np.abs(normal_part), rtol=1e-6)
+        assert np.abs(normal_slip).max() < 1e-6 * speed.max()  # surfaces that touch neither part nor overlap
 
 
 def test_sliding_in_the_holes_by_finite_differences_of_the_exact_motion():
@@ -46,33 +46,33 @@ def test_sliding_in_the_holes_by_finite_differences_of_the_exact_motion():
         phase_deg=20.0,
     )
     step, crank = 1e-6, 0.7
-    at = nominal_reducer(SMALL, mechanism, crank)
-    holes = at.contacts.hole >= 0
-    point, turned = at.contacts.point[holes], np.exp(-1j * disk_rotation(SMALL, crank))
-    own = (point - SMALL.eccentricity * np.exp(1j * crank)) * turned
+    reducer = nominal_reducer(SMALL, mechanism, crank)
+    holes = reducer.contacts.hole >= 0
+    point, rotation = reducer.contacts.point[holes], np.exp(-1j * disk_rotation(SMALL, crank))
+    lever = (point - SMALL.eccentricity * np.exp(1j * crank)) * rotation
 
     def apart(angle):  # the disk's point of the contact from the output's
-        return placed(SMALL, angle, own) - point * turned * np.exp(1j * disk_rotation(SMALL, angle))
+        return placed(SMALL, angle, lever) - point * rotation * np.exp(1j * disk_rotation(SMALL, angle))
 
     velocity = SPEED * (apart(crank + step) - apart(crank - step)) / (2 * step)
-    along = np.imag(np.conj(at.contacts.normal[holes]) * velocity)
-    np.testing.assert_allclose(sliding_speed(SMALL, at, SPEED)[holes], np.abs(along), rtol=1e-6)
+    normal_part = np.imag(np.conj(reducer.contacts.normal[holes]) * velocity)
+    np.testing.assert_allclose(sliding_speed(SMALL, reducer, SPEED)[holes], np.abs(normal_part), rtol=1e-6)
     assert np.all(sliding_speed(PAPER, reducer_at(PAPER, 0.3), SPEED)[PAPER.pins :] == 0)  # rollers roll
 
 
 def test_depth_of_the_shear_by_the_half_width_of_the_contact():
-    at = reducer_at(PAPER, 0.2)
-    laws, force = laws_of(PAPER, at, length=2.0), np.full(len(at.contacts), 100.0)
-    radius = 1 / (1 / PAPER.pin_radius + at.pins.flank_curvature)
+    reducer = reducer_at(PAPER, 0.2)
+    laws, force = laws_of(PAPER, reducer, length=2.0), np.full(len(reducer.contacts), 100.0)
+    radius = 1 / (1 / PAPER.pin_radius + reducer.pins.flank_curvature)
     half_width = np.sqrt(4 * (100.0 / 2.0) * radius / (np.pi * 103e3))
     running = Running(np.full(len(force), 2.0), np.zeros(len(force)), np.ones(len(force)), np.ones(len(force)))
-    np.testing.assert_allclose(running.shear_depth(laws, force)[: at.n_pins], 0.786 * half_width, rtol=1e-9)
+    np.testing.assert_allclose(running.shear_depth(laws, force)[: reducer.n_pins], 0.786 * half_width, rtol=1e-9)
     assert np.all(running.shear_depth(laws, 0 * force) == 0)
 
 
 def test_pressure_speed_and_friction_of_sliding_and_rolling_pins():
-    at = reducer_at(PAPER, 0.2)
-    laws, n = laws_of(PAPER, at), len(at.contacts)
+    reducer = reducer_at(PAPER, 0.2)
+    laws, n = laws_of(PAPER, reducer), len(reducer.contacts)
     force, speed = np.full(n, 50.0), np.full(n, 300.0)
     fixed = Running(np.full(n, 2.0), np.zeros(n), speed, np.full(n, 0.05))
     rolling = Running(np.full(n, 2.0), np.full(n, 3.2), speed, np.full(n, 0.05))
@@ -91,12 +91,22 @@ def test_life_of_a_bearing_by_hand():
 
 def readings(force, friction, **conditions):
     angles = len(force)
-    one = np.ones((1, 2, angles))
-    even = np.ones(angles, bool)
+    unit_array = np.ones((1, 2, angles))
+    even_angles = np.ones(angles, bool)
     thrust = np.stack([force, 0.5 * force])[None, :, :, None] + 0j
     by_angle = np.ones((1, angles))
     return TurnReadings(
-        one, one, thrust, one, by_angle, by_angle, by_angle, friction * one, Conditions(**conditions), even, even
+        unit_array,
+        unit_array,
+        thrust,
+        unit_array,
+        by_angle,
+        by_angle,
+        by_angle,
+        friction * unit_array,
+        Conditions(**conditions),
+        even_angles,
+        even_angles,
     )
 
 

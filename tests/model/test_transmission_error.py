@@ -23,8 +23,10 @@ CRANKS = np.linspace(0, 2 * np.pi, 23, endpoint=False)
 
 
 def ends(profile, crank, **errors):
-    at = reducer_at(profile, crank)
-    return separated_play(at, gaps(profile, at, errors_of(profile, at, **errors), **FIRST_ORDER)).ends[:, 0]
+    reducer = reducer_at(profile, crank)
+    return separated_play(reducer, gaps(profile, reducer, errors_of(profile, reducer, **errors), **FIRST_ORDER)).ends[
+        :, 0
+    ]
 
 
 def held(drive):
@@ -41,36 +43,38 @@ def loaded_angle(drive, share=1.0):
 
 def test_a_rigid_reducer_without_gaps_has_no_error():
     for crank in CRANKS:
-        at = reducer_at(PAPER, crank)
-        exact = gaps(PAPER, at, errors_of(PAPER, at), method="exact", disk_reading="radial", roller_reading="diameter")
-        assert np.abs(separated_play(at, exact).ends).max() < 1e-9
+        reducer = reducer_at(PAPER, crank)
+        exact = gaps(
+            PAPER, reducer, errors_of(PAPER, reducer), method="exact", disk_reading="radial", roller_reading="diameter"
+        )
+        assert np.abs(separated_play(reducer, exact).ends).max() < 1e-9
 
 
 def test_one_displaced_pin_in_a_uniform_gap():
     """First order: the disk turns until the first of gap/arm, with the displaced pin's gap less its approach."""
-    gap, out, pin = 8e-3, -5e-3, 3  # mm; the pin stands inwards by less than the gap
+    gap, outward, pin = 8e-3, -5e-3, 3  # mm; the pin stands inwards by less than the gap
     k, ratio = SMALL.shortening, SMALL.lobes
     for crank in CRANKS:
         beta = -2 * np.pi * np.arange(SMALL.pins) / SMALL.pins - crank
         s = np.sqrt(1 + k * k - 2 * k * np.cos(beta))
         arm = -SMALL.eccentricity * ratio * np.sin(beta) / s
         room = np.full(SMALL.pins, gap)
-        room[pin] += out * (1 - k * np.cos(beta[pin])) / s[pin]
+        room[pin] += outward * (1 - k * np.cos(beta[pin])) / s[pin]
         plus = np.min(room[arm < -1e-9] / -arm[arm < -1e-9])
         minus = -np.min(room[arm > 1e-9] / arm[arm > 1e-9])
-        radial = np.where(np.arange(SMALL.pins) == pin, out, 0.0)
-        found = ends(SMALL, crank, lobe=gap, pin_radial=radial)
-        np.testing.assert_allclose(found, [plus, minus], rtol=1e-9)
+        radial = np.where(np.arange(SMALL.pins) == pin, outward, 0.0)
+        result = ends(SMALL, crank, lobe=gap, pin_radial=radial)
+        np.testing.assert_allclose(result, [plus, minus], rtol=1e-9)
 
 
 def test_the_end_of_the_play_by_exact_rotation_of_the_real_flank():
     rng = np.random.default_rng(5)
     for crank in CRANKS[::5]:
-        at = reducer_at(SMALL, crank)
-        errors = errors_of(SMALL, at, lobe=8e-3, pin_radial=1e-3 * rng.uniform(-2, 2, SMALL.pins))
-        room = gaps(SMALL, at, errors, method="exact", disk_reading="normal", roller_reading="diameter")
-        exact = np.array(exact_disk_play(SMALL, at, errors, "normal"))
-        np.testing.assert_allclose(separated_play(at, room).ends, exact, rtol=0.01)
+        reducer = reducer_at(SMALL, crank)
+        errors = errors_of(SMALL, reducer, lobe=8e-3, pin_radial=1e-3 * rng.uniform(-2, 2, SMALL.pins))
+        room = gaps(SMALL, reducer, errors, method="exact", disk_reading="normal", roller_reading="diameter")
+        exact = np.array(exact_disk_play(SMALL, reducer, errors, "normal"))
+        np.testing.assert_allclose(separated_play(reducer, room).ends, exact, rtol=0.01)
 
 
 def test_the_error_of_a_perfect_unit_repeats_with_the_pitch_of_the_pins():
@@ -125,34 +129,38 @@ def test_forces_of_the_disk_balance():
 def test_orders_of_known_waves():
     crank = 2 * np.pi * np.arange(31) / 31
     error = np.stack([3 + 2 * np.cos(4 * crank + 0.3), 0.5 * np.cos(15 * crank - 1.0)])
-    found = orders(error)
-    np.testing.assert_allclose(found.order, np.arange(1, 16))
-    np.testing.assert_allclose([found.amplitude[0, 3], found.phase[0, 3]], [2, 0.3])
-    np.testing.assert_allclose([found.amplitude[1, 14], found.phase[1, 14]], [0.5, -1.0])
-    assert np.sum(found.amplitude) == pytest.approx(2.5)
+    result = orders(error)
+    np.testing.assert_allclose(result.order, np.arange(1, 16))
+    np.testing.assert_allclose([result.amplitude[0, 3], result.phase[0, 3]], [2, 0.3])
+    np.testing.assert_allclose([result.amplitude[1, 14], result.phase[1, 14]], [0.5, -1.0])
+    assert np.sum(result.amplitude) == pytest.approx(2.5)
     over_three_turns = orders(np.cos(2 * np.pi * np.arange(33) * 2 / 33)[None], turns=3)
     assert over_three_turns.order[np.argmax(over_three_turns.amplitude)] == pytest.approx(2 / 3)
 
 
-def readings(loaded, free, force, share=1.0):
-    even = np.ones(np.shape(loaded)[2], bool), np.ones(np.shape(free)[2], bool)
-    shares, by_angle = np.full(loaded.shape, share), loaded[:, 0]
-    return TurnReadings(loaded, free, force, shares, by_angle, by_angle, by_angle, shares, Conditions(), *even)
+def readings(loaded_values, free, force, share=1.0):
+    even_angles = np.ones(np.shape(loaded_values)[2], bool), np.ones(np.shape(free)[2], bool)
+    shares, by_angle = np.full(loaded_values.shape, share), loaded_values[:, 0]
+    return TurnReadings(
+        loaded_values, free, force, shares, by_angle, by_angle, by_angle, shares, Conditions(), *even_angles
+    )
 
 
 def test_metrics_of_a_turn_take_the_larger_sense_and_say_nothing_from_few_angles():
     rng = np.random.default_rng(0)
-    loaded, free = rng.normal(size=(3, 2, 9)), rng.normal(size=(3, 2, 20))
+    loaded_values, free = rng.normal(size=(3, 2, 9)), rng.normal(size=(3, 2, 20))
     force = rng.normal(size=(3, 2, 9, 1)) + 1j
-    values = {name: metric.of(readings(loaded, free, force)) for name, metric in turn_library().items()}
-    np.testing.assert_allclose(values["transmission_error_arcsec"], 60 * np.ptp(loaded, axis=2).max(axis=1))
+    values = {name: metric.of(readings(loaded_values, free, force)) for name, metric in turn_library().items()}
+    np.testing.assert_allclose(values["transmission_error_arcsec"], 60 * np.ptp(loaded_values, axis=2).max(axis=1))
     np.testing.assert_allclose(values["unloaded_transmission_error_arcsec"], 60 * np.ptp(free, axis=2).max(axis=1))
     np.testing.assert_allclose(values["bearing_force_peak_N"], np.abs(force).max(axis=(1, 2, 3)))
     np.testing.assert_allclose(values["bearing_force_mean_N"], np.abs(force).mean(axis=2).max(axis=(1, 2)))
-    few = {name: metric.of(readings(loaded, free, force).thinned(2)) for name, metric in turn_library().items()}
-    unbalanced = readings(loaded, free, force, share=0.94)
+    small_case = {
+        name: metric.of(readings(loaded_values, free, force).thinned(2)) for name, metric in turn_library().items()
+    }
+    unbalanced = readings(loaded_values, free, force, share=0.94)
     assert np.isnan(turn_library()["bearing_force_peak_N"].of(unbalanced)).all()
-    assert np.isnan(few["transmission_error_arcsec"]).all()
+    assert np.isnan(small_case["transmission_error_arcsec"]).all()
     np.testing.assert_allclose(
-        few["unloaded_transmission_error_arcsec"], 60 * np.ptp(free[..., ::2], axis=2).max(axis=1)
+        small_case["unloaded_transmission_error_arcsec"], 60 * np.ptp(free[..., ::2], axis=2).max(axis=1)
     )

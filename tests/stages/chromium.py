@@ -33,8 +33,8 @@ class Page:
     requests : addresses that the page asked for, but for itself and what it holds.
     """
 
-    def __init__(self, to: int, back: int) -> None:
-        self._to, self._back = to, back
+    def __init__(self, write_end: int, return_value: int) -> None:
+        self._to, self._back = write_end, return_value
         self._number, self._buffer = 0, b""
         self._session: str | None = None
         self.errors: list[str] = []

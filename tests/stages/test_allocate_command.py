@@ -58,9 +58,9 @@ def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
     folder = own_runs / "allocate" / "priced"
     table = pd.read_parquet(folder / "allocation.parquet").set_index("dimension")
     check = pd.read_csv(folder / "check.csv").set_index(["tolerances", "metric"])
-    found, equal = (check.loc[name, "all_limits"] for name in ("found", "equal"))
-    assert found["ci_high"] > 0.85
-    assert found["cost"] < equal["cost"]
+    result, equal = (check.loc[name, "all_limits"] for name in ("found", "equal"))
+    assert result["ci_high"] > 0.85
+    assert result["cost"] < equal["cost"]
     # costs by hand: 40 elements of a table straight in the logarithms
     rollers = 40 * np.exp(
         np.interp(np.log(table["width_um"]["roller_diameter"]), np.log([1, 2, 4]), np.log([0.1, 0.05, 0.02]))
@@ -73,11 +73,11 @@ def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
     }
     for name, cost in by_hand.items():
         assert table["cost"][name] == pytest.approx(cost, rel=1e-4)
-    assert found["cost"] == pytest.approx(sum(by_hand.values()), rel=1e-4)
-    made = load_study(str(folder / "allocated-priced.toml"), ROOT)
-    assert made.tolerances.eccentricity.upper_um == pytest.approx(table["upper_um"]["eccentricity"])
-    assert made.tolerances.pin_radial == load_study(study, ROOT).tolerances.pin_radial
-    assert made.design == load_study(study, ROOT).design
+    assert result["cost"] == pytest.approx(sum(by_hand.values()), rel=1e-4)
+    allocated_study = load_study(str(folder / "allocated-priced.toml"), ROOT)
+    assert allocated_study.tolerances.eccentricity.upper_um == pytest.approx(table["upper_um"]["eccentricity"])
+    assert allocated_study.tolerances.pin_radial == load_study(study, ROOT).tolerances.pin_radial
+    assert allocated_study.design == load_study(study, ROOT).design
     assert "no cost is stated" in (folder / "report.html").read_text()
 
 
@@ -104,6 +104,6 @@ def test_an_impossible_yield_says_how_near_one_gets(
     text = re.sub(r"backlash_arcmin = \S+", "backlash_arcmin = 1.2", QUICK) + COSTS.split("[costs.ecc")[0]
     study = written(tmp_path, text)
     assert cli.main(["allocate", "--study", study, "--yield", "0.8", "--units", "100", "--jobs", "1"]) == 2
-    said = capsys.readouterr().err
-    assert "of 100 units" in said
-    assert "keep all limits; most of the others break clearance_backlash_arcmin = 1.2" in said
+    message = capsys.readouterr().err
+    assert "of 100 units" in message
+    assert "keep all limits; most of the others break clearance_backlash_arcmin = 1.2" in message

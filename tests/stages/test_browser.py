@@ -26,8 +26,8 @@ def report(runs: Path, outputs: dict[str, Output]) -> Path:
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
-    with chromium.browser(tmp_path_factory.mktemp("profile")) as opened:
-        yield opened
+    with chromium.browser(tmp_path_factory.mktemp("profile")) as opening:
+        yield opening
 
 
 @pytest.fixture(scope="module")
@@ -57,12 +57,12 @@ def test_nothing_is_wider_than_the_page(page, report, width):
 def test_accessible_by_the_rules_of_axe(page, report, width, dark):
     page.open(report, width, dark=dark)
     page.value(resources.files("axe_core_python").joinpath("axe.min.js").read_text(encoding="utf-8") + "; true")
-    found = page.value(
+    result = page.value(
         "axe.run(document, {resultTypes: ['violations']}).then((result) => JSON.stringify(result.violations))"
     )
     violations = [
         f"{rule['id']}: {node['html'][:100]} {node['failureSummary']}"
-        for rule in json.loads(found)
+        for rule in json.loads(result)
         for node in rule["nodes"]
     ]
     assert violations == []
@@ -83,7 +83,7 @@ def test_a_unit_that_is_pointed_at_shows_its_loop_and_forces(page, report, units
     page.open(report, 1280)
     assert len(of_explorer(page, "circle", "1")) == len(units)
     page.value("document.getElementById('explorer').scrollIntoView({behavior: 'instant'})")
-    before = of_explorer(page, ".curve", "element.getAttribute('d')")
+    path_before = of_explorer(page, ".curve", "element.getAttribute('d')")
     x, y = page.value(
         "(() => { const box = document.querySelectorAll('#explorer circle:not(.chosen)')[3].getBoundingClientRect();"
         "return [box.x + box.width / 2, box.y + box.height / 2]; })()"
@@ -92,7 +92,7 @@ def test_a_unit_that_is_pointed_at_shows_its_loop_and_forces(page, report, units
     line = page.value("document.querySelector('#explorer .line').textContent")
     sample = int(line.removeprefix("sample ").partition(":")[0])
     assert f"clearance backlash {units.at[sample, 'clearance_backlash_arcmin_worst']:.3f} arcmin" in line
-    assert of_explorer(page, ".curve", "element.getAttribute('d')") != before
+    assert of_explorer(page, ".curve", "element.getAttribute('d')") != path_before
     assert len(of_explorer(page, ".bar", "1")) > 3
 
 
@@ -103,10 +103,12 @@ def test_forces_and_angles_of_the_page_are_those_of_the_tables(page, report, run
     curves = pd.read_parquet(runs / "quick" / "hysteresis" / "curves.parquet")
     unit = data["units"][2]
     sample = int(unit["label"].removeprefix("sample "))
-    loaded = contacts[(contacts["sample"] == sample) & (contacts["crank_deg"] == data["crank"])]
-    loaded = loaded[loaded["step"] == loaded.loc[loaded["torque_Nm"].idxmax(), "step"]].head(len(unit["force"]))
+    loaded_contacts = contacts[(contacts["sample"] == sample) & (contacts["crank_deg"] == data["crank"])]
+    loaded_contacts = loaded_contacts[
+        loaded_contacts["step"] == loaded_contacts.loc[loaded_contacts["torque_Nm"].idxmax(), "step"]
+    ].head(len(unit["force"]))
     loop = curves[(curves["sample"] == sample) & (curves["crank_deg"] == data["crank"])]
-    assert unit["force"] == pytest.approx(loaded["force_N"].tolist(), abs=0.05)
+    assert unit["force"] == pytest.approx(loaded_contacts["force_N"].tolist(), abs=0.05)
     assert unit["angle"] == pytest.approx(loop["angle_arcmin"].tolist(), abs=5e-5)
 
 
@@ -123,13 +125,13 @@ def test_units_are_reached_by_keyboard(page, report):
 def test_a_metric_is_picked_and_its_drivers_are_shown(page, report):
     page.open(report, 1280)
     panels = "[...document.querySelectorAll('[data-panel]')]"
-    shown = f"{panels}.filter((panel) => panel.offsetParent).map((panel) => panel.dataset.panel)"
-    assert page.value(shown) == ["Clearance backlash"]
+    shown_part = f"{panels}.filter((panel) => panel.offsetParent).map((panel) => panel.dataset.panel)"
+    assert page.value(shown_part) == ["Clearance backlash"]
     page.value(
         "[...document.querySelectorAll('.choice button')]"
         ".find((tab) => tab.textContent === 'Torsional rigidity').click()"
     )
-    assert page.value(shown) == ["Torsional rigidity"]
+    assert page.value(shown_part) == ["Torsional rigidity"]
 
 
 def test_a_table_copies_into_a_spreadsheet(page, report):
@@ -166,18 +168,20 @@ def test_contents_stay_in_sight(page, report):
 
 def test_every_link_within_the_page_leads_somewhere(page, report):
     page.open(report, 1280)
-    lost = page.value(
+    lost_motion = page.value(
         "[...document.querySelectorAll('a[href^=\"#\"]')].map((link) => link.getAttribute('href').slice(1))"
         ".filter((id) => !document.getElementById(id))"
     )
-    assert lost == []
+    assert lost_motion == []
 
 
 def test_paper_shows_all_and_no_control(page, report):
     page.open(report, 1280, dark=True)
     page.call("Emulation.setEmulatedMedia", media="print")
-    shown = "(selector) => [...document.querySelectorAll(selector)].filter((element) => element.offsetParent).length"
+    shown_part = (
+        "(selector) => [...document.querySelectorAll(selector)].filter((element) => element.offsetParent).length"
+    )
     panels = page.value("document.querySelectorAll('[data-panel]').length")
-    assert page.value(f"({shown})('[data-panel]')") == panels > 1
-    assert page.value(f"({shown})('nav, button')") == 0
+    assert page.value(f"({shown_part})('[data-panel]')") == panels > 1
+    assert page.value(f"({shown_part})('nav, button')") == 0
     assert page.value("getComputedStyle(document.body).color") == "rgb(31, 41, 51)"

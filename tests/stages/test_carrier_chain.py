@@ -34,24 +34,24 @@ def small_study(study="rv", **changes):
 @pytest.mark.parametrize(("name", "rated"), [("rv", 200), ("rv_two_disks", 400)])
 def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, name, rated):
     study = small_study(name)
-    finished = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
-    at, body = assembly.reducer(study.design, 37.0), elastic_disk(study)
-    condensed = full_compliance(finished["reduce"].path(COMPLIANCE_FILE), at, 37.0)
-    fresh = body.compliance(disk_patches(study, body, at)).matrix
-    rows = assembly.disk_contacts(at)
+    outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
+    reducer, body = assembly.reducer(study.design, 37.0), elastic_disk(study)
+    condensed = full_compliance(outputs["reduce"].path(COMPLIANCE_FILE), reducer, 37.0)
+    fresh = body.compliance(disk_patches(study, body, reducer)).matrix
+    rows = assembly.disk_contacts(reducer)
     np.testing.assert_allclose(condensed[np.ix_(rows, rows)], fresh, atol=1e-9 * fresh.max())
-    frames = {table: pd.DataFrame(finished["hysteresis"].read(table)) for table in ("contacts", "status", "loops")}
+    frames = {table: pd.DataFrame(outputs["hysteresis"].read(table)) for table in ("contacts", "status", "loops")}
     assert set(frames["status"]["status"]) == {"ok"}
     assert frames["loops"]["bearing_force_N"].isna().all()
-    contacts = frames["contacts"].merge(pd.DataFrame(finished["clearance"].read("contacts")))
+    contacts = frames["contacts"].merge(pd.DataFrame(outputs["clearance"].read("contacts")))
     contacts["moment_Nm"] = 1e-3 * contacts["force_N"] * contacts["arm_mm"]
     steps = contacts.groupby(["sample", "step", "kind"])
     moment, torque = steps["moment_Nm"].sum().unstack("kind"), steps["torque_Nm"].first().unstack("kind")["pin"]
     assert np.ptp(torque) == 2 * rated
     np.testing.assert_allclose(moment["output"], -torque, atol=1e-5)
     np.testing.assert_allclose(moment["pin"], -torque * 40 * 39 / (20 + 40 * 40), atol=1e-5)
-    metrics = pd.DataFrame(finished["aggregate"].read("metrics"))
-    kinematic = pd.DataFrame(finished["clearance"].read("kinematic"))
+    metrics = pd.DataFrame(outputs["aggregate"].read("metrics"))
+    kinematic = pd.DataFrame(outputs["clearance"].read("kinematic"))
     rigid = metrics.merge(kinematic, on=["sample", "crank_deg"])["backlash_arcmin"]
     np.testing.assert_allclose(metrics["clearance_backlash_arcmin"], rigid, rtol=1e-6)
 
@@ -81,9 +81,9 @@ def test_the_report_tells_cranks_gears_and_their_ratio():
 )
 def test_a_wrong_carrier_names_file_key_value_and_remedy(section, key, value, line):
     data = {**DESIGN, section: {**DESIGN[section], key: value}}
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         parse_design(data, "d.toml")
-    assert any(problem.startswith(f"d.toml: {line}") for problem in caught.value.problems), caught.value.problems
+    assert any(problem.startswith(f"d.toml: {line}") for problem in error.value.problems), error.value.problems
 
 
 def test_what_has_no_meaning_with_a_carrier_is_refused():

@@ -45,11 +45,13 @@ def test_force_is_the_laws_and_penetration_is_elastic_plus_local(outputs: Output
         force = rows["force_N"].to_numpy().reshape(local.shape)
         np.testing.assert_allclose(laws.force(local), force, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(contacts["penetration_um"], contacts["elastic_um"] + contacts["local_um"], atol=1e-12)
-    closed = contacts[contacts["force_N"] > 0]
-    np.testing.assert_allclose(closed["approach_um"], closed["clearance_um"] + closed["penetration_um"], atol=1e-7)
-    opened = contacts[(contacts["force_N"] == 0) & (contacts["torque_Nm"] != 0)]
-    assert np.all(opened["approach_um"] - opened["clearance_um"] <= opened["elastic_um"] + 1e-9)
-    assert len(closed) > 1000
+    in_contact = contacts[contacts["force_N"] > 0]
+    np.testing.assert_allclose(
+        in_contact["approach_um"], in_contact["clearance_um"] + in_contact["penetration_um"], atol=1e-7
+    )
+    opening = contacts[(contacts["force_N"] == 0) & (contacts["torque_Nm"] != 0)]
+    assert np.all(opening["approach_um"] - opening["clearance_um"] <= opening["elastic_um"] + 1e-9)
+    assert len(in_contact) > 1000
     assert np.all(contacts["force_N"] >= 0)
 
 
@@ -83,17 +85,21 @@ def test_loaded_solution_tends_to_the_rigid_play(outputs: Outputs, runs: Path) -
     gap = outputs["clearance"].read("gaps")["clearance_um"].reshape(n, len(study.cycle.crank_deg), -1) / 1e3
     coefficients = outputs["springs"].read("coefficients")
     for k, crank in enumerate(study.cycle.crank_deg):
-        at = assembly.reducer(study.design, crank)
+        reducer = assembly.reducer(study.design, crank)
         laws = laws_of_columns(coefficients, crank)
-        compliance = hysteresis.full_compliance(outputs["reduce"].path("compliance.npz"), at, crank)
+        compliance = hysteresis.full_compliance(outputs["reduce"].path("compliance.npz"), reducer, crank)
         width = np.zeros(n)
         for sense, branch in ((1, "loading+"), (-1, "loading-")):
             torque = np.array([sense * 1e-6 * 12_000.0])
-            start = np.zeros((n, len(at.motions)))
-            loaded = solve(at, assembly.bearing(study.design), laws, compliance, gap[:, k], np.zeros(n), start, torque)
-            assert np.all(loaded.residual <= ACCEPTED)
+            start = np.zeros((n, len(reducer.motions)))
+            loaded_states = solve(
+                reducer, assembly.bearing(study.design), laws, compliance, gap[:, k], np.zeros(n), start, torque
+            )
+            assert np.all(loaded_states.residual <= ACCEPTED)
             end = curves[(curves["crank_deg"] == crank) & (curves["branch"] == branch) & (curves["torque_Nm"] == 0)]
-            width += sense * (ARCMIN * loaded.motion[:, 0, at.output_motion] - end["angle_arcmin"].to_numpy())
+            width += sense * (
+                ARCMIN * loaded_states.motion[:, 0, reducer.output_motion] - end["angle_arcmin"].to_numpy()
+            )
         assert np.all((width > 0) & (width < 1e-4))
 
 
@@ -102,19 +108,21 @@ def test_metrics_are_those_of_the_curves(outputs: Outputs) -> None:
     keys = ["sample", "crank_deg"]
     rising = curves[curves["branch"].isin(["loading+", "loading-"])].assign(torque=curves["torque_Nm"].round(9))
     angle = rising.pivot_table(index=keys, columns=["branch", "torque"], values="angle_arcmin", observed=True)
-    up, down = angle["loading+"], angle["loading-"]
+    loading_branch, unloading = angle["loading+"], angle["loading-"]
     metrics = metrics.set_index(keys)
-    lost, rigid = metrics["lost_motion_arcmin"], metrics["torsional_rigidity_Nm_per_arcmin"]
-    np.testing.assert_allclose(lost, up[0.36] - down[-0.36], rtol=1e-12)
-    np.testing.assert_allclose(rigid, 3 / (up[12.0] - up[6.0]) + 3 / (down[-6.0] - down[-12.0]), rtol=1e-12)
-    assert np.all(lost > metrics["clearance_backlash_arcmin"])
+    lost_motion, rigid = metrics["lost_motion_arcmin"], metrics["torsional_rigidity_Nm_per_arcmin"]
+    np.testing.assert_allclose(lost_motion, loading_branch[0.36] - unloading[-0.36], rtol=1e-12)
+    np.testing.assert_allclose(
+        rigid, 3 / (loading_branch[12.0] - loading_branch[6.0]) + 3 / (unloading[-6.0] - unloading[-12.0]), rtol=1e-12
+    )
+    assert np.all(lost_motion > metrics["clearance_backlash_arcmin"])
 
 
 @pytest.mark.parametrize(("jobs", "chunk"), [(1, 100), (1, 4), (2, 3)])
 def test_values_depend_on_no_jobs_and_chunks(outputs: Outputs, runs: Path, jobs: int, chunk: int) -> None:
     study = small_study()
-    again = run_study(study.model_copy(update={"name": f"again-{jobs}-{chunk}"}), runs, jobs, chunk)
-    assert {name: output.hashes for name, output in again.items()} == {
+    repeat = run_study(study.model_copy(update={"name": f"again-{jobs}-{chunk}"}), runs, jobs, chunk)
+    assert {name: output.hashes for name, output in repeat.items()} == {
         name: output.hashes for name, output in outputs.items()
     }
 

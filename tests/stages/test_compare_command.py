@@ -55,14 +55,16 @@ def test_one_tolerance_changed_is_compared_unit_by_unit(
     a, b = written(tmp_path, "narrow", QUICK), written(tmp_path, "wide", wide)
     table = compared(own_runs, a, b)
     units = [pd.read_parquet(own_runs / name / "aggregate/units.parquet").iloc[1:] for name in ("narrow", "wide")]
-    lost = [frame["lost_motion_arcmin_worst"].to_numpy() for frame in units]
+    lost_motion = [frame["lost_motion_arcmin_worst"].to_numpy() for frame in units]
     row = table.loc["lost_motion_arcmin", "mean"]
     assert row["paired"]
-    assert row["difference"] == pytest.approx(np.mean(lost[1] - lost[0]))
-    half = 2.0687 * np.std(lost[1] - lost[0], ddof=1) / np.sqrt(24)  # Student's t of 23 degrees of freedom
+    assert row["difference"] == pytest.approx(np.mean(lost_motion[1] - lost_motion[0]))
+    half = (
+        2.0687 * np.std(lost_motion[1] - lost_motion[0], ddof=1) / np.sqrt(24)
+    )  # Student's t of 23 degrees of freedom
     assert row["ci_high"] - row["difference"] == pytest.approx(half, rel=1e-4)
-    kept = [np.mean(values <= 2.8) for values in lost]
-    assert table.loc["lost_motion_arcmin", "yield"]["difference"] == pytest.approx(kept[1] - kept[0])
+    kept_items = [np.mean(values <= 2.8) for values in lost_motion]
+    assert table.loc["lost_motion_arcmin", "yield"]["difference"] == pytest.approx(kept_items[1] - kept_items[0])
     page = (own_runs / "compare/narrow-wide/report.html").read_text()
     assert "tolerances.eccentricity.upper_um" in page
     assert "share their draws" in page
@@ -87,14 +89,16 @@ def test_studies_that_share_no_draw_are_told_apart() -> None:
 
 
 def test_cases_are_compared_by_their_labels(outputs: dict, own_runs: Path, tmp_path: Path) -> None:
-    head, rest = QUICK.split("[samples]")[0], QUICK[QUICK.index("# --- how it is computed") :]
+    head, remainder = QUICK.split("[samples]")[0], QUICK[QUICK.index("# --- how it is computed") :]
     cycle = re.sub(
         r"keep_contacts = .*", "keep_contacts = [0]", QUICK[QUICK.index("[cycle]") : QUICK.index("# --- tolerances")]
     )
-    listed = f'{head}[samples]\nexperiment = "cases"\n\n[[cases]]\nlabel = "one"\ndisk_profile = SIZE\n\n{cycle}{rest}'
+    listed_study = (
+        f'{head}[samples]\nexperiment = "cases"\n\n[[cases]]\nlabel = "one"\ndisk_profile = SIZE\n\n{cycle}{remainder}'
+    )
     a, b = (
-        written(tmp_path, "tight", listed.replace("SIZE", "8.0")),
-        written(tmp_path, "loose", listed.replace("SIZE", "12.0")),
+        written(tmp_path, "tight", listed_study.replace("SIZE", "8.0")),
+        written(tmp_path, "loose", listed_study.replace("SIZE", "12.0")),
     )
     table = compared(own_runs, a, b)
     row = table.loc["lost_motion_arcmin", "one"]

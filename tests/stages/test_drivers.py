@@ -49,9 +49,9 @@ def over_turn(table: pd.DataFrame) -> pd.DataFrame:
 
 def test_the_units_of_the_design_are_there_but_for_those_that_the_study_has(runs):
     groups = error_groups(tiny_study("few", COUNT, N))
-    table, none = units(runs, "few", "drivers"), units(runs, "many", "drivers")
-    assert len(none) == 0
-    assert list(none) == list(table)
+    table, no_effect = units(runs, "few", "drivers"), units(runs, "many", "drivers")
+    assert len(no_effect) == 0
+    assert list(no_effect) == list(table)
     np.testing.assert_array_equal(table["unit"], np.arange(COUNT, (2 + len(groups)) * N))
     np.testing.assert_array_equal(table["base_sample"], table["unit"] % N)
     assert table["set"].value_counts(sort=False).to_dict() == {
@@ -65,9 +65,9 @@ def test_the_units_of_the_design_are_there_but_for_those_that_the_study_has(runs
 @pytest.mark.parametrize("column", ["lost_motion_arcmin_worst", "clearance_backlash_arcmin_mean", f"{METRIC}_worst"])
 def test_a_unit_has_the_metrics_that_it_has_as_a_sample_of_a_larger_study(runs, column):
     extra, samples = units(runs, "few", "drivers"), units(runs, "many", "aggregate")
-    drawn = extra[extra["unit"] < 2 * N]
-    expected = samples.set_index("sample").loc[drawn["unit"] + 1, column]  # sample 0 is the nominal reducer
-    np.testing.assert_allclose(drawn[column], expected, rtol=1e-9)
+    draws = extra[extra["unit"] < 2 * N]
+    expected = samples.set_index("sample").loc[draws["unit"] + 1, column]  # sample 0 is the nominal reducer
+    np.testing.assert_allclose(draws[column], expected, rtol=1e-9)
     assert np.ptp(expected) > 0
 
 
@@ -79,20 +79,20 @@ def test_units_of_a_sobol_study_are_those_of_a_monte_carlo_study(runs):
     np.testing.assert_allclose(sobol.loc[monte_carlo.index, columns], monte_carlo[columns], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("over", ["worst", "mean"])
-def test_indices_are_those_of_the_tables_units(runs, over):
+@pytest.mark.parametrize("statistic", ["worst", "mean"])
+def test_indices_are_those_of_the_tables_units(runs, statistic):
     """By covariances over the units as pandas reads them, another form of the same estimators."""
     samples, extra = units(runs, "few", "aggregate"), units(runs, "few", "drivers")
-    column = f"{METRIC}_{over}"
+    column = f"{METRIC}_{statistic}"
     base = np.concatenate([samples[column][1:], extra.loc[extra["set"] == "base", column]])
-    other = extra.loc[extra["set"] == "other", column].to_numpy()
+    variant = extra.loc[extra["set"] == "other", column].to_numpy()
     table = pd.read_parquet(runs / "few" / "aggregate" / "sensitivity.parquet")
     index = table.query("metric == @METRIC and over == @over").set_index(["kind", "parameter"])
-    variance, centre = np.var([base, other]), np.mean([base, other])
+    variance, centre = np.var([base, variant]), np.mean([base, variant])
     for group in error_groups(tiny_study("few", COUNT, N)):
         mixed = extra.loc[extra["set"] == group, column].to_numpy()
-        first = np.dot(other - centre, mixed) / N - np.dot(other - centre, base) / N
-        np.testing.assert_allclose(index.loc[("first_order", group), "index"], first / variance, atol=1e-9)
+        numerator = np.dot(variant - centre, mixed) / N - np.dot(variant - centre, base) / N
+        np.testing.assert_allclose(index.loc[("first_order", group), "index"], numerator / variance, atol=1e-9)
         np.testing.assert_allclose(index.loc[("total", group), "index"], np.mean((base - mixed) ** 2) / 2 / variance)
     assert np.all(index.loc["total", "n"] == N)
     shares = index.loc[["first_order", "total"]]

@@ -52,7 +52,7 @@ def curve_at(outputs: Outputs, branch: str, torque: float) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def plain(runs: Path) -> Outputs:
+def bare_run(runs: Path) -> Outputs:
     return run_with(runs, "plain")
 
 
@@ -62,34 +62,34 @@ def rubbing(runs: Path) -> Outputs:
 
 
 def test_constant_friction_opens_the_loop_by_the_frictionless_curve_between_plus_and_minus_it(
-    plain: Outputs, rubbing: Outputs
+    bare_run: Outputs, rubbing: Outputs
 ) -> None:
     """With the friction M the output stands at T = 0 where the frictionless one stands at +-M."""
-    exact = curve_at(plain, "unloading+", 1.0) - curve_at(plain, "loading-", -1.0)
-    found = metrics(rubbing)
-    np.testing.assert_allclose(found["zero_torque_width_arcmin"], exact, atol=ENDS)
-    backlash = metrics(plain)["clearance_backlash_arcmin"]
-    np.testing.assert_allclose(found["clearance_backlash_arcmin"], backlash, atol=1e-6)
+    exact = curve_at(bare_run, "unloading+", 1.0) - curve_at(bare_run, "loading-", -1.0)
+    result = metrics(rubbing)
+    np.testing.assert_allclose(result["zero_torque_width_arcmin"], exact, atol=ENDS)
+    backlash = metrics(bare_run)["clearance_backlash_arcmin"]
+    np.testing.assert_allclose(result["clearance_backlash_arcmin"], backlash, atol=1e-6)
     np.testing.assert_array_equal(
-        found["hysteresis_loss_arcmin"], found["zero_torque_width_arcmin"] - found["clearance_backlash_arcmin"]
+        result["hysteresis_loss_arcmin"], result["zero_torque_width_arcmin"] - result["clearance_backlash_arcmin"]
     )
-    assert np.all(found["hysteresis_loss_arcmin"] > 0.1)
-    assert not found["lost_motion_arcmin_valid"].any()  # its 0.36 N m are less than the friction
+    assert np.all(result["hysteresis_loss_arcmin"] > 0.1)
+    assert not result["lost_motion_arcmin_valid"].any()  # its 0.36 N m are less than the friction
 
 
-def test_branches_part_by_the_friction_at_load(plain: Outputs, rubbing: Outputs) -> None:
-    np.testing.assert_allclose(curve_at(rubbing, "unloading+", 4.0), curve_at(plain, "loading+", 5.0), atol=1e-6)
-    np.testing.assert_allclose(curve_at(rubbing, "reloading+", 5.0), curve_at(plain, "loading+", 4.0), atol=1e-6)
+def test_branches_part_by_the_friction_at_load(bare_run: Outputs, rubbing: Outputs) -> None:
+    np.testing.assert_allclose(curve_at(rubbing, "unloading+", 4.0), curve_at(bare_run, "loading+", 5.0), atol=1e-6)
+    np.testing.assert_allclose(curve_at(rubbing, "reloading+", 5.0), curve_at(bare_run, "loading+", 4.0), atol=1e-6)
 
 
 def test_state_at_zero_torque_is_one_on_both_branches_where_the_output_sticks(rubbing: Outputs) -> None:
     np.testing.assert_allclose(curve_at(rubbing, "unloading+", 0.0), curve_at(rubbing, "loading-", 0.0), atol=ENDS)
 
 
-def test_width_grows_with_the_friction_of_the_pins_and_forces_keep_their_laws(runs: Path, plain: Outputs) -> None:
+def test_width_grows_with_the_friction_of_the_pins_and_forces_keep_their_laws(runs: Path, bare_run: Outputs) -> None:
     """Two units at one crank angle and half of the torque levels: every contact rubs, so that a path is slow."""
-    first = metrics(plain).query("sample <= 2 and crank_deg == 0")
-    widths, parts = [first["zero_torque_width_arcmin"].to_numpy()], []
+    first_metrics = metrics(bare_run).query("sample <= 2 and crank_deg == 0")
+    widths, parts = [first_metrics["zero_torque_width_arcmin"].to_numpy()], []
     study = small_study(count=2)
     cycle = study.cycle.model_copy(update={"crank_deg": (0.0,), "levels_per_branch": 6})
     for number, coefficient in enumerate((0.01, 0.04)):
@@ -99,50 +99,56 @@ def test_width_grows_with_the_friction_of_the_pins_and_forces_keep_their_laws(ru
         parts.append(curve_at(outputs, "unloading+", 6.0) - curve_at(outputs, "reloading+", 6.0))
         widths.append(metrics(outputs)["zero_torque_width_arcmin"].to_numpy())
         contacts = pd.DataFrame(outputs["hysteresis"].read("contacts"))
-        closed = contacts[contacts["force_N"] > 1e-3]
-        np.testing.assert_allclose(closed["approach_um"], closed["clearance_um"] + closed["penetration_um"], atol=1e-6)
+        closing_values = contacts[contacts["force_N"] > 1e-3]
+        np.testing.assert_allclose(
+            closing_values["approach_um"], closing_values["clearance_um"] + closing_values["penetration_um"], atol=1e-6
+        )
     assert np.all(parts[0] > 0)
     assert np.all(parts[1] > 2 * parts[0])
     np.testing.assert_allclose(widths[1], widths[0], atol=2e-2)  # no load, no friction: the play alone
 
 
-def test_torsion_of_the_output_adds_its_angle_to_every_step_and_no_force(runs: Path, plain: Outputs) -> None:
+def test_torsion_of_the_output_adds_its_angle_to_every_step_and_no_force(runs: Path, bare_run: Outputs) -> None:
     twisted = run_with(runs, "twisted", output_torsion={"compliance_arcmin_per_Nm": 0.25})
-    before, after = (pd.DataFrame(one["hysteresis"].read("curves")) for one in (plain, twisted))
-    np.testing.assert_allclose(after["angle_arcmin"], before["angle_arcmin"] + 0.25 * before["torque_Nm"], atol=1e-9)
-    forces = [one["hysteresis"].read("contacts")["force_N"] for one in (plain, twisted)]
+    curves_before, curves_after = (
+        pd.DataFrame(outputs_of_run["hysteresis"].read("curves")) for outputs_of_run in (bare_run, twisted)
+    )
+    np.testing.assert_allclose(
+        curves_after["angle_arcmin"], curves_before["angle_arcmin"] + 0.25 * curves_before["torque_Nm"], atol=1e-9
+    )
+    forces = [outputs_of_run["hysteresis"].read("contacts")["force_N"] for outputs_of_run in (bare_run, twisted)]
     np.testing.assert_array_equal(*forces)
 
 
-def test_clearance_of_the_bearing_and_preload_reach_the_backlash(runs: Path, plain: Outputs) -> None:
+def test_clearance_of_the_bearing_and_preload_reach_the_backlash(runs: Path, bare_run: Outputs) -> None:
     loose = metrics(run_with(runs, "loose", bearing_clearance={"clearance_um": 20.0}))["clearance_backlash_arcmin"]
     tight = metrics(run_with(runs, "tight", preload={"interference_um": 2.0}))["clearance_backlash_arcmin"]
-    before = metrics(plain)["clearance_backlash_arcmin"]
-    assert np.all(loose >= before)
-    assert np.all(loose[::2] > before[::2] + 1)  # crank at 0
-    assert np.all(tight < before - 0.05)
+    curves_before = metrics(bare_run)["clearance_backlash_arcmin"]
+    assert np.all(loose >= curves_before)
+    assert np.all(loose[::2] > curves_before[::2] + 1)  # crank at 0
+    assert np.all(tight < curves_before - 0.05)
 
 
-def test_softer_seats_lower_the_rigidity_in_series(runs: Path, plain: Outputs) -> None:
+def test_softer_seats_lower_the_rigidity_in_series(runs: Path, bare_run: Outputs) -> None:
     soft = metrics(run_with(runs, "soft", seat_compliance={"compliance_um_per_N": 0.05}))
-    before = metrics(plain)["torsional_rigidity_Nm_per_arcmin"]
-    assert np.all(soft["torsional_rigidity_Nm_per_arcmin"] < 0.98 * before)
+    curves_before = metrics(bare_run)["torsional_rigidity_Nm_per_arcmin"]
+    assert np.all(soft["torsional_rigidity_Nm_per_arcmin"] < 0.98 * curves_before)
     np.testing.assert_allclose(
-        soft["clearance_backlash_arcmin"], metrics(plain)["clearance_backlash_arcmin"], atol=1e-6
+        soft["clearance_backlash_arcmin"], metrics(bare_run)["clearance_backlash_arcmin"], atol=1e-6
     )
 
 
-def test_friction_above_the_torque_of_a_definition_leaves_no_number(runs: Path, plain: Outputs) -> None:
+def test_friction_above_the_torque_of_a_definition_leaves_no_number(runs: Path, bare_run: Outputs) -> None:
     """0.5 N m of friction holds the output at 0.36 N m: a lost motion of 0.24 arcmin, below the play, passed once."""
     stuck = run_with(runs, "stuck", coulomb={"torque_Nm": 0.5})
     table = metrics(stuck)
     assert not table["lost_motion_arcmin_valid"].any()
     assert table["lost_motion_arcmin"].isna().all()
     assert set(table["status"]) == {"friction holds the output at the torque of its definition (lost motion not valid)"}
-    others = ["clearance_backlash_arcmin", "torsional_rigidity_Nm_per_arcmin", "hysteresis_loss_arcmin"]
-    assert table[others].notna().all(axis=None)
+    remaining = ["clearance_backlash_arcmin", "torsional_rigidity_Nm_per_arcmin", "hysteresis_loss_arcmin"]
+    assert table[remaining].notna().all(axis=None)
     np.testing.assert_allclose(
-        table["clearance_backlash_arcmin"], metrics(plain)["clearance_backlash_arcmin"], atol=1e-6
+        table["clearance_backlash_arcmin"], metrics(bare_run)["clearance_backlash_arcmin"], atol=1e-6
     )
     assert np.all(table["hysteresis_loss_arcmin"] > 0)
     distributions = pd.DataFrame(stuck["aggregate"].read("distributions"))
@@ -166,8 +172,8 @@ def test_gaps_of_no_effect_depend_on_the_bodies_that_yield(study: Study, name: s
         parameter.name: low + 0.3 * (high - low)
         for parameter, (low, high) in zip(effect.parameters, effect.bounds(bare), strict=True)
     }
-    changed = with_design_effects(study, **{name: values})
-    rigid, elastic = (drive_of(changed, crank, bodies, errors, loose) for bodies in (None, soft))
+    variant = with_design_effects(study, **{name: values})
+    rigid, elastic = (drive_of(variant, crank, bodies, errors, loose) for bodies in (None, soft))
     np.testing.assert_array_equal(rigid.gap, elastic.gap)
     np.testing.assert_array_equal(rigid.bearing_clearance, elastic.bearing_clearance)
 
@@ -183,12 +189,12 @@ def _drive(study: Study, outputs: Outputs) -> Drive:
 def test_work_of_constant_friction_is_its_torque_times_the_way(study: Study, outputs: Outputs) -> None:
     torque, cycle = 700.0, LoadCycle.evenly(12e3, 300, 1.0, (0.03, 0.5, 1.0))
     drive = _drive(study, outputs)
-    at = drive.reducer
-    drive = replace(drive, sliders=output_sliders(at, np.array([torque]), np.array([1e-7])))
-    solved = solve_frictional_cycle(drive, cycle, solve_cycle(drive, refined(cycle)))
+    reducer = drive.reducer
+    drive = replace(drive, sliders=output_sliders(reducer, np.array([torque]), np.array([1e-7])))
+    path = solve_frictional_cycle(drive, cycle, solve_cycle(drive, refined(cycle)))
     branch, state = cycle.steps
     loop = branch > 0
-    angle, load = solved.motion[:, loop, at.output_motion], cycle.state_torque[state][loop]
+    angle, load = path.motion[:, loop, reducer.output_motion], cycle.state_torque[state][loop]
     work = np.trapezoid(np.broadcast_to(load, angle.shape), angle, axis=1)
     np.testing.assert_allclose(work, 2 * torque * np.ptp(angle, axis=1), rtol=2e-3)
 
@@ -197,12 +203,14 @@ def test_path_without_sliders_is_the_frictionless_cycle(study: Study, outputs: O
     drive = _drive(study, outputs)
     cycle = assembly.load_cycle(study, study.cycle.levels_per_branch)
     weak = replace(drive, sliders=output_sliders(drive.reducer, np.array([1e-6]), np.array([1e-5])))
-    followed = solve_frictional_cycle(weak, cycle, solve_cycle(weak, refined(cycle)))
+    path_found = solve_frictional_cycle(weak, cycle, solve_cycle(weak, refined(cycle)))
     states = solve_cycle(drive, cycle)
     _, state = cycle.steps
-    loaded = cycle.state_torque[state] != 0
-    assert np.all(followed.converged)
-    np.testing.assert_allclose(followed.force[:, loaded], states.force[:, state][:, loaded], rtol=1e-6, atol=1e-6)
+    is_loaded = cycle.state_torque[state] != 0
+    assert np.all(path_found.converged)
+    np.testing.assert_allclose(
+        path_found.force[:, is_loaded], states.force[:, state][:, is_loaded], rtol=1e-6, atol=1e-6
+    )
 
 
 def design_with(effects: object) -> dict:
@@ -239,18 +247,18 @@ def test_every_other_effect_changes_a_study(study: Study) -> None:
     """An effect that a study accepts moves the gaps, the springs or the friction of its drives."""
     crank, n = study.cycle.crank_deg[0], 2
     sampled = draw(study, 1, 1 + n)
-    given = study, crank, None, assembly.errors(sampled), np.zeros(n)
-    bare = drive_of(*given)
+    settings = study, crank, None, assembly.errors(sampled), np.zeros(n)
+    bare = drive_of(*settings)
     for name, effect in library().items():
         values = {
             parameter.name: low + 0.7 * (high - low)
             for parameter, (low, high) in zip(effect.parameters, effect.bounds(bare), strict=True)
         }
-        changed = with_design_effects(study, **{name: values})
+        variant = with_design_effects(study, **{name: values})
         if list(study_effect_problems({name: values}, 1)):
             continue
-        drive = drive_of(changed, *given[1:])
-        same = (
+        drive = drive_of(variant, *settings[1:])
+        is_same = (
             np.array_equal(drive.gap, bare.gap)
             and np.array_equal(drive.bearing_clearance, bare.bearing_clearance)
             and np.array_equal(drive.compliance, bare.compliance)
@@ -260,7 +268,7 @@ def test_every_other_effect_changes_a_study(study: Study) -> None:
             and drive.rayleigh == bare.rayleigh
             and not len(drive.sliders.acting)
         )
-        assert not same, name
+        assert not is_same, name
 
 
 def test_effects_are_sources_of_the_stages_that_honour_them_and_of_no_mesh() -> None:

@@ -27,14 +27,14 @@ def own_runs(outputs: dict, runs: Path, tmp_path_factory: pytest.TempPathFactory
 
 def test_the_package_imports_nothing_before_it_is_asked() -> None:
     script = "import sys, pipeline; print(*sys.modules)"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", script],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert not {"numpy", "pydantic", "pipeline.config"} & set(done.stdout.split())
+    assert not {"numpy", "pydantic", "pipeline.config"} & set(process.stdout.split())
     import pipeline
 
     with pytest.raises(AttributeError, match="solve_everything"):
@@ -64,15 +64,15 @@ def test_a_dry_run_says_what_would_run_and_runs_nothing(
     assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
     capsys.readouterr()
     assert cli.main(["run", "--study", "quick", "--dry-run"]) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert "hysteresis  up to date" in said
-    assert [line for line in said if line.startswith("report  would run, no former timing: never run")]
-    twice = tmp_path / "twice.toml"
-    twice.write_text((ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 101"))
-    assert cli.main(["run", "aggregate", "--study", str(twice), "--dry-run"]) == 0
-    said = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines() if "  " in line)
+    message = capsys.readouterr().out.splitlines()
+    assert "hysteresis  up to date" in message
+    assert [line for line in message if line.startswith("report  would run, no former timing: never run")]
+    double_change = tmp_path / "twice.toml"
+    double_change.write_text((ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 101"))
+    assert cli.main(["run", "aggregate", "--study", str(double_change), "--dry-run"]) == 0
+    message = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines() if "  " in line)
     seconds = json.loads((own_runs / "quick/hysteresis/record.json").read_text())["seconds"]
-    assert said["hysteresis"] == f"would run, about {seconds * 102 / 51:.3g} s: never run"
+    assert message["hysteresis"] == f"would run, about {seconds * 102 / 51:.3g} s: never run"
     assert not (own_runs / "twice").exists()
 
 
@@ -80,11 +80,11 @@ def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, cap
     monkeypatch.setattr(settings, "RUNS", own_runs)
     assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
     assert cli.main(["show", "quick"]) == 0
-    said = capsys.readouterr().out
-    assert "lost_motion_arcmin  mean 2." in said
-    assert "all_limits  yield" in said
-    assert "51 units" in said
-    assert "for +-1 % on the yield against all limits take " in said
+    message = capsys.readouterr().out
+    assert "lost_motion_arcmin  mean 2." in message
+    assert "all_limits  yield" in message
+    assert "51 units" in message
+    assert "for +-1 % on the yield against all limits take " in message
     assert cli.main(["show", "nowhere"]) == 2
 
 

@@ -42,12 +42,12 @@ def test_joints_hold_the_quantiles_of_the_population(
         ends = [float(model.find(f"joint[@name='backlash']/axis/limit/{end}").text) for end in ("lower", "upper")]
         for pair in (ranges, [float(limit.get("lower")), float(limit.get("upper"))], ends):
             np.testing.assert_allclose(pair, (-half, half), rtol=1e-7)
-        found = [
+        result = [
             mjcf.find(".//joint[@name='spring']").get("stiffness"),
             robot.find("gazebo[@reference='spring']/springStiffness").text,
             model.find("joint[@name='spring']/axis/dynamics/spring_stiffness").text,
         ]
-        np.testing.assert_allclose([float(text) for text in found], stiffness, rtol=1e-7)
+        np.testing.assert_allclose([float(text) for text in result], stiffness, rtol=1e-7)
         assert float(robot.find("joint[@name='spring']/dynamics").get("friction")) == 0  # the study has none
 
 
@@ -68,7 +68,7 @@ def test_friction_is_that_of_a_spring_which_it_holds_back() -> None:
         robot.find("joint[@name='spring']/dynamics").get("friction"),
         model.find("model/joint[@name='spring']/axis/dynamics/friction").text,
     ]
-    np.testing.assert_allclose([float(one) for one in texts], 0.3)
+    np.testing.assert_allclose([float(item) for item in texts], 0.3)
     with pytest.raises(InputError, match="needs all of them"):
         joints(units.assign(hysteresis_loss_arcmin_mean=np.nan))
 
@@ -85,10 +85,10 @@ def test_a_crate_names_every_file_with_its_hash(
     assert entities["ro-crate-metadata.json"]["about"] == {"@id": "./"}
     files = {name: entity for name, entity in entities.items() if entity["@type"] == "File"}
     assert {part["@id"] for part in entities["./"]["hasPart"]} == set(files)
-    written = {
+    written_file = {
         path.relative_to(run).as_posix() for stage in run.iterdir() if stage.is_dir() for path in stage.rglob("*")
     }
-    assert set(files) == {name for name in written if (run / name).is_file() and not name.startswith(".")}
+    assert set(files) == {name for name in written_file if (run / name).is_file() and not name.startswith(".")}
     for name, entity in files.items():
         assert hashlib.sha256((run / name).read_bytes()).hexdigest() == entity["sha256"]
     action = entities["#aggregate"]

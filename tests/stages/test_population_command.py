@@ -19,12 +19,12 @@ def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    own = tmp_path / "runs"
-    own.mkdir()
-    (own / ".cache").symlink_to(runs / ".cache")  # the condensed disk
-    monkeypatch.setattr(settings, "RUNS", own)
+    runs_folder = tmp_path / "runs"
+    runs_folder.mkdir()
+    (runs_folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    monkeypatch.setattr(settings, "RUNS", runs_folder)
     assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
-    metrics = pd.read_parquet(own / "quick" / "aggregate" / "metrics.parquet")
+    metrics = pd.read_parquet(runs_folder / "quick" / "aggregate" / "metrics.parquet")
     rows = metrics[(metrics["sample"] > 0) & (metrics["crank_deg"] == 0)]
     units = rows.iloc[::4][["sample", "crank_deg", *POPULATION_METRICS]].rename(columns={"sample": "unit"})
     capsys.readouterr()
@@ -33,7 +33,7 @@ def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(
         units.assign(lost_motion_arcmin=units["lost_motion_arcmin"] + shift).to_csv(path, index=False)
         assert cli.main(["population", "--units", str(path), "--study", "quick", "--jobs", "1"]) == 0
         assert words in capsys.readouterr().out
-        folder = own / "population" / "quick"
+        folder = runs_folder / "population" / "quick"
         compared = pd.read_csv(folder / "comparison.csv").set_index("metric")
         np.testing.assert_allclose(
             compared["units_mean"]["lost_motion_arcmin"], units["lost_motion_arcmin"].mean() + shift, rtol=1e-6

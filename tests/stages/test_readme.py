@@ -50,9 +50,9 @@ def test_the_lines_of_other_readers_say_what_pandas_says(
     exec(compile(snippet, "README.md", "exec"), {"print": printed.append})
     yields, forces = (relation.df() for relation in printed[:2])
     table = pd.DataFrame(outputs["aggregate"].read("distributions"))
-    asked = table[(table["over"] == "worst") & (table["statistic"] == "yield")]
+    yield_rows = table[(table["over"] == "worst") & (table["statistic"] == "yield")]
     assert dict(zip(yields["metric"], yields["value"], strict=True)) == dict(
-        zip(asked["metric"], asked["value"], strict=True)
+        zip(yield_rows["metric"], yield_rows["value"], strict=True)
     )
     contacts = pd.DataFrame(outputs["hysteresis"].read("contacts")).groupby("sample")["force_N"].max()
     assert forces.set_index("sample")["force_N"].sort_index().to_dict() == contacts.to_dict()
@@ -70,19 +70,19 @@ def test_one_unit_and_the_contacts_of_one_sample(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    own = tmp_path / "runs"
-    own.mkdir()
-    (own / ".cache").symlink_to(runs / ".cache")  # the condensed disk
-    monkeypatch.setattr(settings, "RUNS", own)
+    runs_folder = tmp_path / "runs"
+    runs_folder.mkdir()
+    (runs_folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    monkeypatch.setattr(settings, "RUNS", runs_folder)
     (line,) = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("printf")]
     dimensions = tmp_path / "unit17.toml"
     dimensions.write_text(shlex.split(line)[1].replace("\\n", "\n"))
     assert cli.main(["unit", "pham2017", "--dimensions", str(dimensions), "--study", "quick", "--jobs", "1"]) == 0
     printed = capsys.readouterr().out
     assert "lost_motion_arcmin" in printed
-    assert (own / "unit-unit17" / "report" / "report.html").exists()
+    assert (runs_folder / "unit-unit17" / "report" / "report.html").exists()
     assert cli.main(["resolve", str(ROOT / "data/studies/quick.toml"), "--sample", "7", "--jobs", "1"]) == 0
-    rows = pd.read_parquet(own / "quick" / "resolved" / "contacts-7.parquet")
+    rows = pd.read_parquet(runs_folder / "quick" / "resolved" / "contacts-7.parquet")
     assert set(rows["sample"]) == {7}
     assert rows["force_N"].max() > 1
 
@@ -99,6 +99,6 @@ def test_a_mistake_is_answered_in_one_line_without_a_traceback(capsys: pytest.Ca
 def test_the_snippet_on_a_unit_reads_the_columns_that_its_tables_have() -> None:
     snippet = blocks("python")[-1]
     columns = {column.name for table in (tables.CANDIDATES, tables.RESIDUAL) for column in table.columns}
-    named = set(re.findall(r'"([a-z_]+)"', snippet))
-    assert named
-    assert named <= columns
+    names = set(re.findall(r'"([a-z_]+)"', snippet))
+    assert names
+    assert names <= columns

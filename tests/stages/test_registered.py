@@ -220,8 +220,8 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
     study = folder / "winding.toml"
     study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
-    done = in_a_process(RUN, folder, runs, study)
-    assert done.returncode == 0, done.stderr
+    process = in_a_process(RUN, folder, runs, study)
+    assert process.returncode == 0, process.stderr
     aggregate = runs / "winding" / "aggregate"
     metrics = pd.read_parquet(aggregate / "metrics.parquet")
     curves = pd.read_parquet(runs / "winding" / "hysteresis" / "curves.parquet")
@@ -230,8 +230,8 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     units = pd.read_parquet(aggregate / "units.parquet")
     np.testing.assert_array_equal(units["windup_arcmin_worst"], metrics.groupby("sample")["windup_arcmin"].max())
     rows = pd.read_parquet(aggregate / "distributions.parquet")
-    (kept,) = rows[rows.eval("metric == 'windup_arcmin' and over == 'worst' and statistic == 'yield'")]["value"]
-    assert 0 < kept == np.mean(units["windup_arcmin_worst"][1:] <= 7.4) < 1
+    (kept_items,) = rows[rows.eval("metric == 'windup_arcmin' and over == 'worst' and statistic == 'yield'")]["value"]
+    assert 0 < kept_items == np.mean(units["windup_arcmin_worst"][1:] <= 7.4) < 1
     page = (runs / "winding" / "report" / "report.html").read_text()
     assert "Windup at full torque" in page
     assert re.search(r"Difference in angle between \+12 and -12", page)
@@ -258,23 +258,23 @@ def test_a_contact_law_of_another_package_runs_in_a_study_and_is_told(folder: Pa
 
 def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Path, runs: Path) -> None:
     text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 100")
-    before, after = text.split("[tolerances.pin_tangential]")
+    head, tail = text.split("[tolerances.pin_tangential]")
     study = folder / "chatter.toml"
-    study.write_text("[tolerances.pin_tangential]".join((before, after.replace('"normal"', '"arcsine"', 1))))
-    refused = in_a_process(DRAW, folder, runs, study, "pipeline/errors.py")
-    assert "tolerances.pin_tangential.distribution" in refused.stderr
-    assert "arcsine" in refused.stderr
+    study.write_text("[tolerances.pin_tangential]".join((head, tail.replace('"normal"', '"arcsine"', 1))))
+    refusal = in_a_process(DRAW, folder, runs, study, "pipeline/errors.py")
+    assert "tolerances.pin_tangential.distribution" in refusal.stderr
+    assert "arcsine" in refusal.stderr
     install(folder, "arcsine_of_a_chatter", ARCSINE + "DISTRIBUTION = Arcsine", "arcsine = DISTRIBUTION", DISTRIBUTIONS)
-    done = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
-    assert done.returncode == 0, done.stderr
-    assert "title='tangential pin position', distribution='arcsine'" in done.stdout
-    assert "a vibration of amplitude 3 µm" in done.stdout
+    process = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
+    assert process.returncode == 0, process.stderr
+    assert "title='tangential pin position', distribution='arcsine'" in process.stdout
+    assert "a vibration of amplitude 3 µm" in process.stdout
     pins = pd.read_parquet(runs / "chatter" / "sample" / "pins.parquet")
-    drawn = pins[pins["sample"] > 0]["tangential_um"]
-    assert stats.kstest(drawn, stats.arcsine(-3, 6).cdf).pvalue > 0.01
+    draws = pins[pins["sample"] > 0]["tangential_um"]
+    assert stats.kstest(draws, stats.arcsine(-3, 6).cdf).pvalue > 0.01
     study.write_text(study.read_text().replace("upper_um = 3.0", "upper_um = -4.0"))
-    refused = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
-    assert "tolerances.pin_tangential.upper_um = -4.0; must be > lower_um = -3" in refused.stderr
+    refusal = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
+    assert "tolerances.pin_tangential.upper_um = -4.0; must be > lower_um = -3" in refusal.stderr
 
 
 def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, runs: Path) -> None:
@@ -282,12 +282,12 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
     clamped = text + '\n[tolerances.ovality_4]\ndistribution = "uniform"\nlower_um = 1.0\nupper_um = 3.0\n'
     study = folder / "clamped.toml"
     study.write_text(clamped)
-    refused = in_a_process(DRAW, folder, runs, study, "pipeline/errors.py")
-    assert "tolerances.ovality_4" in refused.stderr
+    refusal = in_a_process(DRAW, folder, runs, study, "pipeline/errors.py")
+    assert "tolerances.ovality_4" in refusal.stderr
     install(folder, "chuck_of_four_jaws", FOUR_LOBED, "ovality_4 = DIMENSION", DIMENSIONS)
-    done = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
-    assert done.returncode == 0, done.stderr
-    assert "title='four-lobed ovality of pin circle', distribution='uniform', lower='1', upper='3'" in done.stdout
+    process = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
+    assert process.returncode == 0, process.stderr
+    assert "title='four-lobed ovality of pin circle', distribution='uniform', lower='1', upper='3'" in process.stdout
     reducer, pins = (pd.read_parquet(runs / "clamped" / "sample" / f"{name}.parquet") for name in ("reducer", "pins"))
     waves = np.fft.fft(pins["radial_um"].to_numpy().reshape(21, 80))[1:, 4] / 40
     amplitude, phase = (reducer[f"ovality_4_{name}"].to_numpy()[1:] for name in ("amplitude_um", "phase_rad"))
@@ -295,23 +295,23 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
     # what is left of the fourth wave is the drift of the seats, of standard deviation 1 um over 80 pins
     assert np.max(np.abs(waves - amplitude * np.exp(4j * phase))) < 1.5 < np.max(np.abs(waves))
     study.write_text(clamped.replace("lower_um = 1.0", "lower_um = -1.0"))
-    refused = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
-    assert "tolerances.ovality_4.lower_um = -1.0; must be >= 0" in refused.stderr
+    refusal = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
+    assert "tolerances.ovality_4.lower_um = -1.0; must be >= 0" in refusal.stderr
 
 
 def test_a_dimension_that_acts_on_nothing_is_refused(folder: Path) -> None:
     install(folder, "colour_of_a_disk", IDLE, "colour = DIMENSION", DIMENSIONS)
-    done = in_a_process("import pipeline.sampling", folder)
-    assert "dimension colour acts on nothing; give it a shift, or a gap in the model" in done.stderr
+    process = in_a_process("import pipeline.sampling", folder)
+    assert "dimension colour acts on nothing; give it a shift, or a gap in the model" in process.stderr
 
 
 def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
     """The quick study of the paper's design with another output."""
     text = (ROOT / "data/designs/pham2017.toml").read_text()
-    before, _, after = text.partition("[output]")
-    numbers = re.sub(r'^"output\..*\n', "", after[after.index("[provenance]") :], flags=re.MULTILINE)
+    head, _, tail = text.partition("[output]")
+    numbers = re.sub(r'^"output\..*\n', "", tail[tail.index("[provenance]") :], flags=re.MULTILINE)
     output = f'[output]\nmechanism = "dogs"\nradius_mm = {radius}\nclearance_um = {clearance}\n\n'
-    (folder / "dogged.toml").write_text(before + output + numbers)
+    (folder / "dogged.toml").write_text(head + output + numbers)
     text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
     text = re.sub(r"crank_deg = .*", "crank_deg = [0.0]", text)
     study = folder / f"dogs_{radius:.0f}_{clearance:.0f}.toml"
@@ -320,16 +320,16 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
 
 
 def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Path, runs: Path) -> None:
-    refused = in_a_process(RUN, folder, runs, with_dogs(folder, 15.0, 5.0))
-    assert "output.mechanism = \"dogs\"; must be one of 'carrier', 'direct', 'pin_in_hole', " in refused.stderr
+    refusal = in_a_process(RUN, folder, runs, with_dogs(folder, 15.0, 5.0))
+    assert "output.mechanism = \"dogs\"; must be one of 'carrier', 'direct', 'pin_in_hole', " in refusal.stderr
     install(folder, "coupling_of_dogs", DOGS, "dogs = MECHANISM", MECHANISMS)
-    refused = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0))
-    assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refused.stderr
+    refusal = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0))
+    assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refusal.stderr
     plays = []
-    for clearance, last in ((5.0, "clearance"), (15.0, "report")):
+    for clearance, final_stage in ((5.0, "clearance"), (15.0, "report")):
         study = with_dogs(folder, 15.0, clearance)
-        done = in_a_process(RUN.replace("report", last), folder, runs, study)
-        assert done.returncode == 0, done.stderr
+        process = in_a_process(RUN.replace("report", final_stage), folder, runs, study)
+        assert process.returncode == 0, process.stderr
         run = runs / study.stem
         plays.append(pd.read_parquet(run / "clearance" / "kinematic.parquet")["backlash_arcmin"].to_numpy())
     wider = np.degrees(2 * 10e-3 / 15.0) * 60  # both senses turn through 10 um at 15 mm

@@ -56,17 +56,17 @@ def runs(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def finished(runs) -> dict[str, Output]:
+def outputs(runs) -> dict[str, Output]:
     return run(STAGES, tiny_study("tiny"), ["report"], runs, Resources(1, 7))
 
 
 @pytest.fixture(scope="module")
-def page(finished) -> str:
-    return (finished["report"].folder / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+def page(outputs) -> str:
+    return (outputs["report"].folder / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
 
 
 @pytest.fixture(scope="module")
-def frames(runs, finished) -> Frames:
+def frames(runs, outputs) -> Frames:
     return frames_of(tiny_study("tiny"), runs)
 
 
@@ -148,33 +148,37 @@ class PageResources(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.elements.add(tag)
-        found = dict(attrs)
+        attributes = dict(attrs)
         self.addresses += [
-            found[name] for name in ("src", "xlink:href", "href", "srcset", "action", "data") if name in found
+            attributes[name] for name in ("src", "xlink:href", "href", "srcset", "action", "data") if name in attributes
         ]
-        if "id" in found:
-            self.anchors.add(found["id"])
+        if "id" in attributes:
+            self.anchors.add(attributes["id"])
 
 
 def test_page_needs_nothing_beside_it(page):
-    seen = PageResources(page)
-    outside = [address for address in seen.addresses if not address.startswith(("data:image/svg+xml;base64,", "#"))]
-    assert outside == []
-    assert {address[1:] for address in seen.addresses if address.startswith("#")} <= seen.anchors
-    assert not seen.elements & {"link", "iframe", "object", "video"}
+    resources = PageResources(page)
+    outside_path = [
+        address for address in resources.addresses if not address.startswith(("data:image/svg+xml;base64,", "#"))
+    ]
+    assert outside_path == []
+    assert {address[1:] for address in resources.addresses if address.startswith("#")} <= resources.anchors
+    assert not resources.elements & {"link", "iframe", "object", "video"}
     assert not re.search(r"https?://|@import|url\(", page)
 
 
-def test_every_figure_is_written_twice_and_stands_in_the_page(finished, page):
-    folder = finished["report"].folder / "figures"
+def test_every_figure_is_written_twice_and_stands_in_the_page(outputs, page):
+    folder = outputs["report"].folder / "figures"
     names = {path.stem for path in folder.glob("*.svg")}
     assert names == {path.stem for path in folder.glob("*.png")}
     assert names >= {
         "reducer", "mesh", "spring_laws", "clearances", "dead_zones", "pin_loads", "output_loads", "bearing",
         "hysteresis", "distributions", "cranks", "drivers_lost_motion_arcmin",
     }  # fmt: skip
-    shown = re.findall(r'<img src="data:image/svg\+xml;base64,([^"]+)"', page)
-    assert sorted(base64.b64decode(source) for source in shown) == sorted(p.read_bytes() for p in folder.glob("*.svg"))
+    shown_part = re.findall(r'<img src="data:image/svg\+xml;base64,([^"]+)"', page)
+    assert sorted(base64.b64decode(source) for source in shown_part) == sorted(
+        p.read_bytes() for p in folder.glob("*.svg")
+    )
     numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\.", page)]
     assert numbers == list(range(1, len(names) + 1))
 
@@ -184,8 +188,8 @@ def cells(page: str, heading: str) -> list[str]:
     title = rf"(?:{heading}|<a [^>]*>{heading}</a>)(?: <span[^>]*>[^<]*</span>)?"
     row = re.search(rf'<tr><th scope="row">{title}</th>(.*?)</tr>', page.partition('id="results"')[2], re.DOTALL)
     assert row, heading
-    found = re.findall(r"<td[^>]*>(.*?)</td>", row[1], re.DOTALL)
-    return [re.sub(r"<[^>]*>", "", cell.replace('<span class="ci">', "|")) for cell in found]
+    matches = re.findall(r"<td[^>]*>(.*?)</td>", row[1], re.DOTALL)
+    return [re.sub(r"<[^>]*>", "", cell.replace('<span class="ci">', "|")) for cell in matches]
 
 
 def test_key_numbers_are_those_of_the_tables(page, frames):
@@ -200,8 +204,8 @@ def test_key_numbers_are_those_of_the_tables(page, frames):
         expected.append(f"{'≥' if quantity.smaller_is_worse else '≤'} {plain(limit)}")
         expected.append(f"{100 * share['value']:.1f} %|{percent_interval(share['ci_low'], share['ci_high'])}")
         assert cells(page, quantity.title) == expected
-    together = worst.loc[("all_limits", "yield"), "value"]
-    assert cells(page, "All limits together")[-1].startswith(f"{100 * together:.1f} %|")
+    combined = worst.loc[("all_limits", "yield"), "value"]
+    assert cells(page, "All limits together")[-1].startswith(f"{100 * combined:.1f} %|")
 
 
 def test_numbers_at_each_crank_angle_are_those_of_the_tables(page, frames):
@@ -239,9 +243,9 @@ def test_every_number_of_the_design_is_told_with_its_origin(page, frames):
 
 
 def test_paths_of_the_page_are_read_by_pandas(page, runs):
-    told = re.findall(r'<tr><td><code>([^<]+)</code></td><td>[^<]*</td><td class="n">([\d,]+)</td>', page)
-    assert len(told) == sum(len(stage.tables) for stage in STAGES)
-    for path, rows in told:
+    message = re.findall(r'<tr><td><code>([^<]+)</code></td><td>[^<]*</td><td class="n">([\d,]+)</td>', page)
+    assert len(message) == sum(len(stage.tables) for stage in STAGES)
+    for path, rows in message:
         assert len(pd.read_parquet(runs / "tiny" / path)) == int(rows.replace(",", ""))
 
 
@@ -264,29 +268,31 @@ def test_shares_of_the_variance_are_told_as_far_as_they_are_determined(frames):
     ]
     shares = pd.DataFrame(rows, columns=["parameter", "kind", "index", "ci_low", "ci_high"])
     shares = shares.assign(metric="torsional_rigidity_Nm_per_arcmin", over="worst", n=400)
-    told = written(replace(frames, sensitivity=pd.concat([frames.sensitivity, shares])))
+    message = written(replace(frames, sensitivity=pd.concat([frames.sensitivity, shares])))
     oval, radial = "two-lobed ovality of pin circle", "radial pin position"
-    assert f"of the torsional rigidity: {oval}, 47.0 % of the variance, 39.0 % by itself" in told
-    assert f"<td>{oval} (47.0 %); {radial} (30.0 %)</td><td>{oval} (39.0 %)</td>" in told
-    assert '59.0 %<span class="ci">50.0 to 70.0 %</span>' in told, "what the shares by themselves leave to interactions"
-    assert "from 400 pairs of units" in told
+    assert f"of the torsional rigidity: {oval}, 47.0 % of the variance, 39.0 % by itself" in message
+    assert f"<td>{oval} (47.0 %); {radial} (30.0 %)</td><td>{oval} (39.0 %)</td>" in message
+    assert '59.0 %<span class="ci">50.0 to 70.0 %</span>' in message, (
+        "what the shares by themselves leave to interactions"
+    )
+    assert "from 400 pairs of units" in message
 
 
-def job(finished: dict[str, Output], folder: Path) -> Job:
+def job(outputs: dict[str, Output], folder: Path) -> Job:
     """What the engine gives to the stage, writing into another folder."""
     sections = Sections(tiny_study("tiny"), (*report.REPORT.sections, "name"))
-    inputs = {name: finished[name] for name in report.REPORT.reads}
+    inputs = {name: outputs[name] for name in report.REPORT.reads}
     return Job(sections, 1, folder, inputs, Cache(folder / "cache", ""))
 
 
-def test_same_run_gives_the_same_bytes(finished, tmp_path):
-    assert report.REPORT.run(job(finished, tmp_path)) == {}
-    first = finished["report"].folder
-    for name in finished["report"].record["files"]:
-        assert (tmp_path / name).read_bytes() == (first / name).read_bytes(), name
+def test_same_run_gives_the_same_bytes(outputs, tmp_path):
+    assert report.REPORT.run(job(outputs, tmp_path)) == {}
+    report_folder = outputs["report"].folder
+    for name in outputs["report"].record["files"]:
+        assert (tmp_path / name).read_bytes() == (report_folder / name).read_bytes(), name
 
 
-def test_only_the_first_samples_are_read_for_bands(finished, tmp_path, monkeypatch):
+def test_only_the_first_samples_are_read_for_bands(outputs, tmp_path, monkeypatch):
     captions = []
     original = report.drawings
 
@@ -299,43 +305,45 @@ def test_only_the_first_samples_are_read_for_bands(finished, tmp_path, monkeypat
     monkeypatch.setattr(report, "BAND_SAMPLES", 5)
     monkeypatch.setattr(report, "drawings", noted)
     monkeypatch.setattr(report, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
-    report.REPORT.run(job(finished, tmp_path))
+    report.REPORT.run(job(outputs, tmp_path))
     assert sum("The band is over the first 5 samples." in caption for caption in captions) == 3
 
 
 def failing(frames: Frames, rows: list[int]) -> Frames:
     """The frames with load cycles that have no result."""
-    lost = np.isin(np.arange(len(frames.metrics)), rows)
-    status = np.where(lost, FAILURE, "ok")
+    lost_motion = np.isin(np.arange(len(frames.metrics)), rows)
+    status = np.where(lost_motion, FAILURE, "ok")
     metrics = frames.metrics.assign(status=status)
-    metrics.loc[lost, list(METRICS)] = np.nan
-    units = frames.units.assign(status=np.where(lost.reshape(-1, 2).any(axis=1), FAILURE, "ok"))
+    metrics.loc[lost_motion, list(METRICS)] = np.nan
+    units = frames.units.assign(status=np.where(lost_motion.reshape(-1, 2).any(axis=1), FAILURE, "ok"))
     units.loc[units["status"] != "ok", [f"{name}_worst" for name in METRICS]] = np.nan
     return replace(frames, metrics=metrics, status=frames.status.assign(status=status), units=units)
 
 
 def test_failed_samples_are_listed_with_their_reasons_and_left_out_of_bands(frames):
-    tried = failing(frames, [0, 7])
-    text = written(tried)
+    candidate = failing(frames, [0, 7])
+    text = written(candidate)
     assert "2 of 26 load cycles have no result; they belong to 2 samples" in text
     assert "no equilibrium at &lt;3&gt; N m: residual 1e-3" in text
     assert "nominal reducer" in text
-    assert 3 not in tried.band
-    assert len(tried.band) == 11
-    assert tried.drawn == {}
+    assert 3 not in candidate.band
+    assert len(candidate.band) == 11
+    assert candidate.drawn == {}
     assert "keeps the contacts of none of the drawn samples" in text
-    names = [drawing.name for drawing in drawings(tried)]
+    names = [drawing.name for drawing in drawings(candidate)]
     assert "hysteresis" in names
     assert "pin_loads" not in names
 
 
 def test_report_of_a_study_without_any_result(frames):
-    none = failing(frames, list(range(26)))
-    none = replace(none, distributions=frames.distributions[:0], sensitivity=frames.sensitivity.assign(index=np.nan))
-    text = written(none)
+    no_effect = failing(frames, list(range(26)))
+    no_effect = replace(
+        no_effect, distributions=frames.distributions[:0], sensitivity=frames.sensitivity.assign(index=np.nan)
+    )
+    text = written(no_effect)
     assert "No sample has a result" in text
     assert "Not determined: no sample has a result." in text
-    assert [drawing.name for drawing in drawings(none)] == [
+    assert [drawing.name for drawing in drawings(no_effect)] == [
         "reducer",
         "spring_laws",
         "clearances",
@@ -347,9 +355,9 @@ def test_report_of_a_study_without_any_result(frames):
 def test_a_metric_that_holds_for_no_sample_has_no_picture(frames):
     """Friction above the torque of the lost motion: the other metrics stand, over the turn and at each angle."""
     name = "lost_motion_arcmin"
-    without = frames.distributions[~frames.distributions["metric"].isin([name, "all_limits"])]
-    units = frames.units.assign(**{f"{name}_{over}": np.nan for over in ("worst", "mean", "best")})
-    stuck = replace(frames, metrics=frames.metrics.assign(**{name: np.nan}), units=units, distributions=without)
+    without_effect = frames.distributions[~frames.distributions["metric"].isin([name, "all_limits"])]
+    units = frames.units.assign(**{f"{name}_{statistic}": np.nan for statistic in ("worst", "mean", "best")})
+    stuck = replace(frames, metrics=frames.metrics.assign(**{name: np.nan}), units=units, distributions=without_effect)
     assert {"distributions", "cranks"} <= {drawing.name for drawing in drawings(stuck)}
     assert "No sample has a result" not in written(stuck)
 
@@ -404,8 +412,8 @@ def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
             for name, mean, share, _ in rows
         ]
         + [
-            {"metric": name, "n_angles": 62, "worst_mean": mean + 0.012, "yield": then, "extrapolated": True}
-            for name, mean, _, then in rows
+            {"metric": name, "n_angles": 62, "worst_mean": mean + 0.012, "yield": change_text, "extrapolated": True}
+            for name, mean, _, change_text in rows
         ]
     )
     text = written(replace(frames, convergence=table))
@@ -420,7 +428,7 @@ def test_markup_in_a_title_is_text(frames):
     assert "&lt;script&gt;alert" in text
 
 
-def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(runs, finished):
+def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(runs, outputs):
     cases = [{"label": "tight"}, {"label": "loose", "disk_profile": 10, "roller_diameter": -5}]
     study = tiny_study(
         "cases",
@@ -440,8 +448,8 @@ def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(runs, fini
         sample = ("tight", "loose").index(row.label)
         for name, fails in zip(frames.shown_metrics, row.failing, strict=True):
             value = frames.metrics.loc[frames.metrics["sample"] == sample, name]
-            beyond = value.min() < limits[name] if METRICS[name].smaller_is_worse else value.max() > limits[name]
-            assert fails == beyond
+            is_beyond = value.min() < limits[name] if METRICS[name].smaller_is_worse else value.max() > limits[name]
+            assert fails == is_beyond
     assert 'class="n fails"' in text
     assert "Which tolerance decides" not in text
     names = {drawing.name: drawing for drawing in drawings(frames)}

@@ -66,19 +66,19 @@ def test_forces_are_those_of_equal_linear_springs(folder, monkeypatch, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("springs", "told"),
+    ("springs", "message"),
     [
         ({"law": "linear"}, 'springs.stiffness_N_per_mm is missing; law = "linear" needs the stiffness of a contact'),
         ({"law": "hertz", "stiffness_N_per_mm": 5.0}, 'springs.stiffness_N_per_mm = 5.0; law = "hertz" derives it'),
         ({"law": "linear", "stiffness_N_per_mm": 0.0}, "springs.stiffness_N_per_mm = 0.0; must be >= 1"),
     ],
 )
-def test_a_stiffness_that_is_missing_or_useless_is_refused(folder, springs, told):
+def test_a_stiffness_that_is_missing_or_useless_is_refused(folder, springs, message):
     study = tomllib.loads((folder / "classic.toml").read_text()) | {"springs": springs}
     (folder / "refused.toml").write_text(toml_of(study))
     with pytest.raises(InputError) as raised:
         load_study(folder / "refused.toml", ROOT)
-    assert told in " | ".join(raised.value.problems)
+    assert message in " | ".join(raised.value.problems)
 
 
 def test_several_disks_cannot_all_be_the_output(folder):

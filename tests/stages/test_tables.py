@@ -86,8 +86,8 @@ def frames(outputs, runs):
 def test_columns_types_and_units_are_those_of_the_contract(outputs, runs, table):
     path = path_of(runs, table)
     schema = pq.read_schema(next(iter(sorted(path.glob("part-*.parquet"))), path))
-    key, further = (names.split() for names in CONTRACT[table])
-    assert set(key + further) <= set(schema.names)
+    key, type_name = (names.split() for names in CONTRACT[table])
+    assert set(key + type_name) <= set(schema.names)
     assert schema.metadata[b"row_per"]
     for name in schema.names:
         expected = (
@@ -98,9 +98,9 @@ def test_columns_types_and_units_are_those_of_the_contract(outputs, runs, table)
         )  # fmt: skip
         assert schema.field(name).type == expected, name
         unit = schema.field(name).metadata[b"unit"].decode()
-        named = UNITS.get(name.rsplit("_", 1)[-1])
-        if named and "_per_" not in name:
-            assert unit == named, name
+        named_effects = UNITS.get(name.rsplit("_", 1)[-1])
+        if named_effects and "_per_" not in name:
+            assert unit == named_effects, name
 
 
 @pytest.mark.parametrize("table", CONTRACT)
@@ -169,12 +169,14 @@ def test_contacts_join_with_their_place_and_their_gap(frames):
     rollers = places[places["kind"] != PIN]
     assert set(rollers["station"]) == set(range(5))
     at_rest = rollers[rollers["crank_deg"] == 0]  # the first slide points along y, its rollers press along x
-    for interface, along, across in ((0, "y", "x"), (1, "x", "y")):
+    for interface, normal_part, transverse in ((0, "y", "x"), (1, "x", "y")):
         rows = at_rest[at_rest["interface"] == interface]
-        np.testing.assert_allclose(rows[f"normal_{along}"], 0, atol=1e-12)
-        np.testing.assert_allclose(np.abs(rows[f"{along}_mm"]), np.abs(rows["arm_mm"]), atol=1e-12)
-        offset = rows[f"{across}_mm"] - (0.35 if interface == 0 else 0.0)  # the disk's slide moves with the eccentric
-        np.testing.assert_allclose(offset, 5 * rows[f"normal_{across}"], atol=1e-12)
+        np.testing.assert_allclose(rows[f"normal_{normal_part}"], 0, atol=1e-12)
+        np.testing.assert_allclose(np.abs(rows[f"{normal_part}_mm"]), np.abs(rows["arm_mm"]), atol=1e-12)
+        offset = rows[f"{transverse}_mm"] - (
+            0.35 if interface == 0 else 0.0
+        )  # the disk's slide moves with the eccentric
+        np.testing.assert_allclose(offset, 5 * rows[f"normal_{transverse}"], atol=1e-12)
     reach = rollers.groupby("station")["arm_mm"].apply(lambda arm: np.abs(arm).max())
     assert np.all(np.diff(reach) < 0)
 
@@ -206,13 +208,13 @@ def test_the_disk_is_in_balance_with_its_bearing(frames, study):
         force = (
             (sense * rows["force_N"] * rows[f"normal_{axis}"]).groupby([rows[key] for key in keys]).sum().sort_index()
         )
-        loaded = curves["torque_Nm"] != 0
+        is_loaded = curves["torque_Nm"] != 0
         np.testing.assert_allclose(
-            force[loaded], stiffness * curves.loc[loaded, f"bearing_{axis}_um"] / 1e3, rtol=1e-8, atol=1e-6
+            force[is_loaded], stiffness * curves.loc[is_loaded, f"bearing_{axis}_um"] / 1e3, rtol=1e-8, atol=1e-6
         )
-    closed = rows["force_N"] > 0
+    in_contact = rows["force_N"] > 0
     for kind, column in ((PIN, "pins_in_contact"), ("output", "outputs_in_contact")):
-        count = (closed & (rows["kind"] == kind)).groupby([rows[key] for key in keys]).sum().sort_index()
+        count = (in_contact & (rows["kind"] == kind)).groupby([rows[key] for key in keys]).sum().sort_index()
         np.testing.assert_array_equal(count, curves[column])
 
 
@@ -253,8 +255,8 @@ def test_values_over_the_turn_are_the_extremes_of_what_the_tables_hold(frames):
     metrics, kinematic = frames["aggregate/metrics"], frames["clearance/kinematic"]
     by_sample = metrics.groupby("sample")
     for name in ("lost_motion_arcmin", "peak_pressure_MPa"):
-        for over, extreme in {"worst": by_sample[name].max(), "best": by_sample[name].min()}.items():
-            np.testing.assert_array_equal(units[f"{name}_{over}"], extreme)
+        for statistic, extreme in {"worst": by_sample[name].max(), "best": by_sample[name].min()}.items():
+            np.testing.assert_array_equal(units[f"{name}_{statistic}"], extreme)
         np.testing.assert_allclose(units[f"{name}_mean"], by_sample[name].mean(), rtol=1e-12)
     rigidity = by_sample["torsional_rigidity_Nm_per_arcmin"]
     assert list(units["torsional_rigidity_Nm_per_arcmin_worst"]) == list(rigidity.min())
@@ -264,8 +266,8 @@ def test_values_over_the_turn_are_the_extremes_of_what_the_tables_hold(frames):
     np.testing.assert_allclose(units["clearance_backlash_arcmin_worst"][free], play.max()[free], atol=1e-6)
     np.testing.assert_allclose(units["clearance_backlash_arcmin_best"][free], play.min()[free], atol=1e-6)
     step = kinematic["crank_deg"] * 181 / 360
-    evenly = kinematic[np.isclose(step, step.round())].groupby("sample")["backlash_arcmin"]
-    np.testing.assert_allclose(units["clearance_backlash_arcmin_mean"][free], evenly.mean()[free], atol=1e-4)
+    even_rows = kinematic[np.isclose(step, step.round())].groupby("sample")["backlash_arcmin"]
+    np.testing.assert_allclose(units["clearance_backlash_arcmin_mean"][free], even_rows.mean()[free], atol=1e-4)
     assert np.all(units["clearance_backlash_arcmin_worst"] >= by_sample["clearance_backlash_arcmin"].max())
 
 
@@ -279,16 +281,16 @@ def test_first_order_gaps_agree_with_exact_ones_away_from_the_roots(frames, stud
     rows = rows.merge(frames["sample/lobes"], on=["sample", "lobe"]).merge(frames["sample/reducer"], on="sample")
     theta, crank = -2 * np.pi * rows["contact"] / 80, np.radians(rows["crank_deg"])
     normal = rows["normal_x"] + 1j * rows["normal_y"]
-    out, eccentric = np.exp(1j * theta), np.exp(1j * crank)
-    inwards = -np.real(np.conj(normal) * out)
-    shift = np.real(np.conj(normal) * out * (rows["radial_um"] + 1j * rows["tangential_um"]))
-    first = 0.5 * (rows["disk_profile_um"] + rows["profile_um"]) * inwards - shift - rows["radius_um"]
-    first += np.real(np.conj(normal) * eccentric) * rows["eccentricity_um"]
-    missed = np.abs(rows["clearance_um"] - first)
-    away = np.abs(np.angle(np.exp(1j * (theta - crank)))) > np.radians(30)
-    assert missed[away].max() < 0.1
-    nominal = (rows["sample"] == 0) & away
-    assert missed[nominal].max() < 0.05
+    outward, eccentric = np.exp(1j * theta), np.exp(1j * crank)
+    inwards = -np.real(np.conj(normal) * outward)
+    shift = np.real(np.conj(normal) * outward * (rows["radial_um"] + 1j * rows["tangential_um"]))
+    first_order = 0.5 * (rows["disk_profile_um"] + rows["profile_um"]) * inwards - shift - rows["radius_um"]
+    first_order += np.real(np.conj(normal) * eccentric) * rows["eccentricity_um"]
+    misses = np.abs(rows["clearance_um"] - first_order)
+    off_root = np.abs(np.angle(np.exp(1j * (theta - crank)))) > np.radians(30)
+    assert misses[off_root].max() < 0.1
+    nominal = (rows["sample"] == 0) & off_root
+    assert misses[nominal].max() < 0.05
 
 
 def test_spring_tables_are_the_laws_of_their_coefficients(frames, outputs, study):
@@ -297,27 +299,29 @@ def test_spring_tables_are_the_laws_of_their_coefficients(frames, outputs, study
     force, limit = rows["force_N"], rows["force_limit_N"]
     np.testing.assert_array_equal(rows["beyond_limit"], force > limit)
     assert 0 < rows["beyond_limit"].mean() < 0.5
-    inside = rows[(force > 0) & (force < limit)]
-    log = np.log(inside["force_N"])
-    local = inside["force_N"] * (inside["linear_mm_per_N"] - inside["logarithmic_mm_per_N"] * log)
-    np.testing.assert_allclose(inside["local_um"], 1e3 * local, rtol=1e-12)
-    compliance = inside["linear_mm_per_N"] - inside["logarithmic_mm_per_N"] * (1 + log)
-    np.testing.assert_allclose(inside["stiffness_N_per_um"], 1e-3 / compliance, rtol=1e-12)
+    rows_below_limit = rows[(force > 0) & (force < limit)]
+    log = np.log(rows_below_limit["force_N"])
+    local = rows_below_limit["force_N"] * (
+        rows_below_limit["linear_mm_per_N"] - rows_below_limit["logarithmic_mm_per_N"] * log
+    )
+    np.testing.assert_allclose(rows_below_limit["local_um"], 1e3 * local, rtol=1e-12)
+    compliance = rows_below_limit["linear_mm_per_N"] - rows_below_limit["logarithmic_mm_per_N"] * (1 + log)
+    np.testing.assert_allclose(rows_below_limit["stiffness_N_per_um"], 1e-3 / compliance, rtol=1e-12)
     radius, length, depth = design.output.roller_radius_mm, design.output.roller_length_mm, design.output.flat_depth_mm
     pin, thickness, width = design.cycloid.pin_radius_mm, design.disk.thickness_mm, study.reduce.patch_half_width_mm
     modulus, ratio = design.materials["steel"].youngs_modulus_MPa, design.materials["steel"].poisson_ratio
     places = frames["clearance/contacts"][["contact", "crank_deg", "kind", "curvature_per_mm"]]
-    inside = inside.merge(places, on=["contact", "crank_deg"])
-    of_pin = inside["kind"] == PIN
-    load = inside["force_N"] / np.where(of_pin, thickness, length)
-    relative = 1 / np.where(of_pin, 1 / pin + inside["curvature_per_mm"], 1 / radius)
+    rows_below_limit = rows_below_limit.merge(places, on=["contact", "crank_deg"])
+    of_pin = rows_below_limit["kind"] == PIN
+    load = rows_below_limit["force_N"] / np.where(of_pin, thickness, length)
+    relative = 1 / np.where(of_pin, 1 / pin + rows_below_limit["curvature_per_mm"], 1 / radius)
     b = np.sqrt(4 * load * relative / (np.pi * modulus / 2))
     sides = np.where(
         of_pin,
         np.log(4 * pin / b) - 0.5 + np.log(width / b) + 0.25,
         2 * (np.log(4 * radius / b) - 0.5 + np.log(2 * depth / b) - ratio / 2),
     )
-    np.testing.assert_allclose(inside["local_um"], 1e3 * 2 * load / (np.pi * modulus) * sides, rtol=1e-9)
+    np.testing.assert_allclose(rows_below_limit["local_um"], 1e3 * 2 * load / (np.pi * modulus) * sides, rtol=1e-9)
     bearing = frames["springs/laws"].query("contact == -1")
     stiffness = study.design.bearing.stiffness_N_per_mm_power / 1e3
     np.testing.assert_allclose(bearing["force_N"], stiffness * bearing["local_um"], rtol=1e-12)
@@ -342,16 +346,16 @@ def test_yield_is_the_share_within_the_limits(frames, study):
     metrics, table = frames["aggregate/metrics"].query("sample > 0"), frames["aggregate/distributions"]
     shares = table.query("crank_deg == 90 and statistic == 'yield'").set_index("metric")["value"]
     rows, limits = metrics[metrics["crank_deg"] == 90], study.limits
-    passed = {
+    passes = {
         "clearance_backlash_arcmin": rows["clearance_backlash_arcmin"] <= limits.clearance_backlash_arcmin,
         "lost_motion_arcmin": rows["lost_motion_arcmin"] <= limits.lost_motion_arcmin,
         "torsional_rigidity_Nm_per_arcmin": rows["torsional_rigidity_Nm_per_arcmin"]
         >= limits.torsional_rigidity_Nm_per_arcmin,
         "peak_pressure_MPa": rows["peak_pressure_MPa"] <= limits.peak_pressure_MPa,
     }
-    for name, within in passed.items():
-        assert shares[name] == pytest.approx(within.mean()), name
-    assert shares["all_limits"] == pytest.approx(np.logical_and.reduce(list(passed.values())).mean())
+    for name, tolerance_range in passes.items():
+        assert shares[name] == pytest.approx(tolerance_range.mean()), name
+    assert shares["all_limits"] == pytest.approx(np.logical_and.reduce(list(passes.values())).mean())
     assert np.all(metrics["hysteresis_loss_arcmin"] == 0)  # no friction
     np.testing.assert_array_equal(metrics["zero_torque_width_arcmin"], metrics["clearance_backlash_arcmin"])
 
@@ -367,19 +371,19 @@ def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
     assert list(rows.loc["lost_motion_arcmin", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["all_limits", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["clearance_backlash_arcmin", "yield"]) == [1.0] * 4
-    nothing = {**turns, "lost_motion_arcmin": Turn(np.full((4, 12), np.nan), np.full(12, True))}
-    rows = pd.DataFrame(convergence_rows(study, nothing, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
+    no_effect = {**turns, "lost_motion_arcmin": Turn(np.full((4, 12), np.nan), np.full(12, True))}
+    rows = pd.DataFrame(convergence_rows(study, no_effect, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
     assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
 
 
 def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, runs, study, monkeypatch):
     """Sample 5 finds no equilibrium at one state of the second crank angle; all others are as before."""
-    solved = []
+    failed_steps = []
 
-    def spoiled(*given):
-        response = respond(*given)
-        solved.append(response)
-        if len(solved) == 2:
+    def spoiled(*arguments):
+        response = respond(*arguments)
+        failed_steps.append(response)
+        if len(failed_steps) == 2:
             response.equilibria.converged[5, [3, 9]] = False
             response.equilibria.residual[5, 3] = 0.02
             response.converged[5] = False
@@ -424,14 +428,14 @@ def test_interfering_cases_and_kept_samples(runs, study):
     np.testing.assert_array_equal(kinematic["preloaded"], kinematic["sample"] == 1)
     np.testing.assert_array_equal(kinematic["overlap_um"] > 0, kinematic["sample"] == 1)
     gap = pd.DataFrame(outputs["clearance"].read("gaps")).query("sample == 1 and contact < 80")
-    place = pd.DataFrame(outputs["clearance"].read("contacts")).query("kind == 'pin'")
-    rows = gap.merge(place, on=["contact", "crank_deg"])
+    position = pd.DataFrame(outputs["clearance"].read("contacts")).query("kind == 'pin'")
+    rows = gap.merge(position, on=["contact", "crank_deg"])
     for (crank,), pins in rows.groupby(["crank_deg"]):
-        least = linprog(
+        minimum = linprog(
             [0, 1], np.column_stack([-pins["arm_mm"], -np.ones(80)]), pins["clearance_um"], bounds=[(None, None)] * 2
         ).fun
         overlap = kinematic[(kinematic["sample"] == 1) & (kinematic["crank_deg"] == crank)]["overlap_um"].item()
-        assert overlap == pytest.approx(least, rel=1e-9)
+        assert overlap == pytest.approx(minimum, rel=1e-9)
     tight = pd.DataFrame(outputs["aggregate"].read("metrics")).query("sample == 1")["clearance_backlash_arcmin"]
     units = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample").filter(like="clearance_backlash")
     assert list(units.loc[1]) == pytest.approx([tight.max(), tight.mean(), tight.min()], rel=1e-3)  # no rigid play
@@ -449,20 +453,20 @@ def test_interfering_cases_and_kept_samples(runs, study):
 
 def test_numbers_of_a_curve_count_every_contact(study):
     """The largest pressure may be a roller's; contacts beyond their law's range have their share of the moment."""
-    at = assembly.reducer(study.design, 0.0)
-    laws = assembly.contact_laws(study, at)
+    reducer = assembly.reducer(study.design, 0.0)
+    laws = assembly.contact_laws(study, reducer)
     force = np.zeros((1, 2, len(laws)))
     force[0, 0, [1, 2, 100]] = 1.1 * laws.force_limit[1], 10.0, 1e4
     force[0, 1, [2, 3]] = 1.0
-    motion = np.arange(2.0 * len(at.motions)).reshape(1, 2, -1)
+    motion = np.arange(2.0 * len(reducer.motions)).reshape(1, 2, -1)
     states = Equilibria(motion, force, np.array([[3, 4]]), np.zeros((1, 2)), np.ones((1, 2), bool))
-    drive = replace(drive_of(study, 0.0, None, assembly.errors(draw(study, 1, 2)), np.zeros(1), laws), reducer=at)
+    drive = replace(drive_of(study, 0.0, None, assembly.errors(draw(study, 1, 2)), np.zeros(1), laws), reducer=reducer)
     response = CycleResponse(
         np.zeros(2, int), np.zeros(2), np.zeros((1, 2)), np.arange(2), states, np.zeros((1, 2)), np.ones(1, bool)
     )
     values = curves._curve_values(curves.Solved(0.0, drive, response, {}))
     assert values["peak_pressure_MPa"][0, 0] == laws.pressure[100] * 100
-    moment = np.abs(at.pins.arm[1:3]) * force[0, 0, 1:3]
+    moment = np.abs(reducer.pins.arm[1:3]) * force[0, 0, 1:3]
     np.testing.assert_allclose(values["beyond_limit_share"], [[moment[0] / moment.sum(), 0.0]])
     np.testing.assert_array_equal(values["pins_in_contact"], [[2, 2]])
     np.testing.assert_array_equal(values["outputs_in_contact"], [[1, 0]])

@@ -68,33 +68,33 @@ def shared(study, outputs, runs):
 
 def test_metrics_are_those_of_the_chain(study, outputs, shared):
     """Unit k here is sample k + 1 there: the first is the nominal reducer."""
-    loaded = at_angles(shared, draw(tails.population(study, 50), 0, 7))
+    metrics_at_angles = at_angles(shared, draw(tails.population(study, 50), 0, 7))
     units = outputs["aggregate"].read("units")
     for name in (LOST_MOTION, RIGIDITY, PRESSURE):
         sign = -1.0 if name == RIGIDITY else 1.0
-        worst = sign * Tail(name, "worst", sign, 0.0).over_turn(loaded[name])
+        worst = sign * Tail(name, "worst", sign, 0.0).over_turn(metrics_at_angles[name])
         np.testing.assert_allclose(worst, units[f"{name}_worst"][1:8], rtol=1e-9)
 
 
-@pytest.mark.parametrize(("metric", "least"), [(LOST_MOTION, 0.9), (RIGIDITY, 0.65), (PRESSURE, 0.7)])
-def test_springs_tell_the_metrics_under_load(by_springs, metric, least):
+@pytest.mark.parametrize(("metric", "minimum"), [(LOST_MOTION, 0.9), (RIGIDITY, 0.65), (PRESSURE, 0.7)])
+def test_springs_tell_the_metrics_under_load(by_springs, metric, minimum):
     """Share of the variance of units that no fit has met: 0.97, 0.78 and 0.82 over 39,500 units at four angles."""
-    pilot, units, loaded, exact = by_springs
+    pilot, units, loaded_values, exact = by_springs
     sign = -1.0 if metric == RIGIDITY else 1.0
     tail = Tail(metric, "worst", sign, 0.0)
     values = tail.over_turn(exact[metric])
-    prediction = Prediction.fitted(tail, loaded[metric], pilot, units)
-    assert 1 - np.var(values - prediction.value) / np.var(values) > least
+    prediction = Prediction.fitted(tail, loaded_values[metric], pilot, units)
+    assert 1 - np.var(values - prediction.value) / np.var(values) > minimum
     assert prediction.scale == pytest.approx(np.std(values - prediction.value), rel=0.25)
 
 
 @pytest.fixture(scope="module")
 def by_springs(study, shared):
     """Of a pilot and of other units the rough metrics, then those under load."""
-    drawn = [draw(tails.population(study, 900), *ends) for ends in ((900, 1300), (0, 900))]
+    draws = [draw(tails.population(study, 900), *ends) for ends in ((900, 1300), (0, 900))]
     compliances = springs(shared, draw(tails.population(study, 900), 900, 900 + TRIAL))
-    rough = (rough_metrics(study, compliances, one) for one in drawn)
-    return *rough, *(at_angles(shared, one) for one in drawn)
+    rough = (rough_metrics(study, compliances, variant) for variant in draws)
+    return *rough, *(at_angles(shared, variant) for variant in draws)
 
 
 def test_all_units_solved_are_counted(one_angle, every):
@@ -131,32 +131,34 @@ def chain(sampled):
 
 def test_a_chain_of_two_has_the_tail_of_its_closed_form(one_angle):
     """P(a + b > 2 - t) = t^2/2 of two uniform numbers: 2,000 ppm at t = 0.063; the far quantile lies at t = 0.0735."""
-    beyond, far = 2e-3, 2 - np.sqrt(2 * (1 - 0.9973))
-    asked = limited(one_angle, **{LOST_MOTION: 2 - np.sqrt(2 * beyond)})
+    tail_share_exact, distant = 2e-3, 2 - np.sqrt(2 * (1 - 0.9973))
+    study_asked = limited(one_angle, **{LOST_MOTION: 2 - np.sqrt(2 * tail_share_exact)})
     rows = []
     for seed in range(4):
-        samples = asked.samples.model_copy(update={"seed": seed})
-        seeded = asked.model_copy(update={"samples": samples})
-        rows += tails.far_tails(seeded, 8_000, 600, lambda one: chain(one)[1], lambda one: chain(one)[0])
+        samples = study_asked.samples.model_copy(update={"seed": seed})
+        seeded = study_asked.model_copy(update={"samples": samples})
+        rows += tails.far_tails(
+            seeded, 8_000, 600, lambda member: chain(member)[1], lambda unit_value: chain(unit_value)[0]
+        )
     shares, quantiles = rows[::2], rows[1::2]
     assert {row.statistic for row in shares} == {"beyond"}
-    assert sum(row.ci_low < beyond < row.ci_high for row in shares) >= 3
-    assert sum(row.ci_low < far < row.ci_high for row in quantiles) >= 3
-    spread = np.sqrt(beyond / (4 * 8_000))  # of a mean of which every unit beyond is solved
-    assert np.mean([row.value for row in shares]) == pytest.approx(beyond, abs=3.5 * spread)
-    assert np.mean([row.value for row in quantiles]) == pytest.approx(far, abs=0.004)
+    assert sum(row.ci_low < tail_share_exact < row.ci_high for row in shares) >= 3
+    assert sum(row.ci_low < distant < row.ci_high for row in quantiles) >= 3
+    spread = np.sqrt(tail_share_exact / (4 * 8_000))  # of a mean of which every unit beyond is solved
+    assert np.mean([row.value for row in shares]) == pytest.approx(tail_share_exact, abs=3.5 * spread)
+    assert np.mean([row.value for row in quantiles]) == pytest.approx(distant, abs=0.004)
 
 
 def test_a_study_asks_for_its_tails_and_the_page_tells_them(study, outputs, runs, tmp_path, monkeypatch, capsys):
     (tmp_path / ".cache").symlink_to(runs / ".cache")
     monkeypatch.setattr(settings, "RUNS", tmp_path)
-    asked = study.model_copy(update={"name": "asked", "tails": Tails(units=1000, solve=200)})
-    rows = pd.DataFrame(api.run(asked, ["tails"], jobs=1).table("tails/tails"))
+    study_asked = study.model_copy(update={"name": "asked", "tails": Tails(units=1000, solve=200)})
+    rows = pd.DataFrame(api.run(study_asked, ["tails"], jobs=1).table("tails/tails"))
     shared = hysteresis.prepare(Job(study, 1, runs, outputs, Cache(runs / ".cache", "")))
     rough = partial(rough_metrics, study, springs(shared, draw(tails.population(study, 1000), 1000, 1050)))
-    again = pd.DataFrame(map(vars, tails.far_tails(study, 1000, 200, rough, partial(at_angles, shared))))
-    pd.testing.assert_frame_equal(rows.astype({"metric": str, "statistic": str}), again, check_dtype=False)
-    frames = SimpleNamespace(study=asked, tails=rows, limits=asked.limits.of_metrics)
+    repeat = pd.DataFrame(map(vars, tails.far_tails(study, 1000, 200, rough, partial(at_angles, shared))))
+    pd.testing.assert_frame_equal(rows.astype({"metric": str, "statistic": str}), repeat, check_dtype=False)
+    frames = SimpleNamespace(study=study_asked, tails=rows, limits=study_asked.limits.of_metrics)
     line = {line.name: line for line in tail_lines(frames)}[PRESSURE]
     share = rows[(rows["metric"] == PRESSURE) & (rows["statistic"] == "beyond")].iloc[0]
     assert line.beyond.value == f"{1e6 * share['value']:,.0f}"

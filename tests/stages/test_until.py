@@ -40,9 +40,9 @@ def own_runs(outputs: dict, runs: Path, tmp_path: Path, monkeypatch: pytest.Monk
     return folder
 
 
-def half_width(kept: np.ndarray) -> float:
+def half_width(kept_items: np.ndarray) -> float:
     """Of the exact interval of a share, by the beta distribution."""
-    n, k = len(kept), int(kept.sum())
+    n, k = len(kept_items), int(kept_items.sum())
     low = stats.beta(k, n - k + 1).ppf(0.025) if k else 0.0
     high = stats.beta(k + 1, n - k).ppf(0.975) if k < n else 1.0
     return (high - low) / 2
@@ -62,49 +62,47 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
     own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     """Killed in a batch it goes on there; what it leaves is what one run of its size leaves, value for value."""
-    really, sizes = runner.run, []
+    original_run, sizes = runner.run, []
 
-    def killed(stages, study, targets, *rest):
+    def killed(stages, study, targets, *remainder):
         sizes.append(study.samples.count)
         if len(sizes) == 2:
             raise KeyboardInterrupt
-        return really(stages, study, targets, *rest)
+        return original_run(stages, study, targets, *remainder)
 
     monkeypatch.setattr(runner, "run", killed)
     with pytest.raises(KeyboardInterrupt):
         api.run(until(), ["aggregate"], jobs=1)
     assert running.known_size(until()).samples.count == sizes[1]
-    finished = api.run(until(), ["aggregate"], jobs=1)
+    outputs = api.run(until(), ["aggregate"], jobs=1)
     assert sizes[2] == sizes[1]  # the first batch was not run again
-    n = finished.study.samples.count
-    passed = kept(finished.units, finished.study)
-    assert len(passed) == n
+    n = outputs.study.samples.count
+    passes = kept(outputs.units, outputs.study)
+    assert len(passes) == n
     assert n % BATCH == 0
-    assert half_width(passed) <= HALF_WIDTH
-    assert all(half_width(passed[:size]) > HALF_WIDTH for size in {*sizes} - {n})
+    assert half_width(passes) <= HALF_WIDTH
+    assert all(half_width(passes[:size]) > HALF_WIDTH for size in {*sizes} - {n})
 
-    plain = finished.study.samples.model_copy(update={"until": None})
-    once = api.run(until().model_copy(update={"name": "plain", "samples": plain}), ["aggregate"], jobs=1)
-    for stage, output in once.outputs.items():
-        assert output.hashes == finished.outputs[stage].hashes, stage
-    table = finished.table("aggregate/sample_convergence")
-    told = table[table["metric"] == "all_limits"]
-    assert told["n"].iloc[-1] == n
-    for row in told.itertuples():
-        assert row.value == pytest.approx(passed[: row.n].mean())
-        assert (row.ci_high - row.ci_low) / 2 == pytest.approx(half_width(passed[: row.n]))
-    looked = len(sizes)
+    reference = outputs.study.samples.model_copy(update={"until": None})
+    single_change = api.run(until().model_copy(update={"name": "plain", "samples": reference}), ["aggregate"], jobs=1)
+    for stage, output in single_change.outputs.items():
+        assert output.hashes == outputs.outputs[stage].hashes, stage
+    table = outputs.table("aggregate/sample_convergence")
+    message = table[table["metric"] == "all_limits"]
+    assert message["n"].iloc[-1] == n
+    for row in message.itertuples():
+        assert row.value == pytest.approx(passes[: row.n].mean())
+        assert (row.ci_high - row.ci_low) / 2 == pytest.approx(half_width(passes[: row.n]))
+    n_looks = len(sizes)
     api.run(until(), ["aggregate"], jobs=1)
-    assert len(sizes) == looked + 1  # up to date: no batch is asked again
+    assert len(sizes) == n_looks + 1  # up to date: no batch is asked again
     assert "yield" in capsys.readouterr().err
 
 
 def test_it_ends_at_the_most_that_it_may_take_and_says_so(own_runs: Path) -> None:
-    finished = api.run(until(at_most=11), ["aggregate"], jobs=1)
-    assert finished.study.samples.count == 11
-    frames = SimpleNamespace(
-        study=finished.study, over="worst", distributions=finished.table("aggregate/distributions")
-    )
+    outputs = api.run(until(at_most=11), ["aggregate"], jobs=1)
+    assert outputs.study.samples.count == 11
+    frames = SimpleNamespace(study=outputs.study, over="worst", distributions=outputs.table("aggregate/distributions"))
     section = SamplesSection(frames)
     assert "ended at 11 samples, the most that it may take" in section.ended
     assert section.share is not None
@@ -120,11 +118,11 @@ def test_a_setting_that_cannot_end_is_refused(tmp_path: Path) -> None:
         "must be >= samples.count = 50": text,
         'must be "monte_carlo"': text.replace('"monte_carlo"', '"sobol"').replace("count = 50", "count = 56"),
     }
-    for said, content in cases.items():
-        line = until_line.replace("100000", "10") if "count" in said else until_line
+    for message, content in cases.items():
+        line = until_line.replace("100000", "10") if "count" in message else until_line
         file = tmp_path / "study.toml"
         file.write_text(content.replace("[samples]\n", f"[samples]\n{line}"))
-        with pytest.raises(InputError, match=said.replace("[", r"\[").replace("]", r"\]")):
+        with pytest.raises(InputError, match=message.replace("[", r"\[").replace("]", r"\]")):
             api.load_study(file)
 
 
@@ -147,5 +145,5 @@ def test_looking_several_times_costs_little_of_the_confidence() -> None:
 def test_what_is_remembered_belongs_to_the_settings(own_runs: Path, outputs: dict[str, Output]) -> None:
     api.run(until(at_most=BATCH), ["aggregate"], jobs=1)
     assert running.known_size(until(at_most=50)).samples.count > BATCH  # the same batch, whatever is to come of it
-    other = until().model_copy(update={"samples": until().samples.model_copy(update={"seed": 5})})
-    assert running.known_size(other).samples.count == BATCH
+    variant = until().model_copy(update={"samples": until().samples.model_copy(update={"seed": 5})})
+    assert running.known_size(variant).samples.count == BATCH

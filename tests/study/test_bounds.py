@@ -42,9 +42,9 @@ def changed(data, key, value):
     ],
 )
 def test_a_size_that_no_part_has_is_refused(key, value, allowed):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         parse_design(changed(DESIGN, key, value), "d.toml")
-    assert any(line.startswith(f"d.toml: {key} = ") and allowed in line for line in caught.value.problems)
+    assert any(line.startswith(f"d.toml: {key} = ") and allowed in line for line in error.value.problems)
 
 
 @pytest.mark.parametrize(
@@ -60,9 +60,9 @@ def test_a_size_that_no_part_has_is_refused(key, value, allowed):
     ],
 )
 def test_a_study_beyond_any_machine_is_refused(key, value, allowed):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         parse_study(changed(STUDY, key, value), "s", "s.toml", lambda name: load_design(name, ROOT))
-    assert any(line.startswith(f"s.toml: {key} = ") and allowed in line for line in caught.value.problems)
+    assert any(line.startswith(f"s.toml: {key} = ") and allowed in line for line in error.value.problems)
 
 
 def test_sizes_at_the_edge_of_what_is_built_are_accepted():

@@ -35,28 +35,28 @@ def read_design(name):
 
 
 def design_problems(data):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         parse_design(data, "d.toml")
-    return list(caught.value.problems)
+    return list(error.value.problems)
 
 
 def study_problems(data, name="s", read=read_design):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError) as error:
         parse_study(data, name, "s.toml", read)
-    return list(caught.value.problems)
+    return list(error.value.problems)
 
 
 def changed(data, key, value):
     """A copy of `data` with the dotted `key` set, or removed where the value is None."""
     data = copy.deepcopy(data)
-    *sections, last = key.split(".")
+    *sections, field = key.split(".")
     table = data
     for section in sections:
         table = table.setdefault(section, {})
     if value is None:
-        del table[last]
+        del table[field]
     else:
-        table[last] = value
+        table[field] = value
     return data
 
 
@@ -90,8 +90,8 @@ def test_table_1_of_the_paper():
 
 def test_nominal_sample_counts_as_a_row(study_data):
     assert parse_study(study_data, "s", "s.toml", read_design).samples.rows == 51
-    without = changed(study_data, "samples.nominal_first", False)
-    assert parse_study(without, "s", "s.toml", read_design).samples.rows == 50
+    without_effect = changed(study_data, "samples.nominal_first", False)
+    assert parse_study(without_effect, "s", "s.toml", read_design).samples.rows == 50
 
 
 @pytest.mark.parametrize(
@@ -213,10 +213,10 @@ def test_pins_that_roll_have_no_roundness(study_data):
     data = changed(study_data, "tolerances.pin_roundness_3", wide)
     design = parse_study(data, "s", "s.toml", read_design).design
     rolling = design.model_copy(update={"operation": Operation(input_speed_rpm=1000.0, pins="rolling")})
-    known = dimension_library()["pin_roundness_3"]
-    assert known.count(design) == design.cycloid.pins
-    assert known.count(rolling) == 0
-    assert known.refusal(rolling).startswith('acts on nothing: it needs pins held, [operation] pins = "fixed"')
+    dimension = dimension_library()["pin_roundness_3"]
+    assert dimension.count(design) == design.cycloid.pins
+    assert dimension.count(rolling) == 0
+    assert dimension.refusal(rolling).startswith('acts on nothing: it needs pins held, [operation] pins = "fixed"')
 
 
 def test_pins_in_holes_leave_no_choice_of_the_reading_of_their_diameter(study_data):
@@ -307,7 +307,7 @@ def test_loaded_angles_stand_evenly_over_the_turn_and_see_every_phase_of_the_pin
     assert cycle.curve_crank_deg == tuple(360 * k / 31 for k in (0, 7, 15, 23))
     pitch = 360 / 80
     phases = sorted(crank % pitch for crank in cycle.crank_deg)
-    assert min(after - before for before, after in itertools.pairwise(phases)) == pytest.approx(pitch / 31)
+    assert min(next_phase - phase for phase, next_phase in itertools.pairwise(phases)) == pytest.approx(pitch / 31)
     assert cycle.rigid_crank_deg == tuple(360 * k / 181 for k in range(181))
     (problem,) = study_problems(changed(study_data, "cycle.loaded_angles", 32))
     assert problem.endswith("the angles see 2 phases of their pitch; take 33")
@@ -386,7 +386,7 @@ def test_a_file_that_is_no_toml(tmp_path):
 
 
 def test_drivers_by_variance_need_enough_units_of_a_distribution(study_data):
-    (few,) = study_problems(changed(study_data, "drivers.base_samples", 29))
-    assert "drivers.base_samples = 29; must be 0 (no drivers by variance) or >= 30" in few
-    listed = changed(changed(study_data, "samples.experiment", "cases"), "drivers.base_samples", 100)
-    assert any("must be 0 where cases are listed" in problem for problem in study_problems(listed))
+    (small_case,) = study_problems(changed(study_data, "drivers.base_samples", 29))
+    assert "drivers.base_samples = 29; must be 0 (no drivers by variance) or >= 30" in small_case
+    listed_study = changed(changed(study_data, "samples.experiment", "cases"), "drivers.base_samples", 100)
+    assert any("must be 0 where cases are listed" in problem for problem in study_problems(listed_study))

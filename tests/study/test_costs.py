@@ -18,8 +18,8 @@ def test_the_example_steps_by_preferred_numbers() -> None:
     cost = graded()
     assert cost.example
     np.testing.assert_allclose(cost.of_one(np.array([4.0, 5.0, 8.0, 12.0])), 2.0 * 10 ** (np.array([1, 0, -1, -2]) / 5))
-    between = float(cost.of_one(np.array(np.sqrt(5.0 * 8.0))))
-    assert between == pytest.approx(2.0 * 10**-0.1)  # straight in the logarithms
+    step_value = float(cost.of_one(np.array(np.sqrt(5.0 * 8.0))))
+    assert step_value == pytest.approx(2.0 * 10**-0.1)  # straight in the logarithms
     assert np.isnan(cost.of_one(np.array(1.0)))
     assert cost.widths_um == (2.5, 75.0)
 
@@ -38,16 +38,16 @@ def test_the_makers_own_grades_stand() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"relative_costs": {"5": 1.0, "15": 0.5}}, "two or more of the grades 3 to 11"),
         ({"relative_costs": {"5": 1.0, "6": 2.0}}, "must descend"),
         ({"relative_costs": {"6": 2.0, "7": 1.0}}, "must lie among"),
     ],
 )
-def test_grades_that_contradict_themselves_are_named(settings: dict, said: str) -> None:
+def test_grades_that_contradict_themselves_are_named(settings: dict, message: str) -> None:
     (problem,) = graded(**settings).problems("costs.pin_radius")
-    assert said in problem.allowed
+    assert message in problem.allowed
 
 
 def test_a_grade_that_the_standard_lacks_is_refused() -> None:

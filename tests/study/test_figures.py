@@ -38,26 +38,26 @@ def contacts() -> pd.DataFrame:
     return pd.DataFrame(contact_columns(assembly.reducer(DESIGN, 0.0), 0.0))
 
 
-def loads(contacts: pd.DataFrame, loaded: list[int]) -> pd.DataFrame:
-    """Contacts of one step: those in `loaded` carry their own number in newtons."""
+def loads(contacts: pd.DataFrame, loaded_pins: list[int]) -> pd.DataFrame:
+    """Contacts of one step: those in `loaded_pins` carry their own number in newtons."""
     number = contacts["contact"].to_numpy()
-    closed = np.isin(number, loaded)
+    closing_values = np.isin(number, loaded_pins)
     return pd.DataFrame(
         {
             "contact": number,
             "clearance_um": np.full(len(number), 2.0),
-            "approach_um": np.where(closed, 2.5, 1.0),
-            "penetration_um": np.where(closed, 0.5, -1.0),
-            "force_N": np.where(closed, number, 0.0),
+            "approach_um": np.where(closing_values, 2.5, 1.0),
+            "penetration_um": np.where(closing_values, 0.5, -1.0),
+            "force_N": np.where(closing_values, number, 0.0),
         }
     )
 
 
 def loop(play: float, shift: float) -> pd.DataFrame:
     """Loop of half width `play` about `shift` [arcmin], stiffening with torque."""
-    up = np.array([0.0, 0.36, 3.0, 6.0, 12.0])
-    ladder = play + 0.3 * np.sqrt(up)
-    torque = [up, up[-2::-1], -up, -up[-2::-1], up]
+    loading_branch = np.array([0.0, 0.36, 3.0, 6.0, 12.0])
+    ladder = play + 0.3 * np.sqrt(loading_branch)
+    torque = [loading_branch, loading_branch[-2::-1], -loading_branch, -loading_branch[-2::-1], loading_branch]
     angle = [ladder, ladder[-2::-1], -ladder, -ladder[-2::-1], ladder]
     names = ("loading+", "unloading+", "loading-", "unloading-", "reloading+")
     return pd.DataFrame(
@@ -98,19 +98,19 @@ def test_centring_takes_off_any_shift_and_keeps_the_width():
     rows = loop(1.0, 0.0)
     branch, torque = rows["branch"].to_numpy(), rows["torque_Nm"].to_numpy()
     angle = rows["angle_arcmin"].to_numpy()
-    both = centred(np.stack([angle + 0.7, angle - 3.0]), branch, torque)
-    np.testing.assert_allclose(both[0], both[1], atol=1e-12)
-    np.testing.assert_allclose(both[0], angle, atol=1e-12)
+    pair = centred(np.stack([angle + 0.7, angle - 3.0]), branch, torque)
+    np.testing.assert_allclose(pair[0], pair[1], atol=1e-12)
+    np.testing.assert_allclose(pair[0], angle, atol=1e-12)
 
 
 def test_marks_of_the_hysteresis_figure_are_the_metrics_of_the_model():
     rows = loop(0.9, 0.25)
     figure = hysteresis_figure({"tight": loop(0.2, 0.0), "wide": rows}, None, MARKS)
-    at = Torques(0.36, 6.0, 12.0)
+    definitions = Torques(0.36, 6.0, 12.0)
     curve = (rows[name].to_numpy() for name in ("branch", "torque_Nm", "angle_arcmin"))
     branch, levels, angles = curve
-    readings = curve_readings(branch, levels, angles[None], np.zeros((1, 2)), np.zeros(1), at)
-    numbers = {name: metric.value(readings, at)[0] for name, metric in library().items()}
+    readings = curve_readings(branch, levels, angles[None], np.zeros((1, 2)), np.zeros(1), definitions)
+    numbers = {name: metric.value(readings, definitions)[0] for name, metric in library().items()}
     arrows = [text for text in figure.axes[1].texts if text.get_text() == ""]
     heights = [arrow.xy[1] - arrow.xyann[1] for arrow in arrows]
     marked = [numbers[name] for name in ("zero_torque_width_arcmin", "lost_motion_arcmin")]
@@ -143,9 +143,9 @@ def test_loaded_pins_are_counted_and_drawn_alone(contacts):
     of_pins = rows[rows["contact"] < PINS]
     assert dead_zones_figure({"case": of_pins}).axes[0].get_title(loc="left") == "case: 3 pins in contact"
     force, depth = pin_loads_figure({"case": of_pins}).axes
-    shown = line(force, "case").get_ydata()
-    assert np.flatnonzero(np.isfinite(shown)).tolist() == [70, 71, 73]
-    assert np.nansum(shown) == 70 + 71 + 73
+    shown_part = line(force, "case").get_ydata()
+    assert np.flatnonzero(np.isfinite(shown_part)).tolist() == [70, 71, 73]
+    assert np.nansum(shown_part) == 70 + 71 + 73
     assert np.nanmax(line(depth, "case").get_ydata()) == 0.5
 
 
@@ -161,26 +161,26 @@ def test_rising_torques_are_told_apart_by_shade_and_marker(contacts):
 def test_rollers_stand_in_their_interface_from_outside_to_inside(contacts):
     rows = contacts[(contacts["interface"] == 1) & (contacts["face"] == 0) & (contacts["end"] == 0)]
     figure = output_loads_figure({"case": loads(contacts, rows["contact"].tolist())}, contacts, "roller, 0 outside")
-    other, mine = figure.axes[0], figure.axes[1]
-    assert not other.lines
-    drawn = line(mine, "case")
-    np.testing.assert_array_equal(drawn.get_xdata(), rows["station"])
-    np.testing.assert_array_equal(drawn.get_ydata(), rows["contact"])
+    first_axes, second_axes = figure.axes[0], figure.axes[1]
+    assert not first_axes.lines
+    draws = line(second_axes, "case")
+    np.testing.assert_array_equal(draws.get_xdata(), rows["station"])
+    np.testing.assert_array_equal(draws.get_ydata(), rows["contact"])
 
 
 def test_pins_are_numbered_clockwise_and_rows_by_their_contacts(contacts):
-    at = assembly.reducer(DESIGN, 0.0)
-    numbers = np.arange(PINS, len(at.contacts))
-    panels = DESIGN.output.panels(at.disks[0], at.contacts.some(numbers), numbers)
+    reducer = assembly.reducer(DESIGN, 0.0)
+    numbers = np.arange(PINS, len(reducer.contacts))
+    panels = DESIGN.output.panels(reducer.disks[0], reducer.contacts.some(numbers), numbers)
     figure = reducer_figure(contacts, flank_outline(DESIGN, 0.0), 0.0, 0.8, panels)
-    ring, first, second = figure.axes
-    place = {text.get_text(): text.get_position() for text in ring.texts}
-    assert place["0"][0] > DESIGN.cycloid.pin_circle_radius_mm
-    assert place["0"][1] == pytest.approx(0.0, abs=1e-9)
-    assert place["1"][1] < 0 < place[str(PINS - 1)][1]
-    assert sum(text.isdigit() for text in place) == PINS
+    ring, first_order, second = figure.axes
+    position = {text.get_text(): text.get_position() for text in ring.texts}
+    assert position["0"][0] > DESIGN.cycloid.pin_circle_radius_mm
+    assert position["0"][1] == pytest.approx(0.0, abs=1e-9)
+    assert position["1"][1] < 0 < position[str(PINS - 1)][1]
+    assert sum(text.isdigit() for text in position) == PINS
     rows = contacts[contacts["interface"] == 0]
-    labels = {text.get_text() for text in first.texts}
+    labels = {text.get_text() for text in first_order.texts}
     assert f"{rows['contact'].min()}–{rows['contact'].min() + DESIGN.output.stations - 1}" in labels
     assert {str(station) for station in rows["station"]} <= labels
     assert "plate to output" in second.get_title(loc="left")
@@ -225,9 +225,9 @@ def test_close_up_of_the_mesh_sits_on_the_loaded_patch():
     patches = np.exp(1j * (angle[::10, None] + np.array([-0.02, 0.0, 0.02])))
     displacement = np.where(np.abs(nodes - np.exp(1j * angle[20])) < 0.01, 5.0, 1.0) + 0j
     close = mesh_figure(nodes, triangles, patches, displacement).axes[1]
-    loaded = patches[2].mean()
-    assert np.mean(close.get_xlim()) == pytest.approx(loaded.real)
-    assert np.mean(close.get_ylim()) == pytest.approx(loaded.imag)
+    patch_centre = patches[2].mean()
+    assert np.mean(close.get_xlim()) == pytest.approx(patch_centre.real)
+    assert np.mean(close.get_ylim()) == pytest.approx(patch_centre.imag)
     marked = [artist for artist in close.lines if to_hex(artist.get_color()) == ALARM]
     assert len(marked) == 1
     np.testing.assert_allclose(marked[0].get_xdata(), patches[2].real)
@@ -331,11 +331,11 @@ def test_names_and_numbers_as_people_read_them():
 
 
 def test_equal_figures_have_equal_bytes_and_leave_the_settings_alone(tmp_path):
-    before = dict(matplotlib.rcParams)
+    settings_before = dict(matplotlib.rcParams)
     for name in ("first", "second"):
         save(
             pin_clearances_figure({"a": pd.DataFrame({"contact": [0, 1], "clearance_um": [1.0, 2.0]})}), tmp_path / name
         )
-    assert dict(matplotlib.rcParams) == before
+    assert dict(matplotlib.rcParams) == settings_before
     for suffix in ("png", "svg"):
         assert (tmp_path / f"first.{suffix}").read_bytes() == (tmp_path / f"second.{suffix}").read_bytes()

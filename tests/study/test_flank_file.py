@@ -66,12 +66,12 @@ def test_a_list_a_lobe_and_a_design_written_with_its_flank(tmp_path):
     rows = [(lobe, phase, 0.1 * lobe) for lobe in range(39) for phase in PHASES]
     read = from_csv(tmp_path, table(rows, "lobe,phase_deg,deviation_um"))
     assert len(read.flank.measured.deviation_um) == 39
-    again = parse_design(tomllib.loads(toml_of(read.model_dump())), "design.toml")
-    assert assembly.profile(again) == assembly.profile(read)
+    repeat = parse_design(tomllib.loads(toml_of(read.model_dump())), "design.toml")
+    assert assembly.profile(repeat) == assembly.profile(read)
 
 
 @pytest.mark.parametrize(
-    ("flank", "told"),
+    ("flank", "message"),
     [
         ({"equidistant_um": 2000.0}, "flank.equidistant_um = 2000.0; must be <= 1000"),
         ({"equidistant": 2.0}, "flank.equidistant"),
@@ -81,26 +81,26 @@ def test_a_list_a_lobe_and_a_design_written_with_its_flank(tmp_path):
         ({"measured": {"deviation_um": [[0.0]]}}, "must have phase_deg or arc_mm"),
     ],
 )
-def test_impossible_sections_are_refused(flank, told):
-    assert told in refused(**flank)
+def test_impossible_sections_are_refused(flank, message):
+    assert message in refused(**flank)
 
 
 @pytest.mark.parametrize(
-    ("cycloid", "flank", "told"),
+    ("cycloid", "flank", "message"),
     [
         ({"pin_radius_mm": 0.05, "eccentricity_mm": 1.73}, {"moved_distance_um": -900.0}, "has loops"),
         ({"eccentricity_mm": 1.6}, {"equidistant_um": 900.0}, "must be < .*, or the drawn flank is undercut"),
     ],
 )
-def test_an_undercut_drawn_flank_and_one_with_loops_are_refused(cycloid, flank, told):
+def test_an_undercut_drawn_flank_and_one_with_loops_are_refused(cycloid, flank, message):
     possible = {**BASE, "cycloid": {**BASE["cycloid"], **cycloid}}
     parse_design(possible, "design.toml")
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         parse_design({**possible, "flank": flank}, "design.toml")
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("", "flank.csv"),
         ("phase_deg,deviation_um\n", "no rows"),
@@ -125,10 +125,10 @@ def test_an_undercut_drawn_flank_and_one_with_loops_are_refused(cycloid, flank, 
         ("\0\1", "zero bytes"),
     ],
 )
-def test_a_bad_flank_file_is_refused_with_its_rows(tmp_path, text, told):
+def test_a_bad_flank_file_is_refused_with_its_rows(tmp_path, text, message):
     with pytest.raises(InputError) as raised:
         from_csv(tmp_path, text)
-    assert told in " | ".join(raised.value.problems)
+    assert message in " | ".join(raised.value.problems)
     assert all("Traceback" not in line for line in raised.value.problems)
 
 

@@ -34,10 +34,10 @@ def test_grades_are_the_standards_formula_rounded():
     unit = 0.45 * MEAN ** (1 / 3) + 0.001 * MEAN
     for grade, units in {5: 7, 6: 10, 7: 16, 8: 25, 9: 40, 10: 64, 11: 100}.items():
         np.testing.assert_allclose(TOLERANCES_UM[grade][ABOVE], (units * unit)[ABOVE], rtol=0.09, atol=0.6)
-    first = 0.8 + 0.02 * MEAN
+    unit_constant = 0.8 + 0.02 * MEAN
     for grade in (3, 4):  # in geometric progression from the first to the fifth
         np.testing.assert_allclose(
-            TOLERANCES_UM[grade], first * (7 * unit / first) ** ((grade - 1) / 4), rtol=0.17, atol=0.8
+            TOLERANCES_UM[grade], unit_constant * (7 * unit / unit_constant) ** ((grade - 1) / 4), rtol=0.17, atol=0.8
         )
 
 
@@ -57,8 +57,8 @@ def test_deviations_are_the_standards_formulas_rounded(letter, formula):
 
 def test_deviations_that_are_differences_of_grades():
     np.testing.assert_allclose(np.array(DEVIATIONS_UM["m"]), np.subtract(TOLERANCES_UM[7], TOLERANCES_UM[6]), atol=3)
-    beyond = np.array(DEVIATIONS_UM["p"])[1:] - np.array(TOLERANCES_UM[7])[1:]
-    assert np.all((beyond >= -0.5) & (beyond <= 5.5))
+    difference = np.array(DEVIATIONS_UM["p"])[1:] - np.array(TOLERANCES_UM[7])[1:]
+    assert np.all((difference >= -0.5) & (difference <= 5.5))
 
 
 @pytest.mark.parametrize(
@@ -99,8 +99,8 @@ def test_a_diameter_on_the_drawing_is_half_of_it_on_a_radius():
     uniform = {"distribution": "uniform"}
     by_radius = tolerances(pin_radius={**uniform, "limits_mm": "+0.000/-0.002", "of": "radius"}).pin_radius
     by_diameter = tolerances(pin_radius={**uniform, "limits_mm": "-0.004/0", "of": "diameter"}).pin_radius
-    plain = tolerances(pin_radius={**uniform, "lower_um": -2.0, "upper_um": 0.0}).pin_radius
-    assert by_radius == by_diameter == plain
+    reference = tolerances(pin_radius={**uniform, "lower_um": -2.0, "upper_um": 0.0}).pin_radius
+    assert by_radius == by_diameter == reference
     by_code = tolerances(pin_radius={**uniform, "iso": "6 h5"}).pin_radius
     assert by_code.limits_um == (-2.5, 0.0)
     of_rollers = tolerances(roller_diameter={"distribution": "normal", "iso": "h6"}).roller_diameter
@@ -110,7 +110,7 @@ def test_a_diameter_on_the_drawing_is_half_of_it_on_a_radius():
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "message"),
     [
         ({"limits_mm": "0/-0.004"}, 'tolerances.pin_radius.of; must be "diameter" or "radius"'),
         ({"limits_mm": "4 um", "of": "radius"}, 'tolerances.pin_radius.limits_mm = "4 um"; must be as "+0.000/-0.004"'),
@@ -123,8 +123,8 @@ def test_a_diameter_on_the_drawing_is_half_of_it_on_a_radius():
         ({"of": "radius", "lower_um": -1.0, "upper_um": 0.0}, "says of what limits_mm are"),
     ],
 )
-def test_what_no_drawing_says_is_refused(settings, told):
-    assert told in refused(settings)
+def test_what_no_drawing_says_is_refused(settings, message):
+    assert message in refused(settings)
 
 
 @pytest.mark.parametrize("text", ["dia 0.02", "⌀0.02", "ø .02"])
@@ -137,7 +137,7 @@ def test_a_position_is_a_circular_zone(text):
 
 
 @pytest.mark.parametrize(
-    ("name", "settings", "told"),
+    ("name", "settings", "message"),
     [
         ("output_pin_position", {"position": "0.02"}, 'position = "0.02"; must be as "dia 0.02"'),
         ("output_pin_position", {"position": "dia 0"}, "above 0"),
@@ -149,8 +149,8 @@ def test_a_position_is_a_circular_zone(text):
         ("bush_bore", {"lower_um": 0.0, "upper_um": 3.0}, "acts on nothing: it needs bushes"),
     ],
 )
-def test_what_is_no_zone_is_refused(name, settings, told):
-    assert told in refused(settings, name)
+def test_what_is_no_zone_is_refused(name, settings, message):
+    assert message in refused(settings, name)
 
 
 def test_a_position_has_no_code_and_is_no_radius():

@@ -44,8 +44,8 @@ def assert_close(values, expected, name):
 def test_groups_are_the_tolerances_that_vary():
     assert set(GROUPS) == {name for name in QUICK.tolerances.model_fields_set if name != "bearing_clearance"}
     fixed = Fixed(distribution="fixed", value_um=1.0)
-    changed = QUICK.tolerances.model_copy(update={"ovality_2": fixed, "pin_radius": fixed})
-    assert set(error_groups(study(changed))) == set(GROUPS) - {"pin_radius"}, "a fixed ovality varies by its phase"
+    variant = QUICK.tolerances.model_copy(update={"ovality_2": fixed, "pin_radius": fixed})
+    assert set(error_groups(study(variant))) == set(GROUPS) - {"pin_radius"}, "a fixed ovality varies by its phase"
     assert error_groups(study(Tolerances())) == ()
 
 
@@ -62,13 +62,15 @@ def test_the_base_sets_are_samples_of_a_monte_carlo_study(nominal):
 
 def test_a_mixed_unit_has_one_group_of_the_other_set_and_the_rest_of_the_base():
     units = parts(draw_mixed(study(), 0, (2 + len(GROUPS)) * N))
-    base, other = ({name: values[k * N : (k + 1) * N] for name, values in units.items()} for k in (0, 1))
+    base, counterpart = ({name: values[k * N : (k + 1) * N] for name, values in units.items()} for k in (0, 1))
     for k, group in enumerate(GROUPS, 2):
         for name, values in units.items():
             mixed = values[k * N : (k + 1) * N]
-            assert_close(mixed, (other if name == group else base)[name], f"{name} where {group} is exchanged")
+            assert_close(mixed, (counterpart if name == group else base)[name], f"{name} where {group} is exchanged")
             if name in GROUPS:
-                assert not np.any(np.all(np.isclose(base[name].reshape(N, -1), other[name].reshape(N, -1)), axis=1))
+                assert not np.any(
+                    np.all(np.isclose(base[name].reshape(N, -1), counterpart[name].reshape(N, -1)), axis=1)
+                )
 
 
 def test_a_unit_is_the_same_in_any_division():
@@ -81,8 +83,8 @@ def test_a_unit_is_the_same_in_any_division():
 
 def test_groups_are_independent_and_elements_of_one_need_not_be():
     """Over 4,000 units no correlation between groups exceeds four standard errors; neighbouring seats' does."""
-    many = study(count=4000, nominal_first=False)
-    units = parts(draw(many, 0, 4000))
+    large_case = study(count=4000, nominal_first=False)
+    units = parts(draw(large_case, 0, 4000))
     angle = units["ovality_2"][:, 1]
     units["ovality_2"] = np.column_stack([units["ovality_2"][:, 0], np.cos(2 * angle), np.sin(2 * angle)])
     columns = {name: units[name].reshape(4000, -1)[:, :3] for name in GROUPS}

@@ -35,9 +35,9 @@ def study(experiment="monte_carlo", count=48, tolerances=None, **samples):
     return STUDY.model_copy(update={"samples": samples, "tolerances": tolerances or STUDY.tolerances})
 
 
-def assert_equal(errors, other):
+def assert_equal(errors, variant):
     for name in NAMES:
-        np.testing.assert_array_equal(getattr(errors, name), getattr(other, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(errors, name), getattr(variant, name), err_msg=name)
 
 
 def rows(errors, part):
@@ -60,40 +60,40 @@ def test_a_sample_does_not_depend_on_how_many_follow(experiment):
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_another_seed_gives_other_samples(experiment):
-    errors, others = draw(study(experiment), 1, 49), draw(study(experiment, seed=1), 1, 49)
-    assert np.all(errors.pin_tangential != others.pin_tangential)
+    errors, remaining = draw(study(experiment), 1, 49), draw(study(experiment, seed=1), 1, 49)
+    assert np.all(errors.pin_tangential != remaining.pin_tangential)
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_a_tolerance_leaves_the_random_numbers_of_the_others_alone(experiment):
-    changed = STUDY.tolerances.model_copy(
+    variant = STUDY.tolerances.model_copy(
         update={
             "pin_tangential": Fixed(distribution="fixed", value_um=1.0),
             "bearing_clearance": Uniform(distribution="uniform", lower_um=0.0, upper_um=1.0),
         }
     )
-    errors, others = draw(study(experiment), 0, 49), draw(study(experiment, tolerances=changed), 0, 49)
-    np.testing.assert_array_equal(others.pin_tangential[1:], 1.0)
+    errors, remaining = draw(study(experiment), 0, 49), draw(study(experiment, tolerances=variant), 0, 49)
+    np.testing.assert_array_equal(remaining.pin_tangential[1:], 1.0)
     for name in set(NAMES) - {"pin_tangential", "bearing_clearance"}:
-        np.testing.assert_array_equal(getattr(errors, name), getattr(others, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(errors, name), getattr(remaining, name), err_msg=name)
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_pitch_errors_of_lobes_and_run_out_take_random_numbers_only_where_they_vary(experiment):
-    still = STUDY.tolerances.model_copy(update={"lobe_pitch": Fixed(distribution="fixed", value_um=2.0)})
+    steady = STUDY.tolerances.model_copy(update={"lobe_pitch": Fixed(distribution="fixed", value_um=2.0)})
     varied = {"lobe_pitch": Uniform(distribution="uniform", lower_um=-2.0, upper_um=6.0)}
     assert "lobe_pitch" not in dimensions(STUDY)
-    errors, shifted = draw(study(experiment), 0, 49), draw(study(experiment, tolerances=still), 0, 49)
+    errors, shifted = draw(study(experiment), 0, 49), draw(study(experiment, tolerances=steady), 0, 49)
     np.testing.assert_array_equal(shifted.lobe_pitch[1:], 2.0)
     for name in set(NAMES) - {"lobe_pitch"}:
         np.testing.assert_array_equal(getattr(errors, name), getattr(shifted, name), err_msg=name)
-    drawn = draw(study(experiment, tolerances=STUDY.tolerances.model_copy(update=varied)), 1, 49).lobe_pitch
-    assert drawn.shape == (48, 79)
-    assert stats.kstest(drawn.ravel(), stats.uniform(-2, 8).cdf).pvalue > 0.01
+    draws = draw(study(experiment, tolerances=STUDY.tolerances.model_copy(update=varied)), 1, 49).lobe_pitch
+    assert draws.shape == (48, 79)
+    assert stats.kstest(draws.ravel(), stats.uniform(-2, 8).cdf).pvalue > 0.01
     off_centre = {"bore_runout": Fixed(distribution="fixed", value_um=3.0)}
-    turned = draw(study(experiment, tolerances=STUDY.tolerances.model_copy(update=off_centre)), 1, 49)
-    assert stats.kstest(turned.bore_runout_phase, stats.uniform(0, 2 * np.pi).cdf).pvalue > 0.01
-    np.testing.assert_allclose(np.hypot(*errors_in_mm(turned).bore_runout.T), 3e-3)
+    rotation = draw(study(experiment, tolerances=STUDY.tolerances.model_copy(update=off_centre)), 1, 49)
+    assert stats.kstest(rotation.bore_runout_phase, stats.uniform(0, 2 * np.pi).cdf).pvalue > 0.01
+    np.testing.assert_allclose(np.hypot(*errors_in_mm(rotation).bore_runout.T), 3e-3)
     assert not np.any(errors_in_mm(errors).bore_runout)
 
 
@@ -154,8 +154,8 @@ def test_deviations_are_the_inverse_of_the_distribution_function(tolerance, exac
 
 
 def test_a_normal_without_spread_is_its_mean():
-    still = Normal(distribution="normal", lower_um=-1.0, upper_um=3.0, mean_um=2.0, sigma_um=0.0)
-    np.testing.assert_array_equal(still.deviation(np.array([0.0, 0.3, 1.0])), 2.0)
+    steady = Normal(distribution="normal", lower_um=-1.0, upper_um=3.0, mean_um=2.0, sigma_um=0.0)
+    np.testing.assert_array_equal(steady.deviation(np.array([0.0, 0.3, 1.0])), 2.0)
 
 
 @pytest.mark.parametrize("n", [79, 80])
@@ -164,8 +164,8 @@ def test_scores_along_the_circle_have_exactly_the_correlation_asked(n, length):
     # The copula is linear in the normal scores: its response to one score at a time is the root of the matrix.
     step = 1e-3
     root = stats.norm.ppf(correlated(stats.norm.cdf(step * np.eye(n)), 204.0, length)) / step
-    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    arc = 204.0 / n * np.minimum(apart, n - apart)
+    distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    arc = 204.0 / n * np.minimum(distance, n - distance)
     np.testing.assert_allclose(root @ root.T, np.exp(-arc / length), atol=1e-9)
 
 
@@ -186,9 +186,9 @@ def test_drift_of_a_study_runs_along_the_pins():
     lag = np.exp(-2 * np.pi * 32.5 / 80 / 8.0)  # quick.toml: 8 mm on the circle of radius 32.5
     errors = draw(study(count=3000, tolerances=Tolerances(pin_radial=STUDY.tolerances.pin_radial)), 1, 3001)
     neighbours = np.corrcoef(errors.pin_radial[:, :2].T)[0, 1]
-    across = np.corrcoef(errors.pin_radial[:, [0, 40]].T)[0, 1]
+    transverse = np.corrcoef(errors.pin_radial[:, [0, 40]].T)[0, 1]
     assert neighbours == pytest.approx(lag, abs=0.04)
-    assert across == pytest.approx(0.0, abs=0.06)
+    assert transverse == pytest.approx(0.0, abs=0.06)
 
 
 @pytest.mark.parametrize("order", [2, 3])
@@ -203,7 +203,7 @@ def test_an_oval_ring_is_widest_at_its_phase(order):
 
 
 def test_ovality_adds_to_the_radial_errors_of_the_pins():
-    with_oval, without = (
+    with_oval, without_effect = (
         draw(study(tolerances=STUDY.tolerances.model_copy(update=update)), 0, 49)
         for update in ({}, dict.fromkeys(("ovality_2", "ovality_3"), Fixed(distribution="fixed", value_um=0.0)))
     )
@@ -211,7 +211,7 @@ def test_ovality_adds_to_the_radial_errors_of_the_pins():
         oval_shift(getattr(with_oval, f"ovality_{m}_amplitude"), getattr(with_oval, f"ovality_{m}_phase"), m, 80)
         for m in (2, 3)
     )
-    np.testing.assert_allclose(with_oval.pin_radial - without.pin_radial, added, atol=1e-12)
+    np.testing.assert_allclose(with_oval.pin_radial - without_effect.pin_radial, added, atol=1e-12)
     assert np.ptp(with_oval.ovality_2_phase[1:]) > np.pi
 
 
@@ -245,15 +245,15 @@ def test_cases_are_drawn_as_listed():
         Case(label="a", disk_profile=5.0, roller_diameter=-3.0),
         Case(label="b", pin_radial=per_pin, ovality_2=1.0),
     )
-    listed = study("cases", count=2).model_copy(update={"cases": cases, "tolerances": Tolerances()})
-    errors = draw(listed, 0, 3)
+    listed_study = study("cases", count=2).model_copy(update={"cases": cases, "tolerances": Tolerances()})
+    errors = draw(listed_study, 0, 3)
     np.testing.assert_array_equal(errors.disk_profile, [0, 5, 0])
     np.testing.assert_array_equal(errors.roller_diameter, np.outer([0, -3, 0], np.ones(40)))
     theta = -2 * np.pi * np.arange(80) / 80
     np.testing.assert_allclose(errors.pin_radial[2], per_pin + np.cos(2 * theta), atol=1e-12)
-    assert_equal(draw(listed, 2, 3), rows(errors, slice(2, 3)))
+    assert_equal(draw(listed_study, 2, 3), rows(errors, slice(2, 3)))
     with pytest.raises(ValueError, match="no random numbers"):
-        uniforms(listed.samples, 3, 0, 1)
+        uniforms(listed_study.samples, 3, 0, 1)
 
 
 def test_every_disk_has_draws_of_its_own_that_the_tables_keep_and_one_disk_draws_none_for_a_second():
@@ -268,35 +268,35 @@ def test_every_disk_has_draws_of_its_own_that_the_tables_keep_and_one_disk_draws
     read = errors_of_columns(columns_of_errors(errors, 1, 1))
     for name, values in vars(errors).items():
         np.testing.assert_array_equal(getattr(read, name), values, err_msg=name)
-    alone = dimensions(load_study("pin_in_hole", ROOT))
-    assert alone["eccentric_phase"] == 0
-    assert (alone["eccentricity"], alone["lobe_profile"]) == (1, 39)
+    isolated = dimensions(load_study("pin_in_hole", ROOT))
+    assert isolated["eccentric_phase"] == 0
+    assert (isolated["eccentricity"], isolated["lobe_profile"]) == (1, 39)
 
 
 def test_zones_and_pins_out_of_round_have_a_direction_of_each_element():
     study = load_study("pin_in_hole", ROOT)
     zone = {"distribution": "uniform_in_disc", "radius_um": 10.0}
-    more = {
+    increment = {
         "output_pin_position": library()["uniform_in_disc"].model_validate(zone),
         "hole_position": library()["normal_in_disc"].model_validate({**zone, "distribution": "normal_in_disc"}),
         "pin_roundness_2": Uniform(distribution="uniform", lower_um=0.0, upper_um=1.0),
     }
-    still = {"hole_diameter": Fixed(distribution="fixed", value_um=2.0)}
-    plain, shifted, errors = (
+    steady = {"hole_diameter": Fixed(distribution="fixed", value_um=2.0)}
+    reference, shifted, errors = (
         draw(study.model_copy(update={"tolerances": study.tolerances.model_copy(update=update)}), 1, 401)
-        for update in ({}, still, more)
+        for update in ({}, steady, increment)
     )
-    for name in {field.name for field in fields(plain)} - {"hole_diameter"}:
-        np.testing.assert_array_equal(getattr(shifted, name), getattr(plain, name), err_msg=name)
+    for name in {field.name for field in fields(reference)} - {"hole_diameter"}:
+        np.testing.assert_array_equal(getattr(shifted, name), getattr(reference, name), err_msg=name)
     rayleigh = stats.rayleigh(scale=10 / 3)
     of_radius = {
         "output_pin_position": lambda radius: (radius / 10) ** 2,
         "hole_position": lambda radius: rayleigh.cdf(radius) / rayleigh.cdf(10.0),
     }
-    for name, within in of_radius.items():
+    for name, tolerance_range in of_radius.items():
         way = getattr(errors, f"{name}_amplitude") * np.exp(1j * getattr(errors, f"{name}_phase"))
         assert way.shape == (400, 10)
-        assert stats.kstest(np.abs(way).ravel(), within).pvalue > 0.01
+        assert stats.kstest(np.abs(way).ravel(), tolerance_range).pvalue > 0.01
         assert stats.kstest(np.angle(way).ravel(), stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > 0.01
         assert abs(np.corrcoef(way[:, 0].real, way[:, 1].real)[0, 1]) < 0.2
     assert errors.pin_roundness_2_phase.shape == (400, 40)

@@ -23,18 +23,18 @@ def study(temperature, method="exact", **materials):
     """The pin-in-hole study at some temperatures, of steel that expands and softens."""
     raw = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
     raw["clearance"]["method"] = method
-    drawn = load_design(raw["design"], ROOT).model_dump()
-    steel = {**drawn["materials"]["steel"], "expansion_per_K": EXPANSION, "modulus_slope_per_K": SLOPE}
-    drawn["materials"] = {"steel": steel, **materials}
+    design_content = load_design(raw["design"], ROOT).model_dump()
+    steel = {**design_content["materials"]["steel"], "expansion_per_K": EXPANSION, "modulus_slope_per_K": SLOPE}
+    design_content["materials"] = {"steel": steel, **materials}
     if temperature is not None:
         raw["temperature"] = {**STEEL, **temperature}
-    return parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, f"{name}.toml"))
+    return parse_study(raw, "warm", "warm.toml", lambda name: parse_design(design_content, f"{name}.toml"))
 
 
-def gaps_of(one, samples=5):
-    at = assembly.reducer(one.design, CRANK_DEG)
-    errors = assembly.errors(draw(one, 0, samples))
-    return at, gaps(assembly.profile(one.design), at, errors, **dict(one.clearance))
+def gaps_of(warm_study, samples=5):
+    reducer = assembly.reducer(warm_study.design, CRANK_DEG)
+    errors = assembly.errors(draw(warm_study, 0, samples))
+    return reducer, gaps(assembly.profile(warm_study.design), reducer, errors, **dict(warm_study.clearance))
 
 
 def test_one_temperature_of_one_material_leaves_a_similar_reducer():
@@ -52,29 +52,29 @@ def test_compliance_follows_the_modulus_and_the_thickness():
     material = warm.design.materials[warm.design.disk.material]
     assert material.youngs_modulus_MPa == pytest.approx(206e3 * (1 + SLOPE * 50))
     factor = 1 / ((1 + SLOPE * 50) * (1 + EXPANSION * 50))
-    laws = [assembly.contact_laws(one, assembly.reducer(one.design, CRANK_DEG)) for one in (cold, warm)]
+    laws = [assembly.contact_laws(variant, assembly.reducer(variant.design, CRANK_DEG)) for variant in (cold, warm)]
     np.testing.assert_allclose(laws[1].logarithmic, factor * laws[0].logarithmic, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("part", "slope"),
     [
-        ("housing_C", lambda at, along, u: -along * 70.0),
-        ("pins_C", lambda at, along, u: -3.0 * np.ones(40)),
-        ("crank_C", lambda at, along, u: 1.2 * u),
+        ("housing_C", lambda reducer, normal_part, u: -normal_part * 70.0),
+        ("pins_C", lambda reducer, normal_part, u: -3.0 * np.ones(40)),
+        ("crank_C", lambda reducer, normal_part, u: 1.2 * u),
     ],
 )
 def test_a_part_that_is_warmer_than_the_disk_opens_or_closes_its_gaps(part, slope):
     """To first order: -n.rho R alpha dT of the pin circle, -r alpha dT of the pins, n.u e alpha dT of the crank."""
-    even = {**dict.fromkeys(HOT, 20.0)}
-    (at, cold), (_, warm) = (
-        gaps_of(study(even, "first_order"), 1),
-        gaps_of(study({**even, part: 60.0}, "first_order"), 1),
+    even_angles = {**dict.fromkeys(HOT, 20.0)}
+    (reducer, cold), (_, warm) = (
+        gaps_of(study(even_angles, "first_order"), 1),
+        gaps_of(study({**even_angles, part: 60.0}, "first_order"), 1),
     )
-    pins = at.pins
-    along = np.real(np.conj(pins.normal) * pins.centre / np.abs(pins.centre))
-    u = np.real(np.conj(pins.normal) * np.exp(1j * at.crank))
-    np.testing.assert_allclose((warm - cold)[0, :40], EXPANSION * 40 * slope(at, along, u), atol=1e-9)
+    pins = reducer.pins
+    normal_part = np.real(np.conj(pins.normal) * pins.centre / np.abs(pins.centre))
+    u = np.real(np.conj(pins.normal) * np.exp(1j * reducer.crank))
+    np.testing.assert_allclose((warm - cold)[0, :40], EXPANSION * 40 * slope(reducer, normal_part, u), atol=1e-9)
 
 
 def test_a_polymer_disk_grows_into_its_steel_pins():
@@ -85,11 +85,14 @@ def test_a_polymer_disk_grows_into_its_steel_pins():
         "modulus_slope_per_K": -0.005,
     }
     raw = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
-    drawn = load_design(raw["design"], ROOT).model_dump()
-    drawn["materials"] = {"steel": {**drawn["materials"]["steel"], "expansion_per_K": EXPANSION}, "pom": polymer}
-    drawn["disk"]["material"] = "pom"
+    design_content = load_design(raw["design"], ROOT).model_dump()
+    design_content["materials"] = {
+        "steel": {**design_content["materials"]["steel"], "expansion_per_K": EXPANSION},
+        "pom": polymer,
+    }
+    design_content["disk"]["material"] = "pom"
     raw["temperature"] = {**STEEL, **dict.fromkeys(HOT, 40.0)}
-    warm = parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, "pom.toml"))
+    warm = parse_study(raw, "warm", "warm.toml", lambda name: parse_design(design_content, "pom.toml"))
     _, gap = gaps_of(warm, 1)
     expected = 70.0 * (8e-5 - EXPANSION) * 20  # the pin circle stays behind the disk by this
     assert np.min(gap[0, :40]) == pytest.approx(0.5 * 24e-3 - expected, abs=0.025)
@@ -102,15 +105,15 @@ def test_stated_units_are_shifted_too():
     del raw["tolerances"]
     raw["samples"] = {"experiment": "cases", "nominal_first": False}
     raw["cases"] = [{"label": "unit", "pin_radial": [1.0] * 40}]
-    drawn = load_design(raw["design"], ROOT).model_dump()
-    drawn["materials"]["steel"]["expansion_per_K"] = EXPANSION
+    design_content = load_design(raw["design"], ROOT).model_dump()
+    design_content["materials"]["steel"]["expansion_per_K"] = EXPANSION
     raw["temperature"] = {**STEEL, **dict.fromkeys(HOT, 20.0), "housing_C": 30.0}
-    warm = parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, "d.toml"))
+    warm = parse_study(raw, "warm", "warm.toml", lambda name: parse_design(design_content, "d.toml"))
     assert warm.cases[0].pin_radial[7] == pytest.approx(1.0 * (1 + EXPANSION * 10) + 70e3 * EXPANSION * 10)
 
 
 @pytest.mark.parametrize(
-    ("temperature", "told"),
+    ("temperature", "message"),
     [
         ({**HOT, "disk_C": 400.0}, "temperature.disk_C = 400.0; must be <= 250"),
         ({"disk_C": 40.0}, "temperature.pins_C is missing"),
@@ -122,19 +125,22 @@ def test_stated_units_are_shifted_too():
         ({**HOT, "crank_material": "iron"}, "materials.iron must have expansion_per_K"),
     ],
 )
-def test_what_cannot_be_is_refused(temperature, told):
+def test_what_cannot_be_is_refused(temperature, message):
     iron = {"youngs_modulus_MPa": 1e5, "poisson_ratio": 0.25}
     with pytest.raises(InputError) as raised:
         study(temperature, iron=iron)
-    assert told in " | ".join(raised.value.problems)
+    assert message in " | ".join(raised.value.problems)
 
 
 def test_a_material_without_stiffness_left_is_refused():
     wax = {"youngs_modulus_MPa": 500.0, "poisson_ratio": 0.4, "expansion_per_K": 1e-4, "modulus_slope_per_K": -0.05}
     raw = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
-    drawn = load_design(raw["design"], ROOT).model_dump()
-    drawn["materials"] = {"steel": {**drawn["materials"]["steel"], "expansion_per_K": EXPANSION}, "wax": wax}
-    drawn["disk"]["material"] = "wax"
+    design_content = load_design(raw["design"], ROOT).model_dump()
+    design_content["materials"] = {
+        "steel": {**design_content["materials"]["steel"], "expansion_per_K": EXPANSION},
+        "wax": wax,
+    }
+    design_content["disk"]["material"] = "wax"
     raw["temperature"] = {**STEEL, **HOT}
     with pytest.raises(InputError, match="temperature.disk_C = 70.0; leaves the material no modulus"):
-        parse_study(raw, "warm", "warm.toml", lambda name: parse_design(drawn, "d.toml"))
+        parse_study(raw, "warm", "warm.toml", lambda name: parse_design(design_content, "d.toml"))

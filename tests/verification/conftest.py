@@ -32,8 +32,8 @@ def outputs(study, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def disk(study, outputs):
-    at = assembly.reducer(study.design, 0.0)
-    return Condensed.of(full_compliance(outputs["reduce"].path(COMPLIANCE_FILE), at, 0.0), study.design)
+    reducer = assembly.reducer(study.design, 0.0)
+    return Condensed.of(full_compliance(outputs["reduce"].path(COMPLIANCE_FILE), reducer, 0.0), study.design)
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,7 @@ def chain(power=15):
 
 
 def costs(rate=RATE):
-    return [lambda scale, one=one: one / scale for one in rate]
+    return [lambda scale, item=item: item / scale for item in rate]
 
 
 def closed_form():

@@ -22,7 +22,7 @@ def test_table_has_the_promised_columns_and_the_picture_is_drawn(tmp_path):
     bench.write(RESULTS, tmp_path)
     rows = list(csv.DictReader((tmp_path / "bench.csv").open()))
     assert list(rows[0]) == ["name", "value", "unit", "samples", "jobs", "note"]
-    assert [float(row["value"]) for row in rows] == [one.value for one in RESULTS]
+    assert [float(row["value"]) for row in rows] == [item.value for item in RESULTS]
     for suffix in (".png", ".svg"):
         assert (tmp_path / "figures" / "bench").with_suffix(suffix).stat().st_size > 1000
 

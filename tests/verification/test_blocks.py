@@ -11,11 +11,11 @@ RESAMPLES = 300
 
 def test_means_of_resamples_have_the_mean_and_error_of_the_blocks():
     values = np.random.default_rng(0).exponential(size=(30, 2, 3))
-    drawn = resampled_means(values, 20000, 1)
-    assert drawn.shape == (20000, 2, 3)
-    np.testing.assert_allclose(drawn.mean(axis=0), values.mean(axis=0), rtol=0.01)
-    np.testing.assert_allclose(drawn.std(axis=0), values.std(axis=0) / np.sqrt(30), rtol=0.03)
-    np.testing.assert_array_equal(drawn, resampled_means(values, 20000, 1))
+    resamples = resampled_means(values, 20000, 1)
+    assert resamples.shape == (20000, 2, 3)
+    np.testing.assert_allclose(resamples.mean(axis=0), values.mean(axis=0), rtol=0.01)
+    np.testing.assert_allclose(resamples.std(axis=0), values.std(axis=0) / np.sqrt(30), rtol=0.03)
+    np.testing.assert_array_equal(resamples, resampled_means(values, 20000, 1))
 
 
 def test_one_of_twenty_families_without_gain_is_significant():
@@ -46,13 +46,13 @@ def test_gain_that_is_the_same_everywhere_has_no_error_to_be_judged_by():
 
 
 def test_confidence_set_keeps_the_best_as_often_as_it_says():
-    rng, kept, sizes = np.random.default_rng(4), 0, []
+    rng, kept_items, sizes = np.random.default_rng(4), 0, []
     for run in range(RUNS):
         losses = 1 + 0.5 * rng.normal(size=(30, 1)) + 0.3 * rng.normal(size=(30, 5)) + np.array([0, 0, 0.05, 0.3, 1.0])
-        inside = confidence_set(losses, 0.9, RESAMPLES, run)
-        kept += inside[0]
-        sizes.append(inside)
-    assert kept >= binom.ppf(1e-3, RUNS, 0.9)
+        members = confidence_set(losses, 0.9, RESAMPLES, run)
+        kept_items += members[0]
+        sizes.append(members)
+    assert kept_items >= binom.ppf(1e-3, RUNS, 0.9)
     share = np.mean(sizes, axis=0)
     assert share[4] == 0
     assert share[3] < 0.3 < share[1]

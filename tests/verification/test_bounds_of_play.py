@@ -28,20 +28,20 @@ def test_the_program_is_the_largest_of_all_units(seed):
     rng = np.random.default_rng(seed)
     arms = np.array([1.0, 2.0, 1.5, -1.0, -2.5, -0.8])
     gap, slopes = rng.uniform(4, 6, 6), rng.normal(size=(6, 5))
-    found = largest_play(arms[:, None], 0, gap, slopes, [], np.empty(0))
+    result = largest_play(arms[:, None], 0, gap, slopes, [], np.empty(0))
     units = np.concatenate(
         [np.array(list(itertools.product((-0.5, 0.5), repeat=5))), rng.uniform(-0.5, 0.5, (3000, 5))]
     )
     plays = [play_of(gap + slopes @ unit, arms) for unit in units]
-    assert max(plays) <= found.play + 1e-9
-    assert play_of(gap + slopes @ found.steps, arms) == pytest.approx(found.play)
-    assert found.play > play_of(gap, arms)
+    assert max(plays) <= result.play + 1e-9
+    assert play_of(gap + slopes @ result.steps, arms) == pytest.approx(result.play)
+    assert result.play > play_of(gap, arms)
 
 
 def test_an_amplitude_in_any_direction_is_a_disc():
     """Gaps 1 + a cos(t) and 1 - a sin(t): the sum of both sides is largest at -45 degrees, 2 + sqrt(2) a."""
     angle = 2 * np.pi * np.arange(72) / 72
-    found = largest_play(
+    result = largest_play(
         np.array([[1.0], [-1.0]]),
         0,
         np.ones(2),
@@ -49,7 +49,7 @@ def test_an_amplitude_in_any_direction_is_a_disc():
         [0.3 * np.array([np.cos(angle), -np.sin(angle)])],
         np.empty(0),
     )
-    assert found.play == pytest.approx(2 + np.sqrt(2) * 0.3, rel=1e-3)
+    assert result.play == pytest.approx(2 + np.sqrt(2) * 0.3, rel=1e-3)
 
 
 def few_errors(**tolerances):
@@ -59,7 +59,7 @@ def few_errors(**tolerances):
         name: {"distribution": "fixed", "value_um": 0.0, "allowance_um": tolerance.allowance_um}
         for name, tolerance in study.tolerances
     }
-    values = fixed | {name: one.model_dump() for name, one in study.tolerances if name in tolerances}
+    values = fixed | {name: variant.model_dump() for name, variant in study.tolerances if name in tolerances}
     for name, limits in tolerances.items():
         values[name] |= limits
     return study.model_copy(update={"tolerances": Tolerances.model_validate(values)})
@@ -75,9 +75,9 @@ def test_a_reducer_with_few_errors_is_bounded_by_all_of_its_vertices():
         point[box.columns] = corner
         points += [point[None], box.turned(point, box.waves["ovality_2"][0])]
     values = backlash(box, 90.0, np.concatenate(points))
-    inside = box.centre + np.zeros((400, 1))
-    inside[:, [*box.columns, *box.waves["ovality_2"][0]]] = np.random.default_rng(1).random((400, 4))
-    largest = max(values.max(), backlash(box, 90.0, inside).max())
+    box_points = box.centre + np.zeros((400, 1))
+    box_points[:, [*box.columns, *box.waves["ovality_2"][0]]] = np.random.default_rng(1).random((400, 4))
+    largest = max(values.max(), backlash(box, 90.0, box_points).max())
     assert largest <= bounds[ATTAINED] <= 1.002 * bounds[BY_PROGRAM]
     assert bounds[ATTAINED] == pytest.approx(largest, rel=5e-3)
     assert values.min() - 1e-9 <= bounds[LEAST_FOUND] < 1.005 * values.min()  # a climb may end at a lower hill
@@ -107,11 +107,11 @@ def test_output_pins_in_their_zones_play_at_most_as_all_pins_of_a_side_at_its_ed
     assert (len(box.columns), len(box.all_waves)) == (0, study.design.output.pins)
     bounds = {bound.what: bound.value for bound in play_bounds(box, 50.0, "clearance_backlash_arcmin")}
     nominal = backlash(box, 50.0, box.centre[None])[0]
-    at = assembly.reducer(study.design, 50.0)
-    arm = at.contacts.arm[at.output_rows[0]]
-    opened = 3e-3 * (1 / arm.max() + 1 / -arm.min()) * 180 * 60 / np.pi
-    assert bounds[BY_PROGRAM] == pytest.approx(nominal + opened, rel=1e-3)
-    assert bounds[ATTAINED] == pytest.approx(nominal + opened, rel=2e-3)
+    reducer = assembly.reducer(study.design, 50.0)
+    arm = reducer.contacts.arm[reducer.output_rows[0]]
+    opening = 3e-3 * (1 / arm.max() + 1 / -arm.min()) * 180 * 60 / np.pi
+    assert bounds[BY_PROGRAM] == pytest.approx(nominal + opening, rel=1e-3)
+    assert bounds[ATTAINED] == pytest.approx(nominal + opening, rel=2e-3)
     rng = np.random.default_rng(3)
     points = np.repeat(box.centre[None], 300, axis=0)
     points[:, box.all_waves] = rng.random((300, len(box.all_waves), 2))

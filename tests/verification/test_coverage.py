@@ -26,25 +26,25 @@ def truth(study):
 @pytest.mark.parametrize(("experiment", "repeats"), [("latin_hypercube", 250), ("sobol", 50)])
 def test_intervals_of_replicates_cover(study, truth, experiment, repeats):
     """93 to 97 % as far as so few repeats can tell: outside of it by chance once in a thousand."""
-    least, most = stats.binom.ppf(1e-3, repeats, 0.93), stats.binom.ppf(1 - 1e-3, repeats, 0.97)
+    minimum, largest_limit = stats.binom.ppf(1e-3, repeats, 0.93), stats.binom.ppf(1 - 1e-3, repeats, 0.97)
     for row in coverage.coverages(study, experiment, 256, repeats, truth):
         if row.statistic in ("p01", "p99"):
             assert row.bounded == 0  # 2.6 samples expected beyond
         elif row.statistic in ("yield at p01", "yield at p99"):
-            assert row.coverage * repeats >= least  # on the safe side
+            assert row.coverage * repeats >= minimum  # on the safe side
         else:
             assert row.bounded == 1
-            assert least <= row.coverage * repeats <= most, row
+            assert minimum <= row.coverage * repeats <= largest_limit, row
 
 
 def test_repeats_differ_and_are_the_same_again(study):
-    first, again, second = (coverage.play(study, "sobol", 64, seed)[0] for seed in (0, 0, 1))
-    np.testing.assert_array_equal(first, again)
-    assert not np.isin(first, second).any()
+    row_of_seed, repeat, second = (coverage.play(study, "sobol", 64, seed)[0] for seed in (0, 0, 1))
+    np.testing.assert_array_equal(row_of_seed, repeat)
+    assert not np.isin(row_of_seed, second).any()
 
 
 def test_table_is_read_back(study, truth):
     row = coverage.coverages(study, "monte_carlo", 32, 4, truth)[0]
-    header, first = coverage.text([row]).splitlines()
+    header, first_result = coverage.text([row]).splitlines()
     assert header.split(",") == [field.name for field in dataclasses.fields(coverage.Coverage)]
-    assert first.startswith("monte_carlo,mean,32,1,4,1.0,")
+    assert first_result.startswith("monte_carlo,mean,32,1,4,1.0,")

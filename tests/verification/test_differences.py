@@ -29,17 +29,17 @@ def test_independent_shares_are_newcombes_example():
 
 def test_paired_shares_are_newcombes_example():
     """Stat. Med. 17 (1998) 2635: of 50 pairs 36 agree, 12 and 2 differ; by method 10 0.0569 to 0.3404."""
-    first, second = answers(36, 12, 2, 0)
-    np.testing.assert_allclose(share_difference(second, first, CONFIDENCE, True), (0.0569, 0.3404), atol=5e-5)
+    first_order, second = answers(36, 12, 2, 0)
+    np.testing.assert_allclose(share_difference(second, first_order, CONFIDENCE, True), (0.0569, 0.3404), atol=5e-5)
 
 
 def test_means_are_those_of_scipy():
     rng = np.random.default_rng(1)
     a, b = rng.normal(1.0, 2.0, 30), rng.gamma(2.0, 1.0, 30)
     paired = stats.ttest_rel(b, a).confidence_interval(CONFIDENCE)
-    apart = stats.ttest_ind(b, a[:20], equal_var=False).confidence_interval(CONFIDENCE)
+    distance = stats.ttest_ind(b, a[:20], equal_var=False).confidence_interval(CONFIDENCE)
     np.testing.assert_allclose(mean_difference(a, b, CONFIDENCE, True), paired)
-    np.testing.assert_allclose(mean_difference(a[:20], b, CONFIDENCE, False), apart)
+    np.testing.assert_allclose(mean_difference(a[:20], b, CONFIDENCE, False), distance)
 
 
 def test_pairs_leave_what_they_share_out():
@@ -66,9 +66,9 @@ def test_the_bootstrap_is_as_wide_as_large_samples_have_it(paired, factor):
 
 def test_a_quantile_without_samples_beyond_has_no_interval():
     values = np.random.default_rng(5).normal(size=150)
-    found = order_differences(values, values + 1, CONFIDENCE, True, seed=6)
-    assert found["p05"] == (-np.inf, np.inf)
-    np.testing.assert_allclose(found["p25"], (1.0, 1.0))
+    result = order_differences(values, values + 1, CONFIDENCE, True, seed=6)
+    assert result["p05"] == (-np.inf, np.inf)
+    np.testing.assert_allclose(result["p25"], (1.0, 1.0))
 
 
 def test_replicates_are_compared_by_their_spread():

@@ -28,7 +28,10 @@ def worst_backlash(sampled):
     """Largest rigid backlash over the crank angles (n,) [arcmin]."""
     errors, profile = assembly.errors(sampled), assembly.profile(STUDY.design)
     loose = np.zeros(len(sampled))
-    plays = [rigid_play(at, gaps(profile, at, errors, **dict(STUDY.clearance)), loose).backlash for at in REDUCERS]
+    plays = [
+        rigid_play(reducer, gaps(profile, reducer, errors, **dict(STUDY.clearance)), loose).backlash
+        for reducer in REDUCERS
+    ]
     return np.degrees(np.max(plays, axis=0)) * 60
 
 
@@ -55,8 +58,8 @@ def with_group(errors, donor, group):
 
 def split_variance(values):
     """Variance between and within the rows of ``values`` (n_outer, n_inner), both without bias."""
-    within = values.var(axis=1, ddof=1).mean()
-    return values.mean(axis=1).var(ddof=1) - within / values.shape[1], within
+    variance_within = values.var(axis=1, ddof=1).mean()
+    return values.mean(axis=1).var(ddof=1) - variance_within / values.shape[1], variance_within
 
 
 def brute_force(group, outer, inner, rng):
@@ -64,11 +67,11 @@ def brute_force(group, outer, inner, rng):
     pool = draw(STUDY, 1, STUDY.samples.rows)
     index = rng.integers(0, len(pool), (3, outer * inner))
     frozen = np.repeat(index[0, :outer], inner)
-    alone = worst_backlash(with_group(rows(pool, index[1]), rows(pool, frozen), group))
-    others = worst_backlash(with_group(rows(pool, frozen), rows(pool, index[2]), group))
-    between, within = split_variance(alone.reshape(outer, inner))
-    _, vanishing = split_variance(others.reshape(outer, inner))
-    return between / (between + within), vanishing / (between + within)
+    isolated = worst_backlash(with_group(rows(pool, index[1]), rows(pool, frozen), group))
+    remaining = worst_backlash(with_group(rows(pool, frozen), rows(pool, index[2]), group))
+    step_value, tolerance_range = split_variance(isolated.reshape(outer, inner))
+    _, vanishing = split_variance(remaining.reshape(outer, inner))
+    return step_value / (step_value + tolerance_range), vanishing / (step_value + tolerance_range)
 
 
 def by_pick_freeze(count):

@@ -51,9 +51,9 @@ def test_condensed_holes_and_rim_meet_calculix(specimen):
     assert np.count_nonzero(pressing.forces[-1]) > 3
     answer = holes.calculix_deflections(holes.pressed_disk(specimen, holes.COARSER), pressing.forces)
     computed = pressing.forces @ specimen.disk_compliance.matrix
-    found = list(holes.agreement("small", pressing, answer, computed, {"own": 0.04, "elsewhere": 4e-3, "work": 8e-3}))
-    assert len(found) == 6
-    assert [finding for finding in found if not finding.ok] == []
+    result = list(holes.agreement("small", pressing, answer, computed, {"own": 0.04, "elsewhere": 4e-3, "work": 8e-3}))
+    assert len(result) == 6
+    assert [finding for finding in result if not finding.ok] == []
 
 
 def test_pressures_of_the_independent_disk_are_in_balance(specimen):

@@ -53,12 +53,12 @@ def test_std_interval_is_that_of_normal_values_where_they_are_normal():
 @pytest.mark.parametrize("confidence", [0.8, 0.95])
 def test_quantile_interval_has_at_least_its_level_and_no_rank_to_spare(n, level, confidence):
     low, high = quantile_interval(np.arange(1.0, n + 1), confidence, level)  # values are their own ranks
-    below = stats.binom(n, level)  # number of values below the true quantile
+    lower = stats.binom(n, level)  # number of values below the true quantile
     tail = (1 - confidence) / 2
-    assert below.cdf(low - 1 if np.isfinite(low) else -1) <= tail
-    assert below.sf(high - 1 if np.isfinite(high) else n) <= tail
-    assert below.cdf(low if np.isfinite(low) else 0) > tail
-    assert below.sf(high - 2 if np.isfinite(high) else n - 1) > tail
+    assert lower.cdf(low - 1 if np.isfinite(low) else -1) <= tail
+    assert lower.sf(high - 1 if np.isfinite(high) else n) <= tail
+    assert lower.cdf(low if np.isfinite(low) else 0) > tail
+    assert lower.sf(high - 2 if np.isfinite(high) else n - 1) > tail
 
 
 def test_std_interval_keeps_its_level_in_small_samples():
@@ -70,8 +70,8 @@ def test_a_quantile_is_as_often_too_large_as_too_small():
     samples = stats.expon().rvs((400, 50), random_state=np.random.default_rng(5))
     runs = [distribution(x, 0.95) for x in samples]
     for name in ("p05", "p50", "p95"):
-        above = [run[name].value > stats.expon().ppf(QUANTILES[name]) for run in runs]
-        assert np.mean(above) == pytest.approx(0.5, abs=0.06), name
+        upper = [run[name].value > stats.expon().ppf(QUANTILES[name]) for run in runs]
+        assert np.mean(upper) == pytest.approx(0.5, abs=0.06), name
 
 
 def test_coverage_of_a_quantile():
@@ -83,10 +83,10 @@ def test_coverage_of_a_quantile():
 @pytest.mark.parametrize("truth", [0.02, 0.5, 0.97])
 def test_yield_interval_has_at_least_its_level_for_every_outcome(truth):
     n = 120
-    outcomes = [share_interval(np.arange(n) < passed, 0.95) for passed in range(n + 1)]
+    outcomes = [share_interval(np.arange(n) < passes, 0.95) for passes in range(n + 1)]
     chance = stats.binom(n, truth).pmf(np.arange(n + 1))
-    inside = [low <= truth <= high for low, high in outcomes]
-    assert 0.95 <= chance @ inside <= 0.995
+    covers = [low <= truth <= high for low, high in outcomes]
+    assert 0.95 <= chance @ covers <= 0.995
     assert outcomes[0][0] == 0.0
     assert outcomes[n][1] == 1.0
 
@@ -126,15 +126,15 @@ def test_replicated_interval_is_a_t_interval_of_the_parts():
 def test_effective_number_of_stated_replicates():
     """Shares 0.2, 0.4, 0.6, 0.8 have the variance 1/15; their mean is known to (1/15)/4, one of n samples to 0.25/n."""
     replicate = np.repeat(np.arange(4), 10)
-    passed = np.concatenate([np.arange(10) < count for count in (2, 4, 6, 8)]).astype(float)
+    passes = np.concatenate([np.arange(10) < count for count in (2, 4, 6, 8)]).astype(float)
     for_few = (stats.norm.ppf(0.975) / stats.t.ppf(0.975, 3)) ** 2
-    assert effective_number(passed, 0.5, 0.95, replicate) == pytest.approx(15 * for_few)
+    assert effective_number(passes, 0.5, 0.95, replicate) == pytest.approx(15 * for_few)
 
 
 def test_equal_replicates_are_not_certain():
     """Replicates of 10 points whose shares are equal may each be wrong by the rounding of their shares."""
-    passed, replicate = np.tile(np.arange(10) < 5, 4).astype(float), np.repeat(np.arange(4), 10)
-    low, high = replicated_share_interval(passed, 0.95, replicate)
+    passes, replicate = np.tile(np.arange(10) < 5, 4).astype(float), np.repeat(np.arange(4), 10)
+    low, high = replicated_share_interval(passes, 0.95, replicate)
     half = stats.t.ppf(0.975, 3) * 0.1 / np.sqrt(12) / 2
     assert (low, high) == pytest.approx((0.5 - half, 0.5 + half), rel=0.02)
 

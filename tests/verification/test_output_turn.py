@@ -29,13 +29,13 @@ def coarse(**cycle: object) -> Study:
 def test_a_turn_by_symmetry_is_that_of_fresh_condensations(monkeypatch: pytest.MonkeyPatch) -> None:
     study = coarse()
     disk = elastic_disk(study)
-    turned = TurnedDisk.of(study, disk, phase=1)
+    rotation = TurnedDisk.of(study, disk, phase=1)
     for pitches in (1, 37, 80, 4001):
-        at = assembly.reducer(study.design, 360 * (1 / PHASES + pitches) / 80)
-        rows = assembly.disk_contacts(at)
-        fresh = disk.compliance(disk_patches(study, disk, at)).matrix
-        found = turned.compliance(pitches)[np.ix_(rows, rows)]
-        np.testing.assert_allclose(found, fresh, atol=1e-8 * np.abs(fresh).max(), rtol=0)
+        reducer = assembly.reducer(study.design, 360 * (1 / PHASES + pitches) / 80)
+        rows = assembly.disk_contacts(reducer)
+        fresh = disk.compliance(disk_patches(study, disk, reducer)).matrix
+        result = rotation.compliance(pitches)[np.ix_(rows, rows)]
+        np.testing.assert_allclose(result, fresh, atol=1e-8 * np.abs(fresh).max(), rtol=0)
 
 
 def test_angles_of_the_output_turn_are_even_and_see_every_phase_alike() -> None:
@@ -57,11 +57,11 @@ def test_a_unit_after_turns_of_the_crank_is_one_with_other_lobes_at_the_pins(mon
     amounts |= {"bore_runout_phase": np.array([0.7]), "pin_radius": unit.pin_radius - 5.0}
     unit = type(unit)(**(vars(unit) | amounts))
     monkeypatch.setattr(output_turn, "rigid_cranks", lambda study: 2 * np.pi * np.arange(2 * 79) / 2)
-    turned = free_error(study, unit)
+    rotation = free_error(study, unit)
     monkeypatch.setattr(output_turn, "_turns_alike", lambda study: False)
     angle_by_angle = free_error(study, unit)
-    np.testing.assert_allclose(turned.error, angle_by_angle.error, atol=1e-9 * np.abs(turned.error).max())
-    assert np.ptp(turned.error[:, ::2], axis=1).min() > 0.1  # of the turns at one crank angle [arcsec]
+    np.testing.assert_allclose(rotation.error, angle_by_angle.error, atol=1e-9 * np.abs(rotation.error).max())
+    assert np.ptp(rotation.error[:, ::2], axis=1).min() > 0.1  # of the turns at one crank angle [arcsec]
 
 
 @pytest.mark.attack
@@ -81,17 +81,17 @@ def test_the_turn_of_a_unit_goes_through_the_angles_of_a_study(
     file.write_text(text)
     assert cli.main(["turn", str(file), "--sample", "3"]) == 0
     assert "12 N m held" in capsys.readouterr().out
-    written = pd.read_parquet(tmp_path / "turn/output_turn/error-3.parquet")
+    written_file = pd.read_parquet(tmp_path / "turn/output_turn/error-3.parquet")
     orders = pd.read_parquet(tmp_path / "turn/output_turn/orders-3.parquet")
     assert (tmp_path / "turn/output_turn/turn-3.png").stat().st_size > 20_000
     assert set(orders.columns) >= {"order_of_output", "order_of_crank", "amplitude_arcsec"}
     assert cli.main(["run", "aggregate", "--study", str(file), "--jobs", "1"]) == 0
     table = pd.read_parquet(tmp_path / "turn/aggregate/transmission.parquet").query("sample == 3")
-    table["crank_deg"], written["crank_deg"] = table["crank_deg"].round(6), written["crank_deg"].round(6)
-    both = table.merge(written, on=["sense", "torque_Nm", "crank_deg"], suffixes=("", "_of_turn"))
-    assert len(both) == 2 * 1 + 2 * 2  # the play at 0, under load at 0 and 90 degrees, both senses
-    np.testing.assert_allclose(both["error_arcsec_of_turn"], both["error_arcsec"], rtol=1e-7)
-    np.testing.assert_allclose(both["bearing_force_N_of_turn"], both["bearing_force_N"], rtol=1e-7)
+    table["crank_deg"], written_file["crank_deg"] = table["crank_deg"].round(6), written_file["crank_deg"].round(6)
+    pair = table.merge(written_file, on=["sense", "torque_Nm", "crank_deg"], suffixes=("", "_of_turn"))
+    assert len(pair) == 2 * 1 + 2 * 2  # the play at 0, under load at 0 and 90 degrees, both senses
+    np.testing.assert_allclose(pair["error_arcsec_of_turn"], pair["error_arcsec"], rtol=1e-7)
+    np.testing.assert_allclose(pair["bearing_force_N_of_turn"], pair["bearing_force_N"], rtol=1e-7)
 
 
 def test_a_unit_that_interferes_has_no_play_to_look_at() -> None:

@@ -55,9 +55,9 @@ def test_the_fast_response_is_what_the_stages_compute(study, disk, outputs, targ
 
 
 def test_one_condensed_disk_serves_every_thickness_and_modulus(study, disk):
-    changed = with_numbers(study, {"disk.thickness_mm": 1.3, "materials.steel.youngs_modulus_MPa": 1.5e5})
-    again = condensed(changed).compliance(changed.design)
-    np.testing.assert_allclose(disk.compliance(changed.design), again, rtol=0, atol=1e-9 * np.max(again))
+    variant = with_numbers(study, {"disk.thickness_mm": 1.3, "materials.steel.youngs_modulus_MPa": 1.5e5})
+    repeat = condensed(variant).compliance(variant.design)
+    np.testing.assert_allclose(disk.compliance(variant.design), repeat, rtol=0, atol=1e-9 * np.max(repeat))
 
 
 def test_only_one_reading_of_the_tolerances_is_compatible(study, disk, targets, parameters):
@@ -67,7 +67,9 @@ def test_only_one_reading_of_the_tolerances_is_compatible(study, disk, targets, 
 
 
 def test_rigidity_between_50_and_100_percent_is_what_holds_the_fit_back(study, disk, targets, parameters):
-    rows = [one for one in assumptions.assumptions(study) if re.search("declared|between 50", one.name)]
+    rows = [
+        assumption for assumption in assumptions.assumptions(study) if re.search("declared|between 50", assumption.name)
+    ]
     table = refits.refitted(iter(rows), disk, targets, parameters)
     declared, upper_half = table.loc[table["fitted_to"] == refits.TABLE, "largest_error"]
     assert declared < table2.LARGEST_ERROR < 0.03 < upper_half
@@ -75,12 +77,12 @@ def test_rigidity_between_50_and_100_percent_is_what_holds_the_fit_back(study, d
 
 def test_every_figure_is_drawn_and_its_statements_hold(study, outputs):
     tables = Tables.read(study, outputs)
-    stated = statements(tables, PUBLISHED / comparison.CONTACTS)
-    drawn = [figure for drawing in drawings(tables) for figure in drawing.numbers]
-    assert drawn == FIGURES == list(dict.fromkeys(one.figure for one in stated))
-    against = {re.sub(", at .*", "", one.text) for one in stated if not one.agrees}
+    statement_rows = statements(tables, PUBLISHED / comparison.CONTACTS)
+    draws = [figure for drawing in drawings(tables) for figure in drawing.numbers]
+    assert draws == FIGURES == list(dict.fromkeys(item.figure for item in statement_rows))
+    rival_rows = {re.sub(", at .*", "", item.text) for item in statement_rows if not item.agrees}
     # the pins' force across the eccentric is the torque over e (N - 1), whatever the tolerance
-    assert against == {"the bearing deflects more as the tolerances increase"}
+    assert rival_rows == {"the bearing deflects more as the tolerances increase"}
 
 
 def test_both_procedures_give_the_same_answer(study, disk):
@@ -98,15 +100,15 @@ def test_both_procedures_give_the_same_answer(study, disk):
 def test_a_fit_finds_the_numbers_behind_its_targets(study, disk, parameters, tmp_path):
     truth = {"output.roller_length_mm": 2.6, "output.outer_station_mm": 18.2}
     values = metrics_of(with_numbers(study, truth), solved(with_numbers(study, truth), disk))
-    made = [
+    targets_made = [
         Target(case.label, 0.0, 0.0, metric, float(values[row, column]), "made up")
         for row, case in enumerate(study.cases)
         for column, metric in enumerate(METRICS)
     ]
-    fit = calibrated(study, made, parameters[1:], None, disk)
+    fit = calibrated(study, targets_made, parameters[1:], None, disk)
     assert dict(zip(truth, fit.fit.value, strict=True)) == pytest.approx(truth, rel=1e-5)
     assert fit.fit.freedom == 6
-    write(fit, made, "numbers made up", tmp_path)
+    write(fit, targets_made, "numbers made up", tmp_path)
     design = load_design(tmp_path / "design.toml", ROOT)
     assert {key: number(design, key) for key in truth} == pytest.approx(truth, rel=1e-5)
     assert {design.provenance[key].status for key in truth} == {"calibrated"}

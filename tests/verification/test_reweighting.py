@@ -97,7 +97,7 @@ def test_wide_runs_know_the_yield_of_a_narrow_study() -> None:
     assert sum(share.ci_low < truth < share.ci_high for share in shares) >= 6
     mean = np.mean([share.value for share in shares])
     assert mean == pytest.approx(truth, abs=3 * width / (2 * 1.96 * np.sqrt(len(shares))))
-    fresh = fresh_yields(narrow, 4000, 2000, lambda one: ({}, {BACKLASH: of_chain(one)}), 1)[BACKLASH]
+    fresh = fresh_yields(narrow, 4000, 2000, lambda variant: ({}, {BACKLASH: of_chain(variant)}), 1)[BACKLASH]
     assert fresh.n == 2000
     assert fresh.value == pytest.approx(truth, abs=4 * np.sqrt(truth * (1 - truth) / fresh.n))
 
@@ -135,6 +135,8 @@ def test_what_no_unit_of_the_wide_run_has_is_refused() -> None:
     wider = study_of("wider", eccentricity={"lower_um": -3.0})
     with pytest.raises(InputError, match=r"tolerances\.eccentricity: wider reaches from -3 to 2 um, wide from -2 to 2"):
         moved_tolerances(study_of(), wider)
-    other = study_of("other").model_copy(update={"metrics": study_of().metrics.model_copy(update={"confidence": 0.9})})
+    variant = study_of("other").model_copy(
+        update={"metrics": study_of().metrics.model_copy(update={"confidence": 0.9})}
+    )
     with pytest.raises(InputError, match="metrics.confidence differs"):
-        moved_tolerances(study_of(), other)
+        moved_tolerances(study_of(), variant)

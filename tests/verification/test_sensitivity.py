@@ -27,8 +27,8 @@ def test_coverage_of_the_rank_correlation(correlation):
     exact = 6 / np.pi * np.arcsin(correlation / 2)  # Spearman's coefficient of a binormal pair
     pairs = rng.multivariate_normal([0, 0], [[1, correlation], [correlation, 1]], (1500, 100))
     runs = [rank_correlation({"x": pair[:, 0]}, np.exp(pair[:, [1]]), 0.95) for pair in pairs]
-    inside = [run.ci_low[0, 0] <= exact <= run.ci_high[0, 0] for run in runs]
-    assert 0.93 <= np.mean(inside) <= 0.975
+    covers = [run.ci_low[0, 0] <= exact <= run.ci_high[0, 0] for run in runs]
+    assert 0.93 <= np.mean(covers) <= 0.975
 
 
 def test_ranks_of_a_monotone_function_are_perfect_and_of_a_constant_unknown():
@@ -37,19 +37,19 @@ def test_ranks_of_a_monotone_function_are_perfect_and_of_a_constant_unknown():
     np.testing.assert_allclose(ranks.value[0], [1, -1], atol=1e-12)
     assert np.all(np.isnan(ranks.value[1]))
     assert np.all(np.isnan(ranks.ci_low[1]))
-    few = rank_correlation({"x": x[:3]}, x[:3, None] ** 2, 0.95)
-    assert np.isnan(few.ci_low[0, 0])
+    small_case = rank_correlation({"x": x[:3]}, x[:3, None] ** 2, 0.95)
+    assert np.isnan(small_case.ci_low[0, 0])
 
 
 def test_indices_of_replicates_have_intervals_over_the_replicates():
     rng = np.random.default_rng(9)
     replicate = np.repeat(np.arange(8), 128)
     exact = 6 / np.pi * np.arcsin(np.sqrt(1 / 1.25) / 2)
-    inside = []
+    covered = []
     for _ in range(300):
         points = np.concatenate([qmc.Sobol(2, rng=rng).random(128) for _ in range(8)])
         x = stats.norm.ppf(np.clip(points, 1e-9, 1 - 1e-9))
         y = (x[:, 0] + 0.5 * x[:, 1])[:, None]
         rank = rank_correlation({"a": x[:, 0]}, y, 0.95, replicate)
-        inside.append(rank.ci_low[0, 0] <= exact <= rank.ci_high[0, 0])
-    np.testing.assert_allclose(np.mean(inside), 0.95, atol=0.04)
+        covered.append(rank.ci_low[0, 0] <= exact <= rank.ci_high[0, 0])
+    np.testing.assert_allclose(np.mean(covered), 0.95, atol=0.04)

@@ -24,24 +24,24 @@ def test_a_linear_metric_has_the_spread_of_its_tolerances():
         return 5 + 3 * (points[:, column] - 0.5) + points[:, amplitude] * np.cos(2 * np.pi * points[:, phase])
 
     numbers = np.random.default_rng(1).random((20_000, box.n_columns))
-    found = stack(study, box, metric, numbers)
+    result = stack(study, box, metric, numbers)
     eccentricity = 9 * truncnorm(-3, 3).var() / 36  # zone of six sigma
     variances = {"eccentricity": eccentricity, "ovality_2": 1 / 6}  # E a^2 E cos^2 = 1/3 1/2
-    assert found.middle == pytest.approx(5)
-    assert found.rss == pytest.approx(np.sqrt(sum(variances.values())), rel=0.02)
-    for name, share in found.shares.items():
+    assert result.middle == pytest.approx(5)
+    assert result.rss == pytest.approx(np.sqrt(sum(variances.values())), rel=0.02)
+    for name, share in result.shares.items():
         assert share == pytest.approx(variances.get(name, 0.0) / sum(variances.values()), abs=0.02)
-    np.testing.assert_allclose(found.values.std(ddof=1), found.rss, rtol=0.02)
+    np.testing.assert_allclose(result.values.std(ddof=1), result.rss, rtol=0.02)
 
 
 def test_capability_of_normal_values_is_their_yield_and_of_others_is_not():
     values = norm.ppf((np.arange(5000) + 0.5) / 5000)
-    found = capability("lost_motion_arcmin", values, 2.0, 0.95)
-    assert found.cpk == pytest.approx(2 / 3, rel=1e-3)
-    assert found.yield_if_normal == pytest.approx(norm.cdf(2.0), rel=1e-4)
-    assert found.means_something
+    result = capability("lost_motion_arcmin", values, 2.0, 0.95)
+    assert result.cpk == pytest.approx(2 / 3, rel=1e-3)
+    assert result.yield_if_normal == pytest.approx(norm.cdf(2.0), rel=1e-4)
+    assert result.means_something
     lower = capability("torsional_rigidity_Nm_per_arcmin", -values, -2.0, 0.95)
-    assert lower.cpk == pytest.approx(found.cpk)
+    assert lower.cpk == pytest.approx(result.cpk)
     assert not capability(
         "lost_motion_arcmin", np.exp(2 * values), float(np.exp(2 * norm.ppf(0.98))), 0.95
     ).means_something

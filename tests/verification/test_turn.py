@@ -48,13 +48,13 @@ def tables(outputs: dict[int, dict[str, Output]]) -> dict[int, pd.DataFrame]:
 def test_the_worst_of_twice_as_many_angles_is_what_the_run_expects(tables: dict[int, pd.DataFrame]) -> None:
     expected = tables[31][tables[31]["extrapolated"]].set_index("metric")
     actual = tables[63][tables[63]["n_angles"] == 63].set_index("metric")
-    own = tables[31][tables[31]["n_angles"] == 31].set_index("metric")
+    own_rows = tables[31][tables[31]["n_angles"] == 31].set_index("metric")
     for metric in HEADLINES[1:]:
-        moved = actual.loc[metric, "worst_mean"] - own.loc[metric, "worst_mean"]
-        predicted = expected.loc[metric, "worst_mean"] - own.loc[metric, "worst_mean"]
-        assert moved * predicted > 0
-        assert predicted == pytest.approx(moved, abs=0.004 * own.loc[metric, "worst_mean"])
-    assert actual.loc["all_limits", "yield"] <= own.loc["all_limits", "yield"]
+        shifted = actual.loc[metric, "worst_mean"] - own_rows.loc[metric, "worst_mean"]
+        predicted = expected.loc[metric, "worst_mean"] - own_rows.loc[metric, "worst_mean"]
+        assert shifted * predicted > 0
+        assert predicted == pytest.approx(shifted, abs=0.004 * own_rows.loc[metric, "worst_mean"])
+    assert actual.loc["all_limits", "yield"] <= own_rows.loc["all_limits", "yield"]
     assert expected.loc["all_limits", "yield"] == pytest.approx(actual.loc["all_limits", "yield"], abs=0.06)
 
 
@@ -72,17 +72,17 @@ def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> N
     cranks = [360 * k / 181 for k in range(0, 181, 15)]
     angles = np.zeros((2, 3, len(cranks)))
     for k, crank in enumerate(cranks):
-        at = assembly.reducer(study.design, crank)
-        gap = 1e3 * gaps(profile, at, errors, **dict(study.clearance))  # um
-        motions = at.contact_jacobian[:, 2:]  # the disk's centre is held: the bearing has no clearance
+        reducer = assembly.reducer(study.design, crank)
+        gap = 1e3 * gaps(profile, reducer, errors, **dict(study.clearance))  # um
+        motions = reducer.contact_jacobian[:, 2:]  # the disk's centre is held: the bearing has no clearance
         for unit in range(3):
             ends = [
                 linprog(sense * np.eye(motions.shape[1])[-1], motions, gap[unit], bounds=(None, None)).x[-1]
                 for sense in (-1, 1)
             ]
             angles[:, unit, k] = np.array(ends) * 1e-3 * 180 * 60 / np.pi
-    few = study.model_copy(update={"samples": study.samples.model_copy(update={"count": 2})})
-    outputs = run(STAGES, few, ["clearance"], tmp_path, Resources(1, 100))
+    small_study = study.model_copy(update={"samples": study.samples.model_copy(update={"count": 2})})
+    outputs = run(STAGES, small_study, ["clearance"], tmp_path, Resources(1, 100))
     kinematic = pd.DataFrame(outputs["clearance"].read("kinematic"))
     for unit in range(3):
         rows = kinematic[kinematic["sample"] == unit].set_index("crank_deg").loc[cranks]
@@ -99,9 +99,9 @@ def test_the_error_of_a_unit_is_the_range_of_its_output_angle_over_the_turn(
     units = pd.DataFrame(aggregate.read("units")).set_index("sample")
     loops = pd.DataFrame(outputs[31]["hysteresis"].read("loops")).groupby("sample")
     play = pd.DataFrame(outputs[31]["clearance"].read("kinematic")).groupby("sample")
-    loaded = pd.concat([loops[name].agg(np.ptp) for name in ("high_plus_arcmin", "high_minus_arcmin")], axis=1)
+    loaded_ranges = pd.concat([loops[name].agg(np.ptp) for name in ("high_plus_arcmin", "high_minus_arcmin")], axis=1)
     free = pd.concat([play[name].agg(np.ptp) for name in ("angle_plus_arcmin", "angle_minus_arcmin")], axis=1)
-    np.testing.assert_allclose(units["transmission_error_arcsec"], 60 * loaded.max(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(units["transmission_error_arcsec"], 60 * loaded_ranges.max(axis=1), rtol=1e-12)
     roomy = ~play["preloaded"].any()
     assert roomy.sum() > 90
     np.testing.assert_allclose(
@@ -149,20 +149,22 @@ def test_life_and_efficiency_from_the_contacts_of_a_turn(running: tuple[Study, d
     assert np.all(contacts.loc[contacts["contact"] >= 80, "sliding_m_per_s"] == 0)
     speed, ratio = 1500 * 2 * np.pi / 60, 79
     s = np.hypot(1 - 0.35 * 80 / 32.5 * np.cos(0.0), 0)  # the pin on the eccentric's line at crank angle 0
-    first = contacts.query("contact == 0 and crank_deg == 0")["sliding_m_per_s"]
-    np.testing.assert_allclose(first, 1e-3 * speed / ratio * (32.5 * s - 0.8), rtol=1e-9)
+    sliding = contacts.query("contact == 0 and crank_deg == 0")["sliding_m_per_s"]
+    np.testing.assert_allclose(sliding, 1e-3 * speed / ratio * (32.5 * s - 0.8), rtol=1e-9)
     for sample in range(3):
-        own = contacts[contacts["sample"] == sample]
-        pressure_speed = (own["pressure_MPa"] * own["sliding_m_per_s"]).max()
+        own_rows = contacts[contacts["sample"] == sample]
+        pressure_speed = (own_rows["pressure_MPa"] * own_rows["sliding_m_per_s"]).max()
         assert units.loc[sample, "pressure_speed_MPa_m_per_s"] == pytest.approx(pressure_speed, rel=1e-12)
-        assert units.loc[sample, "subsurface_shear_MPa"] == pytest.approx(0.3 * own["pressure_MPa"].max(), rel=1e-12)
-        assert units.loc[sample, "shear_depth_um"] == pytest.approx(own["shear_depth_um"].max(), rel=1e-12)
+        assert units.loc[sample, "subsurface_shear_MPa"] == pytest.approx(
+            0.3 * own_rows["pressure_MPa"].max(), rel=1e-12
+        )
+        assert units.loc[sample, "shear_depth_um"] == pytest.approx(own_rows["shear_depth_um"].max(), rel=1e-12)
         lives, efficiencies = [], []
         for torque in (12.0, -12.0):
-            held = own[own["torque_Nm"] == torque]
+            held_rows = own_rows[own_rows["torque_Nm"] == torque]
             force = bearings.query("sample == @sample and torque_Nm == @torque")
             force = np.hypot(force["force_x_N"], force["force_y_N"]).to_numpy()
-            at_pins = 0.05 * (held["force_N"] * held["sliding_m_per_s"]).sum() / 9
+            at_pins = 0.05 * (held_rows["force_N"] * held_rows["sliding_m_per_s"]).sum() / 9
             at_bearing = 0.002 * 6e-3 * force.mean() * speed * 80 / 79
             output = 12 * speed / ratio
             efficiencies.append(100 * (1 - (at_pins + at_bearing) / (output + at_pins + at_bearing)))

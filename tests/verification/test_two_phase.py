@@ -19,32 +19,32 @@ def drawn(rng, limit, misjudged=1.0):
     """Values and probabilities of the solved units of one experiment; the miss is believed wrong by a factor."""
     predicted = rng.standard_normal(UNITS)
     probability = inclusion_probability(exceedance_chance(predicted, limit, misjudged * MISSED), BUDGET)
-    taken = rng.random(UNITS) < probability
-    return predicted[taken] + MISSED * rng.standard_normal(taken.sum()), probability[taken]
+    selected = rng.random(UNITS) < probability
+    return predicted[selected] + MISSED * rng.standard_normal(selected.sum()), probability[selected]
 
 
 def test_expectation_over_every_possible_selection_is_the_share():
     """Eight units, three beyond: the mean of the estimate over all 256 selections, weighted by their chances."""
-    beyond = np.array([True, False, True, False, False, True, False, False])
+    in_tail = np.array([True, False, True, False, False, True, False, False])
     probability = np.array([0.9, 0.3, 0.5, 0.7, 0.2, 0.8, 0.6, 0.4])
     mean = square = 0.0
-    for taken in product([False, True], repeat=8):
-        mask = np.array(taken)
+    for selected in product([False, True], repeat=8):
+        mask = np.array(selected)
         chance = np.prod(np.where(mask, probability, 1 - probability))
-        value = tail_share(beyond[mask], probability[mask], 8, CONFIDENCE).value
+        value = tail_share(in_tail[mask], probability[mask], 8, CONFIDENCE).value
         mean, square = mean + chance * value, square + chance * value**2
     assert mean == pytest.approx(3 / 8)
-    assert square - mean**2 == pytest.approx(np.sum((1 - probability[beyond]) / probability[beyond]) / 64)
+    assert square - mean**2 == pytest.approx(np.sum((1 - probability[in_tail]) / probability[in_tail]) / 64)
 
 
 def test_units_that_are_all_solved_are_plain_monte_carlo():
     rng = np.random.default_rng(1)
     values = rng.standard_normal(5000)
-    found = tail_share(values > 2, np.ones(5000), 5000, CONFIDENCE)
+    estimate = tail_share(values > 2, np.ones(5000), 5000, CONFIDENCE)
     count = np.sum(values > 2)
-    assert found.value == count / 5000
-    assert found.effective == pytest.approx(5000, rel=1e-3)
-    assert (found.ci_low, found.ci_high) == pytest.approx(
+    assert estimate.value == count / 5000
+    assert estimate.effective == pytest.approx(5000, rel=1e-3)
+    assert (estimate.ci_low, estimate.ci_high) == pytest.approx(
         stats.beta.ppf([0.025, 0.975], count + 0.5, 5000 - count + 0.5), rel=1e-3
     )
     quantile = tail_quantile(values, np.ones(5000), 5000, 0.99, CONFIDENCE)
@@ -60,31 +60,31 @@ def test_share_of_a_thousandth_is_unbiased_covered_and_five_times_cheaper(misjud
     exact = 1e-3
     limit = SPREAD * stats.norm.isf(exact)
     rng = np.random.default_rng(2)
-    found = []
+    results = []
     for _ in range(REPEATS):
         values, probability = drawn(rng, limit, misjudged)
-        found.append(tail_share(values > limit, probability, UNITS, CONFIDENCE))
-    value = np.array([one.value for one in found])
+        results.append(tail_share(values > limit, probability, UNITS, CONFIDENCE))
+    value = np.array([run_estimate.value for run_estimate in results])
     assert np.mean(value) == pytest.approx(exact, abs=3.5 * np.std(value) / np.sqrt(REPEATS))
-    covered = sum(one.ci_low <= exact <= one.ci_high for one in found)
+    covered = sum(run_estimate.ci_low <= exact <= run_estimate.ci_high for run_estimate in results)
     assert stats.binom.ppf(1e-3, REPEATS, 0.93) <= covered <= stats.binom.ppf(1 - 1e-3, REPEATS, 0.97)
-    solved = np.mean([one.solved for one in found])
-    assert solved == pytest.approx(BUDGET, rel=0.01)
-    plain = exact * (1 - exact) / np.var(value)  # units of Monte Carlo with the variance that the repeats have
-    assert plain > 5 * solved
-    assert np.median([one.effective for one in found]) == pytest.approx(plain, rel=0.2)
+    mean_solved = np.mean([run_estimate.solved for run_estimate in results])
+    assert mean_solved == pytest.approx(BUDGET, rel=0.01)
+    reference = exact * (1 - exact) / np.var(value)  # units of Monte Carlo with the variance that the repeats have
+    assert reference > 5 * mean_solved
+    assert np.median([run_estimate.effective for run_estimate in results]) == pytest.approx(reference, rel=0.2)
 
 
 def test_quantile_is_covered_and_as_often_too_large_as_too_small():
     level = 0.9973
     exact = SPREAD * stats.norm.ppf(level)
     rng = np.random.default_rng(3)
-    found = [tail_quantile(*drawn(rng, exact + 0.1), UNITS, level, CONFIDENCE) for _ in range(REPEATS)]
-    covered = sum(one.ci_low <= exact <= one.ci_high for one in found)
+    estimate = [tail_quantile(*drawn(rng, exact + 0.1), UNITS, level, CONFIDENCE) for _ in range(REPEATS)]
+    covered = sum(run_estimate.ci_low <= exact <= run_estimate.ci_high for run_estimate in estimate)
     assert stats.binom.ppf(1e-3, REPEATS, 0.93) <= covered <= stats.binom.ppf(1 - 1e-3, REPEATS, 0.97)
-    larger = sum(one.value > exact for one in found)
+    larger = sum(run_estimate.value > exact for run_estimate in estimate)
     assert stats.binom.ppf(1e-3, REPEATS, 0.5) <= larger <= stats.binom.ppf(1 - 1e-3, REPEATS, 0.5)
-    assert np.median([one.effective for one in found]) > 5 * BUDGET
+    assert np.median([run_estimate.effective for run_estimate in estimate]) > 5 * BUDGET
 
 
 def test_a_prediction_of_nothing_costs_width_not_truth():
@@ -94,9 +94,9 @@ def test_a_prediction_of_nothing_costs_width_not_truth():
     for _ in range(REPEATS):
         chance = exceedance_chance(rng.standard_normal(UNITS), 3.0, MISSED)
         probability = inclusion_probability(chance, BUDGET)
-        taken = rng.random(UNITS) < probability
-        beyond = rng.random(taken.sum()) < 0.02
-        value.append(tail_share(beyond, probability[taken], UNITS, CONFIDENCE).value)
+        selected = rng.random(UNITS) < probability
+        in_tail = rng.random(selected.sum()) < 0.02
+        value.append(tail_share(in_tail, probability[selected], UNITS, CONFIDENCE).value)
     assert np.mean(value) == pytest.approx(0.02, abs=3.5 * np.std(value) / np.sqrt(REPEATS))
     assert 0.02 * 0.98 / np.var(value) < BUDGET
 
@@ -109,17 +109,17 @@ def test_allocation_has_its_budget_and_no_other_has_less_variance():
     assert np.max(probability) == 1.0
     variance = np.sum(chance / probability)
     for _ in range(500):
-        other = np.clip(probability * np.exp(0.2 * rng.standard_normal(50)), 0, 1)
-        other *= min(1.0, 15.0 / np.sum(other))  # never more than the budget
-        assert np.sum(chance / other) >= variance * (1 - 1e-12)
+        variant = np.clip(probability * np.exp(0.2 * rng.standard_normal(50)), 0, 1)
+        variant *= min(1.0, 15.0 / np.sum(variant))  # never more than the budget
+        assert np.sum(chance / variant) >= variance * (1 - 1e-12)
     np.testing.assert_array_equal(inclusion_probability(chance, 50), np.ones(50))
 
 
 def test_no_unit_beyond_is_not_certain_that_there_is_none():
     """Of 1,000 units at probability 0.1, 2.5 % of all experiments show none of a share of 3.7 %."""
-    found = tail_share(np.zeros(100, bool), np.full(100, 0.1), 1000, CONFIDENCE)
-    assert (found.value, found.ci_low, found.effective) == (0.0, 0.0, 0.0)
-    assert (1 - 0.1 * found.ci_high) ** 1000 == pytest.approx(0.025, rel=0.1)
+    estimate = tail_share(np.zeros(100, bool), np.full(100, 0.1), 1000, CONFIDENCE)
+    assert (estimate.value, estimate.ci_low, estimate.effective) == (0.0, 0.0, 0.0)
+    assert (1 - 0.1 * estimate.ci_high) ** 1000 == pytest.approx(0.025, rel=0.1)
 
 
 def test_what_can_never_be_taken_is_refused():

@@ -14,13 +14,13 @@ A = np.array([0.0, 0.5, 3.0, 9.0, 99.0])
 
 def pick_freeze(function, groups, inputs, n, rng):
     """The metric of both base sets and of the mixed ones; ``groups`` are columns of inputs uniform in [0, 1)."""
-    base, other = rng.random((2, n, inputs))
+    base, variant = rng.random((2, n, inputs))
     mixed = []
     for columns in groups:
         unit = base.copy()
-        unit[:, columns] = other[:, columns]
+        unit[:, columns] = variant[:, columns]
         mixed.append(function(unit))
-    return function(base), function(other), np.array(mixed)
+    return function(base), function(variant), np.array(mixed)
 
 
 def ishigami(u):
@@ -42,17 +42,17 @@ def g_function(u):
 
 
 def g_parts():
-    alone = 1 / (3 * (1 + A) ** 2)
+    isolated = 1 / (3 * (1 + A) ** 2)
     sets = chain.from_iterable(combinations(range(len(A)), size) for size in range(1, len(A) + 1))
-    return {members: float(np.prod(alone[list(members)])) for members in sets}
+    return {members: float(np.prod(isolated[list(members)])) for members in sets}
 
 
 def exact(parts, groups):
     """First-order and total index of every group, and their sums, from the terms of the decomposition."""
     variance = sum(parts.values())
-    alone = [sum(v for members, v in parts.items() if set(members) <= set(group)) / variance for group in groups]
+    isolated = [sum(v for members, v in parts.items() if set(members) <= set(group)) / variance for group in groups]
     touched = [sum(v for members, v in parts.items() if set(members) & set(group)) / variance for group in groups]
-    return np.array([*alone, sum(alone)]), np.array([*touched, sum(touched)])
+    return np.array([*isolated, sum(isolated)]), np.array([*touched, sum(touched)])
 
 
 CASES = {
@@ -65,19 +65,19 @@ CASES = {
 
 def test_exact_indices_of_ishigami_are_the_published_ones():
     parts = ishigami_parts()
-    first, total = exact(parts, ([0], [1], [2]))
-    np.testing.assert_allclose(first[:3], [0.3139, 0.4424, 0.0], atol=1e-4)
+    first_indices, total = exact(parts, ([0], [1], [2]))
+    np.testing.assert_allclose(first_indices[:3], [0.3139, 0.4424, 0.0], atol=1e-4)
     np.testing.assert_allclose(total[:3], [0.5576, 0.4424, 0.2437], atol=1e-4)
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_indices_of_closed_forms(case):
     function, parts, groups, inputs = CASES[case]
-    first, total = exact(parts, groups)
-    found = variance_indices(*pick_freeze(function, groups, inputs, 20_000, np.random.default_rng(1)), 0.95)
-    np.testing.assert_allclose(found.first_order.value, first, atol=0.04)
-    np.testing.assert_allclose(found.total.value, total, atol=0.04)
-    assert found.n == 20_000
+    first_indices, total = exact(parts, groups)
+    estimate = variance_indices(*pick_freeze(function, groups, inputs, 20_000, np.random.default_rng(1)), 0.95)
+    np.testing.assert_allclose(estimate.first_order.value, first_indices, atol=0.04)
+    np.testing.assert_allclose(estimate.total.value, total, atol=0.04)
+    assert estimate.n == 20_000
 
 
 def test_intervals_cover_and_estimates_are_unbiased():
@@ -91,43 +91,43 @@ def test_intervals_cover_and_estimates_are_unbiased():
         values = np.array([share.value for share in shares])
         error = 3 * values.std(axis=0) / np.sqrt(len(runs))
         assert np.all(np.abs(values.mean(axis=0) - truth[i]) < error + 5e-3), kind
-        inside = np.mean([(s.ci_low <= truth[i]) & (truth[i] <= s.ci_high) for s in shares], axis=0)
-        assert np.all((inside >= 0.88) & (inside < 1)), (kind, inside)
+        coverage = np.mean([(s.ci_low <= truth[i]) & (truth[i] <= s.ci_high) for s in shares], axis=0)
+        assert np.all((coverage >= 0.88) & (coverage < 1)), (kind, coverage)
 
 
 def test_units_and_offset_of_a_metric_do_not_matter():
     sets = pick_freeze(g_function, ([0], [1], [2, 3, 4]), 5, 500, np.random.default_rng(3))
-    plain, scaled = variance_indices(*sets, 0.95), variance_indices(*(5.0 - 1e-4 * values for values in sets), 0.95)
+    reference, scaled = variance_indices(*sets, 0.95), variance_indices(*(5.0 - 1e-4 * values for values in sets), 0.95)
     for kind in ("first_order", "total"):
         for name in ("value", "ci_low", "ci_high"):
-            expected = getattr(getattr(plain, kind), name)
+            expected = getattr(getattr(reference, kind), name)
             np.testing.assert_allclose(getattr(getattr(scaled, kind), name), expected, atol=1e-9)
 
 
 def test_an_idle_group_has_no_share_and_no_doubt_of_it():
     groups = ([0], [1], [])
-    found = variance_indices(*pick_freeze(ishigami, groups, 3, 200, np.random.default_rng(4)), 0.95)
-    for shares in (found.first_order, found.total):
+    estimate = variance_indices(*pick_freeze(ishigami, groups, 3, 200, np.random.default_rng(4)), 0.95)
+    for shares in (estimate.first_order, estimate.total):
         assert shares.value[2] == shares.ci_low[2] == shares.ci_high[2] == 0.0
 
 
 def test_a_row_counts_only_if_all_its_units_have_the_metric():
-    base, other, mixed = pick_freeze(g_function, ([0], [1]), 5, 300, np.random.default_rng(5))
+    base, variant, mixed = pick_freeze(g_function, ([0], [1]), 5, 300, np.random.default_rng(5))
     complete = np.ones(300, bool)
     complete[[3, 77, 200]] = False
-    expected = variance_indices(base[complete], other[complete], mixed[:, complete], 0.95)
-    base[3], other[77], mixed[1, 200] = np.nan, np.nan, np.nan
-    found = variance_indices(base, other, mixed, 0.95)
-    assert found.n == 297
-    np.testing.assert_array_equal(found.total.ci_low, expected.total.ci_low)
-    np.testing.assert_array_equal(found.first_order.value, expected.first_order.value)
+    expected = variance_indices(base[complete], variant[complete], mixed[:, complete], 0.95)
+    base[3], variant[77], mixed[1, 200] = np.nan, np.nan, np.nan
+    estimate = variance_indices(base, variant, mixed, 0.95)
+    assert estimate.n == 297
+    np.testing.assert_array_equal(estimate.total.ci_low, expected.total.ci_low)
+    np.testing.assert_array_equal(estimate.first_order.value, expected.first_order.value)
 
 
 def test_what_the_rows_do_not_determine_is_not_invented():
     constant = variance_indices(np.full(100, 0.1), np.full(100, 0.1), np.full((2, 100), 0.1), 0.95)
     sets = pick_freeze(ishigami, ([0], [1]), 3, FEWEST_BASE_SAMPLES - 1, np.random.default_rng(6))
-    few = variance_indices(*sets, 0.95)
-    for indices in (constant, few):
+    small_case = variance_indices(*sets, 0.95)
+    for indices in (constant, small_case):
         for shares in (indices.first_order, indices.total):
             assert np.all(np.isnan([shares.value, shares.ci_low, shares.ci_high]))
-    assert few.n == FEWEST_BASE_SAMPLES - 1
+    assert small_case.n == FEWEST_BASE_SAMPLES - 1

@@ -29,8 +29,8 @@ SLOW = ("whole reducer, CalculiX", "disk with holes, CalculiX")
 def small_reducer(**reduce):
     """Sample 1 of the quick study with 20 pins in place of 80."""
     study = load_study("quick", ROOT)
-    few = {"pins": 20, "pin_radius_mm": 2.0, "eccentricity_mm": 1.2}
-    design = study.design.model_copy(update={"cycloid": study.design.cycloid.model_copy(update=few)})
+    cycloid = {"pins": 20, "pin_radius_mm": 2.0, "eccentricity_mm": 1.2}
+    design = study.design.model_copy(update={"cycloid": study.design.cycloid.model_copy(update=cycloid)})
     return Specimen(study.model_copy(update={"design": design, "reduce": study.reduce.model_copy(update=reduce)}))
 
 
@@ -48,15 +48,15 @@ def rows(crude):
 
 @pytest.mark.parametrize("name", [name for name in CHECKS if name not in SLOW])
 def test_every_error_keeps_its_limit(rows, name):
-    own = [row.finding for row in rows if row.check == name]
-    assert len(own) > 3
-    assert [finding for finding in own if not finding.ok] == []
+    check_findings = [row.finding for row in rows if row.check == name]
+    assert len(check_findings) > 3
+    assert [finding for finding in check_findings if not finding.ok] == []
 
 
 def test_committed_page_is_the_suites_and_shows_no_failure(rows):
     text = (ROOT / PAGE).read_text()
-    made = page(rows, "paper")
-    assert text.split("\n\n")[:2] == made.split("\n\n")[:2]
+    page_text = page(rows, "paper")
+    assert text.split("\n\n")[:2] == page_text.split("\n\n")[:2]
     assert "**no**" not in text
     for name in CHECKS:
         assert f"## {name[0].upper()}{name[1:]}\n" in text
@@ -73,19 +73,19 @@ def test_deck_of_a_sample_meets_the_condensed_model(crude, tmp_path):
         pytest.skip("no CalculiX; apt install calculix-ccx")
     specimen = Specimen(crude.study, crude.sample, 50.0).in_stress("plane_strain")
     torque = np.array([0.5 * specimen.rated_torque])
-    ours = loaded(specimen, torque)
-    answer = run_calculix(calculix_deck(specimen, torque, ours), tmp_path)
-    assert answer.angle[0] == pytest.approx(ours.motion[0, 0, specimen.reducer.output_motion], rel=3e-4)
-    np.testing.assert_allclose(answer.force[0], ours.force[0, 0], atol=5e-4 * ours.force.max())
-    assert np.count_nonzero(answer.force[0] > 1e-6) == np.count_nonzero(ours.force)
+    model_value = loaded(specimen, torque)
+    answer = run_calculix(calculix_deck(specimen, torque, model_value), tmp_path)
+    assert answer.angle[0] == pytest.approx(model_value.motion[0, 0, specimen.reducer.output_motion], rel=3e-4)
+    np.testing.assert_allclose(answer.force[0], model_value.force[0, 0], atol=5e-4 * model_value.force.max())
+    assert np.count_nonzero(answer.force[0] > 1e-6) == np.count_nonzero(model_value.force)
 
 
 def test_deck_is_written_for_any_crank_and_refuses_a_loose_bearing(crude):
-    turned = Specimen(crude.study, crude.sample, 50.0)
+    turned_unit = Specimen(crude.study, crude.sample, 50.0)
     torque = np.array([1000.0, 2000.0])
-    states = loaded(turned, torque)
-    text = calculix_deck(turned, torque, states).text.splitlines()
-    contacts = len(turned.reducer.contacts)
+    states = loaded(turned_unit, torque)
+    text = calculix_deck(turned_unit, torque, states).text.splitlines()
+    contacts = len(turned_unit.reducer.contacts)
     assert text.count("*EQUATION") == contacts + 2
     assert sum(line.startswith("*SPRING") for line in text) == contacts + 2
     assert text.count("*STEP, NLGEOM, INC=10000") == 2
@@ -94,9 +94,9 @@ def test_deck_is_written_for_any_crank_and_refuses_a_loose_bearing(crude):
     assert max(map(len, tables)) <= 200  # beyond it CalculiX overwrites its memory
     design = crude.study.design
     loose = design.model_copy(update={"bearing": design.bearing.model_copy(update={"clearance_um": 1.0})})
-    refused = Specimen(crude.study.model_copy(update={"design": loose}))
+    refusal = Specimen(crude.study.model_copy(update={"design": loose}))
     with pytest.raises(InputError, match="clearance 0.001 mm"):
-        calculix_deck(refused, torque, states)
+        calculix_deck(refusal, torque, states)
 
 
 def test_a_failed_row_is_the_commands_failure(monkeypatch, tmp_path, capsys):
