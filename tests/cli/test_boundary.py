@@ -73,20 +73,21 @@ def test_every_command_has_its_action() -> None:
 # --- what the system refuses ------------------------------------------------------------------------------------------
 
 
-def ran_sample_stage(runs: str, *limits: str, tolerance_range: str = "") -> subprocess.CompletedProcess:
+def ran_sample_stage(runs: str, *limits: str, mount: str = "") -> subprocess.CompletedProcess:
     command = [sys.executable, "-c", SAMPLE_STAGE, runs, *limits]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    if tolerance_range:
-        command = ["unshare", "-rm", "sh", "-c", f'{tolerance_range}; exec "$@"', "sh", *command]
+    if mount:
+        command = ["unshare", "-rm", "sh", "-c", f'{mount}; exec "$@"', "sh", *command]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def one_line(process: subprocess.CompletedProcess, path: str, remedy: str) -> None:
+def last_line(process: subprocess.CompletedProcess, path: Path | str) -> str:
+    """The last line of the message of a command that ended with status 2; it names ``path``."""
     assert process.returncode == 2, process.stderr
     assert "Traceback" not in process.stderr
-    last_line = process.stderr.strip().splitlines()[-1]
-    assert path in last_line
-    assert remedy in last_line
+    line = process.stderr.strip().splitlines()[-1]
+    assert str(path) in line
+    return line
 
 
 @pytest.fixture(scope="module")
@@ -99,27 +100,29 @@ def may_mount() -> None:
 
 
 def test_a_file_larger_than_the_limit(tmp_path: Path) -> None:
-    one_line(ran_sample_stage(str(tmp_path), "2000"), str(tmp_path), "File too large; raise the limit")
+    line = last_line(ran_sample_stage(str(tmp_path), "2000"), tmp_path)
+    assert "File too large; raise the limit" in line
 
 
 def test_a_full_disk(may_mount, tmp_path: Path) -> None:
-    process = ran_sample_stage(str(tmp_path), tolerance_range=f"mount -t tmpfs -o size=32k x {tmp_path}")
-    one_line(process, str(tmp_path), "No space left on device; free some space")
+    process = ran_sample_stage(str(tmp_path), mount=f"mount -t tmpfs -o size=32k x {tmp_path}")
+    assert "No space left on device; free some space" in last_line(process, tmp_path)
 
 
 def test_a_read_only_disk(may_mount, tmp_path: Path) -> None:
-    process = ran_sample_stage(str(tmp_path / "runs"), tolerance_range=f"mount -t tmpfs -o ro x {tmp_path}")
-    one_line(process, str(tmp_path), "Read-only file system; work in a folder that can be written")
+    process = ran_sample_stage(str(tmp_path / "runs"), mount=f"mount -t tmpfs -o ro x {tmp_path}")
+    assert "Read-only file system; work in a folder that can be written" in last_line(process, tmp_path)
 
 
 @pytest.mark.skipif(not Path("/sys/kernel").is_dir(), reason="no folder that even the superuser may not write")
 def test_a_folder_without_permission() -> None:
-    one_line(ran_sample_stage("/sys/kernel/runs"), "/sys/kernel/runs", "take a folder")
+    assert "take a folder" in last_line(ran_sample_stage("/sys/kernel/runs"), "/sys/kernel/runs")
 
 
 def test_a_file_where_a_folder_is_meant(tmp_path: Path) -> None:
     (tmp_path / "runs").touch()
-    one_line(ran_sample_stage(str(tmp_path / "runs")), "runs", "Not a directory; a folder is asked for")
+    line = last_line(ran_sample_stage(str(tmp_path / "runs")), tmp_path / "runs")
+    assert "Not a directory; a folder is asked for" in line
 
 
 # --- files and values -------------------------------------------------------------------------------------------------
@@ -267,8 +270,8 @@ def test_clean_runs_says_what_it_could_not_remove(may_mount, tmp_path: Path) -> 
     (tmp_path / "runs/quick/sample").mkdir(parents=True)
     (tmp_path / "runs/other").mkdir()
     script = SAMPLE_STAGE.replace('["run", "sample", "--study", "quick"]', '["clean-runs"]')
-    tolerance_range = f"mount -t tmpfs x {tmp_path / 'runs/quick/sample'}"
-    command = ["unshare", "-rm", "sh", "-c", f'{tolerance_range}; exec "$@"', "sh", sys.executable, "-c", script]
+    mount = f"mount -t tmpfs x {tmp_path / 'runs/quick/sample'}"
+    command = ["unshare", "-rm", "sh", "-c", f'{mount}; exec "$@"', "sh", sys.executable, "-c", script]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     process = subprocess.run(
         [*command, str(tmp_path / "runs")], env=environment, capture_output=True, text=True, check=False

@@ -312,9 +312,11 @@ def test_a_stage_whose_bodies_change_nothing_is_not_touched(tmp_path: Path, outp
 
 def test_the_engine_is_imported_where_files_are_locked_otherwise() -> None:
     """As on Windows, which has no fcntl."""
-    script = "import sys; sys.modules['fcntl'] = None; import pipeline.engine.runner, pipeline.engine.cluster"
+    script = "import sys; sys.modules['fcntl'] = None; import pipeline.engine.runner, pipeline.engine.cluster; "
+    script += "from filelock import FileLock, SoftFileLock; print(FileLock is SoftFileLock)"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([sys.executable, "-c", script], env=environment, check=True)
+    process = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    assert (process.returncode, process.stdout) == (0, "True\n"), process.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")

@@ -65,12 +65,15 @@ def test_a_study_beyond_any_machine_is_refused(key, value, allowed):
     assert any(line.startswith(f"s.toml: {key} = ") and allowed in line for line in error.value.problems)
 
 
-def test_sizes_at_the_edge_of_what_is_built_are_accepted():
+@pytest.mark.parametrize(
+    ("key", "value", "setting"),
+    [
+        ("bearing.stiffness_N_per_mm_power", 1e12, lambda design: design.bearing.stiffness_N_per_mm_power),
+        ("disk.thickness_mm", 0.001, lambda design: design.disk.thickness_mm),
+        ("effects.coulomb.torque_Nm", 0.0, lambda design: design.effects["coulomb"]["torque_Nm"]),
+        ("bearing.exponent", 1.5, lambda design: design.bearing.exponent),
+    ],
+)
+def test_sizes_at_the_edge_of_what_is_built_are_accepted(key, value, setting):
     """A bearing that is as good as rigid, a disk as thin as foil, a coulomb friction of nothing."""
-    for key, value in (
-        ("bearing.stiffness_N_per_mm_power", 1e12),
-        ("disk.thickness_mm", 0.001),
-        ("effects.coulomb.torque_Nm", 0.0),
-        ("bearing.exponent", 1.5),
-    ):
-        parse_design(changed(DESIGN, key, value), "d.toml")
+    assert setting(parse_design(changed(DESIGN, key, value), "d.toml")) == value

@@ -184,10 +184,10 @@ class OutputMechanism(Section):
 
         Raises
         ------
-        NotImplementedError
+        TypeError
             If it has no pins in holes.
         """
-        raise NotImplementedError(f"{self.name} has no pins in holes")
+        raise TypeError(f"{self.name} has no pins in holes")
 
     @property
     def has_bushes(self) -> bool:
