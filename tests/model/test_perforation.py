@@ -153,6 +153,14 @@ def test_patches_at_any_angle_carry_a_unit_force_with_its_arm(crank):
     np.testing.assert_allclose(resultant[2], arms, atol=2e-3)  # the wall is a polygon
 
 
+def test_loads_eliminated_alone_work_as_they_do_on_the_displacement_of_the_whole_solve():
+    mesh = small_mesh(edges=24, edge=0.1)
+    body, patches = elastic_body(mesh, E, NU, 2.0, "plane_stress", "bore"), wall_patches(mesh, 0.77, 0.2)
+    loads = body.loads(patches).toarray()
+    whole = loads.T @ body.displacement(loads)
+    np.testing.assert_allclose(body.compliance(patches).matrix, whole, rtol=0, atol=1e-12 * np.abs(whole).max())
+
+
 def test_compliance_of_holes_does_not_depend_on_mesh_and_patch():
     unit, width = 2 / (np.pi * E * 2.0), 0.2
     base = None

@@ -11,19 +11,18 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
+from scipy.sparse import csc_array, hstack
 from skfem import Basis, ElementTriP2, ElementVector, FacetBasis, LinearForm, MeshTri
 from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_stress
 
 from pipeline.model.elastic.cyclic_symmetry import CyclicBody, SectorNodes
 from pipeline.model.elastic.polygon import Index
 from pipeline.model.elastic.pressure_patches import Patches
+from pipeline.model.elastic.supported_factors import SupportedFactors
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 
 Stress = Literal["plane_stress", "plane_strain"]
 ELEMENT = ElementVector(ElementTriP2())
-COLUMNS_AT_ONCE = 4  # right-hand sides a solve: more fall out of the cache and take up to three times as long
 ASYMMETRY_LIMIT = 1e-10  # of a compliance, relative to its largest entry; a sound solve leaves 1e-12
 
 
@@ -89,7 +88,11 @@ class ElasticBody:
         """Displacement of loads that are in balance, in any rigid position: (n_freedoms, k) to (n_freedoms, k)."""
         if self.sectors > 1:
             return self._cyclic.displacement
-        return _factorised(self.stiffness, self.nodes, self.freedoms)
+        return self._factors.solve
+
+    @cached_property
+    def _factors(self) -> SupportedFactors:
+        return SupportedFactors.of(self.stiffness, self.nodes, self.freedoms)
 
     @cached_property
     def _cyclic(self) -> CyclicBody:
@@ -151,19 +154,12 @@ class ElasticBody:
         return np.array([_sound(matrix).matrix for matrix in matrices])
 
     def _direct_compliance(self, loads: csc_array) -> Real:
-        resultant = (loads.T @ self.rigid_motions).T
-        rows = np.union1d(loads.indices, np.flatnonzero(np.any(self.reference != 0, axis=1)))
-        patch_loads, reference, motions = csr_array(loads)[rows], self.reference[rows], self.rigid_motions[rows]
-
-        def columns(start: int) -> Real:
-            """Displacements of the patches under the loads from ``start`` on, formed on the loaded freedoms alone."""
-            part = slice(start, start + COLUMNS_AT_ONCE)
-            balanced = np.zeros((loads.shape[0], resultant[:, part].shape[1]), order="F")
-            balanced[rows] = patch_loads[:, part].toarray() - reference @ resultant[:, part]
-            displacement = self.solve(balanced)[rows]
-            return patch_loads.T @ (displacement - motions @ (reference.T @ displacement))
-
-        return np.hstack([columns(start) for start in range(0, loads.shape[1], COLUMNS_AT_ONCE)])
+        """Work of each load on the displacement by each other; the first column by a whole solve, for comparison."""
+        reaction = np.vstack([np.eye(loads.shape[1]), -(loads.T @ self.rigid_motions).T])
+        works = self._factors.works(csc_array(hstack([loads, csc_array(self.reference)])))
+        compliance = reaction.T @ works @ reaction
+        compliance[:, 0] = loads.T @ self.displacement(loads[:, [0]].toarray())[:, 0]
+        return compliance
 
 
 def _sound(raw: Real) -> Compliance:
@@ -234,27 +230,6 @@ def _rigid_fit(boundary: FacetBasis, rigid_motions: Real) -> Real:
     ]
     tractions = np.stack(uniform, axis=-1)
     return tractions @ np.linalg.inv(tractions.T @ rigid_motions)
-
-
-def _factorised(stiffness: csc_array, nodes: Complex, freedoms: Index) -> Callable[[Real], Real]:
-    """Solver of balanced loads: three statically determinate freedoms are clamped, so they carry nothing."""
-    corner = int(np.argmax(np.abs(nodes)))
-    second = int(np.argmax(np.abs(nodes - nodes[corner])))
-    edge_normal = 1j * (nodes[second] - nodes[corner])
-    clamped = [*freedoms[corner], freedoms[second, int(abs(edge_normal.imag) > abs(edge_normal.real))]]
-    free = np.ones(freedoms.size)
-    free[clamped] = 0
-    supported = csc_array(
-        diags_array(free) @ stiffness @ diags_array(free) + diags_array((1 - free) * stiffness.diagonal())
-    )
-    factors = splu(supported, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-
-    def solve(loads: Real) -> Real:
-        held_back = np.array(loads, order="F")
-        held_back[clamped] = 0
-        return factors.solve(held_back)
-
-    return solve
 
 
 def _quadratic_shapes(barycentric: Real) -> Real:

@@ -1,0 +1,121 @@
+"""Factors of a free body's stiffness, three statically determinate freedoms clamped: they carry no balanced load."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import SuperLU, splu
+
+from pipeline.model.compiled import entry
+from pipeline.model.elastic.polygon import Index
+from pipeline.model.geometry.cycloid_profile import Complex, Real
+
+
+@entry
+def _eliminate(lower, loads, rows, values, ends):
+    """Solve L y = load for sparse loads; the entries of y in the order of the columns, as many as there is room for.
+
+    A load at a few freedoms touches only what is eliminated after them: on a mesh of 10^5 nodes 1 % of the rows.
+    """
+    starts, row_of, factor = lower
+    starts_of_load, row_of_load, share = loads
+    n, count = starts.shape[0] - 1, 0
+    eliminated = np.zeros(n)
+    for k in range(starts_of_load.shape[0] - 1):
+        first = n
+        for p in range(starts_of_load[k], starts_of_load[k + 1]):
+            eliminated[row_of_load[p]] = share[p]
+            first = min(first, row_of_load[p])
+        for j in range(first, n):
+            value = eliminated[j]
+            if value == 0.0:
+                continue
+            for p in range(starts[j], starts[j + 1]):
+                eliminated[row_of[p]] -= factor[p] * value
+            eliminated[j] = 0.0
+            if count < rows.shape[0]:
+                rows[count], values[count] = j, value
+            count += 1
+        ends[k + 1] = count
+    return count
+
+
+@dataclass(frozen=True)
+class SupportedFactors:
+    """Factors L D L^T of a stiffness (n_freedoms, n_freedoms) [N/mm] in an order of its own, some freedoms clamped."""
+
+    factors: SuperLU
+    clamped: Index
+
+    @classmethod
+    def of(cls, stiffness: csc_array, nodes: Complex, freedoms: Index) -> "SupportedFactors":
+        """Clamp the two freedoms of the outermost of the ``nodes`` (n_nodes,) [mm], and of the farthest from it one.
+
+        Parameters
+        ----------
+        freedoms
+            Numbers of the two displacements of each node (n_nodes, 2).
+        """
+        corner = int(np.argmax(np.abs(nodes)))
+        second = int(np.argmax(np.abs(nodes - nodes[corner])))
+        edge_normal = 1j * (nodes[second] - nodes[corner])
+        clamped = np.array([*freedoms[corner], freedoms[second, int(abs(edge_normal.imag) > abs(edge_normal.real))]])
+        free = np.ones(freedoms.size)
+        free[clamped] = 0
+        supported = csc_array(
+            diags_array(free) @ stiffness @ diags_array(free) + diags_array((1 - free) * stiffness.diagonal())
+        )
+        factors = splu(supported, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return cls(factors, clamped)
+
+    def solve(self, loads: Real) -> Real:
+        """Displacement [mm] of balanced loads (n_freedoms, k) [N], in the position in which the body is clamped."""
+        held_back = np.array(loads, order="F")
+        held_back[self.clamped] = 0
+        return self.factors.solve(held_back)
+
+    @cached_property
+    def _lower(self) -> tuple[csc_array, Real]:
+        """Factor L without its diagonal of ones, and D (n_freedoms,) [N/mm].
+
+        Raises
+        ------
+        ArithmeticError
+            The factors are not symmetric: a pivot was taken off the diagonal.
+        """
+        lower, pivots = self.factors.L, self.factors.U.diagonal()
+        if not np.array_equal(self.factors.perm_r, self.factors.perm_c) or not np.all(pivots > 0):
+            raise ArithmeticError("the stiffness has no symmetric factors; the mesh is unsound")
+        lower.setdiag(0.0)
+        return lower, pivots
+
+    def works(self, loads: csc_array) -> Real:
+        """Work of each load (n_freedoms, k) [N] on the displacement by each other, clamped: (k, k) [N mm].
+
+        Notes
+        -----
+        The loads are eliminated alone, y = L^-1 load, and work y^T D^-1 y on each other. What the clamps take of loads
+        out of balance is left out: only balanced sums of the works mean anything.
+        """
+        lower, pivots = self._lower
+        entries = loads.tocoo()
+        freedom, load = entries.coords
+        free = ~np.isin(freedom, self.clamped)
+        ordered = csc_array((entries.data[free], (self.factors.perm_r[freedom[free]], load[free])), shape=loads.shape)
+        room, ends = 4096 * loads.shape[1], np.zeros(loads.shape[1] + 1, np.int64)
+        while True:
+            rows, values = np.empty(room, np.int64), np.empty(room)
+            count = _eliminate(
+                (lower.indptr, lower.indices, lower.data),
+                (ordered.indptr, ordered.indices, ordered.data),
+                rows,
+                values,
+                ends,
+            )
+            if count <= room:
+                break
+            room = count
+        eliminated = csc_array((values[:count], rows[:count], ends), shape=loads.shape)
+        scaled = diags_array(1 / np.sqrt(pivots)) @ eliminated
+        return np.asarray((scaled.T @ scaled).toarray())
