@@ -111,6 +111,13 @@ def bearing_clearance(design: Design, deviation_um: Real) -> Real:
     return MM_PER_UM * (design.bearing.clearance_um + deviation_um)
 
 
+def modulus(design: Design, sampled: "SampledErrors") -> Real | None:
+    """Factor (n,) of the modulus of all elastic parts in each unit; None where no temperature is drawn."""
+    if design.thermal is None:
+        return None
+    return design.thermal.modulus({part: getattr(sampled, f"{part}_growth") for part in design.thermal.drawn})
+
+
 def _material(section: MaterialSection, design: Design) -> Material:
     return Material(section.youngs_modulus_MPa, section.poisson_ratio, design.disk.stress)
 

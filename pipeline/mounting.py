@@ -21,6 +21,7 @@ def drive_of(
     errors: Errors,
     clearance: Real,
     laws: ContactLaws | None = None,
+    modulus: Real | None = None,
 ) -> Drive:
     """Drive of a study's design at one crank angle, with the design's effects: the one place where a drive is made.
 
@@ -31,6 +32,7 @@ def drive_of(
     errors : of ``n`` states.
     clearance : (n,) of the input bearing [mm], or of those of the cranks where an output mechanism carries the disk.
     laws : of the contacts; the study's where none are given.
+    modulus : (n,) factor of the modulus of all elastic parts, or None for 1.
     """
     reducer = assembly.reducer(study.design, crank_deg)
     contacts, compliance_behind = len(reducer.contacts), assembly.output_compliance(study.design, reducer)
@@ -51,6 +53,7 @@ def drive_of(
         reading=GapReading(**dict(study.clearance)),
         shift=shift,
         bearing_clearance=clearance,
+        modulus=modulus,
     )
     return with_effects(drive, study.design.effects)
 

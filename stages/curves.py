@@ -91,7 +91,7 @@ def _curve_values(solution: Solved) -> dict[str, np.ndarray]:
         "bearing_y_um": UM_PER_MM * states.motion[..., 1],
         "pins_in_contact": np.count_nonzero(in_contact[..., of_pins], axis=2),
         "outputs_in_contact": np.count_nonzero(in_contact[..., ~of_pins], axis=2),
-        "peak_pressure_MPa": np.max(drive.laws.peak_pressure(states.force), axis=2),
+        "peak_pressure_MPa": np.max(drive.laws_of_states.peak_pressure(states.force), axis=2),
         "beyond_limit_share": beyond_limit_share(drive, states),
         "iterations": states.iterations,
         "residual": states.residual,
@@ -128,7 +128,7 @@ def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
     for solution in curves:
         drive, states, state_values = solution.drive, solution.response.equilibria, solution.response.state
         force = states.force[:, state_values]
-        local, elastic = drive.laws.deflection(force), force @ drive.compliance
+        local, elastic = drive.laws_of_states.deflection(force), drive.elastic_deflection(force)
         parts.append(
             {
                 "clearance_um": UM_PER_MM * np.broadcast_to(drive.gap[:, None], force.shape),
@@ -137,7 +137,7 @@ def contact_rows(samples: np.ndarray, curves: Sequence[Solved]) -> Columns:
                 "elastic_um": UM_PER_MM * elastic,
                 "local_um": UM_PER_MM * local,
                 "force_N": force,
-                "pressure_MPa": drive.laws.peak_pressure(force),
+                "pressure_MPa": drive.laws_of_states.peak_pressure(force),
             }
         )
     return {

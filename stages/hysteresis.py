@@ -109,7 +109,7 @@ def solve_samples(shared: Shared, sampled: Errors) -> Iterator[Solved]:
     errors = assembly.errors(sampled)
     clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
     for crank, laws, compliance in zip(study.cycle.crank_deg, shared.laws, shared.compliances, strict=True):
-        drive = drive_of(study, crank, compliance, errors, clearance, laws)
+        drive = drive_of(study, crank, compliance, errors, clearance, laws, assembly.modulus(study.design, sampled))
         response = respond(drive, shared.cycle(crank))
         yield Solved(crank, drive, response, invalid_metrics(drive, response, assembly.definitions(study)))
 
@@ -118,7 +118,7 @@ def loop_columns(study: Study, solution: Solved) -> dict[str, np.ndarray]:
     """What the table of loops says of every sample at one crank angle, (n,) each."""
     drive, response = solution.drive, solution.response
     states = response.equilibria
-    peak = np.max(drive.laws.peak_pressure(states.force), axis=(1, 2))
+    peak = np.max(drive.laws_of_states.peak_pressure(states.force), axis=(1, 2))
     shares = torque_shares(drive, response, assembly.definitions(study))
     readings = replace(loop_readings(response, peak, assembly.definitions(study)), load_share=shares.max(axis=(1, 2)))
     thrust = drive.reducer.thrust(states.force)
@@ -240,6 +240,7 @@ HYSTERESIS = Stage(
         "design.operation",
         "design.flank",
         "design.effects",
+        "design.thermal",
         "clearance",
         "cycle.crank_deg",
         "cycle.curve_crank_deg",

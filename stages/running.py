@@ -50,11 +50,11 @@ def running_columns(study: Study, drive: Drive, response: CycleResponse) -> dict
     force = held_forces(response, assembly.definitions(study))
     running = operation.running(study.design, drive.reducer)
     power = running.friction_power(force)
-    pressure = np.max(drive.laws.peak_pressure(force), axis=(1, 2))
+    pressure = np.max(drive.laws_of_states.peak_pressure(force), axis=(1, 2))
     return {
         SHEAR.name: LARGEST_SHEAR * pressure,
-        SHEAR_DEPTH.name: UM_PER_MM * np.max(running.shear_depth(drive.laws, force), axis=(1, 2)),
-        PRESSURE_SPEED.name: np.max(running.pressure_speed(drive.laws, force), axis=(1, 2)),
+        SHEAR_DEPTH.name: UM_PER_MM * np.max(running.shear_depth(drive.laws_of_states, force), axis=(1, 2)),
+        PRESSURE_SPEED.name: np.max(running.pressure_speed(drive.laws_of_states, force), axis=(1, 2)),
         **{column.name: power[:, sense] for sense, column in enumerate(FRICTION_POWER)},
     }
 
@@ -64,14 +64,15 @@ def contacts_at_angle(
 ) -> dict[str, np.ndarray]:
     """Values (n_kept, 2, n_contacts) of the table of contacts over the turn at one crank angle."""
     force = held_forces(response, assembly.definitions(study))[kept_states]
-    running, pressure = operation.running(study.design, drive.reducer), drive.laws.peak_pressure(force)
+    running, laws = operation.running(study.design, drive.reducer), drive.some(kept_states).laws_of_states
+    pressure = laws.peak_pressure(force)
     return {
         "force_N": force,
         "pressure_MPa": pressure,
         "shear_MPa": LARGEST_SHEAR * pressure,
-        "shear_depth_um": UM_PER_MM * running.shear_depth(drive.laws, force),
+        "shear_depth_um": UM_PER_MM * running.shear_depth(laws, force),
         "sliding_m_per_s": np.broadcast_to(1e-3 * running.speed, force.shape),
-        "pressure_speed_MPa_m_per_s": running.pressure_speed(drive.laws, force),
+        "pressure_speed_MPa_m_per_s": running.pressure_speed(laws, force),
     }
 
 

@@ -152,6 +152,7 @@ SAMPLE = Stage(
         "design.output.pins_in_holes",
         "design.output.has_bushes",
         "design.operation",
+        "design.thermal",
     ),
     tables=TABLES,
     module="stages.sample",

@@ -14,6 +14,7 @@ from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms import library as mechanism_library
 from pipeline.config.operation import Operation
 from pipeline.config.section import Clearance, Millimetres, Section
+from pipeline.config.temperature.thermal import Thermal
 
 
 class Housing(Section):
@@ -92,7 +93,8 @@ class Provenance(Section):
 class Design(Section):
     """A nominal one-stage cycloid reducer. Lengths in mm, moduli in MPa, as the names say.
 
-    `effects` are of the library `pipeline.model.effects`, by name, each with all of its parameters.
+    `effects` are of the library `pipeline.model.effects`, by name, each with all of its parameters. `thermal` is no key
+    of a file: it is there where a study draws temperatures.
     """
 
     title: str
@@ -108,3 +110,4 @@ class Design(Section):
     operation: Operation | None = None
     effects: dict[str, dict[str, float]] = {}
     provenance: dict[str, Provenance] = {}
+    thermal: Thermal | None = None

@@ -20,7 +20,15 @@ from pipeline.config.messages import problems_of
 from pipeline.config.notation import with_notation
 from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
 from pipeline.config.study import Study
-from pipeline.config.temperature import (
+from pipeline.config.temperature.drawn import (
+    draw_problems,
+    growth_tolerances,
+    plain_temperatures,
+    read_draws,
+    thermal_of,
+    told_draws,
+)
+from pipeline.config.temperature.stated import (
     Temperature,
     temperature_problems,
     told,
@@ -110,6 +118,8 @@ def parse_design(data: Mapping[str, Any], file: str) -> Design:
     """
     raw = with_tuples(data)
     problems, parts = validated(Design, raw)
+    if raw.get("thermal") is not None:
+        problems.append(Problem("thermal", None, "unknown key; temperatures are of a study: [temperature]"))
     problems += geometry_problems(parts)
     problems += effect_problems(parts.get("effects", {}))
     problems += provenance_problems(parts, raw)
@@ -156,12 +166,18 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
 
 
 def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[str, Any], Design | None, list[Problem]]:
-    """The study and its design at the temperatures that it states, if any; without the section."""
+    """The study and its design at the temperatures that it states or draws, if any; without the section."""
     if "temperature" not in raw:
         return raw, design, []
     remaining = {name: value for name, value in raw.items() if name != "temperature"}
+    section = raw["temperature"] if isinstance(raw["temperature"], Mapping) else {}
+    plain, drawn, follows, problems = plain_temperatures(section)
+    draws, wrong = read_draws(drawn)
+    problems += wrong
+    if problems:
+        return remaining, design, problems
     try:
-        temperature = Temperature.model_validate(raw["temperature"])
+        temperature = Temperature.model_validate(plain)
     except ValidationError as error:
         wrong = problems_of(error, Temperature)
         return remaining, design, [Problem(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]
@@ -170,14 +186,21 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
     if wrong := temperature_problems(temperature, design):
         return remaining, design, wrong
     warm = warmed(temperature, design)
-    raw_cases = remaining.get("cases")
+    thermal = thermal_of(warm, design, draws, follows)
+    if wrong := draw_problems(temperature, thermal, design, draws):
+        return remaining, design, wrong
+    raw_cases, tolerances = remaining.get("cases"), remaining.get("tolerances", {})
     if isinstance(raw_cases, tuple) and raw_cases:
+        if draws:
+            allowed = "is a distribution, and the study lists its units; state one number"
+            return remaining, design, [Problem(f"temperature.{part}_C", None, allowed) for part in draws]
         cases = (warm_case(warm, case, design) if isinstance(case, Mapping) else case for case in raw_cases)
         remaining["cases"] = tuple(cases)
-    elif isinstance(remaining.get("tolerances", {}), Mapping):
-        remaining["tolerances"] = warm_tolerances(warm, remaining.get("tolerances", {}), design)
-    remaining["description"] = f"{remaining.get('description', '')} {told(temperature)}".strip()
-    return remaining, warm_design(warm, design), []
+    elif isinstance(tolerances, Mapping):
+        remaining["tolerances"] = warm_tolerances(warm, tolerances, design) | growth_tolerances(thermal, draws)
+    sentences = (remaining.get("description", ""), told(temperature), told_draws(draws, follows) if draws else "")
+    remaining["description"] = " ".join(filter(None, map(str, sentences)))
+    return remaining, warm_design(warm, design).model_copy(update={"thermal": thermal if draws else None}), []
 
 
 def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Design | None, Sequence[str]]:

@@ -38,6 +38,8 @@ class _Errors:
     output_pin_position_amplitude, output_pin_position_phase : (n_samples, n_output_contacts) [um] and [rad].
     hole_position_amplitude, hole_position_phase : (n_samples, n_disks n_holes) [um] and [rad].
     pin_roundness_2_amplitude, pin_roundness_2_phase : (n_samples, n_pins) [um] and [rad]; as well of order 3.
+    disk_growth, pins_growth, housing_growth, crank_growth : (n_samples,) [um] by drawn temperatures; what they change
+        of pins and eccentricity is counted there.
 
     Every other dimension has an attribute of its name, (n_samples,) or (n_samples, n_elements) [um]. One with a
     direction has ``<name>_amplitude`` [um] and ``<name>_phase`` [rad], counterclockwise from the crank at 0: of an
@@ -65,6 +67,10 @@ class _Errors:
     pin_roundness_2_phase: Real
     pin_roundness_3_amplitude: Real
     pin_roundness_3_phase: Real
+    disk_growth: Real
+    pins_growth: Real
+    housing_growth: Real
+    crank_growth: Real
 
     def __len__(self) -> int:
         return len(self.eccentricity)
@@ -225,6 +231,10 @@ def _errors(values: dict[str, Real], design: Design) -> Errors:
             deviation = errors[dimension.field]
             direction = errors.get(dimension.phase, np.zeros(len(deviation)))
             errors[dimension.acts_on] = errors[dimension.acts_on] + dimension.shift(deviation, direction, design)
+    if design.thermal is not None:
+        growth_um = {part: errors[f"{part}_growth"] for part in design.thermal.drawn}
+        for name, shift in design.thermal.shifts_um(growth_um).items():
+            errors[name] = errors[name] + np.reshape(shift, (-1,) + (1,) * (errors[name].ndim - 1))
     return Errors(**errors)
 
 

@@ -131,6 +131,31 @@ class Drive:
             known=self.gap_of_errors[states],
         )
 
+    @cached_property
+    def laws_of_states(self) -> ContactLaws:
+        """Laws of the contacts with each state's modulus, (n, 1, n_contacts) each; where that is 1, the laws.
+
+        At a force that is larger by the factor of the modulus a contact deflects as much. Where a stiffness is stated,
+        a law that is linear, it is left as it is.
+        """
+        if self.modulus is None:
+            return self.laws
+        factor, laws = self.modulus[:, None, None], self.laws
+        stated = (laws.logarithmic == 0) & (laws.power == 0)
+        return ContactLaws(
+            linear=np.where(stated, laws.linear, (laws.linear + laws.logarithmic * np.log(factor)) / factor),
+            logarithmic=laws.logarithmic / factor,
+            power=laws.power / factor**laws.exponent,
+            exponent=laws.exponent + np.zeros_like(factor),
+            force_limit=laws.force_limit * factor,
+            pressure=laws.pressure * np.sqrt(factor),
+        )
+
+    def elastic_deflection(self, force: Real) -> Real:
+        """What the elastic bodies give way at each contact (n, n_torques, n_contacts) [mm] under forces [N] there."""
+        elastic = force @ self.compliance
+        return elastic if self.modulus is None else elastic / self.modulus[:, None, None]
+
     def stiffening(self, state: int) -> float:
         """Torque over that which turns the reducer as far with the modulus of the drawing, in a state.
 
@@ -170,10 +195,31 @@ class Drive:
     def equilibria(self, start: Real, torque: Real) -> Equilibria:
         """Frictionless equilibria (n, n_torques) at torques (n_torques,) [N mm], one after the other.
 
-        ``start`` (n, n_motions) are poses near the first; see ``equilibrium.solve``.
+        The modulus is the drawing's. ``start`` (n, n_motions) are poses near the first; see ``equilibrium.solve``.
         """
         springs = self.reducer, self.bearing, self.laws, self.compliance
         return solve(*springs, self.gap, self.bearing_clearance, start, torque)
+
+    def softened_equilibria(self, start: Real, torque: Real) -> Equilibria:
+        """As ``equilibria``, each state with the modulus of its elastic parts; the bearing's stiffness is stated."""
+        if self.modulus is None:
+            return self.equilibria(start, torque)
+        states = [
+            solve(
+                self.reducer,
+                self.bearing,
+                ContactLaws(**{name: values[k, 0] for name, values in vars(self.laws_of_states).items()}),
+                self.compliance / factor,
+                self.gap[k : k + 1],
+                self.bearing_clearance[k : k + 1],
+                start[k : k + 1],
+                torque,
+            )
+            for k, factor in enumerate(self.modulus)
+        ]
+        return Equilibria(
+            **{name: np.concatenate([getattr(state, name) for state in states]) for name in vars(states[0])}
+        )
 
 
 @dataclass(frozen=True)

@@ -80,11 +80,11 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
     for sense, pose in ((1.0, play.pose_plus), (-1.0, play.pose_minus)):
         levels = sense * cycle.rated_torque * cycle.fractions
         start = first_poses(drive, pose, levels[0])
-        senses.append(_with_end(drive.equilibria(start, levels), pose))
+        senses.append(_with_end(drive.softened_equilibria(start, levels), pose))
         if np.any(play.preloaded):
             preloaded = play.preloaded
             limit = sense * np.array([LIMIT_TORQUE * cycle.rated_torque])
-            end = drive.some(preloaded).equilibria(start[preloaded], limit)
+            end = drive.some(preloaded).softened_equilibria(start[preloaded], limit)
             for name, values in vars(senses[-1]).items():
                 values[preloaded, 0] = getattr(end, name)[:, 0]
     return Equilibria(

@@ -76,11 +76,13 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     Raises
     ------
     ValueError
-        If the drive creeps: a load cycle has no time.
+        If the drive creeps: a load cycle has no time; if it has friction, and its modulus differs from state to state.
     """
     if drive.creep is not None:
         raise ValueError("a load cycle has no time, so a drive that creeps has no response to it")
     frictional = len(drive.sliders.acting) > 0
+    if frictional and drive.modulus is not None:
+        raise ValueError("friction does not change with the modulus, so states of several have no response with it")
     levels = refined(cycle) if frictional else cycle
     frictionless = solve_cycle(drive, levels)
     branch, state = cycle.steps

@@ -112,6 +112,6 @@ def beyond_limit_share(drive: Drive, states: Equilibria) -> np.ndarray:
     of_pins = contacts.kind == PIN
     force = states.force[..., of_pins]
     moment = np.abs(contacts.arm[of_pins]) * force
-    beyond_law = np.sum(moment, axis=2, where=force > drive.laws.force_limit[of_pins])
+    beyond_law = np.sum(moment, axis=2, where=force > drive.laws_of_states.force_limit[..., of_pins])
     total = np.sum(moment, axis=2)
     return np.divide(beyond_law, total, out=np.zeros_like(total), where=total > 0)

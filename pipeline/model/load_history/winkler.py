@@ -32,7 +32,7 @@ def secant_compliance(drive: Drive, force: Real) -> Real:
     compliance. The bearing gives way to the centre alone, which is held here.
     """
     interface = drive.reducer.contacts.interface
-    work = force * (drive.laws.deflection(force) + force @ drive.compliance)
+    work = force * (drive.laws_of_states.deflection(force) + drive.elastic_deflection(force))
     compliance = np.empty(len(interface))
     for part in np.unique(interface):
         rows = interface == part

@@ -66,7 +66,7 @@ class Warm:
 def temperature_problems(temperature: Temperature, design: Design) -> list[Problem]:
     """Materials that are not there, do not say how they grow, or have lost their stiffness."""
     problems = []
-    for part, name in _materials(temperature, design).items():
+    for part, name in materials_of_parts(temperature, design).items():
         key = f"temperature.{part}_material"
         if name not in design.materials:
             allowed = f"no such material in the design; {nearest_name(name, design.materials)}"
@@ -77,14 +77,15 @@ def temperature_problems(temperature: Temperature, design: Design) -> list[Probl
                 Problem(key if hasattr(temperature, f"{part}_material") else f"temperature.{part}_C", name, allowed)
             )
     for part in ("disk", "pins"):
-        material = design.materials[_materials(temperature, design)[part]]
-        if _softening(material, _rise(temperature, part)) <= 0:
+        material = design.materials[materials_of_parts(temperature, design)[part]]
+        if _softening(material, temperature_rise(temperature, part)) <= 0:
             allowed = "leaves the material no modulus by its modulus_slope_per_K; take a lower temperature"
             problems.append(Problem(f"temperature.{part}_C", getattr(temperature, f"{part}_C"), allowed))
     return problems
 
 
-def _materials(temperature: Temperature, design: Design) -> dict[str, str]:
+def materials_of_parts(temperature: Temperature, design: Design) -> dict[str, str]:
+    """Material of each part."""
     return {
         "disk": design.disk.material,
         "pins": design.pins.material,
@@ -93,7 +94,8 @@ def _materials(temperature: Temperature, design: Design) -> dict[str, str]:
     }
 
 
-def _rise(temperature: Temperature, part: str) -> float:
+def temperature_rise(temperature: Temperature, part: str) -> float:
+    """Temperature of a part less that of the drawing [K]."""
     return float(getattr(temperature, f"{part}_C")) - temperature.reference_C
 
 
@@ -104,8 +106,8 @@ def _softening(material: Material, rise: float) -> float:
 def warmed(temperature: Temperature, design: Design) -> Warm:
     """How the parts of a design have grown."""
     growth = {}
-    for part, name in _materials(temperature, design).items():
-        growth[part] = 1 + (design.materials[name].expansion_per_K or 0.0) * _rise(temperature, part)
+    for part, name in materials_of_parts(temperature, design).items():
+        growth[part] = 1 + (design.materials[name].expansion_per_K or 0.0) * temperature_rise(temperature, part)
     return Warm(temperature, growth)
 
 
@@ -116,7 +118,7 @@ def warm_design(warm: Warm, design: Design) -> Design:
         raw[section] = _grown(raw[section], warm.growth["disk"])
     renamed = {}
     for part, section in (("disk", "disk"), ("pins", "pins"), ("disk", "output")):
-        rise = _rise(warm.temperature, part)
+        rise = temperature_rise(warm.temperature, part)
         for key, value in list(raw[section].items()):
             if key.endswith("material") and value in design.materials:
                 material = design.materials[value]

@@ -1,0 +1,1 @@
+"""Growth of the parts by temperatures that a study draws."""

@@ -1,0 +1,5 @@
+"""Growth of the disk by drawn temperatures."""
+
+from pipeline.config.dimensions.thermal._growth import growth
+
+DIMENSION = growth("disk", "the disk at the pin circle's radius", rank=110, drawn=140)

@@ -1,0 +1,1 @@
+"""Temperatures of the parts of a reducer: stated, or drawn from unit to unit."""
