@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline import assembly, elastic
 from pipeline.config import Study
+from pipeline.config.study import Reduce
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import Compliance, ElasticBody
 from pipeline.model.elastic.pressure_patches import Patches
@@ -98,6 +99,12 @@ class Specimen:
         disk = self.study.design.disk.model_copy(update={"stress": stress})
         design = self.study.design.model_copy(update={"disk": disk})
         return Specimen(self.study.model_copy(update={"design": design}), self.sample, self.crank_deg)
+
+    def meshed_as(self, reduce: Reduce) -> "Specimen":
+        """The same sample on another mesh; itself on its own."""
+        if reduce == self.study.reduce:
+            return self
+        return Specimen(self.study.model_copy(update={"reduce": reduce}), self.sample, self.crank_deg)
 
 
 def loaded(
