@@ -201,7 +201,7 @@ class Drive:
         return solve(*springs, self.gap, self.bearing_clearance, start, torque)
 
     def softened_equilibria(self, start: Real, torque: Real) -> Equilibria:
-        """As ``equilibria``, each state with the modulus of its elastic parts; the bearing's stiffness is stated."""
+        """As ``equilibria`` (n, n_torques), each state with its modulus; the bearing's stiffness is as stated."""
         if self.modulus is None:
             return self.equilibria(start, torque)
         states = [
