@@ -15,9 +15,10 @@ from pipeline.model.contact.laws import ContactLaws, LineContact, Material, conc
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.clocking import Clocking, clocking, same_places
+from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
 from pipeline.model.geometry.out_of_round import ORDERS
-from pipeline.model.geometry.reducer import OUTPUT, Bearing, OutputContacts, Reducer, nominal_reducer
+from pipeline.model.geometry.reducer import Bearing, OutputContacts, Reducer, nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.metrics import Definitions
 from pipeline.model.units import MM_PER_UM, NMM_PER_NM

@@ -10,8 +10,9 @@ from pipeline.model.elastic.condensed_body import ElasticBody, elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.perforated_mesh import hole_boundary, perforated_mesh
 from pipeline.model.elastic.pressure_patches import Patches, boundary_patches, joined, line_patches
+from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import disk_rotation
-from pipeline.model.geometry.reducer import OUTPUT, PIN, Reducer
+from pipeline.model.geometry.reducer import Reducer
 
 EDGES_PER_HALF_WIDTH = 2
 """Edges of a hole's wall under half of a patch."""

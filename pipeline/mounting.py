@@ -9,8 +9,8 @@ from pipeline.config.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.effects import Conditions, library
 from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.reducer import OUTPUT
 from pipeline.model.load_history.drive import Drive, GapReading
 
 

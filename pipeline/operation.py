@@ -5,7 +5,8 @@ import numpy as np
 from pipeline.assembly import definitions, profile
 from pipeline.config.design import Design
 from pipeline.config.study import Study
-from pipeline.model.geometry.reducer import PIN, Reducer
+from pipeline.model.geometry.contacts import PIN
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.metrics.turn import Conditions
 from pipeline.model.turn.contact_load import Running
 from pipeline.model.turn.sliding import sliding_speed

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.reducer import PIN
+from pipeline.model.geometry.contacts import PIN
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES
 from pipeline.model.load_history.response import CycleResponse

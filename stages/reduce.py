@@ -15,7 +15,8 @@ from pipeline.figures.mesh import mesh_figure
 from pipeline.figures.style import save
 from pipeline.figures.vtk import write_vtk
 from pipeline.model.elastic.condensed_body import ElasticBody
-from pipeline.model.geometry.reducer import PIN, Reducer
+from pipeline.model.geometry.contacts import PIN
+from pipeline.model.geometry.reducer import Reducer
 from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
 from stages.keys import CONTACT, CRANK
 

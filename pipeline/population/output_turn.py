@@ -19,8 +19,9 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.geometry.clearance import Errors as ModelErrors
 from pipeline.model.geometry.clearance import after_turns
+from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.drawn_flank import deviation_table
-from pipeline.model.geometry.reducer import OUTPUT, Reducer
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.turn.held_torque import bearing_force, held_forces

@@ -15,8 +15,9 @@ from pipeline.model.contact.laws import (
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.contact.line_laws.palmgren import palmgren_laws
 from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
-from pipeline.model.geometry.reducer import OUTPUT, nominal_reducer
+from pipeline.model.geometry.reducer import nominal_reducer
 
 PAPER = CycloidProfile(pins=80, pin_circle_radius=32.5, pin_radius=0.8, eccentricity=0.35)
 SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)

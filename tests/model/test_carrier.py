@@ -11,8 +11,9 @@ from pipeline.config.mechanisms.carrier import Carrier, FirstStage
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.model.contact.laws import LineContact, concatenated
 from pipeline.model.contact.line_laws import library
+from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
-from pipeline.model.geometry.reducer import OUTPUT, Bearing, nominal_reducer
+from pipeline.model.geometry.reducer import Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_backlash import general_play
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 

@@ -11,8 +11,9 @@ from pipeline.config.mechanisms.pin_in_hole import PinInHole
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import gaps
+from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
-from pipeline.model.geometry.reducer import OUTPUT, PIN, nominal_reducer
+from pipeline.model.geometry.reducer import nominal_reducer
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.drive import first_poses
 

@@ -5,7 +5,7 @@ import pytest
 from reducers import PAPER, SMALL, errors_of, reducer_at
 
 from pipeline.model.geometry.clearance import exact_gaps
-from pipeline.model.geometry.reducer import OUTPUT, PIN
+from pipeline.model.geometry.contacts import OUTPUT, PIN
 
 CASES = pytest.mark.parametrize(("profile", "crank", "floats"), [(PAPER, 0.0, False), (SMALL, 1.1, True)])
 

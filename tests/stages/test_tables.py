@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from pipeline import assembly
 from pipeline.model.equilibrium.solve import Equilibria
-from pipeline.model.geometry.reducer import PIN
+from pipeline.model.geometry.contacts import PIN
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.metrics import library

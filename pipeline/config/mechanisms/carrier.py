@@ -13,8 +13,8 @@ from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.config.section import Clearance, Millimetres, Problem, Section
 from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
-from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose, joined
 
 if TYPE_CHECKING:
     from pipeline.config.cycloid import Cycloid

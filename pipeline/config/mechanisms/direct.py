@@ -10,8 +10,8 @@ from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
 from pipeline.config.section import Problem
 from pipeline.model.contact.laws import ContactLaws, no_laws
+from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 from pipeline.model.geometry.cycloid_profile import Index
-from pipeline.model.geometry.reducer import Contacts, DiskPose, no_contacts
 
 if TYPE_CHECKING:
     from pipeline.config.cycloid import Cycloid

@@ -13,8 +13,9 @@ import numpy as np
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.section import Problem, Section
 from pipeline.model.contact.laws import ContactLaws, Material, no_laws
+from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
-from pipeline.model.geometry.reducer import Bearing, Contacts, DiskPose, no_contacts
+from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.registry import declarations
 
 if TYPE_CHECKING:

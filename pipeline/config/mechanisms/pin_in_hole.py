@@ -14,8 +14,8 @@ from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechani
 from pipeline.config.section import Clearance, Millimetres, Problem, Section
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, pin_flexibility
+from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
-from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose
 
 if TYPE_CHECKING:
     from pipeline.config.cycloid import Cycloid

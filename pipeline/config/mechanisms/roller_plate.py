@@ -13,8 +13,8 @@ from pipeline.config.mechanisms.drawing import Circles, Panel, Part, RowLabel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
 from pipeline.config.section import Millimetres, Problem
 from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated
+from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
-from pipeline.model.geometry.reducer import OUTPUT, Contacts, DiskPose, joined
 
 if TYPE_CHECKING:
     from pipeline.config.cycloid import Cycloid

@@ -22,7 +22,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.reducer import PIN
+from pipeline.model.geometry.contacts import PIN
 from pipeline.model.load_history.drive import Drive
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors as SampledErrors

@@ -9,6 +9,7 @@ and Thompson, Biometrika 58 (1971) 545.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,11 +105,7 @@ def discrepancy(
     def misfit(logs: Real) -> float:
         return -restricted_likelihood(sum(covariance(logs)) + base, design, means)
 
-    bounds = [tuple(np.log(SIZES)), tuple(np.log(SIZES)), tuple(np.log(REACHES))]
-    starts = [np.log([size, size, reach]) for size in (0.3, 10.0) for reach in (0.1, 0.4)]
-    best = min(
-        (minimize(misfit, start, bounds=bounds, method="L-BFGS-B") for start in starts), key=lambda fit: fit.fun
-    ).x
+    best = _most_likely(misfit)
     shared, position_kernel = covariance(best)
     factor = cho_factor(shared + position_kernel + base)
     spread = np.linalg.pinv(design.T @ cho_solve(factor, design))
@@ -130,6 +127,14 @@ def discrepancy(
         moved=(amounts / scale)[:n],
         error=(np.sqrt(np.diag(spread)) / scale)[:n],
     )
+
+
+def _most_likely(misfit: Callable[[Real], float]) -> Real:
+    """Logarithms (3,) of both sizes and of the reach, in their units, at which ``misfit`` is least."""
+    bounds = [tuple(np.log(SIZES)), tuple(np.log(SIZES)), tuple(np.log(REACHES))]
+    starts = [np.log([size, size, reach]) for size in (0.3, 10.0) for reach in (0.1, 0.4)]
+    fits = [minimize(misfit, start, bounds=bounds, method="L-BFGS-B") for start in starts]
+    return min(fits, key=lambda fit: fit.fun).x
 
 
 def discrepancy_of(fitter: Fitter, fit: Fit, direction: Whole, cells: Truth) -> Discrepancy:

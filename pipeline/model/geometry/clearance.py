@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.model.compiled import entry
+from pipeline.model.geometry.contacts import Contacts, DiskPose
 from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
 from pipeline.model.geometry.deviating_distances import deviating_distances
 from pipeline.model.geometry.drawn_flank import deviation_table, material_off
 from pipeline.model.geometry.flank_modification import NOMINAL
 from pipeline.model.geometry.foot_points import pin_distances, valleys
 from pipeline.model.geometry.out_of_round import ORDERS, exact_closing, first_order_closing
-from pipeline.model.geometry.reducer import Contacts, DiskPose, Reducer
+from pipeline.model.geometry.reducer import Reducer
 
 DISK_READINGS = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}
 """What a disk profile error of 1 is at the flank: a shift of the pin circle that generates it (radial; half of
@@ -167,26 +168,15 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
 
 @entry
 def _first_order_gaps(
-    reading,
-    lobe,
-    lobe_before,
-    lobe_other,
-    lobe_error,
-    radial,
-    radial_part,
-    tangential,
-    tangential_part,
-    radius,
-    eccentricity,
-    eccentric,
+    factor, lobe, lobe_before, lobe_other, lobe_error, radial, cosine, tangential, sine, radius, eccentricity, eccentric
 ):
     """See ``first_order_gaps``; lobes ``lobe_before`` and ``lobe_other`` of every pin: the nearer flank counts."""
     n, n_pins = radial.shape
     gap = np.empty((n, n_pins))
     for s in range(n):
         for i in range(n_pins):
-            shared = reading * min(lobe[s, lobe_before[i]], lobe[s, lobe_other[i]]) * lobe_error[i]
-            placed = shared - radial_part[i] * radial[s, i] - tangential_part[i] * tangential[s, i]
+            shared = factor * min(lobe[s, lobe_before[i]], lobe[s, lobe_other[i]]) * lobe_error[i]
+            placed = shared - cosine[i] * radial[s, i] - sine[i] * tangential[s, i]
             gap[s, i] = placed - radius[s, i] + eccentric[i] * eccentricity[s]
     return gap
 
@@ -220,9 +210,7 @@ def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Err
             (flank.pins, flank.pin_circle_radius, flank.pin_radius),
             shares,
             errors.lobe,
-            np.where(pins.phase < 0, lobe_before, lobe_behind),
-            lobe_before,
-            lobe_behind,
+            (np.where(pins.phase < 0, lobe_before, lobe_behind), lobe_before, lobe_behind),
             *displacements,
         )
     return distance - (profile.pin_radius + errors.pin_radius)

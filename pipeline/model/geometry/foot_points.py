@@ -202,27 +202,16 @@ def _nearest(first_point, last_point, points, circle, offset, cx, cy, pins, squa
 
 @entry
 def pin_distances(
-    table,
-    points,
-    eccentric,
-    profile,
-    shares,
-    lobe,
-    met_lobe,
-    lobe_before,
-    lobe_behind,
-    radial,
-    tangential,
-    eccentricity,
-    rotation,
+    table, points, eccentric, profile, shares, lobe, lobe_numbers, radial, tangential, eccentricity, rotation
 ):
     """Distances (n, n_pins) of the pins' centres from the flanks [mm]; see ``clearance.exact_gaps``.
 
     ``profile``: pins, radius of their circle, radius of a pin; ``shares``: what a lobe's error takes off the circle and
     adds to the offset of its flank; ``rotation``: of each lobe about the disk's axis [rad], which is the pin about it
-    the other way; ``met_lobe``, ``lobe_before``, ``lobe_behind``: lobe of each pin, and the two beside its root.
+    the other way; ``lobe_numbers``: of the lobe of each pin, and of the two beside its root.
     """
     pins, pin_circle, pin_radius = profile
+    met_lobe, lobe_before, lobe_behind = lobe_numbers
     n, n_pins = radial.shape
     last_point = points.shape[1] - 1
     sx, sy, cx, cy = np.empty(n_pins), np.empty(n_pins), np.empty(n_pins), np.empty(n_pins)
@@ -238,19 +227,9 @@ def pin_distances(
             step = (shares[0] + shares[1]) * abs(lobe[s, lobe_before[i]] - lobe[s, lobe_behind[i]])
             step += pin_circle * abs(rotation[s, lobe_before[i]] - rotation[s, lobe_behind[i]])
             allowed[i] = min(table[10, i], 0.5 * (table[11, i] - step))
-            radial_shift, tangential_shift = radial[s, i], tangential[s, i]
-            cx[i] = (
-                table[4, i]
-                + table[6, i] * radial_shift
-                - table[7, i] * tangential_shift
-                - eccentricity[s] * eccentric.real
-            )
-            cy[i] = (
-                table[5, i]
-                + table[7, i] * radial_shift
-                + table[6, i] * tangential_shift
-                - eccentricity[s] * eccentric.imag
-            )
+            shift, lateral = radial[s, i], tangential[s, i]
+            cx[i] = table[4, i] + table[6, i] * shift - table[7, i] * lateral - eccentricity[s] * eccentric.real
+            cy[i] = table[5, i] + table[7, i] * shift + table[6, i] * lateral - eccentricity[s] * eccentric.imag
             ox[i], oy[i] = _turned(cx[i], cy[i], -rotation[s, met_lobe[i]])
         _single_distances(sx, sy, table[2], table[3], ox, oy, offset, allowed, pins, turn, distance[s])
         for i in range(n_pins):
@@ -263,10 +242,8 @@ def pin_distances(
                 (lobe_before[i], last_point // 2, last_point),
                 (lobe_behind[i], 0, last_point // 2),
             ):
-                centre_radius, parallel = (
-                    pin_circle - shares[0] * lobe[s, neighbour],
-                    pin_radius + shares[1] * lobe[s, neighbour],
-                )
+                error = lobe[s, neighbour]
+                centre_radius, parallel = pin_circle - shares[0] * error, pin_radius + shares[1] * error
                 px, py = _turned(x, y, -rotation[s, neighbour])
                 nearest = min(nearest, _nearest(start, end, points, centre_radius, parallel, px, py, pins, squares))
             distance[s, i] = nearest

@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
+from pipeline.model.geometry.contacts import DISK, HOUSING, Contacts, DiskPose, joined, pin_list
 from pipeline.model.geometry.cycloid_profile import (
-    Complex,
     CycloidProfile,
     Index,
     PinContacts,
@@ -21,11 +21,6 @@ from pipeline.model.geometry.cycloid_profile import (
     disk_rotation,
     pin_contacts,
 )
-
-PIN, OUTPUT = "pin", "output"
-HOUSING = "housing"
-DISK = "disk"
-"""Name of a disk among the bodies; of several ones their numbers follow it."""
 
 
 @dataclass(frozen=True)
@@ -44,80 +39,6 @@ class Bearing:
     def depth(self, force: Real) -> Real:
         """How far the spring gives way [mm] under a force (...) [N], its clearance not counted."""
         return (force / self.stiffness) ** (1 / self.exponent)
-
-
-@dataclass(frozen=True)
-class DiskPose:
-    """Where a disk stands at one crank angle, nominally: what an output mechanism needs to know of it.
-
-    Attributes
-    ----------
-    body : its name among the bodies.
-    crank : direction of its eccentric [rad].
-    eccentricity : [mm]
-    pins : nominal contacts of every pin with it.
-    rotation : of its holes, or of what else carries the output, and of the output [rad].
-    """
-
-    body: str
-    crank: float
-    eccentricity: float
-    pins: PinContacts
-    rotation: float
-
-    @property
-    def eccentric(self) -> complex:
-        """Its centre from the housing axis, complex [mm]."""
-        return complex(self.eccentricity * np.exp(1j * self.crank))
-
-    def part(self, name: str) -> str:
-        """Name of a body that belongs to this disk alone: the first disk's is ``name`` itself."""
-        return name + self.body.removeprefix(DISK)
-
-
-@dataclass(frozen=True)
-class Contacts:
-    """Every contact of a reducer, pins first; arrays (n_contacts,).
-
-    Attributes
-    ----------
-    kind : ``"pin"`` or ``"output"``.
-    body_a, body_b : the bodies; the normal points from a into b.
-    interface, face, end, station : place of an output contact; -1 for pins. An output pin in its hole has interface,
-        face and end 0, and its own number as station.
-    hole : number of the disk's hole on whose wall it lies, -1 elsewhere.
-    gap : of nominal bodies at the nominal pose [mm].
-    two_sided : whether the errors of a diameter open a pair of contacts, on either side of a body that lies loose;
-        else half of them opens this one.
-    per_eccentricity : growth of the gap with an error of the eccentricity [-]; 0 for pins, whose gaps are exact.
-    curvature : of the disk at a pin or in a hole, convex positive, 0 of flats [1/mm].
-    point, normal : [mm], [-], complex, housing frame.
-    arm : moment of the unit normal force on body b about that body's centre [mm].
-    """
-
-    kind: np.ndarray
-    body_a: np.ndarray
-    body_b: np.ndarray
-    interface: np.ndarray
-    face: np.ndarray
-    end: np.ndarray
-    station: np.ndarray
-    hole: np.ndarray
-    label: np.ndarray
-    gap: Real
-    two_sided: np.ndarray
-    per_eccentricity: Real
-    curvature: Real
-    point: Complex
-    normal: Complex
-    arm: Real
-
-    def __len__(self) -> int:
-        return len(self.arm)
-
-    def some(self, rows: np.ndarray) -> "Contacts":
-        """Some of the contacts."""
-        return Contacts(*(getattr(self, name)[rows] for name in Contacts.__dataclass_fields__))
 
 
 @dataclass(frozen=True)
@@ -230,59 +151,6 @@ def of_each_disk(values: Real, count: int) -> Real:
     return values if values.ndim == 2 else np.repeat(values[:, None], count, axis=1)
 
 
-def _pin_list(disk: DiskPose) -> Contacts:
-    pins, n = disk.pins, len(disk.pins.arm)
-    no_motion = np.full(n, -1)
-    return Contacts(
-        kind=np.full(n, PIN),
-        body_a=np.full(n, HOUSING),
-        body_b=np.full(n, disk.body),
-        interface=no_motion,
-        face=no_motion,
-        end=no_motion,
-        station=no_motion,
-        hole=no_motion,
-        label=np.array([f"pin {i}" for i in range(n)]),
-        gap=np.zeros(n),
-        two_sided=np.zeros(n, bool),
-        per_eccentricity=np.zeros(n),
-        curvature=pins.flank_curvature,
-        point=pins.point,
-        normal=pins.normal,
-        arm=pins.arm,
-    )
-
-
-def no_contacts() -> Contacts:
-    """A list without contacts."""
-    text, integer, real, point = np.full(0, ""), np.zeros(0, int), np.zeros(0), np.zeros(0, complex)
-    return Contacts(
-        kind=text,
-        body_a=text,
-        body_b=text,
-        interface=integer,
-        face=integer,
-        end=integer,
-        station=integer,
-        hole=integer,
-        label=text,
-        gap=real,
-        two_sided=np.zeros(0, bool),
-        per_eccentricity=real,
-        curvature=real,
-        point=point,
-        normal=point,
-        arm=real,
-    )
-
-
-def joined(lists: list[Contacts]) -> Contacts:
-    """The contacts of several lists in one, in their order."""
-    return Contacts(
-        *(np.concatenate([getattr(part, name) for part in lists]) for name in Contacts.__dataclass_fields__)
-    )
-
-
 def _contact_jacobian(contacts: Contacts, motions: tuple[str, ...]) -> Real:
     """Penetration per unit motion: body b moving along the normal opens the contact, body a closes it."""
     jacobian = np.zeros((len(contacts), len(motions)))
@@ -344,11 +212,11 @@ def nominal_reducer(
     """
     poses = disk_poses(profile, crank, disks)
     behind_disks = output.contacts_behind(poses[0])
-    of_disks = [_labelled(part(pose), pose) for part in (_pin_list, output.contacts_of) for pose in poses]
+    of_disks = [_labelled(part(pose), pose) for part in (pin_list, output.contacts_of) for pose in poses]
     contacts = joined([*of_disks, behind_disks])
-    motions_behind = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
+    output_motions = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
     planar = [f"{pose.body}_{axis}" for pose in poses for axis in "xy"]
-    motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *motions_behind)
+    motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *output_motions)
     jacobian = _contact_jacobian(contacts, motions)
     reducer = Reducer(
         crank, poses, contacts, motions, jacobian, centred=not output.carries_disks, n_behind=len(behind_disks)

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.model.geometry.contacts import HOUSING
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.reducer import HOUSING, Reducer
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.loop_readings import held_states
 from pipeline.model.load_history.response import CycleResponse

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
-from pipeline.model.geometry.reducer import PIN, Reducer
+from pipeline.model.geometry.reducer import Reducer
 
 
 def sliding_speed(profile: CycloidProfile, reducer: Reducer, input_speed: float) -> Real:

@@ -14,8 +14,8 @@ from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.report.rendering import Picture, rendered
+from pipeline.report.unit.facts import discrepancy_facts
 from pipeline.report.unit.numbers import digits, interval
-from pipeline.report.unit.page import discrepancy_facts
 
 TEMPLATE = "unit/description.html"
 CAPTIONS = {

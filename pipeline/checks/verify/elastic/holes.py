@@ -16,8 +16,8 @@ from pipeline.checks.specimen import Specimen, loaded
 from pipeline.checks.verify.findings import Finding, compared, relative, skipped, stated
 from pipeline.checks.verify.geometry import li_guan_flank
 from pipeline.config import load_study
+from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.cycloid_profile import Complex, Real, disk_rotation
-from pipeline.model.geometry.reducer import PIN
 
 ROOT = Path(__file__).parents[4]
 STUDY = "pin_in_hole"

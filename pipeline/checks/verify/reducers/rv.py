@@ -13,8 +13,9 @@ from pipeline.checks.verify.findings import Finding, compared, relative
 from pipeline.config import Study, load_study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.model.equilibrium.solve import Equilibria
+from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import Complex, Real
-from pipeline.model.geometry.reducer import OUTPUT, PIN, Reducer
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import general_play
 from pipeline.model.load_history.drive import Drive, first_poses
 from pipeline.mounting import drive_of

@@ -1,0 +1,140 @@
+"""The contacts of a reducer as lists: where two bodies touch, their normals and arms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.model.geometry.cycloid_profile import Complex, PinContacts, Real
+
+PIN, OUTPUT = "pin", "output"
+HOUSING = "housing"
+DISK = "disk"
+"""Name of a disk among the bodies; of several ones their numbers follow it."""
+
+
+@dataclass(frozen=True)
+class DiskPose:
+    """Where a disk stands at one crank angle, nominally: what an output mechanism needs to know of it.
+
+    Attributes
+    ----------
+    body : its name among the bodies.
+    crank : direction of its eccentric [rad].
+    eccentricity : [mm]
+    pins : nominal contacts of every pin with it.
+    rotation : of its holes, or of what else carries the output, and of the output [rad].
+    """
+
+    body: str
+    crank: float
+    eccentricity: float
+    pins: PinContacts
+    rotation: float
+
+    @property
+    def eccentric(self) -> complex:
+        """Its centre from the housing axis, complex [mm]."""
+        return complex(self.eccentricity * np.exp(1j * self.crank))
+
+    def part(self, name: str) -> str:
+        """Name of a body that belongs to this disk alone: the first disk's is ``name`` itself."""
+        return name + self.body.removeprefix(DISK)
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Every contact of a reducer, pins first; arrays (n_contacts,).
+
+    Attributes
+    ----------
+    kind : ``"pin"`` or ``"output"``.
+    body_a, body_b : the bodies; the normal points from a into b.
+    interface, face, end, station : place of an output contact; -1 for pins. An output pin in its hole has interface,
+        face and end 0, and its own number as station.
+    hole : number of the disk's hole on whose wall it lies, -1 elsewhere.
+    gap : of nominal bodies at the nominal pose [mm].
+    two_sided : whether the errors of a diameter open a pair of contacts, on either side of a body that lies loose;
+        else half of them opens this one.
+    per_eccentricity : growth of the gap with an error of the eccentricity [-]; 0 for pins, whose gaps are exact.
+    curvature : of the disk at a pin or in a hole, convex positive, 0 of flats [1/mm].
+    point, normal : [mm], [-], complex, housing frame.
+    arm : moment of the unit normal force on body b about that body's centre [mm].
+    """
+
+    kind: np.ndarray
+    body_a: np.ndarray
+    body_b: np.ndarray
+    interface: np.ndarray
+    face: np.ndarray
+    end: np.ndarray
+    station: np.ndarray
+    hole: np.ndarray
+    label: np.ndarray
+    gap: Real
+    two_sided: np.ndarray
+    per_eccentricity: Real
+    curvature: Real
+    point: Complex
+    normal: Complex
+    arm: Real
+
+    def __len__(self) -> int:
+        return len(self.arm)
+
+    def some(self, rows: np.ndarray) -> "Contacts":
+        """Some of the contacts."""
+        return Contacts(*(getattr(self, name)[rows] for name in Contacts.__dataclass_fields__))
+
+
+def pin_list(disk: DiskPose) -> Contacts:
+    """The nominal contacts of the pins with a disk."""
+    pins, n = disk.pins, len(disk.pins.arm)
+    no_motion = np.full(n, -1)
+    return Contacts(
+        kind=np.full(n, PIN),
+        body_a=np.full(n, HOUSING),
+        body_b=np.full(n, disk.body),
+        interface=no_motion,
+        face=no_motion,
+        end=no_motion,
+        station=no_motion,
+        hole=no_motion,
+        label=np.array([f"pin {i}" for i in range(n)]),
+        gap=np.zeros(n),
+        two_sided=np.zeros(n, bool),
+        per_eccentricity=np.zeros(n),
+        curvature=pins.flank_curvature,
+        point=pins.point,
+        normal=pins.normal,
+        arm=pins.arm,
+    )
+
+
+def no_contacts() -> Contacts:
+    """A list without contacts."""
+    text, integer, real, point = np.full(0, ""), np.zeros(0, int), np.zeros(0), np.zeros(0, complex)
+    return Contacts(
+        kind=text,
+        body_a=text,
+        body_b=text,
+        interface=integer,
+        face=integer,
+        end=integer,
+        station=integer,
+        hole=integer,
+        label=text,
+        gap=real,
+        two_sided=np.zeros(0, bool),
+        per_eccentricity=real,
+        curvature=real,
+        point=point,
+        normal=point,
+        arm=real,
+    )
+
+
+def joined(lists: list[Contacts]) -> Contacts:
+    """The contacts of several lists in one, in their order."""
+    return Contacts(
+        *(np.concatenate([getattr(part, name) for part in lists]) for name in Contacts.__dataclass_fields__)
+    )

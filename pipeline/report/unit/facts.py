@@ -1,0 +1,112 @@
+"""What the page on a measured unit says in words: its data, the errors beside the model's, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pipeline.identification.identify import FaultyUnit, Identification
+from pipeline.identification.selection.discrepancy import Discrepancy
+from pipeline.identification.selection.held_out import AngleError
+from pipeline.identification.selection.statement import title_of
+from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
+from pipeline.report.wording import counted, listed, plain
+
+
+def discrepancy_facts(
+    structure: Discrepancy, moved_facts: Sequence[tuple[str, float, float, str]]
+) -> list[tuple[str, str]]:
+    """What is left as a Gaussian process, in words; ``moved_facts``: name, change, standard error, unit."""
+    sense = "rising" if structure.worst_sense > 0 else "falling"
+    facts = [
+        ("Structured", f"{digits(100 * structure.structured, 2)} % of the mean square of what is left"),
+        ("Shared by all positions", f"{digits(structure.common_arcmin)} arcmin"),
+        ("Of each position by itself", f"{digits(structure.own_arcmin)} arcmin"),
+        ("Alike over", f"{digits(structure.reach_Nm)} N m"),
+        (
+            "Largest",
+            f"{digits(structure.worst_arcmin)} arcmin at {digits(structure.worst_torque_Nm)} N m, torque {sense}",
+        ),
+    ]
+    for name, change, error, unit in moved_facts:
+        significance = "by more than its uncertainty" if abs(change) > 2 * error else "within its uncertainty"
+        text = f"moves by {digits(change)} {unit}".rstrip()
+        facts.append((capitalised(name), f"{text} when the term is allowed, {significance} ({digits(2 * error)})"))
+    return facts
+
+
+def structure_facts(identification: Identification) -> list[tuple[str, str]]:
+    """What the model leaves, in words; nothing where nothing is left."""
+    residual = identification.discrepancy
+    if residual is None:
+        return []
+    effects = identification.selection.answer.fit.model.effects
+    parameters = [(f"{effect.title}, {p.meaning}", shown_unit(p.unit)) for effect in effects for p in effect.parameters]
+    rows = zip(parameters, residual.moved.tolist(), residual.error.tolist(), strict=True)
+    return discrepancy_facts(residual, [(name, change, error, unit) for (name, unit), change, error in rows])
+
+
+def comparison_sentence(identification: Identification) -> str:
+    """Whether the model beats the best of the baselines."""
+    title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
+    ratio = identification.errors["after"].to_noise / best.to_noise
+    if ratio > 1:
+        return f"The model is behind the best of them, {title}, by a factor of {digits(ratio)} in noise floors."
+    return f"The model is ahead of the best of them, {title}, by a factor of {digits(1 / ratio)} in noise floors."
+
+
+def data_sentence(identification: Identification) -> str:
+    """Which cells the errors are of, and which model each fold chose."""
+    if identification.folds.in_sample:
+        return "In sample: the fit has seen these data, nothing is held out."
+    names = [title_of(name) if name else "nothing added" for name in identification.folds.models]
+    chosen = f" With effects, each fold took: {'; '.join(names)}." if any(identification.folds.models) else ""
+    return f"On data that the fit had not seen.{chosen}"
+
+
+def rows_facts(identification: Identification | FaultyUnit) -> list[tuple[str, str]]:
+    """What was read."""
+    rows = identification.measurement.rows
+    return [
+        ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
+        ("Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()])),
+    ]
+
+
+def data_facts(identification: Identification) -> list[tuple[str, str]]:
+    """What the fit rests on: cells, what is held out, and noise."""
+    measurement = identification.measurement
+    noise = measurement.noise_of(identification.problem.training)
+    scatters: Sequence[tuple[str, Any]] = (
+        ("Scatter of repeats, drift and running in included", noise.repeats),
+        ("Scatter within a branch", noise.within_branch),
+        ("Between positions", noise.between_positions),
+    )
+    held_out_by = "crank positions" if len(measurement.rows.cranks) > 1 else "cycles"
+    chosen = measurement.unit.settings.held_out.train
+    counts = counted(len(measurement.branches), "branch", "branches"), counted(len(measurement.cells), "cell")
+    return [
+        *rows_facts(identification),
+        ("Branches and cells", ", ".join(counts)),
+        (
+            "Held out",
+            "what unit.toml names" if chosen else f"whole {held_out_by}, each predicted by a fit to the others",
+        ),
+        ("Noise floor of a cell", f"{digits(identification.problem.data.noise)} arcmin: {noise.floor.words}"),
+        *(
+            (title, f"{digits(rms.value)} arcmin, interval {interval(rms.ci_low, rms.ci_high) or 'not determined'}")
+            for title, rms in scatters
+        ),
+        ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),
+    ]
+
+
+def other_errors(identification: Identification) -> dict[str, AngleError]:
+    """Errors that stand beside the model's: of the best description, where it is not claimed, and of the baselines."""
+    name = identification.selection.description.fit.model.name
+    described = (
+        {f"best description, not claimed: {title_of(name)}": identification.described}
+        if identification.described
+        else {}
+    )
+    return {**described, **identification.baselines}

@@ -1,0 +1,141 @@
+"""Rows of the tables on the page on a measured unit."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.results.prediction_errors import LoopError
+from pipeline.identification.results.residual_signatures import Signature
+from pipeline.identification.results.write import Findings
+from pipeline.identification.selection.detection import DetectionLimit
+from pipeline.identification.selection.held_out import STAGES, AngleError
+from pipeline.report.unit.numbers import capitalised, digits, interval, p_value, shown_unit
+from pipeline.report.wording import NOTHING, plain
+
+LOOP_TITLES = {
+    "zero_torque_width_arcmin": ("Zero-torque width", "arcmin"),
+    "lost_motion_arcmin": ("Lost motion", "arcmin"),
+    "torsional_rigidity_Nm_per_arcmin": ("Torsional rigidity", "N m/arcmin"),
+    "branch_separation_arcmin": ("Separation of the branches under load", "arcmin"),
+    "hysteresis_loss_arcmin": ("Hysteresis loss", "arcmin"),
+}
+
+
+def headline(title: str, error: AngleError) -> tuple[str, str, str, str]:
+    """The error of one of the models as the page shows it first: title, value, unit and a note."""
+    return title, digits(error.rms_arcmin), "arcmin", f"{digits(error.to_noise)} noise floors"
+
+
+def error_row(title: str, error: AngleError) -> dict[str, Any]:
+    """The error of the angle of one of the models, by crank angle too."""
+    return {
+        "title": title,
+        "rms": digits(error.rms_arcmin),
+        "by_crank": [digits(rms) for rms in error.by_crank_deg.values()],
+        "largest": digits(error.max_arcmin),
+        "to_noise": digits(error.to_noise),
+        "expected": digits(error.expected_to_noise),
+    }
+
+
+def signature_row(pair: Sequence[Signature]) -> dict[str, Any]:
+    """A signature before and after the model."""
+    cells = [_signature(estimate) for estimate in pair]
+    return {"title": capitalised(pair[0].title), "unit": pair[0].unit, "cells": cells}
+
+
+def baseline_row(title: str, error: AngleError) -> dict[str, str]:
+    """The error of a model without mechanics."""
+    return {"title": capitalised(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
+
+
+def limit_row(limit: DetectionLimit) -> tuple[str, str, str]:
+    """The size at which an effect would show: its title, its parameter, the size."""
+    effect = candidates()[limit.effect]
+    (parameter,) = (p for p in effect.parameters if p.name == limit.parameter)
+    size = f"{digits(limit.value)} {shown_unit(limit.unit)}".rstrip()
+    size_text = size if math.isfinite(limit.value) else "would not show at any size"
+    return capitalised(effect.title), parameter.meaning, size_text
+
+
+def parameter_row(record: Mapping[str, Any]) -> dict[str, str]:
+    """A fitted parameter with its interval."""
+    effect = candidates()[record["effect"]]
+    (parameter,) = [p for p in effect.parameters if p.name == record["name"]]
+    return {
+        "effect": capitalised(effect.title),
+        "meaning": parameter.meaning,
+        "value": digits(record["value"]),
+        "interval": interval(record["ci_low"], record["ci_high"]) or "none",
+        "unit": shown_unit(record["unit"]),
+        "note": record["note"],
+    }
+
+
+def candidate_row(row: Mapping[str, Any]) -> dict[str, str]:
+    """A fitted candidate with its gain and what became of it."""
+    if row["member_of_class"]:
+        judgement = "named"
+    elif row["significant"]:
+        judgement = "significant gain, not named"
+    else:
+        judgement = row["why_not"] or "no significant gain"
+    return {
+        "title": capitalised(row["title"]),
+        "parameters": _numbers(row["effect"], row["parameters"]),
+        "before": digits(row["score_before"]),
+        "after": digits(row["score_after"]),
+        "t": f"{row['t']:.1f}".replace("-", "\u2212") if math.isfinite(row["t"]) else NOTHING,
+        "p": p_value(row["p"]),
+        "judgement": judgement,
+    }
+
+
+def _numbers(name: str, parameters: str) -> str:
+    values = json.loads(parameters)
+    texts = []
+    for effect in name.split("+"):
+        for parameter in candidates()[effect].parameters:
+            number = digits(values[effect][parameter.name])
+            texts.append(f"{parameter.meaning}: {number} {shown_unit(parameter.unit)}".rstrip())
+    return "; ".join(texts)
+
+
+def _signature(signature: Signature) -> dict[str, Any]:
+    return {
+        "value": digits(signature.value),
+        "interval": signature.why_not or interval(signature.ci_low, signature.ci_high),
+        "strong": signature.significant,
+    }
+
+
+def loop_row(name: str, error: LoopError) -> dict[str, Any]:
+    """A metric of the loop as it was measured and as each of the models predicts it."""
+    title, unit = LOOP_TITLES[name]
+    if error.measured is None:
+        return {"title": title, "unit": unit, "why_not": error.why_not}
+    return {
+        "title": title,
+        "unit": unit,
+        "why_not": "",
+        "measured": digits(error.measured),
+        "cells": [
+            (digits(error.predicted[stage]), f"error {digits(error.predicted[stage] - error.measured)}")
+            for stage in STAGES
+        ],
+    }
+
+
+def calibrated_rows(findings_of_unit: Findings, factors: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
+    """The calibrated numbers of the design: key, value as declared, as fitted, and their ratio."""
+    rows = []
+    for key, factor in factors.items():
+        value: Any = findings_of_unit.found.measurement.unit.study.design.model_dump()
+        for name in key.split("."):
+            value = value[name]
+        rows.append((key, plain(value), digits(value * factor), digits(factor)))
+    return rows
