@@ -14,7 +14,7 @@ from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.load_history.validity import beyond_limit_share
 from pipeline.model.units import NM_PER_NMM
 from stages.condensed import UM_PER_MM
-from stages.keys import CONTACT, CRANK, SAMPLE, labels, repeated
+from stages.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, labels, repeated
 
 STEP = Column("step", "int32", "1", "step of the load cycle")
 TORQUE = Column("torque_Nm", "float64", "N m", "torque on the output; 0 stands for its limit from the branch's side")
@@ -55,8 +55,8 @@ CONTACTS = Table(
         Column("penetration_um", "float64", "um", "elastic_um + local_um; of a closed contact approach less clearance"),
         Column("elastic_um", "float64", "um", "deflection of the elastic bodies at the contact"),
         Column("local_um", "float64", "um", "local deflection, the law's at force_N"),
-        Column("force_N", "float64", "N", "contact force"),
-        Column("pressure_MPa", "float64", "MPa", "peak Hertz pressure"),
+        FORCE,
+        PRESSURE,
     ),
 )
 

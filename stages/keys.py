@@ -8,6 +8,8 @@ from pipeline.engine.table import Column
 SAMPLE = Column("sample", "int32", "1", "number of the sample; 0 is the nominal reducer if the study says so")
 CRANK = Column("crank_deg", "float64", "deg", "crank angle")
 CONTACT = Column("contact", "int32", "1", "number of the contact, pins first, then output rollers")
+FORCE = Column("force_N", "float64", "N", "contact force")
+PRESSURE = Column("pressure_MPa", "float64", "MPa", "peak Hertz pressure")
 STATUS = Column("status", "label", "", "ok, or why there is no result")
 
 

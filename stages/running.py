@@ -12,7 +12,7 @@ from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.turn.contact_load import LARGEST_SHEAR
 from pipeline.model.turn.held_torque import held_forces
 from pipeline.model.units import UM_PER_MM
-from stages.keys import CONTACT, CRANK, SAMPLE, repeated
+from stages.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, repeated
 
 SHEAR = Column("shear_MPa", "float64", "MPa", "largest shear stress below any contact under the torque held")
 SHEAR_DEPTH = Column("shear_depth_um", "float64", "um", "depth of the largest shear stress, where it is deepest")
@@ -33,8 +33,8 @@ TURN_CONTACTS = Table(
         CRANK,
         Column("torque_Nm", "float64", "N m", "torque held on the output: +- the higher one of the rigidity"),
         CONTACT,
-        Column("force_N", "float64", "N", "contact force"),
-        Column("pressure_MPa", "float64", "MPa", "peak Hertz pressure"),
+        FORCE,
+        PRESSURE,
         Column("shear_MPa", "float64", "MPa", "largest shear stress below the contact"),
         Column("shear_depth_um", "float64", "um", "its depth"),
         Column("sliding_m_per_s", "float64", "m/s", "sliding speed, on the disk or in the seat; null without a speed"),

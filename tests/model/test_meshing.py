@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from meshes import edge_lengths, mesh_area
 
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
@@ -13,16 +14,6 @@ PAPER = CycloidProfile(pins=80, pin_circle_radius=32.5, pin_radius=0.8, eccentri
 
 def polygon_area(corners):
     return np.imag(np.conj(corners) * np.roll(corners, -1)).sum() / 2
-
-
-def mesh_area(mesh):
-    a, b, c = (mesh.p[0] + 1j * mesh.p[1])[mesh.t]
-    return np.abs(np.imag(np.conj(b - a) * (c - a))).sum() / 2
-
-
-def edge_lengths(mesh, facets):
-    ends = mesh.p[:, mesh.facets[:, facets]]
-    return np.hypot(*(ends[:, 1] - ends[:, 0]))
 
 
 def test_flank_nodes_lie_on_the_true_flank_at_equal_spacing():

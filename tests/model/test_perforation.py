@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from meshes import edge_lengths, mesh_area
 
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
@@ -18,16 +19,6 @@ SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentri
 
 def circle(n, radius, phase=0.0):
     return radius * np.exp(1j * (phase - 2 * np.pi * np.arange(n) / n))
-
-
-def mesh_area(mesh):
-    a, b, c = (mesh.p[0] + 1j * mesh.p[1])[mesh.t]
-    return np.abs(np.imag(np.conj(b - a) * (c - a))).sum() / 2
-
-
-def edge_lengths(mesh, facets):
-    ends = mesh.p[:, mesh.facets[:, facets]]
-    return np.hypot(*(ends[:, 1] - ends[:, 0]))
 
 
 def small_mesh(edges=48, edge=0.06, growth=0.35, largest=0.8, holes=5, radius=1.2):

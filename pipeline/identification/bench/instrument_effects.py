@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.identification.bench.simulator import NMM_PER_NM, Instrument
 from pipeline.model.effects import Parameter
-from pipeline.model.effects.effect import CRANKS, TIME
+from pipeline.model.effects.effect import CRANKS, TIME, Description
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.output_path import Ripple
 
@@ -18,23 +18,14 @@ FEWEST_WAVES = 4
 
 
 @dataclass(frozen=True)
-class InstrumentEffect:
-    """An effect of the bench; attributes as those of ``pipeline.model.effects.Effect``.
+class InstrumentEffect(Description):
+    """An effect of the bench.
 
     ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],
     and of the time that it took [h]. ``common_offset`` says that the effect is seen only where all positions share one
     zero of the angle.
     """
 
-    name: str
-    title: str
-    physics: str
-    source: str
-    parameters: tuple[Parameter, ...]
-    changes: str
-    signature: str
-    confused_with: tuple[str, ...]
-    told_apart_by: str
     bounds: Callable[[float, float, float], tuple[tuple[float, float], ...]]
     apply: Callable[[Instrument, Sequence[float]], Instrument]
     needs: frozenset[str] = frozenset()

@@ -57,8 +57,8 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """A physical effect.
+class Description:
+    """An effect in words.
 
     Attributes
     ----------
@@ -70,12 +70,6 @@ class Effect:
     signature : how it shows in measured curves.
     confused_with : names of effects that curves alone hardly tell from it.
     told_apart_by : the measurement that tells it from them.
-    bounds : of a drive: (low, high) of every parameter.
-    apply : drive, values, conditions to the drive with the effect.
-    needs : what the data must offer; a study's load cycle has no ``TIME``.
-    limit_case : name of the simpler effect that it becomes at a limit of its parameters, or "".
-    starts : where its fit starts: from "secants" of its parameters, or from many "periods" of a ripple.
-    of_one_disk : whether it is solved for one disk alone.
     """
 
     name: str
@@ -87,6 +81,22 @@ class Effect:
     signature: str
     confused_with: tuple[str, ...]
     told_apart_by: str
+
+
+@dataclass(frozen=True)
+class Effect(Description):
+    """A physical effect.
+
+    Attributes
+    ----------
+    bounds : of a drive: (low, high) of every parameter.
+    apply : drive, values, conditions to the drive with the effect.
+    needs : what the data must offer; a study's load cycle has no ``TIME``.
+    limit_case : name of the simpler effect that it becomes at a limit of its parameters, or "".
+    starts : where its fit starts: from "secants" of its parameters, or from many "periods" of a ripple.
+    of_one_disk : whether it is solved for one disk alone.
+    """
+
     bounds: Callable[[Drive], tuple[tuple[float, float], ...]]
     apply: Callable[[Drive, Sequence[float], Conditions], Drive]
     needs: frozenset[str] = frozenset()

@@ -2,14 +2,21 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from pipeline import assembly, elastic
+from pipeline import assembly
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative
-from pipeline.config import Study, load_study
+from pipeline.checks.verify.reducers.two_disks import (
+    CRANK_DEG,
+    SHARES,
+    blocks_of_one_part,
+    crude_study,
+    joined_blocks,
+    second_mesh,
+)
+from pipeline.config import Study
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
@@ -20,14 +27,8 @@ from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
-ROOT = Path(__file__).parents[4]
 STUDY = "two_disks"
-CRANK_DEG = 25.0
-"""Off the symmetries of pins and holes."""
-CRUDE = {"flank_edges_per_lobe": 24, "patch_half_width_mm": 0.9, "growth": 0.8, "largest_edge_mm": 6.0}
-"""A mesh for symmetry, which holds on any."""
-SHARES = np.array([0.03, 0.3, 1.0])
-"""Of the rated torque, at which the disks are compared."""
+EDGES_PER_LOBE = 24
 PHASE_UM = 6.0
 """Way of one eccentric around the crank."""
 TWO_MESHES = 0.02
@@ -36,10 +37,9 @@ TWO_MESHES = 0.02
 
 def check_disks(specimen: Specimen) -> Iterator[Finding]:
     """Two perfect disks of one part carry half each and turn as one does under half; see ``STUDY``."""
-    study = load_study(STUDY, ROOT)
-    study = study.model_copy(update={"reduce": study.reduce.model_copy(update=CRUDE)})
+    study = crude_study(STUDY, EDGES_PER_LOBE)
     one_disk = _with_disks(study, 1)
-    blocks = [_one_part(study, disk) for disk in (0, 1)]
+    blocks = blocks_of_one_part(study)
     two_disk_drive, single = _drive(study, blocks), _drive(one_disk, blocks[:1])
     for sense, name in ((1, "plus"), (-1, "minus")):
         torque = sense * two_disk_drive.rated_torque * SHARES
@@ -52,7 +52,7 @@ def check_disks(specimen: Specimen) -> Iterator[Finding]:
         yield relative(
             f"rotation under T with two disks against T/2 with one, {name} [rad]", expected, output_angle, 1e-9
         )
-    yield _two_meshes(study, blocks[1])
+    yield second_mesh(study, blocks[1], TWO_MESHES)
     yield from _phase(study)
 
 
@@ -61,34 +61,11 @@ def _with_disks(study: Study, count: int) -> Study:
     return study.model_copy(update={"design": study.design.model_copy(update={"disk": disk})})
 
 
-def _one_part(study: Study, disk: int) -> Real:
-    """Compliance of a disk between its own contacts [mm/N], as the first one's turned on by lobes."""
-    part = assembly.first_part(study.design, CRANK_DEG, disk)
-    assert part is not None
-    turned_on, places = part
-    body, reducer = elastic.elastic_disk(study), assembly.reducer(study.design, turned_on)
-    matrix = body.compliance(elastic.disk_patches(study, body, reducer)).matrix
-    return matrix[np.ix_(places, places)]
-
-
-def _two_meshes(study: Study, as_one_part: Real) -> Finding:
-    """The second disk meshed with holes of its own, in the frame of its lobes."""
-    clocking, reducer = assembly.clockings(study.design)[1], assembly.reducer(study.design, CRANK_DEG)
-    body = elastic.elastic_disk(study, clocking.turned)
-    own_mesh = body.compliance(elastic.disk_patches(study, body, reducer, 1)).matrix
-    quantity = "compliance of the second disk on a mesh of its own, over the largest"
-    return compared(quantity, own_mesh, as_one_part, TWO_MESHES, np.max(own_mesh))
-
-
 def _drive(study: Study, blocks: list[Real]) -> Drive:
     reducer = assembly.reducer(study.design, CRANK_DEG)
-    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    for disk, block in enumerate(blocks):
-        rows = assembly.disk_contacts(reducer, disk)
-        full[np.ix_(rows, rows)] = block
     nominal = draw(study, 0, 1)
     clearance = assembly.bearing_clearance(study.design, nominal.bearing_clearance)
-    return drive_of(study, CRANK_DEG, full, assembly.errors(nominal), clearance)
+    return drive_of(study, CRANK_DEG, joined_blocks(reducer, blocks), assembly.errors(nominal), clearance)
 
 
 def _loaded(drive: Drive, torque: Real) -> Equilibria:

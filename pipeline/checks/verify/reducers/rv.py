@@ -2,15 +2,22 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from pipeline import assembly, elastic
+from pipeline import assembly
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative
-from pipeline.config import Study, load_study
+from pipeline.checks.verify.reducers.two_disks import (
+    CRANK_DEG,
+    SHARES,
+    blocks_of_one_part,
+    crude_study,
+    joined_blocks,
+    second_mesh,
+)
+from pipeline.config import Study
 from pipeline.config.mechanisms.carrier import Carrier
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.contacts import OUTPUT, PIN
@@ -21,14 +28,8 @@ from pipeline.model.load_history.drive import Drive, first_poses
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
-ROOT = Path(__file__).parents[4]
 STUDY = "rv_two_disks"
-CRANK_DEG = 25.0
-"""Off the symmetries of pins and cranks."""
-CRUDE = {"flank_edges_per_lobe": 16, "patch_half_width_mm": 0.9, "growth": 0.8, "largest_edge_mm": 6.0}
-"""A mesh for symmetry, which holds on any."""
-SHARES = np.array([0.03, 0.3, 1.0])
-"""Of the rated torque."""
+EDGES_PER_LOBE = 16
 TWO_MESHES = 0.03
 """Compliances of one part on two crude meshes, over the largest: their holes lie otherwise between the elements."""
 BACKLASH_UM = 30.0
@@ -37,12 +38,11 @@ BACKLASH_UM = 30.0
 
 def check_rv(specimen: Specimen) -> Iterator[Finding]:
     """RV reducer, two disks: ratio, crank bearings in closed form, first stage at the output; see ``STUDY``."""
-    study = load_study(STUDY, ROOT)
-    study = study.model_copy(update={"reduce": study.reduce.model_copy(update=CRUDE)})
+    study = crude_study(STUDY, EDGES_PER_LOBE)
     tight = _with(study, {"bearing": {"clearance_um": 0.0}, "output.first_stage": {"backlash_um": 0.0}})
     yield _ratio(tight)
-    blocks = _blocks(tight)
-    yield _two_meshes(tight, blocks[1])
+    blocks = blocks_of_one_part(tight)
+    yield second_mesh(tight, blocks[1], TWO_MESHES)
     yield _shares(tight, blocks)
     yield from _bearings(tight)
     yield _backlash(tight)
@@ -98,35 +98,10 @@ def _of_pins(reducer: Reducer, disk: int) -> np.ndarray:
     return np.flatnonzero((reducer.disk_of_contact == disk) & (reducer.contacts.kind == PIN))
 
 
-def _blocks(study: Study) -> list[Real]:
-    """Compliance of either disk between its own contacts [mm/N], both of the first one's mesh."""
-    body, blocks = elastic.elastic_disk(study), []
-    for disk in (0, 1):
-        part = assembly.first_part(study.design, CRANK_DEG, disk)
-        assert part is not None
-        turned_on, places = part
-        patches = elastic.disk_patches(study, body, assembly.reducer(study.design, turned_on))
-        blocks.append(body.compliance(patches).matrix[np.ix_(places, places)])
-    return blocks
-
-
-def _two_meshes(study: Study, as_one_part: Real) -> Finding:
-    """The second disk meshed with holes of its own, in the frame of its lobes."""
-    clocking, reducer = assembly.clockings(study.design)[1], assembly.reducer(study.design, CRANK_DEG)
-    body = elastic.elastic_disk(study, clocking.turned)
-    own_mesh = body.compliance(elastic.disk_patches(study, body, reducer, 1)).matrix
-    quantity = "compliance of the second disk on a mesh of its own, over the largest"
-    return compared(quantity, own_mesh, as_one_part, TWO_MESHES, np.max(own_mesh))
-
-
 def _shares(study: Study, blocks: list[Real]) -> Finding:
     """Moment of the pins of either elastic disk, in both senses."""
     reducer = assembly.reducer(study.design, CRANK_DEG)
-    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    for disk, block in enumerate(blocks):
-        rows = assembly.disk_contacts(reducer, disk)
-        full[np.ix_(rows, rows)] = block
-    drive, shares = _drive(study, full), []
+    drive, shares = _drive(study, joined_blocks(reducer, blocks)), []
     for sense in (1, -1):
         force = _loaded(drive, sense * drive.rated_torque * SHARES).force[0]
         moments = [force[:, rows] @ reducer.contacts.arm[rows] for rows in (_of_pins(reducer, 0), _of_pins(reducer, 1))]
