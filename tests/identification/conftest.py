@@ -24,9 +24,9 @@ def condensed(tmp_path_factory: pytest.TempPathFactory) -> Condensed:
     study = study.model_copy(update={"cycle": study.cycle.model_copy(update={"crank_deg": CRANKS})})
     runs: Path = tmp_path_factory.mktemp("runs")
     path = run(STAGES, study, ["reduce"], runs, Resources(1, 100))["reduce"].path("compliance.npz")
-    expected_losses = {crank: full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in CRANKS}
+    matrices = {crank: full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in CRANKS}
 
     def at(_: Study, cranks: Sequence[float]) -> list[np.ndarray]:
-        return [expected_losses[crank] for crank in cranks]
+        return [matrices[crank] for crank in cranks]
 
     return at
