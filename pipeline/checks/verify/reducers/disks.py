@@ -29,6 +29,7 @@ from pipeline.sampling import draw
 
 STUDY = "two_disks"
 EDGES_PER_LOBE = 24
+"""Edges of the mesh on the flank of a lobe."""
 PHASE_UM = 6.0
 """Way of one eccentric around the crank."""
 TWO_MESHES = 0.02

@@ -30,6 +30,7 @@ from pipeline.sampling import draw
 
 STUDY = "rv_two_disks"
 EDGES_PER_LOBE = 16
+"""Edges of the mesh on the flank of a lobe."""
 TWO_MESHES = 0.03
 """Compliances of one part on two crude meshes, over the largest: their holes lie otherwise between the elements."""
 BACKLASH_UM = 30.0
