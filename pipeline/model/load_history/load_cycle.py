@@ -73,7 +73,9 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
     Notes
     -----
     The states at zero torque are the ends of the rigid play, free of force. In a preloaded sample forces act at zero
-    torque too; its two ends are the equilibria at +-1e-8 of the rated torque.
+    torque too; its two ends are the equilibria at +-``LIMIT_TORQUE`` of the rated torque. Where that is not found from
+    the end of the rigid play, it is come down to from the first level: forces that close an interface which has play
+    are 1e-8 of those of the preload, and a start that opens it loses them in the rounding of the preload.
     """
     play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     senses = []
@@ -83,13 +85,22 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
         senses.append(_with_end(drive.softened_equilibria(start, levels), pose))
         if np.any(play.preloaded):
             preloaded = play.preloaded
-            limit = sense * np.array([LIMIT_TORQUE * cycle.rated_torque])
-            end = drive.some(preloaded).softened_equilibria(start[preloaded], limit)
-            for name, values in vars(senses[-1]).items():
-                values[preloaded, 0] = getattr(end, name)[:, 0]
+            limit = sense * LIMIT_TORQUE * cycle.rated_torque
+            end = drive.some(preloaded).softened_equilibria(start[preloaded], np.array([limit]))
+            _put_end(senses[-1], preloaded, end)
+            lost = preloaded & ~senses[-1].converged[:, 0]
+            if np.any(lost):
+                end = drive.some(lost).softened_equilibria(start[lost], np.array([levels[0], limit]))
+                _put_end(senses[-1], lost, end)
     return Equilibria(
         **{name: np.concatenate([getattr(branch, name) for branch in senses], axis=1) for name in vars(senses[0])}
     )
+
+
+def _put_end(branch: Equilibria, samples: np.ndarray, solved: Equilibria) -> None:
+    """Make the last state of some of the samples, solved apart, the end of their branch."""
+    for name, values in vars(branch).items():
+        values[samples, 0] = getattr(solved, name)[:, -1]
 
 
 def _with_end(loaded_states: Equilibria, pose: Real) -> Equilibria:
