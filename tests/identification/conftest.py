@@ -1,10 +1,11 @@
 """Compliances of the paper's reducer on the quick study's coarse mesh, condensed once for all tests here."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from synthetic_unit import ROOT, Condensed
 
 from pipeline import assembly
@@ -18,12 +19,12 @@ CRANKS = (0.0, 40.0, 95.0)
 
 
 @pytest.fixture(scope="session")
-def condensed(tmp_path_factory: pytest.TempPathFactory) -> Condensed:
+def condensed(new_runs: Callable[[], Path], shared: Path) -> Condensed:
     """Compliances of the quick study's design at some of ``CRANKS``."""
     study = load_study("quick", ROOT)
     study = study.model_copy(update={"cycle": study.cycle.model_copy(update={"crank_deg": CRANKS})})
-    runs: Path = tmp_path_factory.mktemp("runs")
-    path = run(STAGES, study, ["reduce"], runs, Resources(1, 100))["reduce"].path("compliance.npz")
+    with FileLock(shared / "quick.lock"):  # its disk is condensed by one process
+        path = run(STAGES, study, ["reduce"], new_runs(), Resources(1, 100))["reduce"].path("compliance.npz")
     matrices = {crank: full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in CRANKS}
 
     def at(_: Study, cranks: Sequence[float]) -> list[np.ndarray]:

@@ -1,8 +1,10 @@
 """A small study of the paper's reducer, run once for all tests of the stages."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from pipeline.config import Study, load_study
 from pipeline.engine.runner import Resources, run
@@ -29,9 +31,9 @@ def run_study(study: Study, runs: Path, jobs: int = 1, chunk: int = 100) -> dict
 
 
 @pytest.fixture(scope="session")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(new_runs: Callable[[], Path]) -> Path:
     """Folder of all runs: they share the condensed disk."""
-    return tmp_path_factory.mktemp("runs")
+    return new_runs()
 
 
 @pytest.fixture(scope="session")
@@ -40,5 +42,6 @@ def study() -> Study:
 
 
 @pytest.fixture(scope="session")
-def outputs(runs: Path) -> dict[str, Output]:
-    return run_study(small_study(), runs)
+def outputs(runs: Path, shared: Path) -> dict[str, Output]:
+    with FileLock(shared / "quick.lock"):  # its disk is condensed by one process
+        return run_study(small_study(), runs)

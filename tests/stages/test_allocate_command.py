@@ -1,6 +1,7 @@
 """The command allocate: cheaper than scaling alike, confirmed by fresh units, and a study file that runs."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +35,8 @@ per = "element"
 
 
 @pytest.fixture
-def own_runs(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "runs"
-    folder.mkdir()
-    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+def own_runs(new_runs: Callable[[], Path], monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = new_runs()
     monkeypatch.setattr(settings, "RUNS", folder)
     return folder
 

@@ -1,5 +1,6 @@
 """The command bounds: its tables hold one another up, and no sample of the study lies beyond a bound."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,13 @@ ROOT = Path(__file__).parent.parent.parent
 
 
 def test_no_sample_lies_beyond_its_bounds(
-    outputs: dict, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    outputs: dict,
+    new_runs: Callable[[], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
 ) -> None:
-    folder = tmp_path / "runs"
-    folder.mkdir()
-    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    folder = new_runs()
     monkeypatch.setattr(settings, "RUNS", folder)
     monkeypatch.setattr(results, "UNITS", 100)
     text = (ROOT / "data/studies/quick.toml").read_text().replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]")

@@ -1,6 +1,7 @@
 """The command compare: studies that differ in one tolerance, unit by unit; without shared draws; of cases."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,8 @@ ECCENTRICITY = (
 
 
 @pytest.fixture
-def own_runs(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "runs"
-    folder.mkdir()
-    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+def own_runs(new_runs: Callable[[], Path], monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = new_runs()
     monkeypatch.setattr(settings, "RUNS", folder)
     return folder
 

@@ -27,9 +27,9 @@ def tiny_study(name: str, count: int, base_samples: int, experiment: str = "mont
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> Path:
+def runs(new_runs) -> Path:
     """Three runs that share the condensed disk: with drivers, with as many samples instead, and a Sobol' study."""
-    folder = tmp_path_factory.mktemp("runs")
+    folder = new_runs()
     for study, chunk in (
         (tiny_study("few", COUNT, N), 50),
         (tiny_study("many", 2 * N, 0), 100),

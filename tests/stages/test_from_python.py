@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,11 +19,8 @@ NOTEBOOK = ROOT / "data/examples/reading_results.ipynb"
 
 
 @pytest.fixture(scope="module")
-def own_runs(outputs: dict, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("own") / "runs"
-    folder.mkdir()
-    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
-    return folder
+def own_runs(outputs: dict, new_runs: Callable[[], Path]) -> Path:
+    return new_runs()
 
 
 def test_the_package_imports_nothing_before_it_is_asked() -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -18,11 +19,8 @@ DEG = np.pi / 180
 
 
 @pytest.fixture(scope="module")
-def own_runs(outputs: dict, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("own") / "runs"
-    folder.mkdir()
-    (folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
-    return folder
+def own_runs(outputs: dict, new_runs: Callable[[], Path]) -> Path:
+    return new_runs()
 
 
 def test_joints_hold_the_quantiles_of_the_population(

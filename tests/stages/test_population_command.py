@@ -1,5 +1,6 @@
 """The command population: units drawn from the study do not differ from it, shifted ones do."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,12 @@ from pipeline.population.comparison import POPULATION_METRICS
 
 def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(
     outputs: dict[str, Output],
-    runs: Path,
+    new_runs: Callable[[], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    runs_folder = tmp_path / "runs"
-    runs_folder.mkdir()
-    (runs_folder / ".cache").symlink_to(runs / ".cache")  # the condensed disk
+    runs_folder = new_runs()
     monkeypatch.setattr(settings, "RUNS", runs_folder)
     assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
     metrics = pd.read_parquet(runs_folder / "quick" / "aggregate" / "metrics.parquet")

@@ -51,8 +51,8 @@ def tiny_study(name: str, **changes: object) -> Study:
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> Path:
-    return tmp_path_factory.mktemp("runs")
+def runs(new_runs) -> Path:
+    return new_runs()
 
 
 @pytest.fixture(scope="module")

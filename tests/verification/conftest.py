@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from pipeline import assembly
 from pipeline.checks.calibrate import read_parameters, read_targets
@@ -26,8 +27,9 @@ def study():
 
 
 @pytest.fixture(scope="session")
-def outputs(study, tmp_path_factory):
-    return run(STAGES, study, ["aggregate"], tmp_path_factory.mktemp("runs"), Resources(1, 250))
+def outputs(study, new_runs, shared):
+    with FileLock(shared / "paper.lock"):  # its disk is condensed by one process
+        return run(STAGES, study, ["aggregate"], new_runs(), Resources(1, 250))
 
 
 @pytest.fixture(scope="session")

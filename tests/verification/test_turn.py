@@ -1,6 +1,7 @@
 """What the page says of the turn, against runs with twice as many crank angles and against brute force."""
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +34,9 @@ def turned(angles: int) -> Study:
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory: pytest.TempPathFactory) -> dict[int, dict[str, Output]]:
+def outputs(new_runs: Callable[[], Path]) -> dict[int, dict[str, Output]]:
     """A run at 31 angles and one at 63."""
-    runs = tmp_path_factory.mktemp("turns")
+    runs = new_runs()
     return {angles: run(STAGES, turned(angles), ["aggregate"], runs, Resources(1, 100)) for angles in (31, 63)}
 
 

@@ -1,0 +1,49 @@
+"""What the processes of a test run share: cores, compiled loops and condensed disks, each made by one of them, once."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+"""Before numpy is imported: threads of two processes on two cores wait for each other, most of the time in vain."""
+
+
+def pytest_configure() -> None:
+    """While one process compiles a loop that is kept on disk, the others wait, and then read it."""
+    from numba.core.dispatcher import Dispatcher
+
+    compiled = Dispatcher.compile
+
+    def compiled_once(loop: Dispatcher, signature: object) -> object:
+        folder = loop._cache.cache_path
+        if folder is None:  # a part, compiled within each loop that it is of
+            return compiled(loop, signature)
+        with FileLock(Path(folder) / f"{loop.py_func.__qualname__}.lock"):
+            return compiled(loop, signature)
+
+    Dispatcher.compile = compiled_once
+
+
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of all processes of this test run."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+@pytest.fixture(scope="session")
+def new_runs(tmp_path_factory: pytest.TempPathFactory, shared: Path) -> Callable[[], Path]:
+    """Makes a folder of runs; their cache is that of all processes: a disk is condensed by the first that needs it."""
+    cache = shared / "cache"
+    cache.mkdir(exist_ok=True)
+
+    def new_folder() -> Path:
+        folder = tmp_path_factory.mktemp("home") / "runs"
+        folder.mkdir()
+        (folder / ".cache").symlink_to(cache)
+        return folder
+
+    return new_folder
