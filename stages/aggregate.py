@@ -12,13 +12,13 @@ from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.sampling import replicates
 from pipeline.statistics import Estimate, distribution, pass_share
-from stages.bearings import bearing_forces
-from stages.convergence import CONVERGENCE, angles_of_turn, convergence_rows, strides_of
-from stages.keys import CRANK, SAMPLE, STATUS
-from stages.sample_convergence import SAMPLE_CONVERGENCE, sample_convergence_rows
-from stages.sensitivity import SENSITIVITY, sensitivity
-from stages.transmission import ORDERS, TRANSMISSION, order_rows, transmission_rows
-from stages.turn import (
+from stages.tables.bearings import bearing_forces
+from stages.tables.convergence import CONVERGENCE, angles_of_turn, convergence_rows, strides_of
+from stages.tables.keys import CRANK, SAMPLE, STATUS
+from stages.tables.sample_convergence import SAMPLE_CONVERGENCE, sample_convergence_rows
+from stages.tables.sensitivity import SENSITIVITY, sensitivity
+from stages.tables.transmission import ORDERS, TRANSMISSION, order_rows, transmission_rows
+from stages.tables.turn import (
     OF_TURN,
     OVER,
     OVER_TURN,

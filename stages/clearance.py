@@ -15,8 +15,8 @@ from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import UM_PER_MM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
-from stages.keys import CONTACT, CRANK, SAMPLE, repeated
 from stages.sample import SAMPLED, errors_of_columns
+from stages.tables.keys import CONTACT, CRANK, SAMPLE, repeated
 
 CONTACTS = Table(
     "contacts",

@@ -8,8 +8,8 @@ from pipeline.engine.table import Column, Table
 from pipeline.sampling import draw_mixed, drawn_units, error_groups
 from stages.clearance import rigid_ends
 from stages.hysteresis import HYSTERESIS, Shared, prepare, solved_loops
-from stages.keys import STATUS
-from stages.turn import (
+from stages.tables.keys import STATUS
+from stages.tables.turn import (
     OF_TURN,
     OVER_TURN,
     loop_metrics,

@@ -19,13 +19,13 @@ from pipeline.model.turn.held_torque import bearing_force, torque_shares
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
-from stages.bearings import BEARINGS, bearing_rows
-from stages.condensed import COMPLIANCE_FILE, full_compliance
-from stages.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
-from stages.keys import CRANK, SAMPLE, STATUS, repeated
-from stages.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
 from stages.sample import SAMPLED, errors_of_columns
 from stages.springs import laws_of_columns
+from stages.tables.bearings import BEARINGS, bearing_rows
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
+from stages.tables.curves import CONTACTS, CURVES, Solved, contact_rows, curve_rows
+from stages.tables.keys import CRANK, SAMPLE, STATUS, repeated
+from stages.tables.running import RUNNING, TURN_CONTACTS, contacts_at_angle, running_columns, turn_contact_rows
 
 
 def _angle(name: str, meaning: str) -> Column:

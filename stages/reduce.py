@@ -11,14 +11,14 @@ from pipeline import assembly, elastic
 from pipeline.config.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.figures.mesh import mesh_figure
+from pipeline.figures.parts.mesh import mesh_figure
+from pipeline.figures.parts.vtk import write_vtk
 from pipeline.figures.style import save
-from pipeline.figures.vtk import write_vtk
 from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
-from stages.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
-from stages.keys import CONTACT, CRANK
+from stages.tables.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
+from stages.tables.keys import CONTACT, CRANK
 
 MESH_FILE = "mesh.npz"
 SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.flank", "design.output", "reduce")

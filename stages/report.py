@@ -12,19 +12,19 @@ from pipeline.engine.table import Table
 from pipeline.figures.style import save
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawings import drawings
-from pipeline.report.explorer import kept_samples
+from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
+from pipeline.report.layout.rendering import Picture
 from pipeline.report.page import TableNote, report_page
-from pipeline.report.rendering import Picture
 from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
-from stages.curves import CONTACTS
 from stages.drivers import DRIVERS
 from stages.hysteresis import HYSTERESIS
 from stages.reduce import MESH_FILE, REDUCE
-from stages.running import TURN_CONTACTS
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
+from stages.tables.curves import CONTACTS
+from stages.tables.running import TURN_CONTACTS
 from stages.tails import TAILS
 
 UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, TAILS, AGGREGATE)

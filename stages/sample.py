@@ -10,8 +10,8 @@ from pipeline.config.dimensions.dimension import REDUCER as OF_REDUCER
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.sampling import Errors, draw
-from stages.keys import SAMPLE as SAMPLE_COLUMN
-from stages.keys import repeated
+from stages.tables.keys import SAMPLE as SAMPLE_COLUMN
+from stages.tables.keys import repeated
 
 
 def _dimensions(table: str) -> list[Dimension]:

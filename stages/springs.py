@@ -9,7 +9,7 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.units import UM_PER_MM
-from stages.keys import CONTACT, CRANK
+from stages.tables.keys import CONTACT, CRANK
 
 BEARING = -1
 """Contact number of the input bearing in the table of laws."""

@@ -14,7 +14,7 @@ from pipeline.population import prediction
 from pipeline.population.tails import far_tails, population
 from pipeline.sampling import Errors, draw
 from stages.hysteresis import Shared, prepare, solve_samples, solved_loops
-from stages.turn import loop_metrics
+from stages.tables.turn import loop_metrics
 
 TRIAL = 50
 """Units of the pilot whose contact forces tell the springs of the rough model."""

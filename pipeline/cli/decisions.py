@@ -33,8 +33,8 @@ from pipeline.sampling import Errors, draw
 from stages import hysteresis
 from stages.aggregate import over_turn
 from stages.clearance import rigid_ends
+from stages.tables.turn import loop_metrics, metric_turns, over_turn_columns
 from stages.tails import TRIAL, at_angles, springs
-from stages.turn import loop_metrics, metric_turns, over_turn_columns
 
 FEWEST_BAD = 20
 """Units beyond a limit that a slope of the yield is told from."""

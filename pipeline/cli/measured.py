@@ -29,7 +29,7 @@ from pipeline.report.unit.change import write_change_page
 from pipeline.report.unit.description import write_description_page
 from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
-from stages.condensed import COMPLIANCE_FILE, full_compliance
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 
 def identify_designed(measurement: Measurement, options: argparse.Namespace) -> None:

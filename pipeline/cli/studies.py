@@ -21,8 +21,8 @@ from pipeline.model.metrics import library
 from pipeline.report.samples.section import needed_sentences, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
-from stages.curves import CONTACTS, contact_rows
 from stages.sample import SAMPLED, errors_of_columns
+from stages.tables.curves import CONTACTS, contact_rows
 
 REASONS_SHOWN = 3
 """Of a stage in the answer of a dry run."""

@@ -11,13 +11,13 @@ from pipeline.config import Study, load_study
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
+from pipeline.figures.loads.turn import output_turn_figure
 from pipeline.figures.style import save
-from pipeline.figures.turn import output_turn_figure
 from pipeline.model.turn.orders import orders
 from pipeline.population.output_turn import OutputTurn, free_error, loaded_error, symmetric
 from pipeline.sampling import draw
-from stages.keys import CRANK
-from stages.transmission import SENSE, SENSES, TORQUE
+from stages.tables.keys import CRANK
+from stages.tables.transmission import SENSE, SENSES, TORQUE
 
 ASYMMETRIC = "a torque: holes, several disks and rigid ones are not condensed for all lobes"
 """Said of reducers whose disk does not repeat from lobe to lobe."""

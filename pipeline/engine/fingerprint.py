@@ -20,7 +20,7 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 """Libraries whose version may change a number."""
 
 OWN_PACKAGES = ("pipeline", "stages")
-TEMPLATES = (".html", ".css")
+TEMPLATES = (".html", ".css", ".js")
 """Files beside the modules of a package that are sources too."""
 NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects", "pipeline.config.contact_laws")
 """Modules that no value depends on: they show progress, or refuse settings."""

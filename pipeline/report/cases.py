@@ -7,7 +7,7 @@ import pandas as pd
 
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import OK, Frames, case_label, unsolved
-from pipeline.report.wording import number, plain
+from pipeline.report.layout.wording import number, plain
 
 ROWS_SHOWN = 40
 """Cases that the page lists."""

@@ -7,25 +7,25 @@ import pandas as pd
 
 from pipeline import assembly
 from pipeline.config.design import Design
-from pipeline.figures.clearances import pin_clearances_figure
-from pipeline.figures.distributions import crank_figure, distributions_figure
-from pipeline.figures.flank import nominal_gap_figure
-from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
 from pipeline.figures.labels import METRICS
-from pipeline.figures.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
-from pipeline.figures.reducer import reducer_figure
-from pipeline.figures.sensitivity import sensitivity_figure
+from pipeline.figures.loads.clearances import pin_clearances_figure
+from pipeline.figures.loads.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
+from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
+from pipeline.figures.loads.springs import spring_laws_figure
+from pipeline.figures.parts.flank import nominal_gap_figure
+from pipeline.figures.parts.reducer import reducer_figure
+from pipeline.figures.samples.distributions import crank_figure, distributions_figure
+from pipeline.figures.samples.sensitivity import sensitivity_figure
+from pipeline.figures.samples.units import units_figure
 from pipeline.figures.spread import spread_frame
-from pipeline.figures.springs import spring_laws_figure
-from pipeline.figures.units import units_figure
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.report.drawing import Drawing
-from pipeline.report.explorer import explored_units
+from pipeline.report.explorer.explorer import explored_units
 from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
 from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.layout.wording import counted, plain
 from pipeline.report.samples.section import sample_drawings
 from pipeline.report.turn.drawings import turn_drawings
-from pipeline.report.wording import counted, plain
 
 FLANK_POINTS_PER_LOBE = 48
 """Points of the drawn flank: its polygon is off by less than a line."""

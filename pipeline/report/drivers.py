@@ -9,8 +9,8 @@ import pandas as pd
 from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.layout.wording import NOTHING, UNDETERMINED, percent, percent_interval
 from pipeline.report.results import Cell
-from pipeline.report.wording import NOTHING, UNDETERMINED, percent, percent_interval
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, determined
 
 NAMED = 3

@@ -7,7 +7,7 @@ from pipeline import assembly
 from pipeline.config.design import Design
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.units import UM_PER_MM
-from pipeline.report.wording import listed, plain
+from pipeline.report.layout.wording import listed, plain
 
 CRANKS_PER_PITCH = 16
 """Crank angles within a pitch of the pins: between them their phases fill the lobe."""

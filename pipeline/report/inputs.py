@@ -15,7 +15,7 @@ from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.report.flank import flank_fact
 from pipeline.report.frames import Frames
-from pipeline.report.wording import NOTHING, counted, listed, plain
+from pipeline.report.layout.wording import NOTHING, counted, listed, plain
 
 UNITS = {
     "_N_per_mm_power": "N/mmⁿ",

@@ -11,9 +11,9 @@ from pipeline.report import inputs
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
 from pipeline.report.chain.graph import BOX, StageNote, stage_graph
 from pipeline.report.drivers import base_samples, constant_metrics, driver_tables, drivers, first_drivers
-from pipeline.report.explorer import explored
+from pipeline.report.explorer.explorer import explored
 from pipeline.report.frames import DRAWN_CASES, Frames
-from pipeline.report.rendering import Picture, rendered
+from pipeline.report.layout.rendering import Picture, rendered
 from pipeline.report.results import Results
 from pipeline.report.samples.section import SamplesSection
 from pipeline.report.samples.tails import tail_lines

@@ -11,7 +11,7 @@ from pipeline.config.study import ALL_LIMITS
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames, case_label
-from pipeline.report.wording import (
+from pipeline.report.layout.wording import (
     NOTHING,
     counted,
     interval,

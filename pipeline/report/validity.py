@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.report.frames import Frames
-from pipeline.report.wording import NOTHING, counted, listed, percent
+from pipeline.report.layout.wording import NOTHING, counted, listed, percent
 
 
 def beyond_law(frames: Frames) -> str:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from skfem import MeshTri
 
-from pipeline.figures.vtk import write_vtk
+from pipeline.figures.parts.vtk import write_vtk
 from pipeline.model.elastic.condensed_body import elastic_body
 
 

@@ -13,7 +13,7 @@ from pipeline.config import load_study
 from pipeline.config.study import Study
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
-from stages.condensed import full_compliance
+from stages.tables.condensed import full_compliance
 
 CRANKS = (0.0, 40.0, 95.0)
 

@@ -15,7 +15,7 @@ from pipeline.errors import InputError
 from pipeline.population.tails import tails_of
 from pipeline.report.inputs import reducer_facts
 from stages.chain import STAGES
-from stages.condensed import COMPLIANCE_FILE, full_compliance
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 ROOT = Path(__file__).parents[2]
 DESIGN = tomllib.loads((ROOT / "data/designs/rv_81_two_disks.toml").read_text(encoding="utf-8"))

@@ -272,7 +272,7 @@ def test_every_other_effect_changes_a_study(study: Study) -> None:
 
 
 def test_effects_are_sources_of_the_stages_that_honour_them_and_of_no_mesh() -> None:
-    effects = "pipeline/model/effects/coulomb.py"
+    effects = "pipeline/model/effects/friction/coulomb.py"
     assert effects in source_hashes("stages.hysteresis")
     assert effects in source_hashes("stages.clearance")
     assert effects not in source_hashes("stages.reduce")

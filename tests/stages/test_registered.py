@@ -210,7 +210,7 @@ def test_an_effect_with_the_name_of_another_is_refused(folder: Path) -> None:
 
 
 def test_the_library_of_the_project_needs_no_registration(folder: Path) -> None:
-    files = {path.stem for path in (ROOT / "pipeline/model/effects").glob("*.py")}
+    files = {path.stem for path in (ROOT / "pipeline/model/effects").rglob("*.py")}
     assert set(library()) == {name for name in files if not name.startswith("_")} - {"effect"}
 
 

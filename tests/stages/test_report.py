@@ -22,10 +22,10 @@ from pipeline.report.cases import case_rows
 from pipeline.report.chain.graph import BOX, GAP, StageNote, stage_graph
 from pipeline.report.drawings import drawings
 from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.layout.wording import interval, percent_interval, plain
 from pipeline.report.page import report_page
 from pipeline.report.turn.section import TurnSection
 from pipeline.report.validity import overloaded, ranges
-from pipeline.report.wording import interval, percent_interval, plain
 from stages import report
 from stages.chain import STAGES
 

@@ -18,9 +18,10 @@ from pipeline.model.load_history.response import CycleResponse, respond
 from pipeline.model.metrics import library
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
-from stages import curves, hysteresis
-from stages.convergence import convergence_rows
-from stages.turn import Turn
+from stages import hysteresis
+from stages.tables import curves
+from stages.tables.convergence import convergence_rows
+from stages.tables.turn import Turn
 
 CONTRACT = {
     "sample/reducer": ("sample", "eccentricity_um disk_profile_um bearing_clearance_um"),

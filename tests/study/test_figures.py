@@ -10,16 +10,16 @@ from matplotlib.colors import to_hex
 
 from pipeline import assembly
 from pipeline.config import load_design
-from pipeline.figures.clearances import pin_clearances_figure
-from pipeline.figures.distributions import crank_figure, distributions_figure
-from pipeline.figures.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
 from pipeline.figures.labels import METRICS, parameter_title
-from pipeline.figures.mesh import mesh_figure
-from pipeline.figures.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
-from pipeline.figures.reducer import reducer_figure
-from pipeline.figures.sensitivity import sensitivity_figure
+from pipeline.figures.loads.clearances import pin_clearances_figure
+from pipeline.figures.loads.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
+from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
+from pipeline.figures.loads.springs import spring_laws_figure
+from pipeline.figures.parts.mesh import mesh_figure
+from pipeline.figures.parts.reducer import reducer_figure
+from pipeline.figures.samples.distributions import crank_figure, distributions_figure
+from pipeline.figures.samples.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
-from pipeline.figures.springs import spring_laws_figure
 from pipeline.figures.style import ALARM, save
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions as Torques

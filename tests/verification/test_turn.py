@@ -17,7 +17,7 @@ from pipeline.engine.store import Output
 from pipeline.model.geometry.clearance import gaps
 from pipeline.sampling import draw
 from stages.chain import STAGES
-from stages.convergence import continued
+from stages.tables.convergence import continued
 
 ROOT = Path(__file__).parents[2]
 HEADLINES = ("clearance_backlash_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")

@@ -18,8 +18,8 @@ from pipeline.checks.response import Condensed, solved
 from pipeline.config import Study
 from pipeline.engine.store import Output, write_atomic
 from pipeline.figures.style import save
-from pipeline.report.rendering import Picture
-from stages.condensed import COMPLIANCE_FILE, full_compliance
+from pipeline.report.layout.rendering import Picture
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"
 TARGETS, FITTED, CONTACTS = "pham2017_table2.csv", "pham2017_fitted.csv", "pham2017_contacts.csv"

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from pipeline.checks.paper.statements import SHARES
 from pipeline.checks.paper.tables import Tables
-from pipeline.figures.clearances import pin_clearances_figure
-from pipeline.figures.hysteresis import Definitions, bearing_figure, hysteresis_figure
-from pipeline.figures.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
-from pipeline.figures.springs import spring_laws_figure
+from pipeline.figures.loads.clearances import pin_clearances_figure
+from pipeline.figures.loads.hysteresis import Definitions, bearing_figure, hysteresis_figure
+from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
+from pipeline.figures.loads.springs import spring_laws_figure
 
 
 @dataclass(frozen=True)

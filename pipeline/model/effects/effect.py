@@ -122,11 +122,11 @@ def largest_twist(drive: Drive) -> float:
 
 @cache
 def library() -> Mapping[str, Effect]:
-    """All effects by name: the files beside this one, and what installed packages register as ``ENTRY_POINTS``.
+    """All effects by name: the files of the rooms, and what installed packages register as ``ENTRY_POINTS``; sorted.
 
     Raises
     ------
     ValueError
         If a registered effect has the name of another one.
     """
-    return declarations("pipeline.model.effects", "EFFECT", ENTRY_POINTS)
+    return dict(sorted(declarations("pipeline.model.effects", "EFFECT", ENTRY_POINTS).items()))

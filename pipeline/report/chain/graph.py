@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.report.wording import counted
+from pipeline.report.layout.wording import counted
 
 BOX = 124, 62
 """Width and height of a stage's box [pixels of the drawing]."""

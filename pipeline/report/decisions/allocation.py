@@ -12,10 +12,10 @@ from pipeline.decisions.allocation.allocate import Allocation, Choice
 from pipeline.decisions.allocation.results import allocation_rows, check_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.figures.samples.tradeoff import tradeoff_figure
 from pipeline.figures.style import save
-from pipeline.figures.tradeoff import tradeoff_figure
-from pipeline.report.rendering import Picture, rendered
-from pipeline.report.wording import NOTHING
+from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.wording import NOTHING
 
 TEMPLATE = "decisions/allocation.html"
 CHOICES = {

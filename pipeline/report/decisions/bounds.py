@@ -8,11 +8,11 @@ import pandas as pd
 
 from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, Findings, table_rows
 from pipeline.engine.store import write_atomic
-from pipeline.figures.bounds import bounds_figure
 from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.figures.samples.bounds import bounds_figure
 from pipeline.figures.style import save
-from pipeline.report.rendering import Picture, rendered
-from pipeline.report.wording import number, percent, percent_interval
+from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.wording import number, percent, percent_interval
 
 TEMPLATE = "decisions/bounds.html"
 STATISTICS = {"mean": "mean", "std": "standard deviation", "far": "99.73 % on the bad side"}

@@ -15,11 +15,11 @@ from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUT
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
 from pipeline.figures.labels import METRICS, parameter_title
-from pipeline.figures.overlay import overlay_figure
+from pipeline.figures.samples.overlay import overlay_figure
 from pipeline.figures.style import save
 from pipeline.model.metrics import Quantity, signed
-from pipeline.report.rendering import Picture, rendered
-from pipeline.report.wording import NOTHING, SHARE, interval, number, percent
+from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.wording import NOTHING, SHARE, interval, number, percent
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 
 TEMPLATE = "decisions/compare.html"

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import pandas as pd
 
 from pipeline.config.study import ALL_LIMITS
-from pipeline.figures.sample_convergence import sample_convergence_figure
+from pipeline.figures.samples.sample_convergence import sample_convergence_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
-from pipeline.report.wording import counted, percent_interval, plain
+from pipeline.report.layout.wording import counted, percent_interval, plain
 from pipeline.statistics import Estimate
 from pipeline.statistics.sample_size import units_for_yield
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import interval, number
 from pipeline.report.results import Cell, Results
-from pipeline.report.wording import interval, number
 
 MILLION = 1e6
 """Parts of a whole."""

@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
+from pipeline.figures.loads.turn import orders_figure, transmission_figure, turn_forces_figure
 from pipeline.figures.spread import spread_frame
-from pipeline.figures.turn import orders_figure, transmission_figure, turn_forces_figure
 from pipeline.model.metrics.turn import FEWEST_ANGLES
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
-from pipeline.report.wording import counted, plain
+from pipeline.report.layout.wording import counted, plain
 
 UNBALANCED = " (not known of this reducer, see below)"
 """Said of forces on a bearing that do not balance the torque on the output."""

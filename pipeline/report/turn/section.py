@@ -10,8 +10,8 @@ from pipeline import assembly
 from pipeline.model.metrics.turn import FEWEST_ANGLES, NEEDS, TurnMetric, turn_library
 from pipeline.model.metrics.turn.turn_metric import BALANCE, FRICTION, RATING, SPEED, TURN
 from pipeline.report.frames import Frames, case_label
+from pipeline.report.layout.wording import NOTHING, interval, listed, number, percent, percent_interval, plain
 from pipeline.report.results import STATISTICS, Cell
-from pipeline.report.wording import NOTHING, interval, listed, number, percent, percent_interval, plain
 
 CASES_SHOWN = 12
 """Listed cases in the table; all of them stand in the table of units."""

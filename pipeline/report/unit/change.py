@@ -7,10 +7,10 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
-from pipeline.figures.change import changes_figure, difference_figure
+from pipeline.figures.measured.change import changes_figure, difference_figure
 from pipeline.figures.style import save
 from pipeline.identification.change.results import VERDICT_FILE, Answer
-from pipeline.report.rendering import Picture, rendered
+from pipeline.report.layout.rendering import Picture, rendered
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/change.html"

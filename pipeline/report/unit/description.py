@@ -8,12 +8,12 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
+from pipeline.figures.measured.unit import DESCRIBED, LEFT, loops_figure, torque_figure
 from pipeline.figures.style import save
-from pipeline.figures.unit import DESCRIBED, LEFT, loops_figure, torque_figure
 from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.report.rendering import Picture, rendered
+from pipeline.report.layout.rendering import Picture, rendered
 from pipeline.report.unit.facts import discrepancy_facts
 from pipeline.report.unit.numbers import digits, interval
 

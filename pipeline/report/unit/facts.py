@@ -9,8 +9,8 @@ from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.selection.discrepancy import Discrepancy
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statement import title_of
+from pipeline.report.layout.wording import counted, listed, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
-from pipeline.report.wording import counted, listed, plain
 
 
 def discrepancy_facts(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pipeline.report.wording import NOTHING
+from pipeline.report.layout.wording import NOTHING
 
 SMALLEST_P = 1e-3
 """Below it the page says so: the resamples tell no smaller one."""

@@ -11,14 +11,15 @@ import pandas as pd
 
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.store import read_json, write_atomic
+from pipeline.figures.measured.unit import MODELS, WRITTEN, candidates_figure, loops_figure, time_figure, torque_figure
 from pipeline.figures.style import save
-from pipeline.figures.unit import MODELS, WRITTEN, candidates_figure, loops_figure, time_figure, torque_figure
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statement import title_of
-from pipeline.report.rendering import Picture, rendered
+from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.wording import counted
 from pipeline.report.unit.facts import (
     comparison_sentence,
     data_facts,
@@ -40,7 +41,6 @@ from pipeline.report.unit.rows import (
     parameter_row,
     signature_row,
 )
-from pipeline.report.wording import counted
 
 TEMPLATE = "unit/unit.html"
 STAGE_TITLES = {"declared": "As declared", "recalibrated": "Refitted"}

@@ -11,8 +11,8 @@ import pandas as pd
 from pipeline.config.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS
+from pipeline.figures.measured.unit import quantiles_figure
 from pipeline.figures.style import save
-from pipeline.figures.unit import quantiles_figure
 from pipeline.population.comparison import Comparison
 from pipeline.population.results import (
     candidate_frame,
@@ -21,9 +21,9 @@ from pipeline.population.results import (
     sentence,
 )
 from pipeline.population.tolerance_shift import Closing
-from pipeline.report.rendering import Picture, rendered
+from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.wording import NOTHING
 from pipeline.report.unit.numbers import digits
-from pipeline.report.wording import NOTHING
 
 TEMPLATE = "unit/population.html"
 

@@ -13,8 +13,8 @@ from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.detection import DetectionLimit
 from pipeline.identification.selection.held_out import STAGES, AngleError
+from pipeline.report.layout.wording import NOTHING, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, p_value, shown_unit
-from pipeline.report.wording import NOTHING, plain
 
 LOOP_TITLES = {
     "zero_torque_width_arcmin": ("Zero-torque width", "arcmin"),

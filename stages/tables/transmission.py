@@ -9,7 +9,7 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics.turn import FEWEST_ANGLES, TurnReadings
 from pipeline.model.turn.orders import orders
 from stages.clearance import rigid_angles
-from stages.keys import CRANK, SAMPLE, labels, repeated
+from stages.tables.keys import CRANK, SAMPLE, labels, repeated
 
 ARCSEC_PER_ARCMIN = 60.0
 """Seconds of arc in a minute of arc."""

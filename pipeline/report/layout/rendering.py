@@ -8,9 +8,10 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from pipeline.report.wording import counted, listed, plain
+from pipeline.report.layout.wording import counted, listed, plain
 
-HERE = Path(__file__).parent
+REPORT = Path(__file__).parents[1]
+LAYOUT = REPORT / "layout"
 NUMBER_AND_UNIT = re.compile(r"(\d) (%|N m\b|mm\b|µm\b|MPa\b|arcmin\b)")
 """What a line must not break between."""
 
@@ -38,9 +39,9 @@ def rendered(template: str | Path, filters: Mapping[str, Callable[..., str]] | N
     filters : further filters of the template, by name.
     values : what the template is filled with.
     """
-    file = HERE / template
+    file = REPORT / template
     environment = Environment(
-        loader=FileSystemLoader([file.parent, HERE]),
+        loader=FileSystemLoader([file.parent, LAYOUT, REPORT]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

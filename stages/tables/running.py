@@ -12,7 +12,7 @@ from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.turn.contact_load import LARGEST_SHEAR
 from pipeline.model.turn.held_torque import held_forces
 from pipeline.model.units import UM_PER_MM
-from stages.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, repeated
+from stages.tables.keys import CONTACT, CRANK, FORCE, PRESSURE, SAMPLE, repeated
 
 SHEAR = Column("shear_MPa", "float64", "MPa", "largest shear stress below any contact under the torque held")
 SHEAR_DEPTH = Column("shear_depth_um", "float64", "um", "depth of the largest shear stress, where it is deepest")

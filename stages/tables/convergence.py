@@ -10,7 +10,7 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
 from stages.clearance import rigid_angles
-from stages.turn import Turn
+from stages.tables.turn import Turn
 
 STRIDES = (8, 4, 2, 1)
 """Every so many of the crank angles: how the worst value moves as they double."""

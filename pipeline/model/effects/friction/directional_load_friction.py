@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pipeline.model.contact.friction_elements import load_slider
-from pipeline.model.effects.coulomb import DISTANCE
 from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.friction.coulomb import DISTANCE
 from pipeline.model.load_history.drive import Drive
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.config.study import Study
 from pipeline.engine.table import Column, Columns, Table
-from stages.keys import CRANK, SAMPLE, repeated
+from stages.tables.keys import CRANK, SAMPLE, repeated
 
 BEARINGS = Table(
     "bearings",

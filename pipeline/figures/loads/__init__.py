@@ -1,0 +1,1 @@
+"""How a reducer carries a torque: its contacts, its loop, its turn."""

@@ -1,0 +1,1 @@
+"""Measured units against the models."""

@@ -1,0 +1,1 @@
+"""What the samples of a study, or its worst cases, come to."""

@@ -1,0 +1,1 @@
+"""Parts that give way more than the model has, or later."""

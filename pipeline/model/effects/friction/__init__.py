@@ -1,0 +1,1 @@
+"""What resists the motion."""

@@ -1,0 +1,1 @@
+"""Dimensions, wear and temperature: what opens or closes gaps."""

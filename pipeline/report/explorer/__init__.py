@@ -1,0 +1,1 @@
+"""Units that a reader questions in the page."""
