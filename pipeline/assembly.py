@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.config.design import Design
-from pipeline.config.design import Material as MaterialSection
-from pipeline.config.flank import flank_profile
+from pipeline.config.designs.design import Design
+from pipeline.config.designs.design import Material as MaterialSection
+from pipeline.config.designs.flank import flank_profile
 from pipeline.config.mechanisms.mechanism import LawInputs
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
 from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors

@@ -5,7 +5,7 @@ from itertools import groupby
 import numpy as np
 
 from pipeline.assembly import disk_contacts, profile
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.model.elastic.condensed_body import ElasticBody, elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.perforated_mesh import hole_boundary, perforated_mesh

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pipeline import assembly
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.effects import Conditions, library
 from pipeline.model.geometry.clearance import Errors

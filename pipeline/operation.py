@@ -3,8 +3,8 @@
 import numpy as np
 
 from pipeline.assembly import definitions, profile
-from pipeline.config.design import Design
-from pipeline.config.study import Study
+from pipeline.config.designs.design import Design
+from pipeline.config.studies.study import Study
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.metrics.turn import Conditions

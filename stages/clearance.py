@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline import assembly
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.geometry.reducer import Reducer

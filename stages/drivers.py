@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.sampling import draw_mixed, drawn_units, error_groups

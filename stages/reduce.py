@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline import assembly, elastic
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.figures.parts.mesh import mesh_figure

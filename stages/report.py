@@ -5,7 +5,7 @@ import importlib.metadata
 import numpy as np
 import pandas as pd
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table

@@ -14,9 +14,9 @@ import numpy as np
 from pipeline.checks.leastsquares import Fitted, fitted
 from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, solved, with_numbers
 from pipeline.config import Design, Study, parse_design
-from pipeline.config.consistency import number_keys
-from pipeline.config.section import nearest_name
-from pipeline.config.writing import toml_of
+from pipeline.config.files.section import nearest_name
+from pipeline.config.files.writing import toml_of
+from pipeline.config.studies.consistency import number_keys
 from pipeline.errors import InputError
 from pipeline.model.geometry.cycloid_profile import Real
 

@@ -14,7 +14,7 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.model.load_history.load_cycle import ARCMIN

@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import BaseModel
 
 from pipeline import assembly, elastic
-from pipeline.config.design import Design
-from pipeline.config.study import Study
+from pipeline.config.designs.design import Design
+from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline import assembly, elastic
 from pipeline.config import Study
-from pipeline.config.study import Reduce
+from pipeline.config.studies.study import Reduce
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import Compliance, ElasticBody
 from pipeline.model.elastic.pressure_patches import Patches

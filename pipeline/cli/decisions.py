@@ -10,7 +10,7 @@ import pandas as pd
 from pipeline.cli import settings
 from pipeline.cli.running import up_to_date
 from pipeline.config import Study, load_study
-from pipeline.config.writing import toml_of
+from pipeline.config.files.writing import toml_of
 from pipeline.decisions.allocation import results as allocation_results
 from pipeline.decisions.allocation.allocate import allocate
 from pipeline.decisions.allocation.priced import priced_tolerances

@@ -21,7 +21,7 @@ from pipeline.identification.identify import FaultyUnit, identify_measured
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results import write as results
-from pipeline.identification.selection.verdict import FAULT
+from pipeline.identification.selection.statements.verdict import FAULT
 from pipeline.population import results as population_results
 from pipeline.population.comparison import compared, load_population
 from pipeline.population.tolerance_shift import closing, read_population_run

@@ -14,7 +14,7 @@ import pandas as pd
 
 from pipeline.cli import settings
 from pipeline.config import Study
-from pipeline.config.study import Drivers
+from pipeline.config.studies.study import Drivers
 from pipeline.engine import progress, runner
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes

@@ -7,7 +7,7 @@ import pandas as pd
 from pipeline.cli import settings
 from pipeline.cli.running import up_to_date
 from pipeline.config import load_study
-from pipeline.config.tails import Tails, without_tails
+from pipeline.config.studies.tails import Tails, without_tails
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 

@@ -9,17 +9,18 @@ from typing import Any
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from pipeline.config.cases import Case, case_problems
-from pipeline.config.consistency import provenance_problems, study_problems
-from pipeline.config.costs import Costs, cost_problems
-from pipeline.config.design import Design
-from pipeline.config.effects import effect_problems
-from pipeline.config.flank_file import with_flank_file
-from pipeline.config.geometry import geometry_problems
-from pipeline.config.messages import problems_of
+from pipeline.config.designs.design import Design
+from pipeline.config.designs.effects import effect_problems
+from pipeline.config.designs.flank_file import with_flank_file
+from pipeline.config.designs.geometry import geometry_problems
+from pipeline.config.files.messages import problems_of
+from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
 from pipeline.config.notation import with_notation
-from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
-from pipeline.config.study import Study
+from pipeline.config.studies.cases import Case, case_problems
+from pipeline.config.studies.consistency import provenance_problems, study_problems
+from pipeline.config.studies.costs import Costs, cost_problems
+from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Tolerances, tolerance_problems
 from pipeline.config.temperature.drawn import (
     draw_problems,
     growth_tolerances,
@@ -37,7 +38,6 @@ from pipeline.config.temperature.stated import (
     warm_tolerances,
     warmed,
 )
-from pipeline.config.tolerances import Tolerances, tolerance_problems
 from pipeline.errors import InputError
 
 LARGEST_FILE = 1 << 24

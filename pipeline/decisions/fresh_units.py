@@ -8,7 +8,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.sampling import Errors, draw
 from pipeline.statistics import Estimate, pass_share
 

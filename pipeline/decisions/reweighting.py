@@ -21,7 +21,7 @@ from scipy import stats
 
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.distribution import Distribution
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.decisions.run_comparison import Run, differing_inputs
 from pipeline.errors import InputError
 from pipeline.model.metrics import library

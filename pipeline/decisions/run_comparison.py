@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library

@@ -22,7 +22,7 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 OWN_PACKAGES = ("pipeline", "stages")
 TEMPLATES = (".html", ".css", ".js")
 """Files beside the modules of a package that are sources too."""
-NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.effects", "pipeline.config.contact_laws")
+NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.designs.effects", "pipeline.config.designs.contact_laws")
 """Modules that no value depends on: they show progress, or refuse settings."""
 FOUND_BY_FILE = {
     "pipeline.config.dimensions": "cycloid_dimensions",

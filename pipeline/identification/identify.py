@@ -8,21 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.identification.selection.baselines import Cycles, baselines
-from pipeline.identification.selection.detection import DetectionLimit, detection_limits
-from pipeline.identification.selection.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.judgement import MOST_NAMED, Selection
 from pipeline.identification.selection.model_selection import MOST_EFFECTS, Selector
-from pipeline.identification.selection.remainder import Remainder, remainder
-from pipeline.identification.selection.statement import Statement, fault_statement, stated
-from pipeline.identification.selection.verdict import ADEQUATE, FAULT, MOSTLY, UNEXPLAINED, Verdict, judge
+from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
+from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of
+from pipeline.identification.selection.statements.remainder import Remainder, remainder
+from pipeline.identification.selection.statements.statement import Statement, fault_statement, stated
+from pipeline.identification.selection.statements.verdict import ADEQUATE, FAULT, MOSTLY, UNEXPLAINED, Verdict, judge
 
 Real = NDArray[np.float64]
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]

@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from pipeline.config.section import nearest_name
-from pipeline.config.text_file import LARGEST_VALUE, check_text, header
+from pipeline.config.files.section import nearest_name
+from pipeline.config.files.text_file import LARGEST_VALUE, check_text, header
 from pipeline.errors import InputError
 from pipeline.statistics import Estimate
 from pipeline.statistics.differences import welch_interval

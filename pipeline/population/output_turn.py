@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import ElasticBody

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.model.load_history.winkler import winkler_readings
 from pipeline.model.metrics import library
 from pipeline.mounting import drive_of

@@ -15,11 +15,11 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from pipeline.config.cases import Case
-from pipeline.config.design import Design
-from pipeline.config.study import Samples, Study
-from pipeline.config.tails import limited_under_load, without_tails
-from pipeline.config.tolerances import Tolerances
+from pipeline.config.designs.design import Design
+from pipeline.config.studies.cases import Case
+from pipeline.config.studies.study import Samples, Study
+from pipeline.config.studies.tails import limited_under_load, without_tails
+from pipeline.config.studies.tolerances import Tolerances
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.population.prediction import LEVEL, Prediction, Tail

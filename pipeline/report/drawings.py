@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.figures.labels import METRICS
 from pipeline.figures.loads.clearances import pin_clearances_figure
 from pipeline.figures.loads.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure

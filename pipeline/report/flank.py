@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.units import UM_PER_MM
 from pipeline.report.layout.wording import listed, plain

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.figures.labels import METRICS
 
 DRAWN_CASES = 6

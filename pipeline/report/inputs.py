@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.config.cases import Case
-from pipeline.config.consistency import number_keys
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
-from pipeline.config.study import Cycle, Study
-from pipeline.config.tolerances import Tolerances
+from pipeline.config.studies.cases import Case
+from pipeline.config.studies.consistency import number_keys
+from pipeline.config.studies.study import Cycle, Study
+from pipeline.config.studies.tolerances import Tolerances
 from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
 from pipeline.report.flank import flank_fact

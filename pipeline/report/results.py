@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from pipeline.config.study import ALL_LIMITS
+from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames, case_label

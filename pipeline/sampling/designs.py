@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from pipeline.config.study import Samples
+from pipeline.config.studies.study import Samples
 
 Real = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.cases import Case
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.study import Samples
-from pipeline.config.tolerances import Tolerances
+from pipeline.config.studies.cases import Case
+from pipeline.config.studies.study import Samples
+from pipeline.config.studies.tolerances import Tolerances
 from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
 

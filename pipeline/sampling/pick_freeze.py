@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.sampling.designs import independent_uniforms
 from pipeline.sampling.errors import Errors, dimensions, errors_at, varies
 

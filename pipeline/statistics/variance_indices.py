@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.study import FEWEST_BASE_SAMPLES
+from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
 from pipeline.statistics.blocks import resampled_means
 
 Real = NDArray[np.float64]

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pipeline import assembly
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from stages.tables.keys import CRANK, SAMPLE, repeated
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline import assembly, operation
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.response import CycleResponse

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics.turn import FEWEST_ANGLES, TurnReadings
 from pipeline.model.turn.orders import orders

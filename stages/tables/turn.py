@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.assembly import definitions
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column
 from pipeline.model.metrics import LoopReadings, library
 from pipeline.model.metrics.turn import TurnReadings, turn_library

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from random_designs import SAMPLES, random_study
 
-from pipeline.config.study import Clearance
+from pipeline.config.studies.study import Clearance
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.errors import InputError

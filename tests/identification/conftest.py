@@ -10,7 +10,7 @@ from synthetic_unit import ROOT, Condensed
 
 from pipeline import assembly
 from pipeline.config import load_study
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
 from stages.tables.condensed import full_compliance

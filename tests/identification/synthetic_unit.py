@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline import assembly
 from pipeline.config import load_study
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.identification.bench.simulator import Course, Forward
 from pipeline.identification.fitting.build import build_problem, drive_of
 from pipeline.identification.fitting.problem import Model, Problem, candidates

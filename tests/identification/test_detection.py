@@ -8,8 +8,8 @@ from linear_unit import LinearFitter, linear_data, model_of
 
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.selection.cross_validation import trial
-from pipeline.identification.selection.detection import detection_limits, needed_square
 from pipeline.identification.selection.parameter_intervals import STRUCTURE
+from pipeline.identification.selection.statements.detection import detection_limits, needed_square
 
 DATA = linear_data(positions=3, cycles=3, branches=2, cells=20, sigma=0.1)
 EVERYTHING = np.ones(len(DATA), bool)

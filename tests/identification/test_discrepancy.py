@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.identification.selection.discrepancy import discrepancy, restricted_likelihood
+from pipeline.identification.selection.statements.discrepancy import discrepancy, restricted_likelihood
 
 TORQUE = np.tile(np.linspace(-12, 12, 24), 6)
 SENSE = np.tile(np.repeat([1.0, -1.0], 24), 3)

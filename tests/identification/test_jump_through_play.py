@@ -10,7 +10,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.model_selection import Selector
-from pipeline.identification.selection.verdict import IDENTIFIED, judge
+from pipeline.identification.selection.statements.verdict import IDENTIFIED, judge
 
 ZERO = 0.06
 """[N m] half a percent of the largest torque, two rows of the torque: less than the cell in which the angle jumps."""

@@ -11,7 +11,7 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.model_selection import Selector
-from pipeline.identification.selection.verdict import judge
+from pipeline.identification.selection.statements.verdict import judge
 
 HELD_OUT = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]\n'
 STRETCH = 1.4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from linear_unit import linear_data
 
-from pipeline.identification.selection.remainder import TORQUE_BINS, remainder, senses
+from pipeline.identification.selection.statements.remainder import TORQUE_BINS, remainder, senses
 
 BRANCHES, CELLS = 2, 2 * TORQUE_BINS
 

@@ -18,7 +18,7 @@ from pipeline import cli
 from pipeline.cli import measured as command
 from pipeline.cli import settings
 from pipeline.config import load_study
-from pipeline.config.writing import toml_of
+from pipeline.config.files.writing import toml_of
 from pipeline.engine.store import Output
 from pipeline.identification.identify import identify_measured
 from pipeline.identification.results import tables
@@ -32,8 +32,8 @@ from pipeline.identification.results.residual_signatures import (
     _rigidity,
 )
 from pipeline.identification.selection.held_out import AngleError
-from pipeline.identification.selection.remainder import Remainder
-from pipeline.identification.selection.verdict import Verdict
+from pipeline.identification.selection.statements.remainder import Remainder
+from pipeline.identification.selection.statements.verdict import Verdict
 from pipeline.report.unit.remainder_cards import remainder_cards
 
 ROOT = Path(__file__).parents[2]

@@ -12,14 +12,15 @@ from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Data, Model, candidates
 from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection import parameter_intervals, verdict
+from pipeline.identification.selection import parameter_intervals
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.judgement import Selection
 from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, _positive, intervals, unsupported
-from pipeline.identification.selection.remainder import Remainder
-from pipeline.identification.selection.statement import stated
-from pipeline.identification.selection.verdict import MOSTLY_REMOVED, judge
+from pipeline.identification.selection.statements import verdict
+from pipeline.identification.selection.statements.remainder import Remainder
+from pipeline.identification.selection.statements.statement import stated
+from pipeline.identification.selection.statements.verdict import MOSTLY_REMOVED, judge
 from pipeline.model.effects.effect import CYCLES, TIME
 
 BLOCKS, CELLS = 24, 20

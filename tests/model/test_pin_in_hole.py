@@ -10,9 +10,9 @@ from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
 
 from pipeline import assembly
 from pipeline.config import load_study
-from pipeline.config.cases import Case
 from pipeline.config.distributions import library
 from pipeline.config.mechanisms.pin_in_hole import Bush, PinInHole
+from pipeline.config.studies.cases import Case
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import exact_gaps, gaps

@@ -16,9 +16,9 @@ from conftest import ROOT, run_study, small_study
 from scipy import stats
 
 from pipeline.config import load_study
+from pipeline.config.designs.effects import effect_problems
 from pipeline.config.dimensions.dimension import ENTRY_POINTS as DIMENSIONS
 from pipeline.config.distributions.distribution import ENTRY_POINTS as DISTRIBUTIONS
-from pipeline.config.effects import effect_problems
 from pipeline.config.mechanisms.mechanism import ENTRY_POINTS as MECHANISMS
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.errors import InputError
@@ -86,7 +86,7 @@ from typing import Literal
 import numpy as np
 from pipeline.config.mechanisms.drawing import Circles, Panel
 from pipeline.config.mechanisms.mechanism import OutputMechanism, Words
-from pipeline.config.section import Clearance, Millimetres, Problem
+from pipeline.config.files.section import Clearance, Millimetres, Problem
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.reducer import OUTPUT, Contacts
 class Dogs(OutputMechanism):

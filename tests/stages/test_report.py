@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from pipeline.config import Study, load_design, parse_study
-from pipeline.config.study import Limits
+from pipeline.config.studies.study import Limits
 from pipeline.engine.cache import Cache
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Job, Sections

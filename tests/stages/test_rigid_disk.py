@@ -10,7 +10,7 @@ import pytest
 from pipeline import cli
 from pipeline.cli import settings
 from pipeline.config import load_study, parse_design
-from pipeline.config.writing import toml_of
+from pipeline.config.files.writing import toml_of
 from pipeline.errors import InputError
 
 ROOT = Path(__file__).parents[2]

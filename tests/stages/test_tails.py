@@ -9,8 +9,8 @@ import pytest
 
 from pipeline import api, assembly, cli
 from pipeline.cli import settings
-from pipeline.config.study import Limits
-from pipeline.config.tails import Tails
+from pipeline.config.studies.study import Limits
+from pipeline.config.studies.tails import Tails
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError

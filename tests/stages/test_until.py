@@ -12,7 +12,7 @@ from scipy import stats
 from pipeline import api
 from pipeline.cli import running, settings
 from pipeline.config import Study
-from pipeline.config.study import Until
+from pipeline.config.studies.study import Until
 from pipeline.engine import runner
 from pipeline.engine.store import Output
 from pipeline.errors import InputError

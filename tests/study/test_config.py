@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from pipeline.config import load_design, load_study, parse_design, parse_study
-from pipeline.config.consistency import number_keys
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
+from pipeline.config.designs.geometry import geometry_problems
+from pipeline.config.designs.operation import Operation
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.geometry import geometry_problems
-from pipeline.config.operation import Operation
+from pipeline.config.studies.consistency import number_keys
 from pipeline.errors import InputError
 
 ROOT = Path(__file__).parents[2]

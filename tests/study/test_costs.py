@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from pipeline.config.costs import AnyCost
+from pipeline.config.studies.costs import AnyCost
 
 READ = TypeAdapter(AnyCost).validate_python
 

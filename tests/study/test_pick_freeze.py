@@ -8,8 +8,8 @@ import pytest
 
 from pipeline.config import load_study
 from pipeline.config.distributions.fixed import Fixed
-from pipeline.config.study import Drivers
-from pipeline.config.tolerances import Tolerances
+from pipeline.config.studies.study import Drivers
+from pipeline.config.studies.tolerances import Tolerances
 from pipeline.sampling import draw, draw_mixed, drawn_units, error_groups, oval_shift
 
 QUICK = load_study("quick", Path(__file__).parents[2])

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline import assembly
 from pipeline.config import load_study
-from pipeline.config.tolerances import Tolerances
+from pipeline.config.studies.tolerances import Tolerances
 from pipeline.decisions.bounds.box import Box, climbed
 from pipeline.decisions.bounds.largest_play import largest_play
 from pipeline.decisions.bounds.play import ATTAINED, BY_PROGRAM, LEAST_BOUND, LEAST_FOUND, backlash, play_bounds

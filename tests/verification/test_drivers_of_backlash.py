@@ -12,7 +12,7 @@ import pytest
 
 from pipeline import assembly
 from pipeline.config import load_study
-from pipeline.config.study import Drivers
+from pipeline.config.studies.study import Drivers
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.sampling import draw, draw_mixed, error_groups, oval_shift

@@ -5,7 +5,7 @@ from itertools import chain, combinations
 import numpy as np
 import pytest
 
-from pipeline.config.study import FEWEST_BASE_SAMPLES
+from pipeline.config.studies.study import FEWEST_BASE_SAMPLES
 from pipeline.statistics.variance_indices import variance_indices
 
 A = np.array([0.0, 0.5, 3.0, 9.0, 99.0])

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config import load_study
-from pipeline.config.cases import Case
-from pipeline.config.study import Study
-from pipeline.config.tolerances import Tolerances
+from pipeline.config.studies.cases import Case
+from pipeline.config.studies.study import Study
+from pipeline.config.studies.tolerances import Tolerances
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
 

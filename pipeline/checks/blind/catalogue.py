@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config import Study, load_study, parse_study
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.config.reading import parse_design
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pipeline.checks.blind.bench import Bench, quantised
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.study import Study
-from pipeline.config.writing import toml_of
+from pipeline.config.files.writing import toml_of
+from pipeline.config.studies.study import Study
 from pipeline.sampling import Errors
 
 Real = NDArray[np.float64]

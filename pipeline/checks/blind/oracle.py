@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pipeline.checks.blind.effect_size import problem_of
 from pipeline.checks.blind.files import DIMENSIONS
 from pipeline.checks.blind.generate import OUTSIDE_KIND, Made
-from pipeline.config.cases import Case
-from pipeline.config.study import Study
+from pipeline.config.studies.cases import Case
+from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, unmapped
 from pipeline.identification.fitting.problem import Candidate, Model, candidates, limit_cases

@@ -14,7 +14,7 @@ from pipeline.checks.blind.generate import ELASTIC, NONE, ONE, OUTSIDE_KIND, RIG
 from pipeline.checks.blind.run import VISIBLE, Row
 from pipeline.engine.store import write_atomic
 from pipeline.identification.selection.parameter_intervals import STRUCTURE
-from pipeline.identification.selection.verdict import UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 
 LEVEL = 0.95
 """Confidence of the one-sided bounds of a rate."""

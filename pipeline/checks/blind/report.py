@@ -12,7 +12,7 @@ from pipeline.checks.blind.generate import TWO
 from pipeline.checks.blind.rates import confusion, rates, write_confusion, write_rates
 from pipeline.checks.blind.run import Row
 from pipeline.figures.style import INK, new_figure, save, styled
-from pipeline.identification.selection.verdict import LARGEST_CLASS
+from pipeline.identification.selection.statements.verdict import LARGEST_CLASS
 
 
 def write_reports(rows: Sequence[Row], folder: Path) -> None:

@@ -17,8 +17,8 @@ from pipeline.checks.blind.rigid_drive.line_contact import LineContact
 from pipeline.checks.blind.rigid_drive.outputs import CrossedSlides, Output, PinsInHoles
 from pipeline.checks.blind.rigid_drive.readings import Loading, Position
 from pipeline.checks.blind.true_unit import Outside, Track, UnsoundError, encoder_places
-from pipeline.config.design import Design
-from pipeline.config.study import Study
+from pipeline.config.designs.design import Design
+from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.problem import Candidate
 from pipeline.sampling import Errors
 

@@ -25,7 +25,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.identification.identify import FaultyUnit, Identification, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.held_out import STAGES
-from pipeline.identification.selection.verdict import ADEQUATE, LARGEST_CLASS, UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import ADEQUATE, LARGEST_CLASS, UNEXPLAINED
 
 Real = NDArray[np.float64]
 

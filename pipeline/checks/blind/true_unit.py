@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.checks.blind.bench import Bench, Ramp
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.identification.bench.simulator import Instrument
 from pipeline.identification.fitting.build import drive_of, scaled_design
 from pipeline.identification.fitting.problem import Candidate, Model

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.model.registry import declarations
 
 Real = NDArray[np.float64]

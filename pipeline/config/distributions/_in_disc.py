@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 from pipeline.config.distributions.distribution import Distribution
-from pipeline.config.section import Clearance
+from pipeline.config.files.section import Clearance
 
 
 class InDisc(Distribution):

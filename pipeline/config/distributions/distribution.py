@@ -10,7 +10,7 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.section import Micrometres, Millimetres, Problem, Section
+from pipeline.config.files.section import Micrometres, Millimetres, Problem, Section
 from pipeline.model.registry import declarations
 
 Real = NDArray[np.float64]

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from pipeline.config.distributions.distribution import Distribution, Real
-from pipeline.config.section import Micrometres
+from pipeline.config.files.section import Micrometres
 
 
 class Fixed(Distribution):

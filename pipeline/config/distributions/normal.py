@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from pipeline.config.distributions.distribution import Real, Spread
-from pipeline.config.section import Clearance, Micrometres
+from pipeline.config.files.section import Clearance, Micrometres
 
 
 class Normal(Spread):

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from pipeline.config.distributions.distribution import Real, Spread
-from pipeline.config.section import Micrometres
+from pipeline.config.files.section import Micrometres
 
 
 class Triangular(Spread):

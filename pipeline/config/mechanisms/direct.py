@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING, Literal
 
+from pipeline.config.files.section import Problem
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
-from pipeline.config.section import Problem
 from pipeline.model.contact.laws import ContactLaws, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 from pipeline.model.geometry.cycloid_profile import Index
 
 if TYPE_CHECKING:
-    from pipeline.config.cycloid import Cycloid
-    from pipeline.config.design import Disk
+    from pipeline.config.designs.cycloid import Cycloid
+    from pipeline.config.designs.design import Disk
 
 
 class Direct(OutputMechanism):

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_args
 
 import numpy as np
 
+from pipeline.config.files.section import Problem, Section
 from pipeline.config.mechanisms.drawing import Panel
-from pipeline.config.section import Problem, Section
 from pipeline.model.contact.laws import ContactLaws, Material, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
@@ -19,8 +19,8 @@ from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.registry import declarations
 
 if TYPE_CHECKING:
-    from pipeline.config.cycloid import Cycloid
-    from pipeline.config.design import Disk
+    from pipeline.config.designs.cycloid import Cycloid
+    from pipeline.config.designs.design import Disk
     from pipeline.model.contact.line_laws import ContactLaw
 
 ENTRY_POINTS = "cycloid_output_mechanisms"

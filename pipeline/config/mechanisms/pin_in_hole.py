@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from pipeline.config.files.section import Clearance, Millimetres, Problem, Section
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
-from pipeline.config.section import Clearance, Millimetres, Problem, Section
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled
 from pipeline.model.elastic.beam import LONGEST, SHORTEST, pin_flexibility
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 if TYPE_CHECKING:
-    from pipeline.config.cycloid import Cycloid
-    from pipeline.config.design import Disk
+    from pipeline.config.designs.cycloid import Cycloid
+    from pipeline.config.designs.design import Disk
 
 
 class Bush(Section):

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from pipeline.config.files.section import Millimetres, Problem
 from pipeline.config.mechanisms.drawing import Circles, Panel, Part, RowLabel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
-from pipeline.config.section import Millimetres, Problem
 from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
 if TYPE_CHECKING:
-    from pipeline.config.cycloid import Cycloid
-    from pipeline.config.design import Disk
+    from pipeline.config.designs.cycloid import Cycloid
+    from pipeline.config.designs.design import Disk
 
 PLATE = {"rotates": "only rotates", "floats": "rotates and floats"}
 PARTS: tuple[Part, Part] = ("output", "between")

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from math import isclose
 from typing import Any
 
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
+from pipeline.config.files.section import MISSING, Problem
 from pipeline.config.notation.iso286 import limit_deviations
-from pipeline.config.section import MISSING, Problem
 from pipeline.model.units import UM_PER_MM
 
 LIMITS, ISO, OF, POSITION = "limits_mm", "iso", "of", "position"

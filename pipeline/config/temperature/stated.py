@@ -13,8 +13,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from pipeline.config.design import Design, Material
-from pipeline.config.section import Problem, Section, nearest_name
+from pipeline.config.designs.design import Design, Material
+from pipeline.config.files.section import Problem, Section, nearest_name
 from pipeline.model.units import UM_PER_MM
 
 Celsius = Annotated[float, Field(ge=-60, le=250)]

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.section import Section
+from pipeline.config.files.section import Section
 
 Real = NDArray[np.float64]
 Number = TypeVar("Number", float, Real)

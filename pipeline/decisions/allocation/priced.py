@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.costs import Cost
-from pipeline.config.study import Study
+from pipeline.config.studies.costs import Cost
+from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config import parse_study
-from pipeline.config.study import Study
-from pipeline.config.writing import toml_of
+from pipeline.config.files.writing import toml_of
+from pipeline.config.studies.study import Study
 from pipeline.decisions.allocation.allocate import Allocation
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Columns, Table

@@ -14,7 +14,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, scaled
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import PHASES, Box, Evaluate
 from pipeline.model.metrics import library
 from pipeline.sampling import deviations_at

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.decisions.bounds.box import Box, Evaluate, climbed
 from pipeline.decisions.bounds.capability import Capability, capability
 from pipeline.decisions.bounds.linear import stack, statistics_of

@@ -20,11 +20,11 @@ from pipeline.identification.generic.play_and_friction import TERMS, Cells, Play
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.cross_validation import LEAST_LOSS, groups
-from pipeline.identification.selection.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE, STRUCTURE
-from pipeline.identification.selection.verdict import UNEXPLAINED
+from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
+from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.statistics.blocks import max_t
 
 Real = NDArray[np.float64]

@@ -16,8 +16,8 @@ from pipeline.identification.results.residual_signatures import Signature, signa
 from pipeline.identification.results.tables import RESIDUAL, SIGNATURES, signature_rows
 from pipeline.identification.results.write import finite
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS
-from pipeline.identification.selection.statement import fault_statement
-from pipeline.identification.selection.verdict import FAULT
+from pipeline.identification.selection.statements.statement import fault_statement
+from pipeline.identification.selection.statements.verdict import FAULT
 
 VERDICT_FILE = "verdict.json"
 TITLES = {"spring": "a spring alone", "described": "play, friction and a softening spring"}

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import assembly
-from pipeline.config.design import Design
-from pipeline.config.study import Study
+from pipeline.config.designs.design import Design
+from pipeline.config.studies.study import Study
 from pipeline.identification.bench.simulator import BEYOND, Course, Forward
 from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import data_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 
 DIMENSION = 1.05
 """Factor within which a length lies: also where it stands for a part that is not drawn, nobody builds it 5 % off."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.config.section import Section
+from pipeline.config.files.section import Section
 
 Text = Annotated[str, Field(min_length=1)]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pipeline.identification.measurement import row_filters
 from pipeline.identification.measurement.branches import Blocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, cells
-from pipeline.identification.measurement.data_faults import data_faults
-from pipeline.identification.measurement.fault import Fault
+from pipeline.identification.measurement.faults.data_faults import data_faults
+from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.load_history import History, history
 from pipeline.identification.measurement.repeatability import Noise, measured_noise, restricted
 from pipeline.identification.measurement.rows import Rows, fitted_rows, read_rows, training_rows

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.config.section import nearest_name
-from pipeline.config.text_file import LARGEST_VALUE, check_text, header
+from pipeline.config.files.section import nearest_name
+from pipeline.config.files.text_file import LARGEST_VALUE, check_text, header
 from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import Column
 from pipeline.identification.measurement.unit_file import DataFile, UnitFile

@@ -10,11 +10,11 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import Field, ValidationError
 
 from pipeline.config import Study, load_design, parse_study
-from pipeline.config.cases import Case, case_problems
-from pipeline.config.design import Design
-from pipeline.config.messages import problems_of
+from pipeline.config.designs.design import Design
+from pipeline.config.files.messages import problems_of
+from pipeline.config.files.section import MISSING, Positive, Problem, Section, nearest_name
 from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
-from pipeline.config.section import MISSING, Positive, Problem, Section, nearest_name
+from pipeline.config.studies.cases import Case, case_problems
 from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import Columns, Text
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import parse_design, parse_study
-from pipeline.config.study import Study
-from pipeline.config.writing import toml_of
+from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
@@ -19,7 +19,7 @@ from pipeline.identification.fitting.build import scaled_design
 from pipeline.identification.fitting.plausible_range import number_at
 from pipeline.identification.identify import Identification
 from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY, UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY, UNEXPLAINED
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
 

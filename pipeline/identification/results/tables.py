@@ -14,7 +14,7 @@ from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS
-from pipeline.identification.selection.statement import title_of
+from pipeline.identification.selection.statements.statement import title_of
 
 Real = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.config.study import ALL_LIMITS
+from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.allocation.allocate import Allocation, Choice
 from pipeline.decisions.allocation.results import allocation_rows, check_rows
 from pipeline.engine.store import write_atomic

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.config.section import shown_value
-from pipeline.config.study import ALL_LIMITS
+from pipeline.config.files.section import shown_value
+from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, Run
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import Frames, case_label
 

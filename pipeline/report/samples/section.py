@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pipeline.config.study import ALL_LIMITS
+from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.samples.sample_convergence import sample_convergence_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames

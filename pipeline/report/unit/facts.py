@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from pipeline.identification.identify import FaultyUnit, Identification
-from pipeline.identification.selection.discrepancy import Discrepancy
 from pipeline.identification.selection.held_out import AngleError
-from pipeline.identification.selection.statement import title_of
+from pipeline.identification.selection.statements.discrepancy import Discrepancy
+from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.wording import counted, listed, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
 

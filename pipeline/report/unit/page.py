@@ -17,7 +17,7 @@ from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.identification.selection.held_out import STAGES
-from pipeline.identification.selection.statement import title_of
+from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.rendering import Picture, rendered
 from pipeline.report.layout.wording import counted
 from pipeline.report.unit.facts import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.config.study import Study
+from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS
 from pipeline.figures.measured.unit import quantiles_figure

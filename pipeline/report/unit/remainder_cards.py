@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pipeline.identification.identify import Identification
-from pipeline.identification.selection.verdict import MOSTLY
+from pipeline.identification.selection.statements.verdict import MOSTLY
 from pipeline.report.unit.numbers import digits
 
 

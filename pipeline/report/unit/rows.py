@@ -11,8 +11,8 @@ from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.results.prediction_errors import LoopError
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.results.write import Findings
-from pipeline.identification.selection.detection import DetectionLimit
 from pipeline.identification.selection.held_out import STAGES, AngleError
+from pipeline.identification.selection.statements.detection import DetectionLimit
 from pipeline.report.layout.wording import NOTHING, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, p_value, shown_unit
 

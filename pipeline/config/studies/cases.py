@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import create_model
 
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.section import Micrometres, Problem, Section
+from pipeline.config.files.section import Micrometres, Problem, Section
 
 PerElement = Micrometres | tuple[Micrometres, ...]
 

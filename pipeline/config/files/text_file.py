@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
-from pipeline.config.section import shown_value
+from pipeline.config.files.section import shown_value
 from pipeline.errors import InputError
 
 LARGEST_TEXT = 1 << 30

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from pipeline.config.section import MISSING, Problem, nearest_name
+from pipeline.config.files.section import MISSING, Problem, nearest_name
 
 _ALLOWED = {
     "greater_than": "must be > {gt:g}",

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from math import pi, sin
 from typing import Any
 
-from pipeline.config.design import Bearing, Cycloid, Disk, Housing
-from pipeline.config.flank import flank_problems
+from pipeline.config.designs.design import Bearing, Cycloid, Disk, Housing
+from pipeline.config.designs.flank import flank_problems
+from pipeline.config.files.section import Problem, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
-from pipeline.config.section import Problem, nearest_name
 from pipeline.model.geometry.clocking import clocking
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.identification.measurement.repeatability import Loop, loop_distance
 from pipeline.model.units import ARCMIN
 

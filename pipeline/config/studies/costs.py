@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, create_model
 
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
+from pipeline.config.files.section import NotNegative, Positive, Problem, Section
 from pipeline.config.notation.iso286 import TOLERANCES_UM, UP_TO_MM, grade_width_um
-from pipeline.config.section import NotNegative, Positive, Problem, Section
 
 Real = NDArray[np.float64]
 EXAMPLE_COSTS = {str(grade): 10 ** ((6 - grade) / 5) for grade in TOLERANCES_UM}

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.config.cycloid import Cycloid
-from pipeline.config.flank import Flank
+from pipeline.config.designs.cycloid import Cycloid
+from pipeline.config.designs.flank import Flank
+from pipeline.config.designs.operation import Operation
+from pipeline.config.files.section import Clearance, Millimetres, Section
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.config.mechanisms import library as mechanism_library
-from pipeline.config.operation import Operation
-from pipeline.config.section import Clearance, Millimetres, Section
 from pipeline.config.temperature.thermal import Thermal
 
 

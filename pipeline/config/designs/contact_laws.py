@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 from pydantic_core import PydanticKnownError
 
-from pipeline.config.section import MISSING, Problem
+from pipeline.config.files.section import MISSING, Problem
 
 
 def _known(name: str) -> str:

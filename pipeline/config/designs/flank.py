@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from pipeline.config.cycloid import Cycloid
-from pipeline.config.section import Micrometres, Problem, Section
+from pipeline.config.designs.cycloid import Cycloid
+from pipeline.config.files.section import Micrometres, Problem, Section
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
 from pipeline.model.geometry.flank_modification import NOMINAL, FlankModification, MeasuredFlank

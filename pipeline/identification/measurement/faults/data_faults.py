@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.text_file import LARGEST_VALUE
-from pipeline.identification.measurement.branch_faults import branch_faults
-from pipeline.identification.measurement.fault import SHOWN_ROWS, Fault, fault_of_rows
-from pipeline.identification.measurement.plausibility import implausible_angle, implausible_torque
+from pipeline.config.files.text_file import LARGEST_VALUE
+from pipeline.identification.measurement.faults.branch_faults import branch_faults
+from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
+from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
+from pipeline.identification.measurement.faults.shape_faults import columns_exchanged, largest_span, standing_out
 from pipeline.identification.measurement.repeatability import mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
-from pipeline.identification.measurement.shape_faults import columns_exchanged, largest_span, standing_out
 from pipeline.identification.measurement.unit_file import UnitFile
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.identification.fitting.problem import candidates
-from pipeline.identification.measurement.fault import Fault
+from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS, Selection
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE, FittedParameter
-from pipeline.identification.selection.remainder import Remainder
-from pipeline.identification.selection.verdict import (
+from pipeline.identification.selection.statements.remainder import Remainder
+from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     EQUIVALENT,
     IDENTIFIED,

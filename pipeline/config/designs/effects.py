@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from math import inf
 
-from pipeline.config.section import MISSING, Problem
+from pipeline.config.files.section import MISSING, Problem
 
 Effects = Mapping[str, Mapping[str, float]]
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.config.section import Millimetres, Section
+from pipeline.config.files.section import Millimetres, Section
 
 
 class Cycloid(Section):

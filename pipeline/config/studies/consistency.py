@@ -8,12 +8,21 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pipeline.config.contact_laws import stiffness_problems
-from pipeline.config.design import Design
-from pipeline.config.effects import study_effect_problems
-from pipeline.config.section import MISSING, NAME, NAME_RULE, Problem, nearest_name
-from pipeline.config.study import FEWEST_BASE_SAMPLES, Clearance, Cycle, Drivers, Limits, Metrics, Reduce, Samples
-from pipeline.config.tails import Tails, without_tails
+from pipeline.config.designs.contact_laws import stiffness_problems
+from pipeline.config.designs.design import Design
+from pipeline.config.designs.effects import study_effect_problems
+from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Problem, nearest_name
+from pipeline.config.studies.study import (
+    FEWEST_BASE_SAMPLES,
+    Clearance,
+    Cycle,
+    Drivers,
+    Limits,
+    Metrics,
+    Reduce,
+    Samples,
+)
+from pipeline.config.studies.tails import Tails, without_tails
 
 LARGEST_HYPERCUBE = 100_000
 """A Latin hypercube is held as a whole by every worker, some 3 kB a sample."""

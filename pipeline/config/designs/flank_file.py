@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.config.section import nearest_name, shown_value
-from pipeline.config.text_file import check_text, header
+from pipeline.config.files.section import nearest_name, shown_value
+from pipeline.config.files.text_file import check_text, header
 from pipeline.errors import InputError
 
 DEVIATION, LOBE, PLACES = "deviation_um", "lobe", ("phase_deg", "arc_mm")

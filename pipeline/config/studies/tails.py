@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from pipeline.config.section import Section
+from pipeline.config.files.section import Section
 from pipeline.model.metrics import library
 
 if TYPE_CHECKING:
-    from pipeline.config.design import Design
-    from pipeline.config.study import Limits, Samples
+    from pipeline.config.designs.design import Design
+    from pipeline.config.studies.study import Limits, Samples
 
 
 class Tails(Section):

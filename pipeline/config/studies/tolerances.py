@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, create_model
 
-from pipeline.config.design import Design
+from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.distributions import Distribution, Spread, library
 from pipeline.config.distributions.fixed import Fixed
-from pipeline.config.section import Problem, Section
+from pipeline.config.files.section import Problem, Section
 
 if TYPE_CHECKING:
     Tolerance = Distribution

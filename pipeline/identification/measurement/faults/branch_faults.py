@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.branches import Blocks
-from pipeline.identification.measurement.fault import SHOWN_ROWS, Fault, fault_of_rows
+from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.rows import Rows
 
 Truth = NDArray[np.bool_]

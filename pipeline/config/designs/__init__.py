@@ -1,0 +1,1 @@
+"""Design files: what a reducer is made of."""

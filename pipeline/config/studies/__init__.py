@@ -1,0 +1,1 @@
+"""Study files: tolerances, settings and limits for a design."""
