@@ -6,9 +6,13 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from hypothesis import HealthCheck, settings
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 """Before numpy is imported: threads of two processes on two cores wait for each other, most of the time in vain."""
+
+settings.register_profile("alike", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("alike")  # the same examples everywhere, however slow the machine
 
 
 def pytest_configure() -> None:

@@ -54,7 +54,7 @@ def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_fligh
             workers = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
             kills += process.poll() is None
             process.kill()
-        psutil.wait_procs(workers, timeout=10)
+        psutil.wait_procs(workers, timeout=60)
     assert kills == 3
     chunks_before = finished(tmp_path / "runs")
     n_begun = len(begun(log))

@@ -146,7 +146,7 @@ def test_the_half_width_bounds_the_range_where_the_geometry_does_first():
 
 
 @pytest.mark.parametrize("material", [STRESS, STRAIN], ids=["plane_stress", "plane_strain"])
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20)
 @given(radius=st.floats(0.2, 20), line_load=st.floats(0.1, 500), length=st.floats(0.5, 20))
 def test_two_cylinder_shares_are_the_compression_between_two_flats(material, radius, line_load, length):
     """Johnson (1985), eq. 5.57: (2p/(pi E')) [2 ln(4R/b) - 1], the flats' own deflection apart."""
@@ -205,7 +205,7 @@ def test_palmgrens_law_on_a_mesh_leaves_out_what_the_mesh_holds_and_is_refused_w
         palmgren(1, 4e-5)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20)
 @given(relative_radius=st.floats(0.1, 100), line_load=st.floats(0.01, 1e3), length=st.floats(0.5, 20))
 def test_peak_pressure_carries_the_load_on_an_ellipse(relative_radius, line_load, length):
     """Hertz: p0 = 2 p/(pi b)."""
@@ -215,7 +215,7 @@ def test_peak_pressure_carries_the_load_on_an_ellipse(relative_radius, line_load
     assert laws.peak_pressure([line_load * length])[0] == pytest.approx(2 * line_load / (np.pi * b), rel=1e-12)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 @given(
     relative_radius=st.floats(0.1, 500),
     radius=st.floats(0.2, 10),

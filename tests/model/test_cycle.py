@@ -58,7 +58,7 @@ def test_levels_of_a_partial_cycle_and_marks_above_its_top():
         LoadCycle.evenly(RATED, 5, 0.5, (0.03, 0.6))
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20)
 def curve_metrics(branch, torque, angle, *levels):
     """Every metric of curves without friction's limits, read at torques [N m]."""
     definitions, n = Definitions(*levels), len(angle)

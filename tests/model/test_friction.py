@@ -115,7 +115,7 @@ def test_loop_of_play_with_friction_is_as_wide_as_both():
 
 
 @given(st.floats(0.5, 50), st.floats(0, 6))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_small_ripple_shifts_the_angle_by_its_torque(cycles, phase):
     waves = 2 * np.pi * cycles * STIFFNESS / RATED
     torques = history(0, RATED, -RATED)

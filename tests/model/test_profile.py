@@ -44,13 +44,13 @@ def test_every_pin_touches_the_disk_at_every_crank_angle(profile):
     assert envelope_error(profile, 2 * np.pi * np.arange(64) / 64) < 1e-9
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(profile=geometries(), crank=st.floats(-10, 10))
 def test_every_pin_touches_the_disk_of_any_design(profile, crank):
     assert envelope_error(profile, [crank]) < 1e-9
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(profile=geometries(), crank=st.floats(-10, 10))
 def test_contacts_lie_on_the_flank_and_their_normals_turn_the_disk_by_the_arm(profile, crank):
     contacts = pin_contacts(profile, crank)
@@ -88,7 +88,7 @@ def test_arm_is_largest_where_the_cosine_of_the_phase_is_the_shortening():
     assert (reducer[-4.5], reducer[-9.0]) == pytest.approx((13.9, 21.5), abs=0.05)  # mechanics of the roots, section 4
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(profile=geometries(), start=st.floats(-4, 4))
 def test_flank_closes_after_all_of_its_equal_lobes_without_crossing_itself(profile, start):
     lobe = start + profile.lobe_pitch * np.linspace(0, 1, 400)
@@ -110,7 +110,7 @@ def derivative(profile, curve, points=2048):
     return np.fft.ifft(np.fft.fft(curve(psi) * np.exp(-1j * psi)) * order) * np.exp(1j * psi), psi
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(profile=geometries() | st.just(PAPER))
 def test_normals_and_curvature_agree_with_numerical_differentiation(profile):
     normal_part, psi = derivative(profile, profile.flank)
@@ -123,7 +123,7 @@ def test_normals_and_curvature_agree_with_numerical_differentiation(profile):
     np.testing.assert_allclose(profile.flank_curvature(profile.phase(psi)), curvature, rtol=1e-8, atol=1e-8)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(profile=geometries())
 def test_flank_is_the_published_parametric_form(profile):
     """Shin and Kwon, Mech. Mach. Theory 41 (2006) 596, eq. 6: x and y with psi = atan2(...)."""
@@ -135,7 +135,7 @@ def test_flank_is_the_published_parametric_form(profile):
     np.testing.assert_allclose(profile.flank(-t), x + 1j * y, atol=1e-12 * circle)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(pins=st.integers(4, 90), shortening=st.floats(0.005, 0.99))
 def test_smallest_convex_radius_is_the_smallest_found_by_sampling(pins, shortening):
     profile = CycloidProfile(pins, 30.0, 0.1, shortening * 30.0 / pins)

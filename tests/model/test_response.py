@@ -40,7 +40,7 @@ DRIVES = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=20, deadline=None, derandomize=True, phases=NO_SHRINKING)
+@settings(max_examples=20, phases=NO_SHRINKING)
 @given(given_drive=DRIVES, kind=st.sampled_from(sorted(FRICTION)), clearance=CLEARANCES)
 def test_friction_changes_no_backlash_and_widens_the_loop(given_drive, kind, clearance):
     """But for pins in a disk with a loose bearing, whose friction may hold it short of the end of its play."""
@@ -54,7 +54,7 @@ def test_friction_changes_no_backlash_and_widens_the_loop(given_drive, kind, cle
     assert np.all(rubbing.hysteresis_loss[converged] >= short)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True, phases=NO_SHRINKING)
+@settings(max_examples=20, phases=NO_SHRINKING)
 @given(given_drive=DRIVES, clearance=CLEARANCES)
 def test_backlash_is_the_rigid_program_where_feasible_and_the_limit_of_small_torques_everywhere(given_drive, clearance):
     """The program is HiGHS' on the whole chain; solves at ever smaller torques come down to the same."""

@@ -46,7 +46,7 @@ def rows(errors, part):
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 @given(cut=st.tuples(st.integers(0, 49), st.integers(0, 49)).map(sorted), nominal=st.booleans())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_sample_is_the_same_in_any_division(experiment, cut, nominal):
     whole = study(experiment, nominal_first=nominal)
     start, stop = min(cut[0], whole.samples.rows), min(cut[1], whole.samples.rows)
