@@ -32,16 +32,16 @@ def pytest_configure() -> None:
 
 
 @pytest.fixture(scope="session")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of all processes of this test run."""
     own = tmp_path_factory.getbasetemp()
     return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
 
 @pytest.fixture(scope="session")
-def new_runs(tmp_path_factory: pytest.TempPathFactory, shared: Path) -> Callable[[], Path]:
+def new_runs(tmp_path_factory: pytest.TempPathFactory, session_folder: Path) -> Callable[[], Path]:
     """Makes a folder of runs; their cache is that of all processes: a disk is condensed by the first that needs it."""
-    cache = shared / "cache"
+    cache = session_folder / "cache"
     cache.mkdir(exist_ok=True)
 
     def new_folder() -> Path:

@@ -19,11 +19,11 @@ CRANKS = (0.0, 40.0, 95.0)
 
 
 @pytest.fixture(scope="session")
-def condensed(new_runs: Callable[[], Path], shared: Path) -> Condensed:
+def condensed(new_runs: Callable[[], Path], session_folder: Path) -> Condensed:
     """Compliances of the quick study's design at some of ``CRANKS``."""
     study = load_study("quick", ROOT)
     study = study.model_copy(update={"cycle": study.cycle.model_copy(update={"crank_deg": CRANKS})})
-    with FileLock(shared / "quick.lock"):  # its disk is condensed by one process
+    with FileLock(session_folder / "quick.lock"):  # its disk is condensed by one process
         path = run(STAGES, study, ["reduce"], new_runs(), Resources(1, 100))["reduce"].path("compliance.npz")
     matrices = {crank: full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in CRANKS}
 

@@ -42,6 +42,6 @@ def study() -> Study:
 
 
 @pytest.fixture(scope="session")
-def outputs(runs: Path, shared: Path) -> dict[str, Output]:
-    with FileLock(shared / "quick.lock"):  # its disk is condensed by one process
+def outputs(runs: Path, session_folder: Path) -> dict[str, Output]:
+    with FileLock(session_folder / "quick.lock"):  # its disk is condensed by one process
         return run_study(small_study(), runs)

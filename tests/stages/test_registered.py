@@ -79,7 +79,7 @@ class Arcsine(Spread):
 """
 FOUR_LOBED = """
 from pipeline.config.dimensions.pins._ovality import ovality
-DIMENSION = ovality(4, "four-lobed", rank=110, drawn=(12, 13))
+DIMENSION = ovality(4, "four-lobed", rank=110, draw_columns=(12, 13))
 """
 DOGS = """
 from typing import Literal

@@ -27,8 +27,8 @@ def study():
 
 
 @pytest.fixture(scope="session")
-def outputs(study, new_runs, shared):
-    with FileLock(shared / "paper.lock"):  # its disk is condensed by one process
+def outputs(study, new_runs, session_folder):
+    with FileLock(session_folder / "paper.lock"):  # its disk is condensed by one process
         return run(STAGES, study, ["aggregate"], new_runs(), Resources(1, 250))
 
 
