@@ -15,7 +15,7 @@ from pipeline.decisions.run_comparison import Run
 from pipeline.errors import InputError
 from pipeline.sampling import Errors, draw
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 BACKLASH = "clearance_backlash_arcmin"
 LIMIT = 1.5
 

@@ -21,7 +21,7 @@ from pipeline.model.load_history.drive import backbone, torque_levels
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors, draw
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def reducer(name: str):

@@ -23,7 +23,7 @@ from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, sep
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.sampling import draw
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
 CLEARANCE = 4e-3

@@ -13,7 +13,7 @@ from pipeline.cli import settings
 from pipeline.engine.store import Output
 from pipeline.identification.results import tables
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 README = (ROOT / "README.md").read_text()
 
 

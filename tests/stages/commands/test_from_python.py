@@ -14,7 +14,7 @@ from pipeline.cli import settings
 from pipeline.config import Study
 from pipeline.errors import InputError
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 NOTEBOOK = ROOT / "data/examples/reading_results.ipynb"
 
 

@@ -29,7 +29,7 @@ from pipeline.report.validity import overloaded, ranges
 from stages import report
 from stages.chain import STAGES
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FAILURE = "no equilibrium at <3> N m: residual 1e-3"
 
 

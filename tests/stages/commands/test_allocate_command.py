@@ -12,7 +12,7 @@ from pipeline import cli
 from pipeline.cli import settings
 from pipeline.config import load_study
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("crank_deg = [0.0, 90.0]", "crank_deg = [0.0]")
 COSTS = """
 [costs.pin_tangential]

@@ -31,7 +31,7 @@ from pipeline.identification.selection import model_selection
 from pipeline.model.effects.effect import TIME
 from pipeline.sampling import draw
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 OFFERED = ("coulomb", "output_torsion", "preload")
 """Effects that may be named where the verdict is not what is asked."""
 

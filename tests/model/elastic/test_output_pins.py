@@ -17,7 +17,7 @@ from pipeline.model.geometry.rigid_backlash import rigid_play
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PIN = Material(206e3, 0.3, "plane_stress")
 DIAMETER, SPAN = 12.0, 60.0
 BENDING = 206e3 * np.pi * DIAMETER**4 / 64

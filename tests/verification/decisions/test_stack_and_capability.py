@@ -11,7 +11,7 @@ from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.bounds.capability import capability
 from pipeline.decisions.bounds.linear import stack
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 
 
 def test_a_linear_metric_has_the_spread_of_its_tolerances():

@@ -13,7 +13,7 @@ from pipeline.decisions.bounds.box import Box, climbed
 from pipeline.decisions.bounds.largest_play import largest_play
 from pipeline.decisions.bounds.play import ATTAINED, BY_PROGRAM, LEAST_BOUND, LEAST_FOUND, backlash, play_bounds
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 
 
 def play_of(gap, arms):

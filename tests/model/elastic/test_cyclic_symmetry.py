@@ -53,7 +53,7 @@ def test_sectors_give_the_compliance_and_displacement_of_the_whole_body(profile,
 
 def test_the_papers_disk_by_its_79_sectors_is_the_whole_disk():
     """Its pins and rollers at crank angles of 31 over a turn, on a coarse mesh."""
-    study = load_study("quick", Path(__file__).parents[2])
+    study = load_study("quick", Path(__file__).parents[3])
     coarse = study.reduce.model_copy(update={"flank_edges_per_lobe": 12, "patch_half_width_mm": 0.3})
     study = study.model_copy(update={"reduce": coarse})
     disk = elastic.elastic_disk(study)

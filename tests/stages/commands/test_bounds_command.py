@@ -11,7 +11,7 @@ from pipeline import cli
 from pipeline.cli import settings
 from pipeline.decisions.bounds import play, results
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 
 
 def test_no_sample_lies_beyond_its_bounds(

@@ -13,7 +13,7 @@ from pipeline.cli import settings
 from pipeline.config import load_study
 from pipeline.decisions.run_comparison import differing_inputs, shared_draws
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 QUICK = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 24")
 ECCENTRICITY = (
     '[tolerances.eccentricity]          # ground crank\ndistribution = "normal"\nlower_um = -2.0\nupper_um = 2.0'

@@ -10,7 +10,7 @@ from scipy import stats
 from pipeline.checks import coverage
 from pipeline.config import load_study
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 
 
 @pytest.fixture(scope="module")
