@@ -21,7 +21,7 @@ def _dimensions(table: str) -> list[Dimension]:
         dimensions = [dimension for dimension in library if dimension.table == OF_REDUCER and dimension.of_disk]
     else:
         dimensions = [dimension for dimension in library if dimension.table == table and dimension.fewest_disks == 1]
-    return sorted(dimensions, key=lambda dimension: dimension.drawn)
+    return sorted(dimensions, key=lambda dimension: dimension.draw_columns)
 
 
 def _columns(table: str) -> Iterator[Column]:

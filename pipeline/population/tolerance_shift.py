@@ -119,7 +119,7 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
 def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Mean deviation [um] of each tolerance that the samples have, of every sample, from the tables of `sample`."""
     columns = {}
-    for dimension in sorted(dimension_library().values(), key=lambda dimension: dimension.drawn):
+    for dimension in sorted(dimension_library().values(), key=lambda dimension: dimension.draw_columns):
         table = tables[dimension.table]
         if dimension.column in table and len(table):  # one disk has no phase of its eccentric, and many have no holes
             columns[dimension.name] = table.groupby("sample")[dimension.column].mean()

@@ -155,10 +155,10 @@ def _counts(design: Design) -> dict[str, int]:
     """Deviations and phases of a reducer by name, in the order of the design of experiment."""
     places: list[tuple[int, str, int]] = []
     for name, dimension in dimension_library().items():
-        places.append((dimension.drawn[0], name, dimension.count(design)))
+        places.append((dimension.draw_columns[0], name, dimension.count(design)))
         if dimension.direction:
             directions = dimension.count(design) if dimension.elements else 1
-            places.append((dimension.drawn[1], dimension.phase, directions))
+            places.append((dimension.draw_columns[1], dimension.phase, directions))
     return {name: count for _, name, count in sorted(places)}
 
 

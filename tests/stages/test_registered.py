@@ -88,7 +88,7 @@ from pipeline.config.mechanisms.drawing import Circles, Panel
 from pipeline.config.mechanisms.mechanism import OutputMechanism, Words
 from pipeline.config.files.section import Clearance, Millimetres, Problem
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.geometry.reducer import OUTPUT, Contacts
+from pipeline.model.geometry.contacts import OUTPUT, Contacts
 class Dogs(OutputMechanism):
     words = Words(contact="dog", station="dog", drawing="Dogs are round.", loads="half of the dogs carry each sense.")
     diameter_readings = {"half_diameter": "half of the diameter error of a dog"}
@@ -129,7 +129,7 @@ MECHANISM = Dogs
 """
 IDLE = """
 from pipeline.config.dimensions import Dimension
-DIMENSION = Dimension(name="colour", title="colour", sign="dark", meaning="of the disk", rank=120, drawn=(12,))
+DIMENSION = Dimension(name="colour", title="colour", sign="dark", meaning="of the disk", rank=120, draw_columns=(12,))
 """
 DRAW = """
 import sys

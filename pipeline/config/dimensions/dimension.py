@@ -86,7 +86,8 @@ class Dimension:
     sign : which deviation is positive, or what it does.
     meaning : of its column in the tables.
     rank : place in study files and reports, ascending.
-    drawn : its place in the design of experiment, and that of its direction; places after all others leave their order.
+    draw_columns : its place in the design of experiment, and that of its direction; one after all others leaves their
+        order.
     elements : what has one each; None for a dimension of the whole reducer, or of a disk.
     of_disk : whether every disk has deviations of its own.
     fewest_disks, most_disks : disks of a reducer below which it acts on nothing, and above which it is not solved.
@@ -108,7 +109,7 @@ class Dimension:
     sign: str
     meaning: str
     rank: int
-    drawn: tuple[int, ...]
+    draw_columns: tuple[int, ...]
     elements: Elements | None = None
     of_disk: bool = False
     fewest_disks: int = 1

@@ -8,7 +8,7 @@ DIMENSION = Dimension(
     sign="way of each eccentric's centre around the crank; counterclockwise positive",
     meaning="way of the eccentric's centre around the crank, counterclockwise positive",
     rank=65,
-    drawn=(90,),
+    draw_columns=(90,),
     of_disk=True,
     fewest_disks=2,
 )

@@ -8,7 +8,7 @@ DIMENSION = Dimension(
     sign="larger positive",
     meaning="eccentricity error, larger positive",
     rank=60,
-    drawn=(0,),
+    draw_columns=(0,),
     of_disk=True,
     size_um=lambda design: 1e3 * design.cycloid.eccentricity_mm,
 )

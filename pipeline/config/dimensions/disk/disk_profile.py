@@ -8,6 +8,6 @@ DIMENSION = Dimension(
     sign="material off the whole flank; positive gives clearance",
     meaning="material off the whole flank, as the study reads it",
     rank=40,
-    drawn=(1,),
+    draw_columns=(1,),
     of_disk=True,
 )

@@ -8,7 +8,7 @@ DIMENSION = Dimension(
     sign="material off each lobe besides; positive gives clearance",
     meaning="material off this lobe's flank besides disk_profile_um",
     rank=50,
-    drawn=(10,),
+    draw_columns=(10,),
     of_disk=True,
     elements=LOBES,
 )

@@ -13,7 +13,7 @@ def bush_fit(
         sign=sign,
         meaning=f"{meaning}, larger positive; acts through the roller's diameter",
         rank=rank,
-        drawn=draw_columns,
+        draw_columns=draw_columns,
         elements=OUTPUT_PINS,
         need=BUSHES,
         measure="diameter",

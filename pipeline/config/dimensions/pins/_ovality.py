@@ -33,7 +33,7 @@ def ovality(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) ->
         sign="amplitude; direction random",
         meaning=f"{lobed} ovality of the pin circle, part of radial_um",
         rank=rank,
-        drawn=draw_columns,
+        draw_columns=draw_columns,
         one_sided=True,
         direction="direction in which the pin circle is widest",
         acts_on="pin_radial",

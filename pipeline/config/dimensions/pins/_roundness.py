@@ -20,7 +20,7 @@ def roundness(order: int, lobed: str, rank: int, draw_columns: tuple[int, int]) 
         sign="amplitude of each pin, half of its roundness deviation; direction random; pins held against turning",
         meaning=f"amplitude of the pin's {lobed} wave, half of its roundness deviation",
         rank=rank,
-        drawn=draw_columns,
+        draw_columns=draw_columns,
         elements=PINS,
         need=HELD,
         one_sided=True,

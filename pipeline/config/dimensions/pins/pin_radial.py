@@ -8,6 +8,6 @@ DIMENSION = Dimension(
     sign="each pin; outwards positive",
     meaning="position error outwards, ovalities included",
     rank=10,
-    drawn=(7,),
+    draw_columns=(7,),
     elements=PINS,
 )

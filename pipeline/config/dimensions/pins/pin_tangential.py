@@ -8,6 +8,6 @@ DIMENSION = Dimension(
     sign="each pin; counterclockwise positive",
     meaning="position error counterclockwise",
     rank=20,
-    drawn=(8,),
+    draw_columns=(8,),
     elements=PINS,
 )

@@ -2,4 +2,4 @@
 
 from pipeline.config.dimensions.thermal._growth import growth
 
-DIMENSION = growth("crank", "the eccentricity", rank=140, drawn=143)
+DIMENSION = growth("crank", "the eccentricity", rank=140, draw_column=143)

@@ -2,4 +2,4 @@
 
 from pipeline.config.dimensions.thermal._growth import growth
 
-DIMENSION = growth("housing", "the pin circle's radius", rank=130, drawn=142)
+DIMENSION = growth("housing", "the pin circle's radius", rank=130, draw_column=142)

@@ -2,4 +2,4 @@
 
 from pipeline.config.dimensions.thermal._growth import growth
 
-DIMENSION = growth("pins", "the pins' radius", rank=120, drawn=141)
+DIMENSION = growth("pins", "the pins' radius", rank=120, draw_column=141)
