@@ -14,6 +14,22 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 settings.register_profile("alike", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("alike")  # the same examples everywhere, however slow the machine
 
+BEGUN_FIRST = (
+    "test_effects_of_designs",  # compiles the equilibrium and the path of friction, while another process is at
+    *("test_clearance", "test_damage", "test_boundary", "test_kills", "test_dask", "test_intervals"),  # these
+    *("test_blind", "test_random_designs", "test_registered", "test_verify", "test_turn", "test_carrier_chain"),
+    *("test_results", "test_page_agrees", "test_recovery", "test_holes_chain", "test_chain", "test_report"),
+    *("test_changed", "test_browser", "test_effects", "test_equilibrium", "test_compare_command", "test_fitting"),
+)
+"""Files of more than seven seconds: none of them is begun last, when the other process would wait for it."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {name: number for number, name in enumerate(BEGUN_FIRST)}
+    if missing := set(rank) - {path.stem for path in Path(__file__).parent.rglob("test_*.py")}:
+        raise pytest.UsageError(f"tests/conftest.py: BEGUN_FIRST names files that are not there: {sorted(missing)}")
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
 
 def pytest_configure() -> None:
     """While one process compiles a loop that is kept on disk, the others wait, and then read it."""
