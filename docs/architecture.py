@@ -17,9 +17,12 @@ def reduced(edges: Edges) -> dict[str, set[str]]:
     """Edges of a graph without circles, less those that a longer path says too."""
 
     def reached(node: str) -> set[str]:
-        return set().union(*({after} | reached(after) for after in edges.get(node, ())))
+        return set().union(*({neighbour} | reached(neighbour) for neighbour in edges.get(node, ())))
 
-    return {node: {a for a in after if not any(a in reached(b) for b in after)} for node, after in edges.items()}
+    return {
+        node: {a for a in nodes_after if not any(a in reached(b) for b in nodes_after)}
+        for node, nodes_after in edges.items()
+    }
 
 
 def svg(rows: Sequence[Sequence[str]], edges: Edges, notes: Mapping[str, str]) -> str:
@@ -39,9 +42,9 @@ def svg(rows: Sequence[Sequence[str]], edges: Edges, notes: Mapping[str, str]) -
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
         '<path d="M0 0 8 4 0 8z" fill="#7a8794"/></marker></defs>',
     ]
-    for name, after in sorted(edges.items()):
+    for name, nodes_after in sorted(edges.items()):
         x, y = centre[name]
-        for x_end, y_end in sorted(centre[room] for room in after):
+        for x_end, y_end in sorted(centre[room] for room in nodes_after):
             start, end = y + HEIGHT / 2, y_end - HEIGHT / 2
             bend = (start + end) / 2
             path = f"M{x:.0f} {start:.0f}C{x:.0f} {bend:.0f} {x_end:.0f} {bend:.0f} {x_end:.0f} {end:.0f}"
@@ -72,7 +75,7 @@ def room_pictures() -> dict[str, str]:
         short = {room: room.removeprefix(prefix or "pipeline.") for room in files}
         pictures[contract["id"]] = svg(
             [[short[room] for room in row] for row in rows],
-            {short[a]: {short[b] for b in after} for a, after in reduced(edges).items()},
+            {short[a]: {short[b] for b in rooms_after} for a, rooms_after in reduced(edges).items()},
             {short[room]: f"{len(modules)} file{'s' * (len(modules) > 1)}" for room, modules in files.items()},
         )
     return pictures
@@ -87,8 +90,8 @@ def chain_picture() -> str:
     for stage in STAGES:
         depth[stage.name] = 1 + max((depth[name] for name in stage.reads), default=-1)
     rows = [[name for name in depth if depth[name] == level] for level in range(max(depth.values()) + 1)]
-    before = reduced(reads)
-    edges = {name: {reader for reader in before if name in before[reader]} for name in before}
+    stages_before = reduced(reads)
+    edges = {name: {reader for reader in stages_before if name in stages_before[reader]} for name in stages_before}
     return svg(rows, edges, {stage.name: ", ".join(table.name for table in stage.tables) for stage in STAGES})
 
 

@@ -63,8 +63,8 @@ def _text(statement: ast.stmt | None) -> str:
 
 
 def _above(lines: list[str], statement: ast.stmt) -> str:
-    above = lines[statement.lineno - 2].strip()
-    return above.lstrip("# ") if above.startswith("#") else ""
+    line_above = lines[statement.lineno - 2].strip()
+    return line_above.lstrip("# ") if line_above.startswith("#") else ""
 
 
 def write_constants(folder: Path) -> None:

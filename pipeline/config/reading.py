@@ -171,13 +171,13 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
         return raw, design, []
     remaining = {name: value for name, value in raw.items() if name != "temperature"}
     section = raw["temperature"] if isinstance(raw["temperature"], Mapping) else {}
-    plain, drawn, follows, problems = plain_temperatures(section)
+    temperatures, drawn, follows, problems = plain_temperatures(section)
     draws, wrong = read_draws(drawn)
     problems += wrong
     if problems:
         return remaining, design, problems
     try:
-        temperature = Temperature.model_validate(plain)
+        temperature = Temperature.model_validate(temperatures)
     except ValidationError as error:
         wrong = problems_of(error, Temperature)
         return remaining, design, [Problem(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]

@@ -61,15 +61,15 @@ def at_most(seconds: float, keywords: str) -> Iterator[None]:
 
 def outcome(seed: int, runs: Path) -> Outcome:
     """Run the study of a seed and hold its tables against what is promised."""
-    started = time.process_time()
+    start_time = time.process_time()
     study = random_study(seed)
     try:
         with at_most(SECONDS, f"design {seed}"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy, in designs whose units then fail with a reason
             outputs = run(STAGES, study, ["aggregate"], runs, Resources(jobs=1, chunk=SAMPLES))
     except InputError as error:
-        return Outcome(seed, time.process_time() - started, refused=str(error))
-    return Outcome(seed, time.process_time() - started, failed=held(seed, outputs))
+        return Outcome(seed, time.process_time() - start_time, refused=str(error))
+    return Outcome(seed, time.process_time() - start_time, failed=held(seed, outputs))
 
 
 @pytest.fixture(scope="module")

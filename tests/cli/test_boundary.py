@@ -123,8 +123,8 @@ def test_a_folder_without_permission(monkeypatch, capsys) -> None:
 def test_a_file_where_a_folder_is_meant(tmp_path: Path, monkeypatch, capsys) -> None:
     (tmp_path / "runs").touch()
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
-    said = told(capsys, "run", "sample", "--study", "quick")
-    assert re.search("runs.*Not a directory; a folder is asked for", said)
+    message = told(capsys, "run", "sample", "--study", "quick")
+    assert re.search("runs.*Not a directory; a folder is asked for", message)
 
 
 # --- files and values -------------------------------------------------------------------------------------------------

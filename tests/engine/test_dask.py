@@ -23,16 +23,16 @@ ALL_WORKERS = -1
 ROOT = Path(__file__).parent.parent.parent
 
 
-def started(module: str, *options: str, local: Path = Path(__file__).parent) -> subprocess.Popen:
-    """A process of the cluster; it finds the toy stages (in `local`) and the library as on other machines."""
-    paths = os.pathsep.join([str(local), str(ROOT)])
+def started(module: str, *options: str, path: Path = Path(__file__).parent) -> subprocess.Popen:
+    """A process of the cluster; it finds the toy stages (in `path`) and the library as on other machines."""
+    paths = os.pathsep.join([str(path), str(ROOT)])
     command = [sys.executable, "-m", f"distributed.cli.{module}", *options]
     return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths}, stderr=subprocess.DEVNULL)
 
 
-def worker(address_file: Path, scratch: Path, **location: Path) -> subprocess.Popen:
+def worker(address_file: Path, scratch: Path, **paths: Path) -> subprocess.Popen:
     options = ("--scheduler-file", str(address_file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
-    return started("dask_worker", *options, "--local-directory", str(scratch), **location)
+    return started("dask_worker", *options, "--local-directory", str(scratch), **paths)
 
 
 @pytest.fixture

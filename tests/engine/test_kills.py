@@ -60,8 +60,8 @@ def test_killed_again_and_again_it_ends_equal_and_repeats_only_what_was_in_fligh
     n_begun = len(begun(log))
     with started(tmp_path / "runs", log) as process:
         assert process.wait() == 0
-    repeat = begun(log)[n_begun:]
-    assert sorted(repeat) == sorted(set(range(0, 40, 2)) - chunks_before)
+    begun_after = begun(log)[n_begun:]
+    assert sorted(begun_after) == sorted(set(range(0, 40, 2)) - chunks_before)
     repeated = len(begun(log)) - CHUNKS
     assert repeated <= 5 * kills  # what two workers had begun, and begin before they see that they are alone
     print(f"{kills} kills: {repeated} of {CHUNKS} chunks computed again")

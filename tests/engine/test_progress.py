@@ -34,9 +34,9 @@ def test_on_a_terminal_the_line_is_redrawn_and_ends_as_the_plain_one(monkeypatch
     monkeypatch.setattr(sys, "stderr", terminal)
     announce("add")
     advance()
-    *draws, last_line = terminal.getvalue().rstrip("\n").split("\r")
-    assert "add ..." in draws[0]
-    assert any(re.match(r"add  0/40 samples", text) for text in draws)
+    *earlier_lines, last_line = terminal.getvalue().rstrip("\n").split("\r")
+    assert "add ..." in earlier_lines[0]
+    assert any(re.match(r"add  0/40 samples", text) for text in earlier_lines)
     assert last_line == "add  40/40 samples  0 s  3 failed"
 
 

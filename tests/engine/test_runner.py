@@ -341,8 +341,8 @@ def test_an_interrupted_replacement_leaves_no_half_output(tmp_path: Path, monkey
 )
 def test_a_body_that_breaks_its_contract_is_named(tmp_path: Path, sums, message: str) -> None:
     def wrong(shared: object, chunk: Chunk):
-        kept_items = ADD.tables[1].empty()
-        return {"kept": kept_items} if sums is None else {"sums": sums, "kept": kept_items}
+        empty_rows = ADD.tables[1].empty()
+        return {"kept": empty_rows} if sums is None else {"sums": sums, "kept": empty_rows}
 
     with pytest.raises(ChunkError, match=message):
         run((DRAW, replace(ADD, solve=wrong)), Toy(), ["add"], tmp_path, Resources(1, 40))

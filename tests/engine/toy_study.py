@@ -109,8 +109,8 @@ def add(shared: dict, chunk: Chunk) -> Tables:
     points = chunk.tables["draw/points"]
     total = (points["x_mm"][:, None] ** shared["powers"]).sum(axis=1).reshape(-1, POINTS_PER_SAMPLE).sum(axis=1)
     sums = {"sample": np.arange(chunk.start, chunk.stop), "sum_mm": shared["slope"] * total, "large": total > 1}
-    kept_items = {"sample": [0], "side": points["side"][:1]} if chunk.start == 0 else KEPT.empty()
-    return {"sums": sums, "kept": kept_items}
+    kept_rows = {"sample": [0], "side": points["side"][:1]} if chunk.start == 0 else KEPT.empty()
+    return {"sums": sums, "kept": kept_rows}
 
 
 def large(tables: Tables) -> int:

@@ -43,9 +43,9 @@ def test_every_path_exists() -> None:
 def test_every_link_leads_somewhere(page: Path) -> None:
     contracts = PROJECT["tool"]["importlinter"]["contracts"]
     rooms = [contract["id"] for contract in contracts if contract["type"] == "layers"]
-    draws = {f"generated/{name}.svg" for name in (*rooms, "chain")}
+    pictures = {f"generated/{name}.svg" for name in (*rooms, "chain")}
     links = [link for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()) if "://" not in link]
-    assert not [link for link in links if link not in draws and not (page.parent / link.partition("#")[0]).exists()]
+    assert not [link for link in links if link not in pictures and not (page.parent / link.partition("#")[0]).exists()]
 
 
 def test_every_page_is_in_the_table_of_contents() -> None:

@@ -30,13 +30,9 @@ def followed(torque: np.ndarray, drive: dict[str, float]) -> np.ndarray:
     """Angle [arcmin] along torques, element by element: a slider that holds the spring back."""
     angle, spring = [], 0.0
     for load in torque:
-        held_value = drive["friction"] + drive["load_friction"] * abs(load)
+        friction = drive["friction"] + drive["load_friction"] * abs(load)
         spring = (
-            load - held_value
-            if spring < load - held_value
-            else load + held_value
-            if spring > load + held_value
-            else spring
+            load - friction if spring < load - friction else load + friction if spring > load + friction else spring
         )
         gap = 0.5 * drive["play"] * np.clip(spring / 0.24, -1, 1)
         angle.append(gap + drive["compliance"] * spring + drive["softening"] * spring * abs(spring))
@@ -54,10 +50,10 @@ def drive_measured(folder, changes=None, by_angle=False, locked="input", noise=0
     for number, crank in enumerate(CRANKS):
         torque = np.tile(path_of([0.0, 12.0, -12.0, 0.0], 4000 if by_angle else 80)[1:], 3)
         angle = followed(torque, drive)
-        kept_items = driven_by_angle(torque, angle, 1500) if by_angle else np.arange(len(torque))
-        cycle = np.minimum(kept_items // (len(torque) // 3), 2)
-        noisy = angle[kept_items] + 7.0 * number + noise * rng.standard_normal(len(kept_items))
-        measured = torque[kept_items] + (0.01 * rng.standard_normal(len(kept_items)) if by_angle else 0.0)
+        rows_kept = driven_by_angle(torque, angle, 1500) if by_angle else np.arange(len(torque))
+        cycle = np.minimum(rows_kept // (len(torque) // 3), 2)
+        noisy = angle[rows_kept] + 7.0 * number + noise * rng.standard_normal(len(rows_kept))
+        measured = torque[rows_kept] + (0.01 * rng.standard_normal(len(rows_kept)) if by_angle else 0.0)
         parts.append(pd.DataFrame({"cycle": cycle, "crank_deg": crank, "torque_Nm": measured, "angle_arcmin": noisy}))
     write_unit(folder, {"rows.csv": pd.concat(parts, ignore_index=True)}, TEXT.format(locked=locked))
     return Measurement.read(load_measured_unit(folder, ROOT))
@@ -78,8 +74,8 @@ def test_play_and_friction_are_claimed_with_their_size(tmp_path, by_angle, locke
 
 
 def test_a_spring_alone_has_nothing_claimed(tmp_path):
-    no_effect = dict.fromkeys(("play", "friction", "load_friction", "softening"), 0.0)
-    description = described(drive_measured(tmp_path / "u", no_effect))
+    bare_spring = dict.fromkeys(("play", "friction", "load_friction", "softening"), 0.0)
+    description = described(drive_measured(tmp_path / "u", bare_spring))
     assert not any(number.named for number in description.numbers)
     assert description.errors["described"].to_noise < 1.25
 
@@ -95,10 +91,10 @@ def test_held_out_rows_move_no_prediction_by_more_than_their_offset(tmp_path):
     description_before, description_after = (
         described(Measurement.read(load_measured_unit(tmp_path / name, ROOT))) for name in "ab"
     )
-    distance = (description_before.curves["described"] - description_after.curves["described"])[
+    difference = (description_before.curves["described"] - description_after.curves["described"])[
         description_before.cells
     ]
-    assert np.ptp(distance) < 1e-9
+    assert np.ptp(difference) < 1e-9
     assert [n.value for n in description_before.numbers] == [n.value for n in description_after.numbers]
     assert measurement_before.unit.designed is None
 

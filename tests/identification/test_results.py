@@ -93,8 +93,8 @@ def test_a_signature_is_the_part_that_was_put_in(part: str, value: float, name: 
     assert signature.ci_low < value < signature.ci_high
     assert abs(signature.value - value) < 0.1 * value
     assert signature.significant
-    (no_effect,) = [item for item in read(simulated()) if item.name == name]
-    assert abs(no_effect.value) < 0.1 * value
+    (bare_signature,) = [item for item in read(simulated()) if item.name == name]
+    assert abs(bare_signature.value) < 0.1 * value
 
 
 def test_the_strongest_period_over_the_output_angle_is_found() -> None:

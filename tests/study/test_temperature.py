@@ -153,22 +153,22 @@ DRAWN = {"distribution": "uniform", "lower_K": -15.0, "upper_K": 15.0}
 WITH_DISK = dict.fromkeys(("pins_C", "housing_C", "crank_C"), "disk")
 
 
-def without_tolerances(temperature, **changed):
+def without_tolerances(temperature, **settings):
     """A study that draws nothing but temperatures, its gaps those of the drawing."""
-    drawn = study(temperature, **changed)
+    drawn_study = study(temperature, **settings)
     tolerances = {}
-    for name, tolerance in drawn.tolerances:
+    for name, tolerance in drawn_study.tolerances:
         fixed = {"distribution": "fixed", "value_um": 0.0, "allowance_um": tolerance.allowance_um}
         tolerances[name] = tolerance.model_dump() if name.endswith("_growth") else fixed
-    return drawn.model_copy(update={"tolerances": type(drawn.tolerances).model_validate(tolerances)})
+    return drawn_study.model_copy(update={"tolerances": type(drawn_study.tolerances).model_validate(tolerances)})
 
 
 def test_a_drawn_temperature_without_spread_is_the_set_one():
     fixed = {"nominal_C": 70.0, "distribution": "fixed", "value_K": 0.0}
-    (_, stated), (_, drawn) = gaps_of(study(HOT)), gaps_of(study({**HOT, "disk_C": fixed}))
-    np.testing.assert_allclose(drawn, stated, atol=1e-12)
-    one = study({**HOT, "disk_C": fixed})
-    np.testing.assert_array_equal(assembly.modulus(one.design, draw(one, 0, 5)), 1.0)
+    (_, gap_of_set), (_, gap_of_draw) = gaps_of(study(HOT)), gaps_of(study({**HOT, "disk_C": fixed}))
+    np.testing.assert_allclose(gap_of_draw, gap_of_set, atol=1e-12)
+    fixed_study = study({**HOT, "disk_C": fixed})
+    np.testing.assert_array_equal(assembly.modulus(fixed_study.design, draw(fixed_study, 0, 5)), 1.0)
 
 
 @pytest.mark.parametrize("part", ["disk", "pins", "housing", "crank"])
@@ -176,54 +176,56 @@ def test_a_unit_is_drawn_as_it_is_at_its_temperature(part):
     """15 K off the nominal, gaps are those of the study set there, over the disk's growth from here to there."""
     nominal = {**HOT, f"{part}_C": 50.0}
     offset = {"nominal_C": 50.0, "distribution": "fixed", "value_K": 15.0}
-    (_, of_draw), (_, stated) = (
+    (_, of_draw), (_, of_set) = (
         gaps_of(without_tolerances({**nominal, f"{part}_C": temperature}), 2) for temperature in (offset, 65.0)
     )
-    grown = (1 + EXPANSION * 45) / (1 + EXPANSION * 30) if part == "disk" else 1.0
-    np.testing.assert_allclose(grown * of_draw[1], stated[1], atol=2e-8)
+    growth = (1 + EXPANSION * 45) / (1 + EXPANSION * 30) if part == "disk" else 1.0
+    np.testing.assert_allclose(growth * of_draw[1], of_set[1], atol=2e-8)
     assert np.ptp(of_draw[1] - of_draw[0]) > 1e-5
 
 
 def test_units_of_one_drawn_temperature_and_material_have_the_angles_of_the_nominal_one():
-    drawn = without_tolerances({**WITH_DISK, "disk_C": {"nominal_C": 40.0, **DRAWN}})
-    _, gap = gaps_of(drawn, 4)
+    drawn_study = without_tolerances({**WITH_DISK, "disk_C": {"nominal_C": 40.0, **DRAWN}})
+    _, gap = gaps_of(drawn_study, 4)
     np.testing.assert_allclose(gap, np.broadcast_to(gap[:1], gap.shape), atol=1e-12)
-    growth = draw(drawn, 0, 4).disk_growth
+    growth = draw(drawn_study, 0, 4).disk_growth
     warmer = growth / (70e3 * (1 + EXPANSION * 20) * EXPANSION)
     assert np.all(np.abs(warmer) <= 15)
     assert np.ptp(warmer) > 5
     softened = (1 + SLOPE * (20 + warmer)) / (1 + SLOPE * 20)
     grown = (1 + EXPANSION * (20 + warmer)) / (1 + EXPANSION * 20)
-    np.testing.assert_allclose(assembly.modulus(drawn.design, draw(drawn, 0, 4)), softened * grown**3, rtol=1e-12)
+    np.testing.assert_allclose(
+        assembly.modulus(drawn_study.design, draw(drawn_study, 0, 4)), softened * grown**3, rtol=1e-12
+    )
 
 
-def rotations(one):
+def rotations(case_study):
     """Angle of the output [arcmin] in the limit of no torque and under the torques of the metrics, rigid disks."""
-    sampled, at = draw(one, 1, 2), assembly.reducer(one.design, CRANK_DEG)
-    loose = assembly.bearing_clearance(one.design, sampled.bearing_clearance)
-    rigid = np.zeros((len(at.contacts), len(at.contacts)))
-    factor = assembly.modulus(one.design, sampled)
-    drive = drive_of(one, CRANK_DEG, rigid, assembly.errors(sampled), loose, None, factor)
-    response = respond(drive, assembly.load_cycle(one, 0))
+    sampled, reducer = draw(case_study, 1, 2), assembly.reducer(case_study.design, CRANK_DEG)
+    loose = assembly.bearing_clearance(case_study.design, sampled.bearing_clearance)
+    rigid = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    factor = assembly.modulus(case_study.design, sampled)
+    drive = drive_of(case_study, CRANK_DEG, rigid, assembly.errors(sampled), loose, None, factor)
+    response = respond(drive, assembly.load_cycle(case_study, 0))
     assert response.converged[0]
-    readings = loop_readings(response, np.zeros(1), assembly.definitions(one))
+    readings = loop_readings(response, np.zeros(1), assembly.definitions(case_study))
     peak = np.max(drive.laws_of_states.peak_pressure(response.equilibria.force))
     return readings.limit_plus[0], readings.high_plus[0] - readings.limit_plus[0], peak
 
 
 def test_a_drawn_unit_gives_way_as_the_one_set_at_its_temperature():
     """The play to rounding; deflection and pressure to some expansions, by which stated stiffnesses do not scale."""
-    drawn = {"nominal_C": 50.0, "distribution": "fixed", "value_K": 15.0}
-    cold, there = (without_tolerances(dict.fromkeys(HOT, celsius)) for celsius in (50.0, 65.0))
-    unit = without_tolerances({**WITH_DISK, "disk_C": drawn})
-    of_cold, stated, of_draw = (np.array(rotations(one)) for one in (cold, there, unit))
-    assert of_draw[0] == pytest.approx(stated[0], abs=1e-9)
-    np.testing.assert_allclose(of_draw[1:], stated[1:], rtol=4 * EXPANSION * 15)
-    assert abs(of_cold[2] / stated[2] - 1) > 2e-3
+    draw_settings = {"nominal_C": 50.0, "distribution": "fixed", "value_K": 15.0}
+    cold, warm_study = (without_tolerances(dict.fromkeys(HOT, celsius)) for celsius in (50.0, 65.0))
+    unit = without_tolerances({**WITH_DISK, "disk_C": draw_settings})
+    of_cold, of_set, of_draw = (np.array(rotations(case_study)) for case_study in (cold, warm_study, unit))
+    assert of_draw[0] == pytest.approx(of_set[0], abs=1e-9)
+    np.testing.assert_allclose(of_draw[1:], of_set[1:], rtol=4 * EXPANSION * 15)
+    assert abs(of_cold[2] / of_set[2] - 1) > 2e-3
 
 
 @pytest.mark.parametrize(
-    ("temperature", "told"),
+    ("temperature", "message"),
     [
         ({**HOT, "disk_C": {**DRAWN}}, "temperature.disk_C.nominal_C is missing"),
         (
@@ -243,10 +245,10 @@ def test_a_drawn_unit_gives_way_as_the_one_set_at_its_temperature():
         ),
     ],
 )
-def test_draws_that_cannot_be_are_refused(temperature, told):
+def test_draws_that_cannot_be_are_refused(temperature, message):
     with pytest.raises(InputError) as raised:
         study(temperature)
-    assert told in " | ".join(raised.value.problems)
+    assert message in " | ".join(raised.value.problems)
 
 
 def test_growths_are_no_tolerances_of_a_study_without_temperatures():

@@ -39,17 +39,17 @@ def plain_temperatures(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str
 
     Returns
     -------
-    plain : the section with nominal temperatures [deg C].
+    temperatures : the section with nominal temperatures [deg C].
     draws : distribution of each part that has one, as the file has it.
     follows : part whose temperature a part has.
     problems : of the parts that follow another one, and of distributions without a nominal temperature.
     """
-    plain, draws, follows, problems = dict(raw), {}, {}, []
+    temperatures, draws, follows, problems = dict(raw), {}, {}, []
     for part in PARTS:
         key, value = f"{part}_C", raw.get(f"{part}_C")
         if isinstance(value, Mapping):
             draws[part] = {name: item for name, item in value.items() if name != NOMINAL}
-            plain[key] = value.get(NOMINAL)
+            temperatures[key] = value.get(NOMINAL)
             if NOMINAL not in value:
                 problems.append(Problem(f"temperature.{key}.{NOMINAL}", MISSING, "add it"))
     for part in PARTS:
@@ -62,8 +62,8 @@ def plain_temperatures(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str
             )
             problems.append(Problem(f"temperature.{key}", value, allowed))
             continue
-        follows[part], plain[key] = value, plain[f"{value}_C"]
-    return plain, draws, follows, problems
+        follows[part], temperatures[key] = value, temperatures[f"{value}_C"]
+    return temperatures, draws, follows, problems
 
 
 def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[Problem]]:
@@ -114,9 +114,9 @@ def growth_tolerances(thermal: Thermal, draws: Mapping[str, Distribution]) -> di
     """Tolerance of the growth [um] of each part whose temperature is drawn."""
     tolerances = {}
     for part, draw in draws.items():
-        stated = draw.model_dump(exclude_none=True)
+        settings = draw.model_dump(exclude_none=True)
         factor = thermal.parts[part].growth_um(1.0)
-        scaled = {name: factor * value if name.endswith("_um") else value for name, value in stated.items()}
+        scaled = {name: factor * value if name.endswith("_um") else value for name, value in settings.items()}
         tolerances[f"{part}_growth"] = scaled
     return tolerances
 
@@ -159,9 +159,9 @@ def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tup
         return [Problem("temperature.disk_C", None, "leaves its material no modulus; take narrower limits")]
     for name, (part, material) in elastic.items():
         share = disk.youngs_modulus_MPa / (disk.youngs_modulus_MPa + material.youngs_modulus_MPa)
-        together = part.follows == thermal.parts["disk"].follows
+        are_coupled = part.follows == thermal.parts["disk"].follows
         ends = _range(thermal, part.follows, limits)
-        pairs = zip(ends_of_disk, ends, strict=True) if together else ((x, y) for x in ends_of_disk for y in ends)
+        pairs = zip(ends_of_disk, ends, strict=True) if are_coupled else ((x, y) for x in ends_of_disk for y in ends)
         unlike = max(abs(part.softening(y) / thermal.parts["disk"].softening(x) - 1) for x, y in pairs)
         if share * unlike > UNLIKE_SOFTENING:
             allowed = (
@@ -184,5 +184,5 @@ def _range(thermal: Thermal, part: str, limits: Mapping[str, tuple[float, float]
 def told_draws(draws: Mapping[str, Distribution], follows: Mapping[str, str]) -> str:
     """The distributions in a sentence."""
     parts = [f"{part} {draw.name}, {'{:+g} to {:+g}'.format(*_limits(draw))} K" for part, draw in draws.items()]
-    shared = [f"{part} as the {other}" for part, other in follows.items() if other in draws]
+    shared = [f"{part} as the {source}" for part, source in follows.items() if source in draws]
     return f"Drawn about these: {'; '.join(parts + shared)}."

@@ -59,9 +59,9 @@ class Thermal(Section):
 
     def warmer(self, growth_um: Mapping[str, Real]) -> dict[str, Real]:
         """Temperature of each part above its mean (n,) [K], by the growths (n,) [um] of those that are drawn."""
-        none = np.zeros_like(next(iter(growth_um.values())))
-        drawn = {part: growth / self.parts[part].growth_um(1.0) for part, growth in growth_um.items()}
-        return {name: drawn.get(part.follows, none) for name, part in self.parts.items()}
+        zeros = np.zeros_like(next(iter(growth_um.values())))
+        rises = {part: growth / self.parts[part].growth_um(1.0) for part, growth in growth_um.items()}
+        return {name: rises.get(part.follows, zeros) for name, part in self.parts.items()}
 
     def shifts_um(self, growth_um: Mapping[str, Real]) -> dict[str, Real]:
         """What units (n,) deviate more from the reducer that has grown as their disk has [um], by deviation.

@@ -23,11 +23,11 @@ def _eliminate(lower, loads, rows, values, ends):
     n, count = starts.shape[0] - 1, 0
     eliminated = np.zeros(n)
     for k in range(starts_of_load.shape[0] - 1):
-        first = n
+        first_row = n
         for p in range(starts_of_load[k], starts_of_load[k + 1]):
             eliminated[row_of_load[p]] = share[p]
-            first = min(first, row_of_load[p])
-        for j in range(first, n):
+            first_row = min(first_row, row_of_load[p])
+        for j in range(first_row, n):
             value = eliminated[j]
             if value == 0.0:
                 continue

@@ -117,16 +117,16 @@ def test_what_the_model_believes_is_off_as_a_bench_and_a_calibration_are(smalles
     scales = np.array([list(design_reducer.truth["scales"].values()) for design_reducer in units])
     assert np.all((np.abs(np.log(scales)) >= np.log(OFF[0])) & (np.abs(np.log(scales)) <= np.log(OFF[1])))
     assert OFF[1] < PLAUSIBLE
-    offset = []
+    offsets = []
     for design_reducer in units:
         folder = smallest.unit_folder(design_reducer.truth["case"])
         if design_reducer.truth["dimensions_known"]:
             written_file = tomllib.loads((folder / "dims.toml").read_text())
-            offset.append(np.array(written_file["pin_radial"]) - design_reducer.dimensions.pin_radial[0])
+            offsets.append(np.array(written_file["pin_radial"]) - design_reducer.dimensions.pin_radial[0])
             design = tomllib.loads((folder / "design.toml").read_text())["provenance"]
             assert all("plausible" in design[key] for key in design_reducer.truth["scales"])
-    assert len(offset) >= 2
-    spread = np.std(np.array(offset) - np.mean(offset, axis=1, keepdims=True))
+    assert len(offsets) >= 2
+    spread = np.std(np.array(offsets) - np.mean(offsets, axis=1, keepdims=True))
     assert 0.7 * MEASURING_UM < spread < 1.4 * MEASURING_UM
 
 
@@ -190,10 +190,12 @@ def test_an_outside_effect_vanishes_with_its_amplitude(smallest):
     reference = unit.unit.angles()
     for effect in OUTSIDE:
         shape = effect.shape(rng)
-        no_effect, subset = (unit.unit.angles_outside(effect.at(amplitude, shape)) for amplitude in (1e-9, 0.05))
+        tiny_effect, small_effect = (
+            unit.unit.angles_outside(effect.at(amplitude, shape)) for amplitude in (1e-9, 0.05)
+        )
         # both interpolate the same frictionless curve
-        assert np.max(np.abs(np.concatenate(no_effect) - np.concatenate(reference))) < 1e-3 * np.ptp(reference[0])
-        assert np.max(np.abs(np.concatenate(subset) - np.concatenate(reference))) > 5e-3 * np.ptp(reference[0])
+        assert np.max(np.abs(np.concatenate(tiny_effect) - np.concatenate(reference))) < 1e-3 * np.ptp(reference[0])
+        assert np.max(np.abs(np.concatenate(small_effect) - np.concatenate(reference))) > 5e-3 * np.ptp(reference[0])
 
 
 def test_effects_of_the_library_change_the_curves(smallest):
@@ -241,8 +243,8 @@ def test_two_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     rows = run.blind(2, 8, 1, ROOT, tmp_path)
     table = pd.read_csv(tmp_path / "blind" / "cases.csv")
     contract = "case truth size_over_noise verdict named class_size correct oracle_separates rms_declared_arcmin"
-    increment = "rms_recalibrated_arcmin rms_after_arcmin noise_floor_arcmin seconds"
-    assert [*contract.split(), *increment.split()] == list(table.columns[:13])
+    columns = "rms_recalibrated_arcmin rms_after_arcmin noise_floor_arcmin seconds"
+    assert [*contract.split(), *columns.split()] == list(table.columns[:13])
     assert list(table["case"]) == [0, 1]
     assert table["rms_recalibrated_arcmin"].notna().all()
     monkeypatch.setattr(run, "one_case", lambda *_: pytest.fail("a finished case was solved again"))

@@ -17,8 +17,8 @@ def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
     state = tmp_path / "data" / "loose"
     state.mkdir(parents=True)
     torque = path_of([0.0, 20.0, -20.0, 0.0], 50 * EVERY)
-    for number, rotation in ((1, 0.01), (5, 0.01), (6, 0.02)):
-        rows = pd.DataFrame({"TIME": np.arange(len(torque)) / 100, "POSITION": rotation + 1e-4 * torque})
+    for number, turns in ((1, 0.01), (5, 0.01), (6, 0.02)):
+        rows = pd.DataFrame({"TIME": np.arange(len(torque)) / 100, "POSITION": turns + 1e-4 * torque})
         rows = rows.assign(TORQUE=torque, CONTROL_TORQUE=torque)
         ramps = [rows.assign(test_nr=ramp) for ramp in (0, 100, 101)]
         pd.concat(ramps).to_csv(state / f"position{number}.csv.gz", index=False)

@@ -74,8 +74,8 @@ def test_two_simulators_of_one_rigid_drive_agree(name):
     model = drive_of(study, crank, None, assembly.errors(dimensions), loose)
     fine = backbone(model, torque_levels(60, 1.0))
     is_loaded = np.abs(fine.torque) > 1e-3 * top
-    distance = (curve.at(fine.torque) - fine.angle[0])[is_loaded]
-    assert np.max(np.abs(distance)) < 5e-3 * np.ptp(fine.angle)
+    difference = (curve.at(fine.torque) - fine.angle[0])[is_loaded]
+    assert np.max(np.abs(difference)) < 5e-3 * np.ptp(fine.angle)
 
 
 VALUES = {
@@ -111,8 +111,10 @@ def twins():
     ramp = bench.ramps[0]
     warm = replace(ramp, temperature=20.0 + 6.0 * np.arange(ramp.n_cycles))
     bench = replace(bench, cranks=bench.cranks[:1], ramps=(warm,), offset=bench.offset[:1])
-    sampled, no_effect = draw(study, 3, 4), no_compliance(study, bench.cranks)
-    return rigid_unit(study, sampled, bench), true_unit(study, (), (), assembly.errors(sampled), 0.0, no_effect, bench)
+    sampled, compliances = draw(study, 3, 4), no_compliance(study, bench.cranks)
+    return rigid_unit(study, sampled, bench), true_unit(
+        study, (), (), assembly.errors(sampled), 0.0, compliances, bench
+    )
 
 
 OFTEN = ("load_friction", "pin_circle_error", "preload", "creep")
@@ -125,9 +127,9 @@ def test_an_effect_is_the_same_in_both(twins, name):
     """The change of the curves, each written from the effect's description alone."""
     changes = []
     for unit in twins:
-        reference, remote = unit.angles(), unit.angles([candidates()[name]], VALUES[name])
-        distance = [with_it - without_effect for with_it, without_effect in zip(remote, reference, strict=True)]
-        changes.append(np.concatenate([rows - rows.mean() for rows in distance]))
+        reference, affected = unit.angles(), unit.angles([candidates()[name]], VALUES[name])
+        changes_found = [with_it - without_effect for with_it, without_effect in zip(affected, reference, strict=True)]
+        changes.append(np.concatenate([rows - rows.mean() for rows in changes_found]))
     model_value, models = changes
     assert np.std(models) > 0.02
     # cells within the play's jump differ by where the jump is; the rest by the forms of the two

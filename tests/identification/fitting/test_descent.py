@@ -173,24 +173,24 @@ def stale_unit(change):
     data = linear_data(sigma=SIGMA)
     design = 5 * orthogonal(data, 1)
     fitter = LinearFitter(replace(data, angle=0.04 * design[:, 0]), design, (10.0,))
-    no_effect = model_of(0)
-    base_fit = stood(fitter, no_effect, Vector(np.zeros(1), np.zeros(0), np.zeros(0)), data.sigma)
+    bare_model = model_of(0)
+    base_fit = stood(fitter, bare_model, Vector(np.zeros(1), np.zeros(0), np.zeros(0)), data.sigma)
     fitter.looks = 0
     return fitter, replace(base_fit, jacobian=change * design)
 
 
 @pytest.mark.parametrize("change", [-1.0, 1.0])
 def test_stale_derivatives_that_lead_nowhere_are_taken_anew(change):
-    fitter, neighbour = stale_unit(change)
-    fit = fitter.fit(neighbour.model, everything(fitter.problem.data), neighbour.unknowns, base_fit=neighbour)
+    fitter, stale_fit = stale_unit(change)
+    fit = fitter.fit(stale_fit.model, everything(fitter.problem.data), stale_fit.unknowns, base_fit=stale_fit)
     assert fit.unknowns.scales[0] == pytest.approx(0.04, rel=1e-2)
     np.testing.assert_allclose(fit.jacobian, fitter.design, atol=1e-6)
 
 
 def test_derivatives_are_kept_while_scales_hardly_move():
-    fitter, neighbour = stale_unit(0.9)
-    fitter.fit(neighbour.model, everything(fitter.problem.data), neighbour.unknowns, 1, neighbour)
-    kept_items = fitter.looks
-    fitter, neighbour = stale_unit(0.9)
-    fitter.fit(neighbour.model, everything(fitter.problem.data), neighbour.unknowns, 1)
-    assert fitter.looks > kept_items
+    fitter, stale_fit = stale_unit(0.9)
+    fitter.fit(stale_fit.model, everything(fitter.problem.data), stale_fit.unknowns, 1, stale_fit)
+    looks_before = fitter.looks
+    fitter, stale_fit = stale_unit(0.9)
+    fitter.fit(stale_fit.model, everything(fitter.problem.data), stale_fit.unknowns, 1)
+    assert fitter.looks > looks_before

@@ -143,18 +143,18 @@ def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_rele
     fitter, truth = Fitter(exact_unit), np.log([1.0, 1.0, 0.5, 1.0, 1.0])
     angle = fitter.predict(Model(), replace(fitter.start(Model()), scales=truth)).angle
     variant = Fitter(with_angles(exact_unit, angle))
-    held_value = variant.fit(Model(), everything(exact_unit), variant.start(Model()))
+    bounded_fit = variant.fit(Model(), everything(exact_unit), variant.start(Model()))
     low, high = exact_unit.scale_range
     assert np.exp([low[2], high[2]]) == pytest.approx([2.1 / 2.584, 3.1 / 2.584])
-    assert held_value.unknowns.scales[2] == pytest.approx(low[2])
-    assert held_value.unknowns.at_reach[2]
-    assert np.all((held_value.unknowns.scales >= low) & (held_value.unknowns.scales <= high))
-    candidate = trial(variant, held_value, everything(exact_unit))
+    assert bounded_fit.unknowns.scales[2] == pytest.approx(low[2])
+    assert bounded_fit.unknowns.at_reach[2]
+    assert np.all((bounded_fit.unknowns.scales >= low) & (bounded_fit.unknowns.scales <= high))
+    candidate = trial(variant, bounded_fit, everything(exact_unit))
     free = released(variant, candidate, everything(exact_unit))
     assert free.fit.unknowns.scales[2] == pytest.approx(truth[2], abs=0.05)
     assert free.rms < 0.5 * candidate.rms
     assert released(variant, free, everything(exact_unit)) is None
-    law = replace(held_value, unknowns=replace(held_value.unknowns, scales=np.array([0.0, 0.0, 0.0, 0.0, high[4]])))
+    law = replace(bounded_fit, unknowns=replace(bounded_fit.unknowns, scales=np.array([0.0, 0.0, 0.0, 0.0, high[4]])))
     assert law.unknowns.at_reach[4]
     assert released(variant, trial(variant, law, everything(exact_unit)), everything(exact_unit), STRETCH) is None
     numbers = {
@@ -227,8 +227,8 @@ def test_derivatives_by_springs_and_gaps_are_those_of_predictions(exact_unit, na
     for k in range(len(current.scales) + len(current.shares)):
         flat, step = current.flat, STEP
         flat[k] += step
-        remote = fitter.predict(model, current.like(flat)).angle
-        truth = fitter.centred((remote - prediction.angle) / step, weight)
+        angle_there = fitter.predict(model, current.like(flat)).angle
+        truth = fitter.centred((angle_there - prediction.angle) / step, weight)
         misfit = np.abs(derivative[:, k] - truth)
         assert np.median(misfit) < 0.02 * np.max(np.abs(truth))
         assert np.quantile(misfit, 0.9) < 0.1 * np.max(np.abs(truth))
@@ -264,8 +264,8 @@ def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatc
     names = ("coulomb", "torque_zero")
     patched_name = "pipeline.identification.selection.model_selection.candidates"
     monkeypatch.setattr(patched_name, lambda: {n: candidates()[n] for n in names})
-    increment = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]'
-    bench = Bench(cranks=CRANKS, cycles=3, rows=40, more=increment)
+    held_out_section = '[held_out]\nby = "position"\ntrain = [0.0, 40.0]'
+    bench = Bench(cranks=CRANKS, cycles=3, rows=40, more=held_out_section)
     folder = make_unit(tmp_path / "u", {"coulomb": [0.3]}, bench, condensed)
     identifications = [identify(load_measured_unit(folder, ROOT), condensed)]
     rows = pd.read_csv(folder / "rows.csv")

@@ -83,9 +83,9 @@ def test_instrument_reads_torque_and_angle_with_its_errors(drive):
     np.testing.assert_allclose(
         read(drive, Instrument(drift=1.5), course).angle - reference, np.linspace(0, 3, 4 * ROWS)
     )
-    rotation = 79 * reference / ARCMIN + 0.4
+    encoder_angle = 79 * reference / ARCMIN + 0.4
     computed_angle = read(drive, Instrument(encoder=(0.8, -0.6)), course).angle - reference
-    np.testing.assert_allclose(computed_angle, 0.8 * np.cos(rotation) - 0.6 * np.sin(rotation), atol=1e-9)
+    np.testing.assert_allclose(computed_angle, 0.8 * np.cos(encoder_angle) - 0.6 * np.sin(encoder_angle), atol=1e-9)
     stretched = replace(course, torque=1.1 * course.torque + 0.5, at=1.1 * course.at + 0.5)
     computed_angle = read(drive, Instrument(torque_gain=0.1, torque_zero=0.5), stretched).angle
     np.testing.assert_allclose(computed_angle, reference, atol=0.02)  # at nodes of another ladder
@@ -143,9 +143,9 @@ def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive)
     reading = read(rubbing)
     assert reading.sound
     falling, rising = slice(ROWS, 2 * ROWS), slice(2 * ROWS, 3 * ROWS)
-    distance = reading.angle[falling][::-1] - reading.angle[rising]  # at equal torques
+    separation = reading.angle[falling][::-1] - reading.angle[rising]  # at equal torques
     torque = course_of().at[rising, 0]
-    middle = np.interp([2.0, 8.0], torque, distance)
+    middle = np.interp([2.0, 8.0], torque, separation)
     assert middle[1] > 1.5 * middle[0] > 0
     repeated = read(rubbing, course=course_of(np.append(TURNS[:-1], [-12.0, 12.0, 0.0])))
     np.testing.assert_allclose(repeated.angle[3 * ROWS : 4 * ROWS], reading.angle[falling], atol=0.02)

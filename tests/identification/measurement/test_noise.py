@@ -74,13 +74,13 @@ def test_drift_between_cycles_is_in_the_floor_alone(tmp_path):
     table = measured(cycles=4, per_branch=400, noise=0.02)
     drifting = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.2 * table["cycle"]))
     steady, _ = noise_of(tmp_path / "a", table)
-    shifted, _ = noise_of(tmp_path / "b", drifting)
-    assert shifted.repeats.value > 5 * steady.repeats.value
-    assert shifted.within_branch.value < 2 * steady.within_branch.value
-    assert shifted.random.value < 1.5 * steady.random.value
+    drifted, _ = noise_of(tmp_path / "b", drifting)
+    assert drifted.repeats.value > 5 * steady.repeats.value
+    assert drifted.within_branch.value < 2 * steady.within_branch.value
+    assert drifted.random.value < 1.5 * steady.random.value
     of_position = 1 + 0.2 * drifting["cycle"] * np.where(drifting["crank_deg"] == 90, -1, 1)
-    distance, _ = noise_of(tmp_path / "c", table.assign(angle_arcmin=table["angle_arcmin"] * of_position))
-    assert distance.random.value > 5 * steady.random.value
+    scaled, _ = noise_of(tmp_path / "c", table.assign(angle_arcmin=table["angle_arcmin"] * of_position))
+    assert scaled.random.value > 5 * steady.random.value
 
 
 def warmed(table, part, temperature):

@@ -31,8 +31,8 @@ def test_an_effect_of_the_limits_size_shows_in_95_percent_of_draws(strength):
         noise = 0.1 * rng.standard_normal(len(DATA))
         fitter, base = fitted(noise, design)
         (limit,) = detection_limits(fitter, base, EVERYTHING, {EFFECT.name: EFFECT})
-        repeat = 0.1 * rng.standard_normal(len(DATA))
-        _, with_effect = fitted(repeat + design[:, 0] * limit.value, design)
+        fresh_noise = 0.1 * rng.standard_normal(len(DATA))
+        _, with_effect = fitted(fresh_noise + design[:, 0] * limit.value, design)
         shown_part.append(with_effect.rms > STRUCTURE)
     assert 0.85 <= np.mean(shown_part) <= 1.0
 

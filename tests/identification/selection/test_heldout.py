@@ -48,11 +48,11 @@ def dense(fitter, fit, prior, is_left_out):
     weighted = design[visible].T / data.sigma[visible] ** 2
     covariance = np.linalg.inv(weighted @ design[visible] + precision)
     residual = data.angle - fit.predicted
-    shifted = covariance @ (weighted @ residual[visible] - pull)
-    residuals = (residual - design @ shifted)[is_left_out]
+    step = covariance @ (weighted @ residual[visible] - pull)
+    residuals = (residual - design @ step)[is_left_out]
     spread = design[is_left_out] @ covariance @ design[is_left_out].T
     expected_losses = np.linalg.solve(np.diag(data.sigma[is_left_out] ** 2) + spread, residuals)
-    assert len(current) == len(shifted)
+    assert len(current) == len(step)
     return residuals @ expected_losses / is_left_out.sum()
 
 

@@ -12,9 +12,9 @@ BRANCHES, CELLS = 2, 2 * TORQUE_BINS
 def unit(residual):
     """Data whose angles are ``residual(position, torque share, sense)``; falling and rising branches alternate."""
     data = linear_data(positions=3, cycles=2, branches=BRANCHES, cells=CELLS)
-    arc = np.tile(np.linspace(-1, 1, CELLS), len(data) // CELLS)
+    coordinate = np.tile(np.linspace(-1, 1, CELLS), len(data) // CELLS)
     sense = np.where(data.block % 2 == 0, 1.0, -1.0)
-    data.torque[:] = arc * sense
+    data.torque[:] = coordinate * sense
     data.angle[:] = residual(data.position, data.torque, sense)
     return data, sense
 

@@ -25,18 +25,18 @@ UNITS = {
 
 @pytest.mark.parametrize("name", UNITS)
 def test_the_effect_of_a_unit_promises_most_and_starts_near_the_truth(name, tmp_path, condensed):
-    values, bench, remaining = UNITS[name]
+    values, bench, rivals = UNITS[name]
     problem = exactly_known(problem_of(make_unit(tmp_path / "u", {name: values}, bench, condensed), condensed))
     fitter, all_cells = Fitter(problem), np.ones(len(problem.data), bool)
     selector = Selector(fitter, all_cells)
-    selector.testable = {item: selector.testable[item] for item in (name, *remaining)}
+    selector.testable = {item: selector.testable[item] for item in (name, *rivals)}
     base = fitter.fit(Model(), all_cells, fitter.start(Model()))
     promises = selector.screen(all_cells, base)
     start = mapped(problem.bounds(candidates()[name]), promises[name].starts[0].shares)
     assert np.linalg.norm(start - values) < 0.5 * np.linalg.norm(values)
     assert promises[name].misfit < 0.2
     # numbers at the ends of their plausible ranges leave others something too
-    minimum = min(promises[name_left].misfit for name_left in remaining)
+    minimum = min(promises[name_left].misfit for name_left in rivals)
     assert minimum > max(0.6, 15 * promises[name].misfit)
 
 
@@ -95,7 +95,7 @@ def test_effects_without_an_equilibrium_promise_nothing_at_all():
     cells = np.ones(len(fitter.problem.data), bool)
     assert screened(fitter, cells, [base], [EFFECT]).keys() == {EFFECT.name}
     base_prediction = fitter.predict
-    fitter.predict = lambda model, *increment, **options: base_prediction(model, *increment, **options)._replace(
+    fitter.predict = lambda model, *arguments, **options: base_prediction(model, *arguments, **options)._replace(
         sound=model.n_effects == 0
     )
     assert look.starts(EFFECT) == []
@@ -107,14 +107,14 @@ def test_promises_beside_several_bases_are_shares_of_the_first():
     cells = np.ones(len(fitter.problem.data), bool)
     distant = fitter.fit(base.model, cells, replace(base.unknowns, scales=np.array([1.5])), 0)
     stiff = replace(distant, jacobian=0.0 * base.jacobian, sigma=base.sigma)  # cannot move back: it leaves more
-    (isolated,) = screened(fitter, cells, [base], [EFFECT]).values()
+    (from_one_base,) = screened(fitter, cells, [base], [EFFECT]).values()
     (worst,) = screened(fitter, cells, [stiff], [EFFECT]).values()
     (pair,) = screened(fitter, cells, [stiff, base], [EFFECT]).values()
     residuals = [Screening(fitter, cells, item, base.sigma).nothing for item in (base, stiff)]
     assert residuals[1] > 1.01 * residuals[0]
     assert pair.misfit < worst.misfit
-    assert pair.misfit == pytest.approx(isolated.misfit * residuals[0] / residuals[1])
-    np.testing.assert_array_equal(pair.starts[0].flat, isolated.starts[0].flat)
-    lost_motion = replace(base, cost=np.inf)
-    (repeat,) = screened(fitter, cells, [base, lost_motion], [EFFECT]).values()
-    assert repeat.misfit == isolated.misfit
+    assert pair.misfit == pytest.approx(from_one_base.misfit * residuals[0] / residuals[1])
+    np.testing.assert_array_equal(pair.starts[0].flat, from_one_base.starts[0].flat)
+    failed_fit = replace(base, cost=np.inf)
+    (from_failed_base,) = screened(fitter, cells, [base, failed_fit], [EFFECT]).values()
+    assert from_failed_base.misfit == from_one_base.misfit

@@ -37,18 +37,18 @@ def selector(cycles=CYCLES, most_effects=4, tolerated=(), refusal=MappingProxyTy
     return selector_made
 
 
-def trial(name, losses, distance=0.0):
-    """Trial of a model by its name, its predictions ``distance`` sigmas from zero."""
+def trial(name, losses, shift=0.0):
+    """Trial of a model by its name, its predictions ``shift`` sigmas from zero."""
     model = Model(tuple(candidates()[part] for part in name.split("+") if part))
     shares = np.linspace(0.1, 0.9, model.n_parameters)
-    predicted = np.full(len(BLOCK), distance * SIGMA)
+    predicted = np.full(len(BLOCK), shift * SIGMA)
     unknowns = Vector(np.zeros(0), shares, np.zeros(0))
     fit = Fit(model, unknowns, shares, predicted, 0.0, np.zeros((len(BLOCK), 0)), np.full(len(BLOCK), SIGMA), True)
     return Trial(fit, np.broadcast_to(losses, BRANCHES * CYCLES).astype(float))
 
 
-def trials_of(losses, distance=None):
-    return {name: trial(name, values, (distance or {}).get(name, 0.0)) for name, values in losses.items()}
+def trials_of(losses, shifts=None):
+    return {name: trial(name, values, (shifts or {}).get(name, 0.0)) for name, values in losses.items()}
 
 
 def best_of(losses, **options):
@@ -78,7 +78,7 @@ def test_the_simpler_of_nested_effects_wins_beside_another_effect_too():
 
 
 @pytest.mark.parametrize(
-    ("isolated", "gain", "count"),
+    ("loss_of_one", "gain", "count"),
     [
         (2.0, 0.9 * LEAST_GAIN, 1),
         (2.0, 1.1 * LEAST_GAIN, 2),
@@ -86,8 +86,8 @@ def test_the_simpler_of_nested_effects_wins_beside_another_effect_too():
         (10.0, 1.1 * LEAST_SHARE * 10, 2),
     ],
 )
-def test_more_effects_are_taken_only_for_a_gain_of_use(isolated, gain, count):
-    best = best_of({"coulomb": isolated, "coulomb+preload": isolated - gain + 1e-6 * RIPPLED})
+def test_more_effects_are_taken_only_for_a_gain_of_use(loss_of_one, gain, count):
+    best = best_of({"coulomb": loss_of_one, "coulomb+preload": loss_of_one - gain + 1e-6 * RIPPLED})
     assert len(best.split("+")) == count
 
 
@@ -159,13 +159,13 @@ def test_nothing_is_chosen_where_the_base_explains_the_data():
 def test_what_may_be_left_grows_with_what_was_explained(base):
     selection = judged(base**2, {"coulomb": 1.0 + 1e-3 * RIPPLED})
     assert selection.limit == pytest.approx(np.sqrt(STRUCTURE**2 + (FORM * base) ** 2))
-    no_effect = judged(base**2, {"coulomb": base**2})
-    assert no_effect.limit == STRUCTURE
-    assert no_effect.chosen is no_effect.base
+    unchanged = judged(base**2, {"coulomb": base**2})
+    assert unchanged.limit == STRUCTURE
+    assert unchanged.chosen is unchanged.base
 
 
-def members_of(best, losses, distance=None, cycles=CYCLES):
-    trials = trials_of(losses, distance)
+def members_of(best, losses, shifts=None, cycles=CYCLES):
+    trials = trials_of(losses, shifts)
     survivors = sorted(trials, key=lambda name: trials[name].scores.mean())
     return set(selector(cycles)._members(best, survivors, trials, EVERYTHING))
 
@@ -177,17 +177,17 @@ def in_confidence_set(losses, cycles=CYCLES):
 
 
 def test_models_that_predict_alike_are_one_class_even_if_one_is_a_little_behind():
-    lobe_behind = 1.0 + 0.8 * ALIKE + 1e-3 * RIPPLED
-    assert in_confidence_set([1.0, lobe_behind]) == [True, False]
-    assert members_of("coulomb", {"coulomb": 1.0, "preload": lobe_behind}) == {"coulomb", "preload"}
-    assert members_of("coulomb", {"coulomb": 1.0, "preload": lobe_behind + 2 * ALIKE}) == {"coulomb"}
+    losses_behind = 1.0 + 0.8 * ALIKE + 1e-3 * RIPPLED
+    assert in_confidence_set([1.0, losses_behind]) == [True, False]
+    assert members_of("coulomb", {"coulomb": 1.0, "preload": losses_behind}) == {"coulomb", "preload"}
+    assert members_of("coulomb", {"coulomb": 1.0, "preload": losses_behind + 2 * ALIKE}) == {"coulomb"}
 
 
-@pytest.mark.parametrize(("separation", "combined"), [(0.9, True), (1.1, False)])
-def test_models_that_predict_differently_are_told_apart(separation, combined):
+@pytest.mark.parametrize(("shift", "is_one_class"), [(0.9, True), (1.1, False)])
+def test_models_that_predict_differently_are_told_apart(shift, is_one_class):
     losses = {"coulomb": 1.0, "preload": 1.0 + 1e-3 * RIPPLED}
-    result = members_of("coulomb", losses, {"preload": separation})
-    assert result == ({"coulomb", "preload"} if combined else {"coulomb"})
+    result = members_of("coulomb", losses, {"preload": shift})
+    assert result == ({"coulomb", "preload"} if is_one_class else {"coulomb"})
 
 
 def test_cycles_of_a_branch_are_no_further_evidence():

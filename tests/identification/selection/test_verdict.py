@@ -138,10 +138,10 @@ def test_intervals_hold_what_the_form_of_the_model_may_miss():
     variance = np.linalg.inv(rows.T @ rows)[1, 1]
     form = norm.ppf(0.975) * FORM * 8.0 * np.sqrt(CELLS * variance) * (BOUNDS[1] - BOUNDS[0])
     assert np.sqrt(STRUCTURE**2 - 1) > FORM * 8.0  # beyond, most of it would be left in the residual
-    for neighbour, distant in ((reference.ci_low, wide.ci_low), (reference.ci_high, wide.ci_high)):
-        assert abs(distant - reference.value) == pytest.approx(np.hypot(neighbour - reference.value, form), rel=1e-6)
-    (distant,), (type_name,) = intervals(fitter, fit, EVERYTHING, 50.0), intervals(fitter, fit, EVERYTHING, 500.0)
-    assert (distant.ci_low, distant.ci_high) == (type_name.ci_low, type_name.ci_high)
+    for narrow_end, wide_end in ((reference.ci_low, wide.ci_low), (reference.ci_high, wide.ci_high)):
+        assert abs(wide_end - reference.value) == pytest.approx(np.hypot(narrow_end - reference.value, form), rel=1e-6)
+    (wide_end,), (type_name,) = intervals(fitter, fit, EVERYTHING, 50.0), intervals(fitter, fit, EVERYTHING, 500.0)
+    assert (wide_end.ci_low, wide_end.ci_high) == (type_name.ci_low, type_name.ci_high)
 
 
 def test_intervals_hold_a_share_of_what_an_effect_is_itself():
@@ -278,10 +278,10 @@ def freed_selection(fitter, claimed, best_rms, freed_rms, monkeypatch):
     selection = selection_of(fitter, 5.0, trials, (claimed,) if claimed else (), claimed)
     reach = np.array([[-2.0], [2.0]])
     base = selection.base
-    held_value = replace(base.fit, unknowns=replace(base.fit.unknowns, scales=np.array([2.0]), reach=reach))
-    outward = replace(held_value, unknowns=replace(held_value.unknowns, scales=np.array([STRONG]), reach=2 * reach))
-    monkeypatch.setattr(verdict, "released", lambda *_: Trial(outward, np.full(BLOCKS, freed_rms**2)))
-    return replace(selection, base=Trial(held_value, base.losses), stretched=base)
+    bounded_fit = replace(base.fit, unknowns=replace(base.fit.unknowns, scales=np.array([2.0]), reach=reach))
+    freed_fit = replace(bounded_fit, unknowns=replace(bounded_fit.unknowns, scales=np.array([STRONG]), reach=2 * reach))
+    monkeypatch.setattr(verdict, "released", lambda *_: Trial(freed_fit, np.full(BLOCKS, freed_rms**2)))
+    return replace(selection, base=Trial(bounded_fit, base.losses), stretched=base)
 
 
 def test_a_unit_that_only_an_implausible_refit_explains_is_not_adequate(monkeypatch):
@@ -324,9 +324,9 @@ def test_a_model_that_is_not_claimed_says_why():
 
 def unlikely(trial):
     """The trial with tolerances that no unit has."""
-    distant = replace(trial.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
+    wide_end = replace(trial.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
     return replace(
-        trial, fit=replace(trial.fit, unknowns=distant, jacobian=np.pad(trial.fit.jacobian, ((0, 0), (0, 3))))
+        trial, fit=replace(trial.fit, unknowns=wide_end, jacobian=np.pad(trial.fit.jacobian, ((0, 0), (0, 3))))
     )
 
 

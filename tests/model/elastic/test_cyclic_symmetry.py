@@ -93,15 +93,20 @@ def rim_displacement(order, inner, outer, kappa):
         system[2, 4], system[3, 4] = 1, -1
         system[4, 1:3] = kappa - 1, kappa + 1  # single-valued
         coefficients = np.linalg.solve(system, [1, 0, 0, 0, 0])[:4]
-        outward = [(kappa - 2) * r**2, ((kappa + 1) * np.log(r) - 1) / 2, ((kappa - 1) * np.log(r) - 1) / 2, 1 / r**2]
-        circumference = [
+        radial_terms = [
+            (kappa - 2) * r**2,
+            ((kappa + 1) * np.log(r) - 1) / 2,
+            ((kappa - 1) * np.log(r) - 1) / 2,
+            1 / r**2,
+        ]
+        tangential_terms = [
             (kappa + 2) * r**2,
             (-(kappa + 1) * np.log(r) - 1) / 2,
             (-(kappa - 1) * np.log(r) - 1) / 2,
             1 / r**2,
         ]
-        outward, circumference = coefficients @ outward, coefficients @ circumference
-        return outward[0] - (outward[1] - circumference[1]) / 2
+        radial_terms, tangential_terms = coefficients @ radial_terms, coefficients @ tangential_terms
+        return radial_terms[0] - (radial_terms[1] - tangential_terms[1]) / 2
     r = radii / outer  # r^n, r^-n, r^(n + 2), r^(2 - n), those that fall outwards as shares of their size at the bore
     fall = (inner / radii) ** n
     radial = [n * (1 - n) * r ** (n - 2), -n * (n + 1) * fall / r**2, (n + 2 - n * n) * r**n, (2 - n - n * n) * fall]
@@ -124,8 +129,8 @@ def test_annulus_under_forces_on_its_rim_meets_michells_series(stress, kappa):
     orders = np.arange(1, 1500)
     by_order = np.array([rim_displacement(n, inner, outer, kappa) for n in orders])
     pressure = 2 * j1(orders * width / outer) / (orders * width / outer)  # of the elliptical one, by order
-    distance = np.cos(orders * (angle[:, None] - angle)[..., None])
-    series = rim_displacement(0, inner, outer, kappa) / 2 + distance @ (by_order * pressure**2)
+    kernel = np.cos(orders * (angle[:, None] - angle)[..., None])
+    series = rim_displacement(0, inner, outer, kappa) / 2 + kernel @ (by_order * pressure**2)
     exact = series / (np.pi * outer * THICKNESS) * (1 + NU) / E
     miss = np.abs(compliance.matrix - exact) / exact.max()
     assert miss.max() < 2e-3  # under a patch the force, of one direction, is not quite radial: 0.06 of width / radius

@@ -81,8 +81,8 @@ def test_edges_grow_from_the_flank_as_asked():
 def test_the_mesh_of_every_lobe_is_the_first_one_turned(profile, bore):
     mesh = lobed_disk_mesh(flank_nodes(profile, 24), profile.lobes, bore, growth=0.35, largest_edge=1.0)
     corners = (mesh.p[0] + 1j * mesh.p[1])[mesh.t].reshape(3, profile.lobes, -1)
-    rotation = corners[:, :1] * np.exp(1j * profile.lobe_pitch * np.arange(profile.lobes))[:, None]
-    np.testing.assert_allclose(corners, rotation, atol=1e-12 * profile.pin_circle_radius)
+    turned_corners = corners[:, :1] * np.exp(1j * profile.lobe_pitch * np.arange(profile.lobes))[:, None]
+    np.testing.assert_allclose(corners, turned_corners, atol=1e-12 * profile.pin_circle_radius)
 
 
 def test_a_disk_without_bore_is_solid():

@@ -40,8 +40,8 @@ def castigliano(planes, span):
     free = np.array([[energy(a, b) for b in loads] for a in loads])
     if span is None:
         return free
-    transverse = np.array([[energy(a, b) for b in ends] for a in loads])
-    return free - transverse @ np.linalg.solve([[energy(a, b) for b in ends] for a in ends], transverse.T)
+    deflections = np.array([[energy(a, b) for b in ends] for a in loads])
+    return free - deflections @ np.linalg.solve([[energy(a, b) for b in ends] for a in ends], deflections.T)
 
 
 @pytest.mark.parametrize("planes", [[30.0], [14.0, 33.0], [11.0, 27.0, 52.0]])
@@ -81,10 +81,12 @@ def test_a_pin_gives_way_under_its_own_disks_alone_each_along_its_normal():
 def test_a_drive_has_the_compliance_of_its_pins_beside_that_of_the_disk():
     study = holes(bending=Bending(support="cantilever", plane_mm=SPAN))
     errors = assembly.errors(draw(study, 0, 1))
-    settings = np.full((50, 50), 1e-7)
-    drive = drive_of(study, 40.0, settings, errors, np.zeros(1))
+    disk_compliance = np.full((50, 50), 1e-7)
+    drive = drive_of(study, 40.0, disk_compliance, errors, np.zeros(1))
     soft = SPAN**3 / (3 * BENDING) + SPAN / SHEAR
-    np.testing.assert_allclose(drive.compliance - settings, np.diag(np.repeat([0.0, soft], [40, 10])), atol=1e-18)
+    np.testing.assert_allclose(
+        drive.compliance - disk_compliance, np.diag(np.repeat([0.0, soft], [40, 10])), atol=1e-18
+    )
     assert not np.any(drive_of(study, 40.0, None, errors, np.zeros(1)).compliance)
 
 

@@ -115,8 +115,8 @@ def test_opposite_forces_open_a_hole_as_in_an_infinite_plate(stress, width_ratio
     body = elastic_body(mesh, E, NU, thickness, stress, "flank")
     exact = opening_of_a_hole(width_ratio, E if stress == "plane_stress" else E / (1 - NU**2), thickness)
     for turn in (0.0, 0.71, 2.0):
-        outward = np.exp(1j * turn) * np.array([1, -1])
-        patches = boundary_patches(mesh, "hole_0", outward, outward, width_ratio)
+        directions = np.exp(1j * turn) * np.array([1, -1])
+        patches = boundary_patches(mesh, "hole_0", directions, directions, width_ratio)
         error = body.compliance(patches).matrix.sum() / exact - 1
         print(f"w/r {width_ratio}, {stress}, turned {turn}: {error:.1e}")
         assert abs(error) < 3e-3

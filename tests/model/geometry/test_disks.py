@@ -75,9 +75,9 @@ def test_every_disk_meshes_at_its_own_eccentric_and_all_holes_leave_the_output_p
 def test_a_disk_feels_its_own_motions_as_if_it_were_alone(profile, disks, crank):
     _, reducer = reducer_at(profile, crank, disks)
     for disk, angle in enumerate(angles(reducer)):
-        rows, remaining = reducer.disk_of_contact == disk, reducer.disk_of_contact != disk
+        rows, other_contacts = reducer.disk_of_contact == disk, reducer.disk_of_contact != disk
         columns = [reducer.motions.index(f"disk {disk}_{name}") for name in ("x", "y", "phi")]
-        assert not np.any(reducer.contact_jacobian[np.ix_(remaining, columns)])
+        assert not np.any(reducer.contact_jacobian[np.ix_(other_contacts, columns)])
         _, isolated = reducer_at(profile, angle, 1)
         pins = rows & (reducer.contacts.kind == PIN)
         np.testing.assert_allclose(
@@ -117,8 +117,8 @@ def test_the_phase_of_an_eccentric_is_a_turn_of_its_crank_and_a_rotation_of_the_
     computed_gaps = gaps(
         SMALL, reducer, replace(errors_of_disks(SMALL, reducer), eccentric_phase=phase), method="exact", **READING
     )[0]
-    remaining = reducer.disk_of_contact != disk
-    np.testing.assert_allclose(computed_gaps[remaining], 0, atol=1e-12)
+    other_contacts = reducer.disk_of_contact != disk
+    np.testing.assert_allclose(computed_gaps[other_contacts], 0, atol=1e-12)
     angle = angles(reducer)[disk]
     centre = SMALL.eccentricity * np.exp(1j * angle) + way * 1j * np.exp(1j * angle)
     psi = np.linspace(0, 2 * np.pi, 400_001)
@@ -209,9 +209,9 @@ def blocks(reducer, seed=7):
     block = random_compliance(pins + holes, rng)
     for disk in range(reducer.n_disks):
         rows = np.flatnonzero(reducer.disk_of_contact == disk)
-        rotation = [np.roll(kind, disk * len(kind) // reducer.n_disks) for kind in (rows[:pins], rows[pins:])]
-        position = np.concatenate(rotation)  # numbers run clockwise, eccentrics counterclockwise
-        full[np.ix_(position, position)] = block
+        numbers = [np.roll(kind, disk * len(kind) // reducer.n_disks) for kind in (rows[:pins], rows[pins:])]
+        order = np.concatenate(numbers)  # numbers run clockwise, eccentrics counterclockwise
+        full[np.ix_(order, order)] = block
     return full
 
 
