@@ -1,0 +1,1 @@
+"""Pages on decisions: the cheapest tolerances, worst cases, two runs beside each other."""
