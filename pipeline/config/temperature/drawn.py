@@ -1,4 +1,4 @@
-"""Temperatures that differ from unit to unit: `disk_C = { nominal_C = 40, distribution = "normal", ... }`.
+"""Temperatures that differ from unit to unit: a mean with a distribution, in `disk_C` and its like.
 
 A draw is told of the growth of the part's characteristic length, a toleranced dimension as any other. A part may have
 the temperature of another one: `pins_C = "disk"`.
