@@ -111,7 +111,7 @@ def test_deflection_increases_everywhere_without_a_jump_of_value_or_slope_at_the
     assert laws.compliance([lower])[0] == pytest.approx(laws.compliance([upper])[0], rel=1e-10)
     if np.isfinite(laws.force_limit[0]):
         np.testing.assert_allclose(
-            laws.compliance([[2 * limit], [9 * limit]]), laws.compliance([[limit]] * 2), rtol=1e-14
+            laws.compliance([[2 * limit], [9 * limit]]), laws.compliance([[limit]] * 2), rtol=1e-12
         )
 
 
@@ -180,13 +180,13 @@ def test_mesh_and_correction_together_are_the_flat_half_plane_whatever_the_patch
 def test_contact_modulus_of_two_materials():
     soft = Material(70e3, 0.33, "plane_strain")
     contact = LineContact(np.array([1.0]), 1.0, STRAIN, soft)
-    assert 1 / contact.contact_modulus == pytest.approx((1 - 0.3**2) / 206e3 + (1 - 0.33**2) / 70e3, rel=1e-14)
+    assert 1 / contact.contact_modulus == pytest.approx((1 - 0.3**2) / 206e3 + (1 - 0.33**2) / 70e3, rel=1e-12)
 
 
 @pytest.mark.parametrize("interfaces", [1, 2])
 def test_palmgrens_approach_and_its_exponents(interfaces):
     """3.84e-5 Q^0.9/L^0.8 mm for each contact in series (Palmgren 1959, p. 50)."""
-    assert palmgren(interfaces, 0.0).deflection([1.0])[0] == pytest.approx(interfaces * 3.84e-5, rel=1e-14)
+    assert palmgren(interfaces, 0.0).deflection([1.0])[0] == pytest.approx(interfaces * 3.84e-5, rel=1e-12)
     laws, longer = palmgren(interfaces, 0.0), palmgren(interfaces, 0.0, 3.0)
     assert laws.deflection([700.0])[0] / laws.deflection([7.0])[0] == pytest.approx(100**0.9, rel=1e-12)
     assert longer.deflection([7.0])[0] / laws.deflection([7.0])[0] == pytest.approx(3**-0.8, rel=1e-12)
