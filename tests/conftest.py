@@ -1,11 +1,10 @@
-"""What the processes of a test run share: cores, compiled loops and condensed disks, each made by one of them, once."""
+"""What the processes of a test run share: cores and condensed disks, each made by one of them, once."""
 
 import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
 from hypothesis import HealthCheck, settings
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -29,22 +28,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if missing := set(rank) - {path.stem for path in Path(__file__).parent.rglob("test_*.py")}:
         raise pytest.UsageError(f"tests/conftest.py: BEGUN_FIRST names files that are not there: {sorted(missing)}")
     items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
-
-
-def pytest_configure() -> None:
-    """While one process compiles a loop that is kept on disk, the others wait, and then read it."""
-    from numba.core.dispatcher import Dispatcher
-
-    compiled = Dispatcher.compile
-
-    def compiled_once(loop: Dispatcher, signature: object) -> object:
-        folder = loop._cache.cache_path
-        if folder is None:  # a part, compiled within each loop that it is of
-            return compiled(loop, signature)
-        with FileLock(Path(folder) / f"{loop.py_func.__qualname__}.lock"):
-            return compiled(loop, signature)
-
-    Dispatcher.compile = compiled_once
 
 
 @pytest.fixture(scope="session")

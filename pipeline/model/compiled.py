@@ -7,13 +7,19 @@ was compiled or read from the cache in this process: their sums may be ordered d
 The compiler's cache knows the file of the entry point alone: it stands in a folder named by the sources of the whole
 package, so that a changed part is never left out.
 
+Processes that start at once on an empty cache compile each entry point once: the first that comes, while the others
+wait for it. Compiled twice at once it would take either of them as long as both.
+
 Divisions are numpy's: by zero they give infinities. Python's, which raise, keep loops from being vectorised.
 """
 
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numba
+from filelock import FileLock
 from numba import njit
 
 PACKAGE = Path(__file__).parent
@@ -30,7 +36,28 @@ INLINED = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": 
 BORROWED = {"_nrt": False}
 """Code that allocates nothing and counts no references: every view of an array would cost two atomic operations."""
 
+
+
+def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of an entry point: compiled for the types of its arguments, by one process at a time, and cached."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(cache=True, **COMPILED, **options)(function)  # type: ignore[call-overload]
+        from_cache_or_compiled = dispatcher.compile
+        lock = FileLock(CACHE / f"{function.__module__}.{function.__qualname__}.lock")
+
+        def compiled(signature: object) -> object:
+            CACHE.mkdir(parents=True, exist_ok=True)
+            with lock:
+                return from_cache_or_compiled(signature)
+
+        dispatcher.compile = compiled
+        return dispatcher
+
+    return decorate
+
+
 part = njit(**INLINED)  # type: ignore[call-overload]
-entry = njit(cache=True, **COMPILED)  # type: ignore[call-overload]
+entry = cached_entry()
 algebraic_part = njit(fastmath=ALGEBRA, **INLINED, **BORROWED)  # type: ignore[call-overload]
-borrowing_entry = njit(cache=True, **COMPILED, **BORROWED)  # type: ignore[call-overload]
+borrowing_entry = cached_entry(**BORROWED)

@@ -10,7 +10,7 @@ import pytest
 from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
 ROOT = Path(__file__).parent.parent.parent
-LIBRARIES_OF_THE_MODEL = {"numba", "numpy", "scipy", "skfem"}
+LIBRARIES_OF_THE_MODEL = {"filelock", "numba", "numpy", "scipy", "skfem"}  # the first for the compiler's cache
 ERRORS = "pipeline.errors"  # so that a user never sees a traceback for what the model refuses; imports nothing of ours
 FILES_AND_SETTINGS = {"argparse", "csv", "io", "json", "logging", "os", "pathlib", "shutil", "tempfile", "tomllib"}
 MECHANICS = re.compile(
