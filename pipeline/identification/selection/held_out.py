@@ -19,6 +19,7 @@ from pipeline.identification.fitting.problem import Data, Model
 from pipeline.identification.selection.cross_validation import groups, precision_of
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS, Selection
 from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.statements.remainder import position_scatter
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -36,7 +37,7 @@ class AngleError:
     by_crank_deg : the same rms at each held-out crank angle [deg].
     to_noise : rms of the cells, each in its own noise.
     expected_to_noise : the same that a right model would have, by its covariance: noise, and what the training cells
-        leave open of tolerances, calibrated numbers and effects.
+        leave open of tolerances, calibrated numbers and effects, and by which they scatter between positions.
     cells : their number.
     """
 
@@ -58,7 +59,8 @@ class Folds:
     declared, recalibrated : of the model as declared, and with its calibrated numbers refitted.
     best : with the effects that were chosen, claimed or not.
     described : with those that describe best, whether a claim could rest on them or not.
-    open_recalibrated, open_best, open_described : standard deviations that the training cells leave open.
+    open_recalibrated, open_best, open_described : standard deviations that the training cells leave open, and by which
+        they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
     """
@@ -113,7 +115,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
         ]
         for number, fit in enumerate(fits):
             predicted[number, judged_cells] = fit.predicted[judged_cells]
-            left_open[number, judged_cells] = _left_open(fitter, fit, training)[judged_cells]
+            left_open[number, judged_cells] = _unknown(fitter, fit, training)[judged_cells]
     cells = np.isfinite(declared + predicted.sum(axis=0))  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
     refitted, best, described = predicted
@@ -144,6 +146,18 @@ def _fold(selector: Selector, selection: Selection, training: Truth, nested: boo
     if selection.description is selection.answer:
         return base, chosen, chosen
     return base, chosen, selector.refitted(selection.description.fit.model, training, base)
+
+
+def _unknown(fitter: Fitter, fit: Fit, training: Truth) -> Real:
+    """Standard deviation [arcmin] (n_cells,) of what a fit cannot know of other cells, beside their noise.
+
+    What the training cells leave open of the fit; and where a whole position is predicted, the scatter between those
+    that were trained on, if it shows among them.
+    """
+    data, left_open = fitter.problem.data, _left_open(fitter, fit, training)
+    scatter = position_scatter(data, fit.predicted, training)
+    new = ~np.isin(data.position, data.position[training])
+    return np.hypot(left_open, np.where(new, scatter.shown if scatter else 0.0, 0.0))
 
 
 def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:

@@ -8,9 +8,11 @@ from typing import Any
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
+from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.wording import counted, listed, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
+from pipeline.report.unit.remainder_cards import scatter_words
 
 
 def discrepancy_facts(
@@ -98,7 +100,14 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
             for title, rms in scatters
         ),
         ("Noise of the torque", f"{digits(noise.torque_noise_Nm)} N m a row"),
+        ("Left from position to position", _scatter(identification.remainder)),
     ]
+
+
+def _scatter(remainder: Remainder) -> str:
+    """What the best model leaves of the scatter between positions."""
+    words = scatter_words(remainder)
+    return words if remainder.scatter is None else f"{digits(remainder.scatter.size)} arcmin: {words}"
 
 
 def other_errors(identification: Identification) -> dict[str, AngleError]:

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from pipeline.identification.identify import Identification
+from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import MOSTLY
-from pipeline.report.unit.numbers import digits
+from pipeline.report.unit.numbers import digits, interval
 
 
 def remainder_cards(identification: Identification) -> list[tuple[str, str, str, str]]:
@@ -17,16 +18,23 @@ def remainder_cards(identification: Identification) -> list[tuple[str, str, str,
         return []
     remainder, floor = identification.remainder, identification.remainder.noise_arcmin
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
-    scatter_text = (
-        "from position to position" if math.isfinite(remainder.by_position_arcmin) else "one position: not known apart"
-    )
+    size = remainder.scatter.size if remainder.scatter else math.nan
     return [
         ("Explained", f"{remainder.removed:.0%}", "", "of the refitted model's held-out error is removed"),
         ("Not traced", digits(remainder.rms_arcmin), "arcmin", f"beside a noise floor of {digits(floor)} arcmin"),
         ("Of it alike everywhere", digits(remainder.common_arcmin), "arcmin", "common to all positions"),
-        ("Of it by position", digits(remainder.by_position_arcmin), "arcmin", scatter_text),
+        ("Of it by position", digits(size), "arcmin", scatter_words(remainder)),
         ("Best without a reducer", digits(best.rms_arcmin), "arcmin", title),
     ]
+
+
+def scatter_words(remainder: Remainder) -> str:
+    """How sure the scatter between positions is."""
+    scatter = remainder.scatter
+    if scatter is None:
+        return "one position: not known apart"
+    limits = interval(scatter.ci_low, scatter.ci_high)
+    return f"scatter between {scatter.groups} positions, 95 % interval {limits}"
 
 
 def written_facts(verdict: Mapping[str, Any]) -> tuple[str, str] | None:

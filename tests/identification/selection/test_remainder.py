@@ -31,12 +31,13 @@ def test_parts_of_a_residual_are_found_again():
     remainder_found = remainder(data, np.zeros(len(data)), np.ones(len(data), bool), 2.0, 8.0)
     assert remainder_found.removed == 0.75
     assert remainder_found.common_arcmin == pytest.approx(3.0)
-    assert remainder_found.by_position_arcmin == pytest.approx(1.0)  # of a position, from the population's mean
+    assert remainder_found.scatter.size == pytest.approx(1.0, rel=0.01)  # of a position, from the population's mean
+    assert remainder_found.scatter.ci_low > 0.5
     assert remainder_found.rms_arcmin == pytest.approx(np.sqrt(9 + 2 / 3))
 
 
 def test_one_position_has_no_scatter_between_positions():
     data, _ = unit(lambda position, torque, sense: sense)
     remainder_found = remainder(data, np.zeros(len(data)), data.position == 0, 2.0, 8.0)
-    assert np.isnan(remainder_found.by_position_arcmin)
+    assert remainder_found.scatter is None
     assert remainder_found.common_arcmin == pytest.approx(1.0)

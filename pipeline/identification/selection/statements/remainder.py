@@ -1,4 +1,4 @@
-"""What a fitted model leaves of a unit: how much, and whether it is alike at all positions."""
+"""What a fitted model leaves of a unit: how much, what of it all positions share, and how far they scatter."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.problem import Data
+from pipeline.statistics.curve_scatter import CurveScatter, curve_scatter
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -26,7 +27,7 @@ class Remainder:
     removed : share of the recalibrated model's held-out rms that the model removes.
     rms_arcmin : of the cells.
     common_arcmin : rms of the part that all positions have in common at equal torque and sense of loading.
-    by_position_arcmin : rms of the rest of the positions' means; NaN with one position.
+    scatter : by how much a position departs from what they share [arcmin], as a random effect; None with one position.
     noise_arcmin : noise floor of a cell.
     """
 
@@ -34,7 +35,7 @@ class Remainder:
     removed: float
     rms_arcmin: float
     common_arcmin: float
-    by_position_arcmin: float
+    scatter: CurveScatter | None
     noise_arcmin: float
 
 
@@ -44,7 +45,7 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_
     Notes
     -----
     Means over the cells of a position in one interval of the torque and one sense of loading: their mean over the
-    positions is common to them, what is left of it goes with the position. The offset of each position is removed.
+    positions is common to them. The offset of each position is removed.
     """
     residual = data.angle[cells] - predicted[cells]
     _, position = np.unique(data.position[cells], return_inverse=True)
@@ -58,14 +59,26 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_
     np.add.at(total, (position, kind), residual)
     mean = total[:, np.all(count > 0, axis=0)] / count[:, np.all(count > 0, axis=0)]
     common = mean.mean(axis=0)
-    several = len(mean) > 1 and mean.size
     return Remainder(
         structure,
         1 - structure / base_to_noise,
         float(np.sqrt(np.mean(residual**2))),
         float(np.sqrt(np.mean(common**2))) if mean.size else float("nan"),
-        float(np.sqrt(np.mean((mean - common) ** 2) * len(mean) / (len(mean) - 1))) if several else float("nan"),
+        position_scatter(data, predicted, cells),
         data.noise,
+    )
+
+
+def position_scatter(data: Data, predicted: Real, cells: Truth) -> CurveScatter | None:
+    """How far positions depart from each other [arcmin] beside a prediction (n_cells,), by some cells (n_cells,)."""
+    known = cells & np.isfinite(predicted)
+    return curve_scatter(
+        data.torque[known],
+        (senses(data)[known] > 0).astype(np.int64),
+        data.position[known],
+        (data.angle - predicted)[known],
+        data.sigma[known],
+        own_zero=not data.common_offset,
     )
 
 

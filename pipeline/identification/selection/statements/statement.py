@@ -86,7 +86,7 @@ def _open(error: AngleError) -> str:
     """What a right model would leave, where that is clearly more than noise."""
     if not error.expected_to_noise > EXPECTED:
         return ""
-    return f", where {error.expected_to_noise:.3g} floors are expected of what the training data leave open"
+    return f", where {error.expected_to_noise:.3g} floors are expected of what the training data leave open and positions scatter by"
 
 
 def _in_sample(selection: Selection, refitted: AngleError) -> str:
@@ -125,10 +125,11 @@ def _sentence(
     names = verdict.named
     numbers = ", ".join(_number(p) for p in verdict.parameters)
     if verdict.verdict == MOSTLY:
-        scatter_text = f" ({remainder.by_position_arcmin:.2g} arcmin of it from position to position)"
+        scatter = remainder.scatter
+        between = f" ({scatter.size:.2g} arcmin of it from position to position)" if scatter and scatter.shown else ""
         return (
             f"The unit is mostly explained by {title_of(names[0])} ({numbers}): {gain}, {remainder.removed:.0%} "
-            f"removed; what is left{scatter_text if np.isfinite(remainder.by_position_arcmin) else ''} is not traced."
+            f"removed; what is left{between} is not traced."
         )
     if verdict.verdict == IDENTIFIED:
         return f"The unit shows {title_of(names[0])} ({numbers}): {gain}."
