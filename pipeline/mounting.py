@@ -11,6 +11,7 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.drive import Drive, GapReading
 
 
@@ -22,6 +23,7 @@ def drive_of(
     clearance: Real,
     laws: ContactLaws | None = None,
     modulus: Real | None = None,
+    reducer: Reducer | None = None,
 ) -> Drive:
     """Drive of a study's design at one crank angle, with the design's effects: the one place where a drive is made.
 
@@ -33,8 +35,9 @@ def drive_of(
     clearance : (n,) of the input bearing [mm], or of those of the cranks where an output mechanism carries the disk.
     laws : of the contacts; the study's where none are given.
     modulus : (n,) factor of the modulus of all elastic parts, or None for 1.
+    reducer : of a design whose contacts stand alike; the study's where none is given.
     """
-    reducer = assembly.reducer(study.design, crank_deg)
+    reducer = assembly.reducer(study.design, crank_deg) if reducer is None else reducer
     contacts, compliance_behind = len(reducer.contacts), assembly.output_compliance(study.design, reducer)
     shift = np.zeros((len(clearance), contacts))
     if not reducer.centred:

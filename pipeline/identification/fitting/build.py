@@ -39,6 +39,8 @@ POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
 GAP_FIELDS = ("kind", "gap", "two_sided", "per_eccentricity")
 """Of a contact: what its gap is made of beside the flank and the errors."""
+TRIAL = 1.01
+"""Factor of a calibrated number by which it is seen whether contacts move with it."""
 RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 
@@ -114,6 +116,14 @@ def softness(design: Design) -> float:
     return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
 
 
+def _places(design: Design, key: str, crank_deg: float) -> bool:
+    """Whether the number at ``key`` moves any contact of the design, or turns it: else its reducer is kept."""
+    declared, moved = (
+        vars(assembly.reducer(drawn, crank_deg).contacts) for drawn in (design, scaled_design(design, [key], [TRIAL]))
+    )
+    return not all(np.array_equal(values, moved[name]) for name, values in declared.items())
+
+
 def _drives_of(
     study: Study,
     keys: Sequence[str],
@@ -124,11 +134,13 @@ def _drives_of(
 ) -> Callable[[tuple[float, ...]], tuple[Drive, ...]]:
     """Drives, one per position, at factors of the numbers at ``keys`` and of the two force laws; made once each."""
     errors, declared = assembly.errors(sampled), (1.0,) * len(keys)
+    placing = np.array([_places(study.design, key, float(cranks[0])) for key in keys], bool)
 
     @lru_cache(maxsize=64)
     def with_numbers(numbers: tuple[float, ...]) -> tuple[Drive, ...]:
         scaled = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
         factor = softness(scaled.design) / softness(study.design)
+        placed_alike = not np.any(placing & (np.array(numbers) != 1.0))
         built = (
             drive_of(
                 scaled,
@@ -138,6 +150,7 @@ def _drives_of(
                 assembly.bearing_clearance(
                     scaled.design, np.repeat(sampled.bearing_clearance, len(position.cycle), axis=0)
                 ),
+                reducer=assembly.reducer(study.design, float(crank)) if placed_alike else None,
             )
             for crank, compliance, position in zip(cranks, compliances, conditions, strict=True)
         )

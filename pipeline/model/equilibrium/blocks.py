@@ -36,8 +36,10 @@ class Blocks:
 def coupled_blocks(compliance: Real) -> Blocks:
     """Blocks of the contacts that a ``compliance`` (n_contacts, n_contacts) [mm/N] couples."""
     n, self_compliance = len(compliance), np.diag(compliance)
-    _, component = connected_components(compliance != 0.0, directed=False)
-    of_bodies = np.unique(component[self_compliance > 0.0])
+    coupled, elastic = compliance != 0.0, self_compliance > 0.0
+    one_body = not np.any(elastic) or np.any(np.all(coupled[:, elastic], axis=1))  # seen without a search
+    component = np.zeros(n, int) if one_body else connected_components(coupled, directed=False)[1]
+    of_bodies = np.unique(component[elastic])
     if len(of_bodies) < 2:
         return Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance.copy())
     rank = np.where(self_compliance == 0.0, n, component)  # components are numbered by their first contacts
