@@ -35,6 +35,7 @@ from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
 from pipeline.report.unit.remainder_cards import remainder_cards
+from pipeline.statistics.curve_scatter import CurveScatter
 
 ROOT = Path(__file__).parents[2]
 
@@ -210,7 +211,7 @@ def test_the_written_study_lies_on_the_data_as_the_page_says(folder: Path) -> No
 
 
 def test_a_unit_that_is_mostly_explained_says_what_is_left_of_it() -> None:
-    remainder = Remainder(3.0, 0.85, 22.0, 14.0, 18.0, 2.0)
+    remainder = Remainder(3.0, 0.85, 22.0, 14.0, CurveScatter(18.0, 9.0, 40.0, 3), 2.0)
     baselines = {"replay": AngleError(25.0, 90.0, {}, 12.0, 1.0, 10), "line": AngleError(19.0, 90.0, {}, 9.0, 1.0, 10)}
     cards = remainder_cards(
         SimpleNamespace(remainder=remainder, baselines=baselines, verdict=Verdict("mostly explained"))

@@ -22,6 +22,7 @@ from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import stated
 from pipeline.identification.selection.statements.verdict import MOSTLY_REMOVED, judge
 from pipeline.model.effects.effect import CYCLES, TIME
+from pipeline.statistics.curve_scatter import CurveScatter
 
 BLOCKS, CELLS = 24, 20
 BOUNDS = (-4.0, 6.0)
@@ -240,13 +241,9 @@ def statement(result, selection):
     """What is said of a verdict whose held-out errors are the scores of its selection, in two arcmin a floor."""
     rms_before, rms_after = selection.base.rms, selection.answer.rms
     errors = [AngleError(2.0 * floors, 9.0, {}, floors, 1.0, 10) for floors in (rms_before, rms_after)]
-    return stated(
-        result,
-        selection,
-        *errors,
-        Remainder(rms_after, 1 - rms_after / rms_before, 1.0, 1.0, 1.0, 0.1),
-        in_sample=False,
-    )
+    scatter = CurveScatter(1.0, 0.5, 3.0, 3)
+    remainder = Remainder(rms_after, 1 - rms_after / rms_before, 1.0, 1.0, scatter, 0.1)
+    return stated(result, selection, *errors, remainder, in_sample=False)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -86,7 +86,8 @@ def _open(error: AngleError) -> str:
     """What a right model would leave, where that is clearly more than noise."""
     if not error.expected_to_noise > EXPECTED:
         return ""
-    return f", where {error.expected_to_noise:.3g} floors are expected of what the training data leave open and positions scatter by"
+    unknown = "the training data leave open and positions scatter by"
+    return f", where {error.expected_to_noise:.3g} floors are expected of what {unknown}"
 
 
 def _in_sample(selection: Selection, refitted: AngleError) -> str:
