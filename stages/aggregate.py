@@ -160,7 +160,7 @@ def _part(replicate: np.ndarray | None, rows: np.ndarray) -> np.ndarray | None:
 
 
 def _distribution_rows(
-    study: Study, values: pd.DataFrame, statistic: str, crank_deg: float, angles: Mapping[str, int]
+    study: Study, values: pd.DataFrame, turn_value: str, crank_deg: float, angles: Mapping[str, int]
 ) -> list[dict[str, object]]:
     """Rows of the distributions of one population, indexed by sample; ``angles`` behind each metric that is told."""
     confidence, replicate = study.metrics.confidence, replicates(study.samples, values.index.to_numpy())
@@ -172,18 +172,18 @@ def _distribution_rows(
             estimates += [(metric, name, estimate) for name, estimate in statistics.items()]
     for name, passes in study.limits.kept(values).items():
         limited = study.limits.limited(name, values)
-        if name not in angles and (name != ALL_LIMITS or statistic == OVER_ALL):
+        if name not in angles and (name != ALL_LIMITS or turn_value == OVER_ALL):
             continue
         holding = ~np.isnan(values[limited].to_numpy(float)).any(axis=1)
         if holding.any():
             estimates.append((name, "yield", pass_share(passes[holding], confidence, _part(replicate, holding))))
-    if len(values) and statistic != OVER_ALL:
+    if len(values) and turn_value != OVER_ALL:
         estimates.append(("preloaded", "mean", pass_share(values["preloaded"].to_numpy(bool), confidence, replicate)))
     fewest = min(angles.values())
     return [
         {
             "metric": metric,
-            "over": statistic,
+            "over": turn_value,
             "crank_deg": crank_deg,
             "statistic": name,
             **vars(estimate),
@@ -193,12 +193,12 @@ def _distribution_rows(
     ]
 
 
-def over_turn(units: pd.DataFrame, statistic: str) -> pd.DataFrame:
+def over_turn(units: pd.DataFrame, turn_value: str) -> pd.DataFrame:
     """The metrics of the units that have a result, (n, n_metrics) by sample, as `worst`, `mean` or `best`.
 
     Those of the whole turn stand beside them. A metric that does not hold at some crank angle is missing.
     """
-    metric_columns = {f"{name}_{statistic}": name for name in library()}
+    metric_columns = {f"{name}_{turn_value}": name for name in library()}
     solved_units = units[units[list(metric_columns)].notna().any(axis=1)].set_index("sample")
     return solved_units[[*metric_columns, *turn_library(), "preloaded"]].rename(columns=metric_columns)
 
@@ -214,8 +214,8 @@ def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> 
             name: int(counts["n_rigid_angles" if metric.turn_of_rigid_bodies else "n_angles"])
             for name, metric in library().items()
         }
-        for statistic_over in OVER:
-            rows += _distribution_rows(study, over_turn(units, statistic_over), statistic_over, np.nan, turn)
+        for turn_value in OVER:
+            rows += _distribution_rows(study, over_turn(units, turn_value), turn_value, np.nan, turn)
         of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
         rows += _distribution_rows(study, over_turn(units, OVER[0]), OVER_ALL, np.nan, of_turn)
     if not rows:

@@ -113,9 +113,9 @@ def _loaded(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]
     study = shared.study
     loops = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
     metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled)
-    statistic_over = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
+    turn_values = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
     angles = {name: metrics[name].reshape(len(sampled), -1) for name in library()}
-    return angles, {name: statistic_over[f"{name}_{study.limits.over}"] for name in library()}
+    return angles, {name: turn_values[f"{name}_{study.limits.over}"] for name in library()}
 
 
 def bound_metrics(options: argparse.Namespace) -> None:

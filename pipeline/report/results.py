@@ -59,13 +59,13 @@ class Results:
         keys = zip(table["metric"], table["over"], table["crank_deg"], table["statistic"], strict=True)
         values = table[["value", "ci_low", "ci_high"]].to_numpy(float)
         return {
-            (metric, statistic_over, None if np.isnan(crank) else crank, statistic): tuple(row)
-            for (metric, statistic_over, crank, statistic), row in zip(keys, values, strict=True)
+            (metric, turn_value, None if np.isnan(crank) else crank, statistic): tuple(row)
+            for (metric, turn_value, crank, statistic), row in zip(keys, values, strict=True)
         }
 
     def _estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
-        position = self.frames.over if crank is None else "angle"
-        return self._estimates.get((metric, position, crank, statistic), (np.nan, np.nan, np.nan))
+        turn_value = self.frames.over if crank is None else "angle"
+        return self._estimates.get((metric, turn_value, crank, statistic), (np.nan, np.nan, np.nan))
 
     def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
         value, low, high = self._estimate(metric, statistic, crank)

@@ -31,9 +31,9 @@ def _overloaded(frames: Frames, limit: float) -> Iterator[str]:
         rows = loads[loads["sample"] == sample]
         if not len(rows):
             continue
-        statistic_over = rows.loc[rows["pressure_MPa"] > limit, "contact"].unique()
-        pins = sorted(int(contact) for contact in statistic_over if contact < frames.study.design.cycloid.pins)
-        rollers = len(statistic_over) - len(pins)
+        contacts_beyond = rows.loc[rows["pressure_MPa"] > limit, "contact"].unique()
+        pins = sorted(int(contact) for contact in contacts_beyond if contact < frames.study.design.cycloid.pins)
+        rollers = len(contacts_beyond) - len(pins)
         parts = [f"{counted(len(pins), 'pin')} ({ranges(pins)})"] if pins else []
         parts += [counted(rollers, frames.study.design.output.words.contact)] if rollers else []
         yield f"{listed(parts) if parts else 'none'} of {frames.owner(label)}"

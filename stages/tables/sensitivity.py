@@ -60,9 +60,9 @@ def sensitivity(job: Job, units: Columns, worst: pd.DataFrame) -> Columns:
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def _row(metric: str, statistic: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:
+def _row(metric: str, turn_value: str, parameter: str, kind: str, values: tuple[float, float, float], n: int) -> dict:
     index, low, high = values
-    row = {"metric": metric, "over": statistic, "parameter": parameter, "kind": kind}
+    row = {"metric": metric, "over": turn_value, "parameter": parameter, "kind": kind}
     return {**row, "index": index, "ci_low": low, "ci_high": high, "n": n}
 
 
@@ -112,17 +112,15 @@ def _shares(job: Job, units: Columns) -> list[dict]:
     extra, shift = job.read("drivers", "units"), int(study.samples.nominal_first)
     drawn_rows = slice(shift, shift + drawn_units(study))
     rows = []
-    columns = {
-        (metric, statistic_over): f"{metric}_{statistic_over}" for metric in library() for statistic_over in EXPLAINED
-    }
-    for (metric, statistic_over), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
+    columns = {(metric, turn_value): f"{metric}_{turn_value}" for metric in library() for turn_value in EXPLAINED}
+    for (metric, turn_value), column in (columns | {(metric, "turn"): metric for metric in turn_library()}).items():
         values = np.concatenate([np.asarray(units[column])[drawn_rows], extra[column]])
         base, resampled, *mixed = values.reshape(-1, n)
         indices = variance_indices(base, resampled, np.array(mixed), study.metrics.confidence)
         for kind, shares in ((FIRST_ORDER, indices.first_order), (TOTAL, indices.total)):
             triples = zip(shares.value, shares.ci_low, shares.ci_high, strict=True)
             rows += [
-                _row(metric, statistic_over, parameter, kind, triple, indices.n)
+                _row(metric, turn_value, parameter, kind, triple, indices.n)
                 for parameter, triple in zip((*groups, SUM), triples, strict=True)
             ]
     return rows

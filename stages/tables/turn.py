@@ -20,9 +20,9 @@ from stages.tables.running import FRICTION_POWER, PRESSURE_SPEED, RUNNING, SHEAR
 OVER = ("worst", "mean", "best")
 """What is made of a metric's values over the turn."""
 OVER_TURN = tuple(
-    Column(f"{name}_{statistic}", "float64", metric.unit, f"{metric.inline}, {statistic} over the turn")
+    Column(f"{name}_{turn_value}", "float64", metric.unit, f"{metric.inline}, {turn_value} over the turn")
     for name, metric in library().items()
-    for statistic in OVER
+    for turn_value in OVER
 )
 """Columns of a unit's metrics over the turn."""
 OF_TURN = tuple(

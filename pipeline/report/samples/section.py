@@ -17,15 +17,15 @@ HALF_WIDTHS = (0.02, 0.01, 0.005, 0.001)
 """Of the interval of a yield."""
 
 
-def yield_estimate(distributions: pd.DataFrame, statistic: str) -> Estimate | None:
+def yield_estimate(distributions: pd.DataFrame, turn_value: str) -> Estimate | None:
     """Yield against all limits with its interval; None where no unit tells it.
 
     Parameters
     ----------
     distributions : table of ``aggregate``.
-    statistic : what the limits hold for: ``worst``, ``mean`` or ``best``.
+    turn_value : what the limits hold for: ``worst``, ``mean`` or ``best``.
     """
-    key = {"metric": ALL_LIMITS, "over": statistic, "statistic": "yield"}
+    key = {"metric": ALL_LIMITS, "over": turn_value, "statistic": "yield"}
     rows = distributions[(distributions[list(key)] == pd.Series(key)).all(axis=1)]
     for row in rows.itertuples():
         return Estimate(float(row.value), float(row.ci_low), float(row.ci_high), int(row.n))

@@ -52,10 +52,10 @@ class Train:
         """Rotation [rad] with the twist at once, and torque [N mm] carried, from rest along torques (n,) in time."""
         if self.bristles:
             return self._yielding(curve, torque)
-        carried_torque, friction = np.empty(len(torque)), 0.0
+        carried_torque, drive_torque = np.empty(len(torque)), 0.0
         for k, load in enumerate(torque):
-            friction = min(max(friction, self._least(load)), -self._least(-load))
-            carried_torque[k] = friction
+            drive_torque = min(max(drive_torque, self._least(load)), -self._least(-load))
+            carried_torque[k] = drive_torque
         return curve.at(carried_torque) + self.twisted(carried_torque), carried_torque
 
     def twisted(self, torque: Real) -> Real:
@@ -84,12 +84,8 @@ class Train:
 
     def _least(self, load: float) -> float:
         """Least torque that the drive may carry under a load: what exceeds it by all friction is that load."""
-        statistic_over = load - self.friction
-        return (
-            statistic_over / (1 + self.load_friction)
-            if statistic_over > 0
-            else statistic_over / (1 - self.load_friction)
-        )
+        net_load = load - self.friction
+        return net_load / (1 + self.load_friction) if net_load > 0 else net_load / (1 - self.load_friction)
 
     def _yielding(self, curve: Curve, torque: Real) -> tuple[Real, Real]:
         """As ``walked`` with bristles: at every step the torque carried balances load and friction."""
