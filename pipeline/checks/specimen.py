@@ -11,7 +11,7 @@ from pipeline.config.studies.study import Reduce
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import Compliance, ElasticBody
 from pipeline.model.elastic.pressure_patches import Patches
-from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
@@ -124,4 +124,5 @@ def loaded(
     play = rigid_play(mounted, gaps_of_one, clearance)
     start = play.pose_plus if torque[0] > 0 else play.pose_minus
     matrix = specimen.compliance if compliance is None else compliance
-    return solve(mounted, specimen.bearing, specimen.laws, matrix, gaps_of_one, clearance, start, torque)
+    on_springs = ElasticReducer(mounted, specimen.bearing, specimen.laws, matrix)
+    return solve(on_springs, gaps_of_one, clearance, start, torque)

@@ -37,7 +37,6 @@ BORROWED = {"_nrt": False}
 """Code that allocates nothing and counts no references: every view of an array would cost two atomic operations."""
 
 
-
 def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator of an entry point: compiled for the types of its arguments, by one process at a time, and cached."""
 

@@ -11,7 +11,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
-from pipeline.model.equilibrium.solve import ACCEPTED, solve
+from pipeline.model.equilibrium.solve import ACCEPTED, ElasticReducer, solve
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing
 
@@ -40,10 +40,7 @@ class Model:
         n = len(gap)
         start = np.zeros((n, len(self.at.motions))) if start is None else start
         return solve(
-            self.at,
-            self.bearing,
-            self.laws,
-            self.compliance,
+            ElasticReducer(self.at, self.bearing, self.laws, self.compliance),
             gap,
             np.full(n, self.clearance),
             start,

@@ -10,7 +10,7 @@ from conftest import LAST, run_study, small_study
 
 from pipeline import assembly
 from pipeline.engine.store import Output
-from pipeline.model.equilibrium.solve import ACCEPTED, solve
+from pipeline.model.equilibrium.solve import ACCEPTED, ElasticReducer, solve
 from pipeline.model.load_history.load_cycle import ARCMIN
 from stages import hysteresis
 from stages.chain import STAGES
@@ -92,9 +92,8 @@ def test_loaded_solution_tends_to_the_rigid_play(outputs: Outputs, runs: Path) -
         for sense, branch in ((1, "loading+"), (-1, "loading-")):
             torque = np.array([sense * 1e-6 * 12_000.0])
             start = np.zeros((n, len(reducer.motions)))
-            loaded_states = solve(
-                reducer, assembly.bearing(study.design), laws, compliance, gap[:, k], np.zeros(n), start, torque
-            )
+            elastic = ElasticReducer(reducer, assembly.bearing(study.design), laws, compliance)
+            loaded_states = solve(elastic, gap[:, k], np.zeros(n), start, torque)
             assert np.all(loaded_states.residual <= ACCEPTED)
             end = curves[(curves["crank_deg"] == crank) & (curves["branch"] == branch) & (curves["torque_Nm"] == 0)]
             width += sense * (

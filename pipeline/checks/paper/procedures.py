@@ -15,7 +15,7 @@ from pipeline import assembly
 from pipeline.checks.response import Condensed, Solved
 from pipeline.config import Study
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.solve import solve
+from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.geometry.rigid_backlash import rigid_play
@@ -91,10 +91,7 @@ def direct(load: LoadCase) -> Analysis:
     rotations = [number for number, name in enumerate(load.reducer.motions) if name.endswith("_phi")]
     start[:, rotations] += np.sign(load.torque) * FIRST_TURN * np.arange(1, len(rotations) + 1)
     states = solve(
-        load.reducer,
-        load.bearing,
-        load.laws,
-        load.compliance,
+        ElasticReducer(load.reducer, load.bearing, load.laws, load.compliance),
         load.gap[None],
         np.zeros(1),
         start,

@@ -9,7 +9,7 @@ from scipy.optimize import minimize, root
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.checks.verify.findings import Finding, at_least, compared, relative, vanishing
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.units import UM_PER_MM
@@ -189,9 +189,8 @@ def _uniqueness(specimen: Specimen, states: Equilibria, torque: Real) -> Iterato
         known_states = states if bearing == specimen.bearing else None
         forces = []
         for load in torque:  # a single load from each start: no step before it helps
-            solution = solve(
-                reducer, bearing, specimen.laws, specimen.compliance, gap, clearance, start, np.array([load])
-            )
+            elastic = ElasticReducer(reducer, bearing, specimen.laws, specimen.compliance)
+            solution = solve(elastic, gap, clearance, start, np.array([load]))
             forces.append(np.where(solution.converged, 1.0, np.nan)[..., None] * solution.force)
         every = np.concatenate(forces, axis=1)
         reference = every[:1] if known_states is None else known_states.force

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline import assembly
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, relative, vanishing
-from pipeline.model.equilibrium.solve import solve
+from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
 from pipeline.model.units import NMM_PER_NM
@@ -43,8 +43,9 @@ def check_linear_share(specimen: Specimen) -> Iterator[Finding]:
         reducer = assembly.reducer(study.design, crank)
         n = len(reducer.contacts)
         no_gaps, start = np.zeros((1, n)), np.zeros((1, len(reducer.motions)))
-        solid, laws = np.zeros((n, n)), assembly.contact_laws(study, reducer)
-        states = solve(reducer, Bearing(BEARING, 1.0), laws, solid, no_gaps, np.zeros(1), start, np.array([torque]))
+        laws = assembly.contact_laws(study, reducer)
+        elastic = ElasticReducer(reducer, Bearing(BEARING, 1.0), laws, np.zeros((n, n)))
+        states = solve(elastic, no_gaps, np.zeros(1), start, np.array([torque]))
         computed.append(states.force[0, 0, : reducer.n_pins])
         expected.append(textbook_forces(specimen, reducer, torque))
         moment.append(abs(computed[-1] @ reducer.pins.arm))

@@ -40,6 +40,21 @@ close and open one by one."""
 
 
 @dataclass(frozen=True)
+class ElasticReducer:
+    """A reducer on its springs: all that its equilibria depend on but gaps and torque.
+
+    Attributes
+    ----------
+    compliance : (n_contacts, n_contacts) [mm/N] condensed of the elastic bodies; symmetric, positive semidefinite.
+    """
+
+    reducer: Reducer
+    bearing: Bearing
+    laws: ContactLaws
+    compliance: Real
+
+
+@dataclass(frozen=True)
 class Equilibria:
     """Solutions of ``n`` samples at ``n_torques`` output torques.
 
@@ -126,19 +141,18 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
             work.counts[0] = work.counts[0] + 1 if n_changed == 0 else 1
 
 
-def system_of(
-    reducer: Reducer, bearing: Bearing, laws: ContactLaws, compliance: Real, linear: bool = False
-) -> tuple[System, Index]:
-    """The equations' numbers, ``compliance`` (n_contacts, n_contacts) [mm/N] among them, and the order of its contacts.
+def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, Index]:
+    """The equations' numbers, and the order (n_contacts,) in which the contacts stand in them.
 
     Of ``linear`` bearings without clearance the disks' translations are eliminated.
 
     Their give is then a compliance like the bodies'. Friction resists the translations, so that it leaves them in.
     """
+    reducer, bearing, compliance = elastic.reducer, elastic.bearing, elastic.compliance
     planar, eliminated = reducer.planar, 2 * reducer.n_disks if linear else 0
     blocks = coupled_blocks(compliance + planar @ planar.T / bearing.stiffness if linear else compliance)
     jacobian = np.ascontiguousarray(reducer.contact_jacobian[blocks.order, eliminated:].T)
-    ordered = laws[blocks.order]
+    ordered = elastic.laws[blocks.order]
     system = System(
         jacobian,
         blocks.compliance,
@@ -168,22 +182,11 @@ def friction_of(sliders: Sliders, place_of_motion: Index) -> Friction:
     return Friction(direction, stiffness, limit, coefficient, np.where(contact >= 0, place_of_motion[contact], contact))
 
 
-def solve(
-    reducer: Reducer,
-    bearing: Bearing,
-    laws: ContactLaws,
-    compliance: Real,
-    gap: Real,
-    bearing_clearance: Real,
-    start: Real,
-    torque: Real,
-) -> Equilibria:
+def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Real, torque: Real) -> Equilibria:
     """Equilibria of every sample at every output torque, in the order of ``torque``.
 
     Parameters
     ----------
-    compliance : (n_contacts, n_contacts) [mm/N]
-        Condensed compliance of the elastic bodies between the contacts; symmetric, positive semidefinite.
     gap : (n, n_contacts) [mm]
     bearing_clearance : (n,) of all bearings alike, or (n, n_disks) [mm]
     start : (n, n_motions) [mm, rad]
@@ -200,6 +203,7 @@ def solve(
     -----
     A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
     """
+    reducer, bearing = elastic.reducer, elastic.bearing
     clearance = of_each_disk(bearing_clearance, reducer.n_disks)
     linear = reducer.centred and bearing.exponent == 1 and not np.any(clearance)
     if reducer.centred and not linear and reducer.n_disks > 1:
@@ -207,7 +211,7 @@ def solve(
     eliminated = 2 * reducer.n_disks if linear else 0
     n, n_contacts = gap.shape
     shape, n_motions = (n, len(torque)), len(reducer.motions) - eliminated
-    system, order = system_of(reducer, bearing, laws, compliance, linear)
+    system, order = system_of(elastic, linear)
     motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
     _solve_batch(

@@ -11,12 +11,12 @@ import numpy as np
 
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
-from pipeline.model.equilibrium.solve import Equilibria, solve
+from pipeline.model.equilibrium.loaded_start import loaded_poses
+from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 from pipeline.model.geometry.rigid_backlash import rigid_play, separated_play
-from pipeline.model.load_history.loaded_start import loaded_poses
 
 NO_LOAD = 1e-5
 """Share of the rated torque that stands for the limit of no torque on either side of the play: its twist is below 1e-4
@@ -192,13 +192,17 @@ class Drive:
         """The drive with other errors."""
         return replace(self, errors=errors, known=None)
 
+    @property
+    def elastic(self) -> ElasticReducer:
+        """The reducer on its springs, their modulus the drawing's."""
+        return ElasticReducer(self.reducer, self.bearing, self.laws, self.compliance)
+
     def equilibria(self, start: Real, torque: Real) -> Equilibria:
         """Frictionless equilibria (n, n_torques) at torques (n_torques,) [N mm], one after the other.
 
         The modulus is the drawing's. ``start`` (n, n_motions) are poses near the first; see ``equilibrium.solve``.
         """
-        springs = self.reducer, self.bearing, self.laws, self.compliance
-        return solve(*springs, self.gap, self.bearing_clearance, start, torque)
+        return solve(self.elastic, self.gap, self.bearing_clearance, start, torque)
 
     def softened_equilibria(self, start: Real, torque: Real) -> Equilibria:
         """As ``equilibria`` (n, n_torques), each state with its modulus; the bearing's stiffness is as stated."""
@@ -206,10 +210,11 @@ class Drive:
             return self.equilibria(start, torque)
         states = [
             solve(
-                self.reducer,
-                self.bearing,
-                ContactLaws(**{name: values[k, 0] for name, values in vars(self.laws_of_states).items()}),
-                self.compliance / factor,
+                replace(
+                    self.elastic,
+                    laws=ContactLaws(**{name: values[k, 0] for name, values in vars(self.laws_of_states).items()}),
+                    compliance=self.compliance / factor,
+                ),
                 self.gap[k : k + 1],
                 self.bearing_clearance[k : k + 1],
                 start[k : k + 1],
@@ -288,7 +293,7 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     """Poses (n, n_motions) beyond an end of play: each rotation closes a contact that carries ``torque`` [N mm]."""
     reducer = drive.reducer
     if not reducer.centred:
-        return loaded_poses(reducer, drive.laws, drive.compliance, drive.gap, pose, torque)
+        return loaded_poses(drive.elastic, drive.gap, pose, torque)
     arms = np.abs(reducer.contact_jacobian[:, reducer.output_motion])
     carrier = int(np.argmax(arms))
     force = abs(torque) / arms[carrier]

@@ -153,7 +153,7 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
         raise ValueError("friction that differs between drive and backdrive is not followed with friction at contacts")
     n_motions, n_contacts = drive.reducer.contact_jacobian.shape[::-1]
     steps = _off_zero(np.asarray(torques, float), NO_TORQUE * float(np.max(np.abs(seeds[0]))))
-    system, order = system_of(drive.reducer, drive.bearing, drive.laws, drive.compliance)
+    system, order = system_of(drive.elastic)
     position_of_contact = np.argsort(order)  # of each contact in the system
     friction = friction_of(drive.sliders.acting, position_of_contact)
     torque_of_seeds, motion_of_seeds, force_of_seeds = seeds

@@ -41,10 +41,7 @@ def test_path_without_friction_is_the_equilibrium(settings):
         steps_of_sense = np.flatnonzero(sense * torques > 0)
         steps_of_sense = steps_of_sense[np.argsort(np.abs(torques[steps_of_sense]), kind="stable")]
         states = solve(
-            drive.reducer,
-            drive.bearing,
-            drive.laws,
-            drive.compliance,
+            drive.elastic,
             drive.gap,
             drive.bearing_clearance,
             np.zeros((1, len(drive.reducer.motions))),

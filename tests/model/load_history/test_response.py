@@ -60,14 +60,16 @@ def test_backlash_is_the_rigid_program_where_feasible_and_the_limit_of_small_tor
     """The program is HiGHS' on the whole chain; solves at ever smaller torques come down to the same."""
     drive = small_drive(2, clearance=clearance, **given_drive)
     response = respond(drive, MARKS)
-    springs = drive.reducer, drive.bearing, drive.laws, drive.compliance, drive.gap, drive.bearing_clearance
     program = general_play(drive.reducer, drive.gap, drive.bearing_clearance)
     feasible = ~program.preloaded
     np.testing.assert_allclose(
         response.clearance_backlash[feasible], program.backlash[feasible], rtol=0, atol=1e-6 * ARCMIN
     )
     start, turn = np.zeros((2, len(drive.reducer.motions))), drive.reducer.output_motion
-    minus, plus = (solve(*springs, start, np.array([1e-2, 1e-4, 1e-6]) * sense * RATED) for sense in (-1, 1))
+    minus, plus = (
+        solve(drive.elastic, drive.gap, drive.bearing_clearance, start, np.array([1e-2, 1e-4, 1e-6]) * sense * RATED)
+        for sense in (-1, 1)
+    )
     excess = (plus.motion - minus.motion)[:, :, turn] - response.clearance_backlash[:, None]
     converged = np.all(plus.converged & minus.converged, axis=1) & response.converged
     assert np.all(np.diff(excess[converged], axis=1) < 0)

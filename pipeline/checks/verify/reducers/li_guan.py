@@ -10,7 +10,7 @@ from pipeline import assembly, elastic
 from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative, stated
 from pipeline.config import Study, load_study
-from pipeline.model.equilibrium.solve import solve
+from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_backlash import rigid_play
@@ -76,9 +76,8 @@ def pin_forces(study: Study, phase_deg: Real, crank_deg: float = 0.0) -> Real:
         compliance = disk.compliance(elastic.disk_patches(study, disk, reducer)).matrix
     laws, torque = assembly.contact_laws(study, reducer), NMM_PER_NM * study.design.cycloid.rated_torque_Nm
     play = rigid_play(reducer, gap, loose)
-    states = solve(
-        reducer, assembly.bearing(study.design), laws, compliance, gap, loose, play.pose_plus, np.array([torque])
-    )
+    elastic_reducer = ElasticReducer(reducer, assembly.bearing(study.design), laws, compliance)
+    states = solve(elastic_reducer, gap, loose, play.pose_plus, np.array([torque]))
     pin_force = states.force[0, 0, :n]
     sense = np.sign(reducer.pins.phase[np.argmax(pin_force)])
     pin_numbers = [int(np.argmin(np.abs(reducer.pins.phase - sense * np.radians(angle)))) for angle in phase_deg]

@@ -3,15 +3,14 @@
 import numpy as np
 from scipy.optimize import nnls
 
-from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.equilibrium.solve import ElasticReducer
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.reducer import Reducer
 
 TOUCHING = 1e-7
 """Gap [mm] that is left of a contact which limits the play: the accuracy of the linear program."""
 
 
-def loaded_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, gap: Real, pose: Real, torque: float) -> Real:
+def loaded_poses(elastic: ElasticReducer, gap: Real, pose: Real, torque: float) -> Real:
     """Poses (n, n_motions) near equilibrium under a small ``torque`` [N mm], from ends of play (n, n_motions).
 
     Notes
@@ -19,6 +18,7 @@ def loaded_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, gap: Rea
     At an end of play the contacts that stop it balance the torque by forces >= 0 (the duals of its program); each of
     them is then as deep as it deflects under its force.
     """
+    reducer = elastic.reducer
     jacobian, start = reducer.contact_jacobian, pose.copy()
     rotates = [motion.endswith(("_phi", "_psi")) for motion in reducer.motions]
     scale = np.where(rotates, 1 / np.abs(jacobian).max(), 1.0)
@@ -30,6 +30,6 @@ def loaded_poses(reducer: Reducer, laws: ContactLaws, compliance: Real, gap: Rea
         if len(stopping):
             force[stopping], _ = nnls((jacobian[stopping] * scale).T, load * scale)
         carries = force > 0
-        depth = laws.deflection(force) + compliance @ force
+        depth = elastic.laws.deflection(force) + elastic.compliance @ force
         start[k] += np.linalg.lstsq(jacobian[carries], depth[carries], rcond=None)[0]
     return start
