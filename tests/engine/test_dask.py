@@ -101,7 +101,7 @@ def test_worker_of_another_version_of_the_code_is_refused(
     assert "slope" in source
     (variant / "toy_study.py").write_text(source.replace('shared["slope"] * total', 'shared["slope"] * total * 1.001'))
     address, workers = cluster
-    third = worker(tmp_path / "scheduler.json", tmp_path, here=variant)
+    third = worker(tmp_path / "scheduler.json", tmp_path, path=variant)
     try:
         with dask_cluster(address) as backend:
             from distributed import get_client

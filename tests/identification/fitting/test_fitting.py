@@ -42,7 +42,7 @@ def exact_unit(tmp_path_factory, condensed):
 @pytest.fixture(scope="module")
 def unknown(tmp_path_factory, condensed):
     """A unit whose dimensions are not measured."""
-    folder = make_unit(tmp_path_factory.mktemp("unknown") / "u", {}, Bench(cranks=CRANKS, exact_unit=False), condensed)
+    folder = make_unit(tmp_path_factory.mktemp("unknown") / "u", {}, Bench(cranks=CRANKS, known=False), condensed)
     return problem_of(folder, condensed)
 
 
