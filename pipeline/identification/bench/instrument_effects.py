@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.identification.bench.simulator import NMM_PER_NM, Instrument
 from pipeline.model.effects import Parameter
-from pipeline.model.effects.effect import CRANKS, TIME, Description
+from pipeline.model.effects.effect import CRANKS, TIME, EffectDescription
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.output_path import Ripple
 
@@ -18,7 +18,7 @@ FEWEST_WAVES = 4
 
 
 @dataclass(frozen=True)
-class InstrumentEffect(Description):
+class InstrumentEffect(EffectDescription):
     """An effect of the bench.
 
     ``bounds`` is a function of the rated torque [N m], of the range of the angle measured at one position [arcmin],

@@ -57,7 +57,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Description:
+class EffectDescription:
     """An effect in words.
 
     Attributes
@@ -84,7 +84,7 @@ class Description:
 
 
 @dataclass(frozen=True)
-class Effect(Description):
+class Effect(EffectDescription):
     """A physical effect.
 
     Attributes
