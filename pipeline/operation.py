@@ -7,7 +7,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.metrics.turn import Conditions
+from pipeline.model.metrics.turn import RunningConditions
 from pipeline.model.turn.contact_load import Running
 from pipeline.model.turn.sliding import sliding_speed
 
@@ -33,15 +33,15 @@ def running(design: Design, reducer: Reducer) -> Running:
     return Running(length, np.where(rolls, diameter * length, 0.0), speed, friction)
 
 
-def conditions(study: Study) -> Conditions:
+def conditions(study: Study) -> RunningConditions:
     """How the reducer runs at the torque held, as far as the design states it."""
     design, operation = study.design, study.design.operation
     if operation is None:
-        return Conditions()
+        return RunningConditions()
     cycloid = design.cycloid
     output_speed = 2 * np.pi * operation.input_speed_rpm / 60 / cycloid.lobes
     friction, rating = operation.friction, operation.rating
-    return Conditions(
+    return RunningConditions(
         bearing_speed_rpm=operation.input_speed_rpm * cycloid.pins / cycloid.lobes,
         output_power_W=definitions(study).rigidity_high * output_speed,
         bearing_friction_mm=0.5 * friction.bearing_coefficient * friction.bearing_bore_mm if friction else np.nan,

@@ -39,7 +39,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FittedNumber:
     """A number of the design that is fitted, by its dotted key, and its bounds in the unit of the key."""
 
     key: str
@@ -62,7 +62,7 @@ class Calibration:
 
     study: Study
     disk: Condensed
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FittedNumber, ...]
     fit: Fitted
     used: np.ndarray
 
@@ -104,7 +104,7 @@ def read_targets(path: Path, study: Study) -> tuple[Target, ...]:
     )
 
 
-def read_parameters(path: Path, design: Design) -> tuple[Parameter, ...]:
+def read_parameters(path: Path, design: Design) -> tuple[FittedNumber, ...]:
     """The fitted numbers of a CSV file with the columns key, lower, upper.
 
     Raises
@@ -120,7 +120,7 @@ def read_parameters(path: Path, design: Design) -> tuple[Parameter, ...]:
         if row["key"] not in numbers
     ]
     values = _numbers(path, rows, ("lower", "upper"), problems)
-    parameters = tuple(Parameter(row["key"], **value) for row, value in zip(rows, values, strict=True))
+    parameters = tuple(FittedNumber(row["key"], **value) for row, value in zip(rows, values, strict=True))
     for parameter in parameters:
         value = number(design, parameter.key)
         if not 0 < parameter.lower < value < parameter.upper:
@@ -143,7 +143,7 @@ def number(design: Design, key: str) -> float:
 def calibrated(
     study: Study,
     targets: Sequence[Target],
-    parameters: Sequence[Parameter],
+    parameters: Sequence[FittedNumber],
     confidence: float | None,
     disk: Condensed | None = None,
 ) -> Calibration:

@@ -52,7 +52,7 @@ class Condensed:
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedCases:
     """The study's cases at its first crank angle: ``gap`` (n, n_contacts) [mm] and the response to the load cycle."""
 
     reducer: Reducer
@@ -104,7 +104,7 @@ def _replaced(section: Any, path: list[str], value: float) -> Any:
     return section.model_copy(update={name: new_value}) if model else {**section, name: new_value}
 
 
-def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> Solved:
+def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> SolvedCases:
     """All cases of the study through their load cycle.
 
     Parameters
@@ -126,10 +126,10 @@ def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> Solv
     response = respond(drive, cycle)
     if not np.all(response.converged):
         raise ArithmeticError(f"no equilibrium: residual {np.max(response.equilibria.residual):.1e}")
-    return Solved(drive.reducer, drive.laws, drive.gap, cycle, response)
+    return SolvedCases(drive.reducer, drive.laws, drive.gap, cycle, response)
 
 
-def metrics_of(study: Study, cases: Solved, backlash_percent: float = 0.0) -> Real:
+def metrics_of(study: Study, cases: SolvedCases, backlash_percent: float = 0.0) -> Real:
     """The ``METRICS`` of every case (n, 3).
 
     Parameters
@@ -146,7 +146,7 @@ def metrics_of(study: Study, cases: Solved, backlash_percent: float = 0.0) -> Re
     return values
 
 
-def pins_in_contact(study: Study, cases: Solved) -> np.ndarray:
+def pins_in_contact(study: Study, cases: SolvedCases) -> np.ndarray:
     """Pins that carry force at the lost-motion torque (n,)."""
     force = cases.force(study.metrics.lost_motion_percent)
     return np.count_nonzero(force[:, : cases.reducer.n_pins] > 0, axis=1)

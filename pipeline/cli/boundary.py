@@ -29,31 +29,31 @@ REMEDIES = {
 
 
 @dataclass(frozen=True)
-class Answer:
+class ErrorAnswer:
     """What a user is told of an error."""
 
     lines: tuple[str, ...]
     status: int
 
 
-def answer(error: BaseException) -> Answer:
+def answer(error: BaseException) -> ErrorAnswer:
     """What to tell of an error that reached the command line; an unexpected one leaves its traceback in a file."""
     match error:
         case InputError():
-            return Answer(tuple(map(shortened, error.problems)), USER)
+            return ErrorAnswer(tuple(map(shortened, error.problems)), USER)
         case ChunkError():
-            return Answer((shortened(str(error)),), OURS)
+            return ErrorAnswer((shortened(str(error)),), OURS)
         case KeyboardInterrupt():
-            return Answer(("interrupted; the same command goes on from the finished chunks",), INTERRUPTED)
+            return ErrorAnswer(("interrupted; the same command goes on from the finished chunks",), INTERRUPTED)
         case BrokenPipeError():
-            return Answer((), PIPE)
+            return ErrorAnswer((), PIPE)
         case OSError():
-            return Answer((shortened(_of_system(error)),), USER)
+            return ErrorAnswer((shortened(_of_system(error)),), USER)
         case MemoryError():
-            return Answer((f"not enough memory; {REMEDIES[errno.ENOMEM]}",), USER)
+            return ErrorAnswer((f"not enough memory; {REMEDIES[errno.ENOMEM]}",), USER)
         case RecursionError():
-            return Answer(("a file is nested too deeply to be read; flatten it",), USER)
-    return Answer((_unexpected(error),), OURS)
+            return ErrorAnswer(("a file is nested too deeply to be read; flatten it",), USER)
+    return ErrorAnswer((_unexpected(error),), OURS)
 
 
 def _of_system(error: OSError) -> str:

@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any
 from urllib.parse import urlsplit
 
-from pipeline.engine.parallel import Backend, Solved, Value, attempted
+from pipeline.engine.parallel import Backend, SolvedChunk, Value, attempted
 from pipeline.engine.stage import Chunk, Stage
 from pipeline.errors import ChunkError, InputError
 
@@ -72,7 +72,7 @@ def _authenticated(scheduler: str) -> bool:
 
 def solved_on_cluster(
     stage: Stage, shared: Any, chunks: Sequence[tuple[int, int]], read: Callable[[int, int], Chunk], code: str
-) -> Generator[Solved]:
+) -> Generator[SolvedChunk]:
     """Solve chunks on the workers of the connected cluster; parameters, result and errors as `solved_chunks`.
 
     What all chunks share is the result of a task: sent once to a worker, and made again if the only worker that had it

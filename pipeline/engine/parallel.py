@@ -40,7 +40,7 @@ class Backend:
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedChunk:
     """What a worker returns: a part of each table that has rows, and how many items failed."""
 
     start: int
@@ -87,7 +87,7 @@ def _end_with_parent(parent: int) -> None:
     os._exit(1)
 
 
-def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved:
+def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> SolvedChunk:
     """Solve one chunk; runs in a worker.
 
     Raises
@@ -102,7 +102,7 @@ def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved:
         tables = stage.solve(shared.load(), chunk)
         parts = {name: part for name, part in parts_of(stage, tables).items() if part.rows}
         _check_items(stage, parts, chunk)
-        return Solved(chunk.start, chunk.stop, parts, stage.failures(tables) if stage.failures else 0)
+        return SolvedChunk(chunk.start, chunk.stop, parts, stage.failures(tables) if stage.failures else 0)
     except InputError:
         raise
     except Exception as error:
@@ -112,7 +112,7 @@ def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> Solved:
         ) from error
 
 
-def attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk, code: str = "") -> Solved | Exception:
+def attempted(stage: Stage, shared: Value | Dumped, chunk: Chunk, code: str = "") -> SolvedChunk | Exception:
     """As `solve_chunk`, with an error as a value: raised, it would end the other workers and lose their results.
 
     `code` is that of the process which asks: a worker elsewhere that has another refuses.
@@ -154,7 +154,7 @@ def solved_chunks(
     jobs: int,
     backend: Backend,
     code: str = "",
-) -> Generator[Solved]:
+) -> Generator[SolvedChunk]:
     """Solve chunks and yield each as it finishes, in no order.
 
     Parameters
@@ -201,7 +201,7 @@ def solved_chunks(
 
 def _wave(
     stage: Stage, handle: Value | Dumped, chunks: Iterable[tuple[int, int]], read: Callable[[int, int], Chunk]
-) -> Generator[Solved]:
+) -> Generator[SolvedChunk]:
     errors: list[Exception] = []
 
     def tasks() -> Iterator[Any]:

@@ -47,7 +47,7 @@ class Test:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class MetricComparison:
     """One metric of the measured units against the study.
 
     Attributes
@@ -142,7 +142,7 @@ def metrics_at(metrics: pd.DataFrame, crank_deg: float | None) -> pd.DataFrame:
 
 def compared(
     population: pd.DataFrame, metrics: pd.DataFrame, confidence: float = 0.95, seed: int = 0
-) -> list[Comparison]:
+) -> list[MetricComparison]:
     """Each measured metric against the study, at each crank angle that the units name.
 
     Parameters
@@ -225,11 +225,11 @@ def _distances(label: NDArray[np.bool_], group_end: NDArray[np.bool_]) -> Real:
 
 def _comparison(
     metric: str, crank: float | None, units: Real, samples: Real, confidence: float, rng: np.random.Generator
-) -> Comparison:
+) -> MetricComparison:
     comparable = units.size >= FEWEST_UNITS and samples.size >= FEWEST_UNITS
     probability = np.arange(1, QUANTILE_POINTS + 1) / (QUANTILE_POINTS + 1)
     quantiles = [np.quantile(values, probability, method="median_unbiased") for values in (samples, units)]
-    return Comparison(
+    return MetricComparison(
         metric=metric,
         crank_deg=crank,
         units=units,

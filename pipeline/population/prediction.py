@@ -83,7 +83,7 @@ def predicted_turn(loaded_values: Real, pilot: Mapping[str, Real], units: Mappin
 
 
 @dataclass(frozen=True)
-class Prediction:
+class TailPrediction:
     """How bad the units of phase 1 are taken to be, the larger the worse.
 
     Attributes
@@ -102,7 +102,7 @@ class Prediction:
     @classmethod
     def fitted(
         cls, tail: Tail, loaded_values: Real, pilot: Mapping[str, Real], units: Mapping[str, Real]
-    ) -> Prediction:
+    ) -> TailPrediction:
         """From the rough metrics of the units, and of the pilot whose metric under load is known (n, n_angles)."""
         rough, of_units = (tail.over_turn(turn) for turn in predicted_turn(loaded_values, pilot, units))
         values = tail.over_turn(loaded_values)

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import write_atomic
-from pipeline.population.comparison import TESTS, Comparison
+from pipeline.population.comparison import TESTS, MetricComparison
 from pipeline.population.tolerance_shift import Closing
 
 
-def comparison_frame(comparisons: Sequence[Comparison]) -> pd.DataFrame:
+def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
     """One row a metric and crank angle (empty: the worst over the crank angles)."""
     rows = []
     for comparison in comparisons:
@@ -48,7 +48,7 @@ def candidate_frame(closings: Mapping[float | None, Closing]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def quantile_frame(comparisons: Sequence[Comparison]) -> pd.DataFrame:
+def quantile_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
     """One row a metric, crank angle and probability: quantile of the study and of the units."""
     parts = [
         pd.DataFrame(
@@ -83,7 +83,7 @@ def sentence(closing: Closing) -> str:
     return f"The units differ from the study (p = {closing.p_value:.2g}); it would be closed by {differences_text}."
 
 
-def write(comparisons: Sequence[Comparison], closings: Mapping[float | None, Closing], folder: Path) -> None:
+def write(comparisons: Sequence[MetricComparison], closings: Mapping[float | None, Closing], folder: Path) -> None:
     """Write comparison.csv, candidates.csv and quantiles.csv into ``folder``."""
     for name, frame in (
         ("comparison", comparison_frame(comparisons)),

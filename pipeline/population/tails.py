@@ -22,7 +22,7 @@ from pipeline.config.studies.tails import limited_under_load, without_tails
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.population.prediction import LEVEL, Prediction, Tail
+from pipeline.population.prediction import LEVEL, Tail, TailPrediction
 from pipeline.sampling import Errors, draw
 from pipeline.statistics.replicated import FEWEST_BEYOND
 from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share
@@ -104,7 +104,7 @@ def far_tails(study: Study, units: int, budget: int, rough: Solve, solve: Solve,
     rough_units = _joined(parts)
     pilot = draw(large_population, units, units + PILOT)
     loaded_pilot, rough_pilot = solve(pilot), rough(pilot)
-    predictions = [Prediction.fitted(tail, loaded_pilot[tail.metric], rough_pilot, rough_units) for tail in tails]
+    predictions = [TailPrediction.fitted(tail, loaded_pilot[tail.metric], rough_pilot, rough_units) for tail in tails]
     probability = inclusion_probability(np.sum([metric.demand for metric in predictions], axis=0), budget)
     rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(SELECTION,)))
     selected_units = np.flatnonzero(rng.random(units) < probability)

@@ -14,7 +14,7 @@ from scipy import stats
 from pipeline.config import Study
 from pipeline.config.dimensions import dimension_library
 from pipeline.errors import InputError
-from pipeline.population.comparison import Comparison, metrics_at
+from pipeline.population.comparison import MetricComparison, metrics_at
 
 Real = NDArray[np.float64]
 
@@ -126,7 +126,7 @@ def mean_deviations(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def closing(comparisons: Sequence[Comparison], population: StudyPopulation, confidence: float = 0.95) -> Closing:
+def closing(comparisons: Sequence[MetricComparison], population: StudyPopulation, confidence: float = 0.95) -> Closing:
     """Rank the tolerances by how well a shift of their mean closes the biases.
 
     Parameters
@@ -181,7 +181,7 @@ def closing(comparisons: Sequence[Comparison], population: StudyPopulation, conf
     return Closing(p_value < ALPHA, p_value, tuple(candidates))
 
 
-def _covariance(comparisons: Sequence[Comparison], samples: Real) -> Real:
+def _covariance(comparisons: Sequence[MetricComparison], samples: Real) -> Real:
     """Covariance of the biases: spread of the units over their number, correlated as in the study, plus the study's."""
     correlation = np.atleast_2d(np.corrcoef(samples, rowvar=False))
     scatter = samples.std(axis=0, ddof=1)

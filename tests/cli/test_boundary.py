@@ -202,10 +202,10 @@ def test_a_study_whose_name_would_leave_the_runs(tmp_path: Path, monkeypatch, ca
 
 
 def test_what_else_can_happen_has_its_line_and_status() -> None:
-    assert boundary.answer(InputError(["a", "b"])) == boundary.Answer(("a", "b"), 2)
+    assert boundary.answer(InputError(["a", "b"])) == boundary.ErrorAnswer(("a", "b"), 2)
     assert boundary.answer(ChunkError("add: failed")).status == 1
     assert boundary.answer(KeyboardInterrupt()).status == 130
-    assert boundary.answer(BrokenPipeError()) == boundary.Answer((), 141)
+    assert boundary.answer(BrokenPipeError()) == boundary.ErrorAnswer((), 141)
     assert "--jobs 1" in boundary.answer(MemoryError()).lines[0]
     for number in boundary.REMEDIES:
         message = boundary.answer(OSError(number, os.strerror(number), "a/b.parquet"))

@@ -13,7 +13,7 @@ from pipeline import cli
 from pipeline.cli import settings
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import CHANGED, NOTHING
-from pipeline.identification.change.results import Answer, answer, write
+from pipeline.identification.change.results import ChangeAnswer, answer, write
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -59,7 +59,7 @@ def drive_measured(folder: Path, changes: dict[str, float], mounting: float, see
     return Measurement.read(load_measured_unit(folder, ROOT))
 
 
-def pair(folder: Path, changes: dict[str, float], mounting: float = 0.04, seed: int = 1, cranks=CRANKS) -> Answer:
+def pair(folder: Path, changes: dict[str, float], mounting: float = 0.04, seed: int = 1, cranks=CRANKS) -> ChangeAnswer:
     state_before = drive_measured(folder / "before", {}, mounting, seed, cranks)
     return answer(state_before, drive_measured(folder / "after", changes, mounting, seed + 1000, cranks))
 

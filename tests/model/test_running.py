@@ -7,7 +7,7 @@ from reducers import PAPER, SMALL, laws_of, reducer_at
 from pipeline.config.mechanisms.pin_in_hole import PinInHole
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import nominal_reducer
-from pipeline.model.metrics.turn import Conditions, TurnReadings, turn_library
+from pipeline.model.metrics.turn import RunningConditions, TurnReadings, turn_library
 from pipeline.model.metrics.turn.bearing_life import equivalent_load, rating_life
 from pipeline.model.turn.contact_load import Running
 from pipeline.model.turn.sliding import sliding_speed
@@ -104,7 +104,7 @@ def readings(force, friction, **conditions):
         by_angle,
         by_angle,
         friction * unit_array,
-        Conditions(**conditions),
+        RunningConditions(**conditions),
         even_angles,
         even_angles,
     )

@@ -13,7 +13,7 @@ from pipeline.model.geometry.rigid_backlash import separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import Definitions
-from pipeline.model.metrics.turn import Conditions, TurnReadings, turn_library
+from pipeline.model.metrics.turn import RunningConditions, TurnReadings, turn_library
 from pipeline.model.turn.held_torque import bearing_force, input_torque
 from pipeline.model.turn.orders import orders
 
@@ -142,7 +142,7 @@ def readings(loaded_values, free, force, share=1.0):
     even_angles = np.ones(np.shape(loaded_values)[2], bool), np.ones(np.shape(free)[2], bool)
     shares, by_angle = np.full(loaded_values.shape, share), loaded_values[:, 0]
     return TurnReadings(
-        loaded_values, free, force, shares, by_angle, by_angle, by_angle, shares, Conditions(), *even_angles
+        loaded_values, free, force, shares, by_angle, by_angle, by_angle, shares, RunningConditions(), *even_angles
     )
 
 

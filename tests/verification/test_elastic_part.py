@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from pipeline.checks.calibrate import computed
 from pipeline.checks.paper import assumptions, comparison, refits, shortfalls, table2
-from pipeline.checks.paper.page import Comparison, paper_page
+from pipeline.checks.paper.page import PaperComparison, paper_page
 from pipeline.checks.paper.tables import Tables
 from pipeline.checks.response import metrics_of, solved, with_numbers
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -143,7 +143,7 @@ def test_the_page_states_them(study, disk, outputs, paper_shortfalls, targets, p
     declared = refits.refitted([assumptions.Assumption("as declared", study)], disk, targets, parameters)
     fit = comparison.calibrated(study, targets, parameters, None, disk)
     pair = pd.concat([table, predicted], ignore_index=True)
-    page = paper_page(Comparison(study, pair, paper_shortfalls, empty, declared, declared, empty, fit, []))
+    page = paper_page(PaperComparison(study, pair, paper_shortfalls, empty, declared, declared, empty, fit, []))
     text = re.sub(r"\s+", " ", re.sub("<[^>]*>", " ", page))
     shown_part = paper_shortfalls.elastic_part.iloc[-1]
     assert f"is {shown_part['computed']:.3f} arcmin against the published 0.372 at the largest tolerance" in text

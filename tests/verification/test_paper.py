@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import t as t_distribution
 
 from pipeline.checks.calibrate import (
-    Parameter,
+    FittedNumber,
     Target,
     calibrated,
     computed,
@@ -152,4 +152,4 @@ def test_mistakes_in_the_fitted_numbers_are_named(study, tmp_path, text, message
 
 def test_more_numbers_than_targets_are_refused(study, disk, targets):
     with pytest.raises(InputError, match="cannot be fitted"):
-        calibrated(study, targets[:2], [Parameter("disk.thickness_mm", 1.0, 3.0)] * 2, None, disk)
+        calibrated(study, targets[:2], [FittedNumber("disk.thickness_mm", 1.0, 3.0)] * 2, None, disk)

@@ -15,7 +15,7 @@ from pipeline.checks.calculix import calculix_deck, calculix_program, run_calcul
 from pipeline.checks.specimen import Specimen, loaded
 from pipeline.checks.verify import CHECKS, page, run_checks, suite
 from pipeline.checks.verify.findings import Finding, at_least, compared, positive, skipped, stated
-from pipeline.checks.verify.suite import COLUMNS, PAGE, Row, write_results
+from pipeline.checks.verify.suite import COLUMNS, PAGE, CheckRow, write_results
 from pipeline.cli import settings
 from pipeline.config import load_study
 from pipeline.errors import InputError
@@ -130,6 +130,6 @@ def test_what_a_finding_accepts(tmp_path):
     assert compared("q", 2.0, [2.0, 2.1], 0.06, scale=2.0).ok
     assert not positive("q", [1.0, 0.0]).ok
     assert at_least("q", 0.0, [0.0, 1.0]).ok
-    row = Row("c", Finding("q", 1.0, 1.0, 0.0, 0.0), 0.25)
+    row = CheckRow("c", Finding("q", 1.0, 1.0, 0.0, 0.0), 0.25)
     write_results([row, replace(row, finding=stated("s", 1.0))], tmp_path / "r.csv")
     assert (tmp_path / "r.csv").read_text().splitlines()[1:] == ["c,q,1,1,0,0,True,0.250", "c,s,,1,,,True,0.250"]

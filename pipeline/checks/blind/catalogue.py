@@ -70,7 +70,7 @@ HOLES_19: Mapping[str, Any] = {
 
 
 @dataclass(frozen=True)
-class Reducer:
+class CatalogueReducer:
     """One reducer of the catalogue.
 
     Attributes
@@ -101,7 +101,7 @@ class Reducer:
 
 
 @dataclass(frozen=True)
-class Condensed:
+class CataloguedCompliances:
     """Compliances of a study at its crank angles, from the file that the stage `reduce` wrote."""
 
     path: Path
@@ -182,7 +182,7 @@ def _parsed(raw: Mapping[str, Any], name: str, design: Design) -> Study:
 
 
 @lru_cache(maxsize=4)
-def catalogue(root: Path) -> tuple[Reducer, ...]:
+def catalogue(root: Path) -> tuple[CatalogueReducer, ...]:
     """The four reducers, derived from files of the project in `root`."""
     plate, holes = load_study("quick", root), load_study("pin_in_hole", root)
     wide = {"flank_edges_per_lobe": 48, "patch_half_width_mm": 0.25, "roller_patch_half_width_mm": 1.6}
@@ -198,12 +198,16 @@ def catalogue(root: Path) -> tuple[Reducer, ...]:
         design = _design(base.design, changes, name)
         raw = _study(base, design, name, scale, reduce)
         reducers.append(
-            Reducer(name, _parsed(raw, f"{name}-model", design), _parsed(_generating(raw), f"{name}-truth", design))
+            CatalogueReducer(
+                name, _parsed(raw, f"{name}-model", design), _parsed(_generating(raw), f"{name}-truth", design)
+            )
         )
     return tuple(reducers)
 
 
-def condense(reducers: Sequence[Reducer], folder: Path, jobs: int) -> dict[str, tuple[Condensed, Condensed]]:
+def condense(
+    reducers: Sequence[CatalogueReducer], folder: Path, jobs: int
+) -> dict[str, tuple[CataloguedCompliances, CataloguedCompliances]]:
     """Compliances of the model's and the generating study of each reducer; made once, kept in `folder` by content."""
     compliances = {}
     for reducer in reducers:
@@ -211,6 +215,6 @@ def condense(reducers: Sequence[Reducer], folder: Path, jobs: int) -> dict[str, 
             run(STAGES, study, ["reduce"], folder, Resources(jobs, 1))["reduce"]
             for study in (reducer.model, reducer.truth)
         ]
-        model, truth = (Condensed(output.path(COMPLIANCE_FILE)) for output in outputs)
+        model, truth = (CataloguedCompliances(output.path(COMPLIANCE_FILE)) for output in outputs)
         compliances[reducer.name] = (model, truth)
     return compliances

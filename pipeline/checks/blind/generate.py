@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.checks.blind.bench import draw_bench, rows_a_cell
-from pipeline.checks.blind.catalogue import OFF, Condensed, Reducer, no_compliance
+from pipeline.checks.blind.catalogue import OFF, CataloguedCompliances, CatalogueReducer, no_compliance
 from pipeline.checks.blind.effect_size import Yardstick, amplitude_of, at_amplitude, draw_shape
 from pipeline.checks.blind.files import rounded, write_truth, write_unit
 from pipeline.checks.blind.outside_effects import OUTSIDE
@@ -60,8 +60,8 @@ class Maker:
     folder : holds `units` and `truth`.
     """
 
-    reducers: tuple[Reducer, ...]
-    condensed: Mapping[str, tuple[Condensed, Condensed]]
+    reducers: tuple[CatalogueReducer, ...]
+    condensed: Mapping[str, tuple[CataloguedCompliances, CataloguedCompliances]]
     folder: Path
     root: Path
     seed: int
@@ -103,7 +103,7 @@ class Made:
     truth : as written.
     """
 
-    reducer: Reducer
+    reducer: CatalogueReducer
     unit: TrueUnit | RigidUnit
     believed: Compliances
     compliances: Compliances

@@ -17,7 +17,7 @@ from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 
 from pipeline.checks.blind import oracle
-from pipeline.checks.blind.catalogue import Reducer, catalogue, condense
+from pipeline.checks.blind.catalogue import CatalogueReducer, catalogue, condense
 from pipeline.checks.blind.generate import FULL, NONE, ONE, OUTSIDE_KIND, TWO, Made, Maker, generate
 from pipeline.engine import progress
 from pipeline.engine.fingerprint import package_versions, source_hashes
@@ -210,7 +210,7 @@ def errors_of(identification: Identification | FaultyUnit) -> tuple[float, float
     return declared, recalibrated, best
 
 
-def source_hash(reducers: Sequence[Reducer]) -> str:
+def source_hash(reducers: Sequence[CatalogueReducer]) -> str:
     """Hash of all that a row depends on: sources that this module imports, packages, and the catalogue's studies."""
     studies = [study.model_dump(mode="json") for reducer in reducers for study in (reducer.model, reducer.truth)]
     content = json.dumps([source_hashes(__name__), package_versions(), studies], sort_keys=True)

@@ -2,13 +2,13 @@
 
 from pipeline.checks.calculix.deck import Deck, calculix_deck
 from pipeline.checks.calculix.export import export
-from pipeline.checks.calculix.program import INSTALL, PROGRAM, THREADS, Answer, calculix_program, run_calculix
+from pipeline.checks.calculix.program import INSTALL, PROGRAM, THREADS, ProgramResult, calculix_program, run_calculix
 
 __all__ = [
     "INSTALL",
     "PROGRAM",
     "THREADS",
-    "Answer",
+    "ProgramResult",
     "Deck",
     "calculix_deck",
     "calculix_program",

@@ -23,7 +23,7 @@ KIB = 1024
 
 
 @dataclass(frozen=True)
-class Answer:
+class ProgramResult:
     """What CalculiX computed.
 
     Attributes
@@ -47,7 +47,7 @@ def calculix_program() -> str | None:
 
 
 @dataclass(frozen=True)
-class Run:
+class ProgramRun:
     """What a run of the program took, and what it said.
 
     Attributes
@@ -61,7 +61,7 @@ class Run:
     output: str
 
 
-def run_calculix(deck: Deck, folder: Path) -> Answer:
+def run_calculix(deck: Deck, folder: Path) -> ProgramResult:
     """Solve the deck in a folder, which keeps the program's files.
 
     Raises
@@ -74,10 +74,10 @@ def run_calculix(deck: Deck, folder: Path) -> Answer:
     angle = [deck.first_angle + values[deck.output_node][0] / SPAN for values in blocks["displacements"]]
     force = [[abs(values[node][0]) for node in deck.springs] for values in blocks["forces"]]
     iterations = ran.output.count("\n iteration ")
-    return Answer(np.array(angle), np.array(force), ran.seconds, ran.peak_bytes, iterations)
+    return ProgramResult(np.array(angle), np.array(force), ran.seconds, ran.peak_bytes, iterations)
 
 
-def execute(text: str, steps: int, name: str, folder: Path) -> Run:
+def execute(text: str, steps: int, name: str, folder: Path) -> ProgramRun:
     """Run the program on a deck of so many load steps; its files keep the name in the folder.
 
     Raises
@@ -106,7 +106,7 @@ def execute(text: str, steps: int, name: str, folder: Path) -> Run:
     increments = len(printed(folder / f"{name}.dat")["displacements"])
     if process.returncode != 0 or increments != steps:
         raise RuntimeError(f"{PROGRAM} solved {increments} of {steps} load steps: {output[-500:]}")
-    return Run(seconds, usage.ru_maxrss * KIB, output)
+    return ProgramRun(seconds, usage.ru_maxrss * KIB, output)
 
 
 def printed(path: Path) -> dict[str, list[dict[int, tuple[float, ...]]]]:

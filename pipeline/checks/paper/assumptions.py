@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from pipeline import assembly
-from pipeline.checks.calibrate import Parameter
+from pipeline.checks.calibrate import FittedNumber
 from pipeline.checks.response import Condensed, with_numbers
 from pipeline.config import Study
 from pipeline.config.mechanisms.roller_plate import RollerPlate
@@ -52,7 +52,7 @@ class Assumption:
     name: str
     study: Study
     remesh: bool = False
-    added: tuple[Parameter, ...] = ()
+    added: tuple[FittedNumber, ...] = ()
     tied: Callable[[Study], Study] | None = None
     plate: float = 0.0
     backlash_percent: float = 0.0
@@ -174,9 +174,9 @@ def _on_first_slide(study: Study) -> Study:
 
 def _softer(study: Study) -> Iterator[Assumption]:
     for name, key, lower, upper in FREED:
-        yield Assumption(f"{name} fitted besides", study, added=(Parameter(key, lower, upper),))
+        yield Assumption(f"{name} fitted besides", study, added=(FittedNumber(key, lower, upper),))
     for name, effect, value, start, lower, upper in FREED_EFFECTS:
-        added = Parameter(f"effects.{effect}.{value}", lower, upper)
+        added = FittedNumber(f"effects.{effect}.{value}", lower, upper)
         yield Assumption(f"{name} fitted besides", _affected(study, {effect: {value: start}}), added=(added,))
     for name, plate in PLATES:
         yield Assumption(f"plate and output {name} as the disk", study, plate=plate)

@@ -9,7 +9,7 @@ from pipeline import assembly
 from pipeline.checks.calibrate import calibrated, read_parameters, read_targets
 from pipeline.checks.paper import assumptions, procedures, table2
 from pipeline.checks.paper.drawings import drawings
-from pipeline.checks.paper.page import Comparison, FigureOfPaper, paper_page
+from pipeline.checks.paper.page import FigureOfPaper, PaperComparison, paper_page
 from pipeline.checks.paper.refits import ELASTIC_PART, refitted
 from pipeline.checks.paper.shortfalls import shortfalls
 from pipeline.checks.paper.statements import statements
@@ -28,7 +28,7 @@ CONFIDENCE = 0.95
 """Of the intervals of the fitted numbers."""
 
 
-def compared(study: Study, outputs: Mapping[str, Output], published: Path, folder: Path) -> Comparison:
+def compared(study: Study, outputs: Mapping[str, Output], published: Path, folder: Path) -> PaperComparison:
     """The finished run against the paper; figures are written to ``folder``/figures."""
     targets = read_targets(published / TARGETS, study)
     parameters = read_parameters(published / FITTED, study.design)
@@ -36,7 +36,7 @@ def compared(study: Study, outputs: Mapping[str, Output], published: Path, folde
     disk = _condensed(study, outputs)
     computed = table2.table2(study, outputs["aggregate"].read("metrics"), targets)
     predicted = table2.prediction(study, disk, targets, parameters)
-    return Comparison(
+    return PaperComparison(
         study,
         pd.concat([computed, predicted], ignore_index=True),
         shortfalls(study, targets, parameters, computed, predicted, tables),
@@ -68,7 +68,7 @@ def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPape
     return figures
 
 
-def write(comparison: Comparison, folder: Path, variations: Path) -> None:
+def write(comparison: PaperComparison, folder: Path, variations: Path) -> None:
     """The tables as CSV and the page, into ``folder``; the elastic part under each assumption, to ``variations``."""
     write_atomic(variations, variations_csv(comparison.assumptions))
     statement_table = pd.DataFrame(

@@ -16,7 +16,7 @@ from pipeline.figures.loads.springs import spring_laws_figure
 
 
 @dataclass(frozen=True)
-class Drawing:
+class PaperDrawing:
     """One figure: the numbers of the paper's figures that it stands for, its file's stem, title and caption."""
 
     numbers: tuple[str, ...]
@@ -26,22 +26,22 @@ class Drawing:
     figure: Figure
 
 
-def drawings(tables: Tables) -> Iterator[Drawing]:
+def drawings(tables: Tables) -> Iterator[PaperDrawing]:
     """All figures in the order of the paper."""
     yield from _before_load(tables)
     yield from _at_lost_motion(tables)
     yield from _under_torque(tables)
 
 
-def _before_load(tables: Tables) -> Iterator[Drawing]:
-    yield Drawing(
+def _before_load(tables: Tables) -> Iterator[PaperDrawing]:
+    yield PaperDrawing(
         ("4",),
         "figure_04",
         "Clearances between the pin-rollers and the cycloid disk with various tolerances",
         "Clearance at the nominal pose against pin number; pins are numbered clockwise from the eccentric.",
         pin_clearances_figure({case: tables.clearances(case) for case in tables.with_tolerance}),
     )
-    yield Drawing(
+    yield PaperDrawing(
         ("5a", "5b"),
         "figure_05",
         "Non-linear contact stiffness of the connecting elements",
@@ -51,9 +51,9 @@ def _before_load(tables: Tables) -> Iterator[Drawing]:
     )
 
 
-def _at_lost_motion(tables: Tables) -> Iterator[Drawing]:
+def _at_lost_motion(tables: Tables) -> Iterator[PaperDrawing]:
     torque = tables.lost_motion_torque
-    yield Drawing(
+    yield PaperDrawing(
         ("9",),
         "figure_09",
         f"Clearance and spring deformation at the contact points under {torque:g} N m",
@@ -61,7 +61,7 @@ def _at_lost_motion(tables: Tables) -> Iterator[Drawing]:
         dead_zones_figure({case: tables.loaded_pins(case, torque) for case in tables.with_tolerance}),
     )
     every = [case.label for case in tables.study.cases]
-    yield Drawing(
+    yield PaperDrawing(
         ("10",),
         "figure_10",
         f"Contact force and contact deformation at {torque:g} N m",
@@ -70,11 +70,11 @@ def _at_lost_motion(tables: Tables) -> Iterator[Drawing]:
     )
 
 
-def _under_torque(tables: Tables) -> Iterator[Drawing]:
+def _under_torque(tables: Tables) -> Iterator[PaperDrawing]:
     rated, torque = tables.study.design.cycloid.rated_torque_Nm, tables.lost_motion_torque
     case = tables.with_tolerance[0]
     rising = {f"{share * rated:g} N m": tables.loaded_pins(case, share * rated) for share in SHARES}
-    yield Drawing(
+    yield PaperDrawing(
         ("11",),
         "figure_11",
         f"Contact force and contact deformation under increasing torque, {case}",
@@ -83,14 +83,14 @@ def _under_torque(tables: Tables) -> Iterator[Drawing]:
     )
     every = [tolerance_case.label for tolerance_case in tables.study.cases]
     curves = {label: tables.of_case(tables.curves, label) for label in every}
-    yield Drawing(
+    yield PaperDrawing(
         ("12",),
         "figure_12",
         "Deflection of the input bearing with various tolerances of disk (D) and output rollers (R)",
         "Along x, the direction of the eccentric, and along y; over the whole load cycle.",
         bearing_figure(curves),
     )
-    yield Drawing(
+    yield PaperDrawing(
         ("13",),
         "figure_13",
         f"Contact force and deformation of the output rollers at {torque:g} N m",
@@ -102,7 +102,7 @@ def _under_torque(tables: Tables) -> Iterator[Drawing]:
         ),
     )
     low, high = tables.study.metrics.rigidity_percent
-    yield Drawing(
+    yield PaperDrawing(
         ("14",),
         "figure_14",
         "Torque and torsional angle with various tolerances",

@@ -10,7 +10,7 @@ import pandas as pd
 from pipeline.checks.calibrate import Calibration
 from pipeline.checks.paper.refits import BACKLASH, BOTH, ELASTIC_ERROR, ELASTIC_PART, LOST_MOTION, TABLE
 from pipeline.checks.paper.shortfalls import FITTED, GEOMETRY, MODEL, RIGIDITY, Shortfalls
-from pipeline.checks.paper.statements import Statement
+from pipeline.checks.paper.statements import FigureStatement
 from pipeline.checks.paper.table2 import LARGEST_ERROR, RMS_ERROR, Misfit, fit_rows
 from pipeline.config import Study
 from pipeline.figures.labels import METRICS
@@ -29,11 +29,11 @@ class FigureOfPaper:
 
     numbers: str
     picture: Picture
-    statements: Sequence[Statement]
+    statements: Sequence[FigureStatement]
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PaperComparison:
     """Everything that the page shows.
 
     Attributes
@@ -56,7 +56,7 @@ class Comparison:
     figures: Sequence[FigureOfPaper]
 
 
-def paper_page(comparison: Comparison) -> str:
+def paper_page(comparison: PaperComparison) -> str:
     """The comparison as one self-contained HTML document."""
     fit = comparison.table2[~comparison.table2["predicted"].to_numpy(bool)]
     predicted = comparison.table2[comparison.table2["predicted"].to_numpy(bool)]

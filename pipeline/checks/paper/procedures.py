@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
-from pipeline.checks.response import Condensed, Solved
+from pipeline.checks.response import Condensed, SolvedCases
 from pipeline.config import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
@@ -137,7 +137,7 @@ def _bearing(bearing: Bearing, motion: Real) -> tuple[Real, Real]:
     return force, tangent
 
 
-def procedures(study: Study, disk: Condensed, cases: Solved) -> pd.DataFrame:
+def procedures(study: Study, disk: Condensed, cases: SolvedCases) -> pd.DataFrame:
     """Both procedures for every case at the torques of the metrics: answers, passes, linear systems, seconds."""
     rows = []
     percents = (study.metrics.lost_motion_percent, *study.metrics.rigidity_percent)

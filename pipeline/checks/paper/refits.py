@@ -13,11 +13,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.calibrate import Parameter, Target, number, of_targets
+from pipeline.checks.calibrate import FittedNumber, Target, number, of_targets
 from pipeline.checks.leastsquares import fitted
 from pipeline.checks.paper.assumptions import Assumption, with_elastic_plate
 from pipeline.checks.paper.table2 import LARGEST_ERROR, Misfit
-from pipeline.checks.response import Condensed, Solved, condensed, metrics_of, pins_in_contact, solved, with_numbers
+from pipeline.checks.response import (
+    Condensed,
+    SolvedCases,
+    condensed,
+    metrics_of,
+    pins_in_contact,
+    solved,
+    with_numbers,
+)
 from pipeline.config import Study
 from pipeline.model.geometry.cycloid_profile import Real
 
@@ -46,8 +54,8 @@ class Refit:
 
     fitted_to: str
     study: Study
-    cases: Solved
-    parameters: tuple[Parameter, ...]
+    cases: SolvedCases
+    parameters: tuple[FittedNumber, ...]
     targets: tuple[Target, ...]
     values: Real
 
@@ -76,7 +84,7 @@ class Refit:
 
 
 def refit(
-    change: Assumption, disk: Condensed, targets: Sequence[Target], parameters: Sequence[Parameter]
+    change: Assumption, disk: Condensed, targets: Sequence[Target], parameters: Sequence[FittedNumber]
 ) -> tuple[Refit, Refit]:
     """The fits to Table 2, and from there to Table 2 and its elastic part; ``disk`` is the declared one.
 
@@ -112,7 +120,7 @@ def refit(
 
 
 def refitted(
-    changes: Iterable[Assumption], disk: Condensed, targets: Sequence[Target], parameters: Sequence[Parameter]
+    changes: Iterable[Assumption], disk: Condensed, targets: Sequence[Target], parameters: Sequence[FittedNumber]
 ) -> pd.DataFrame:
     """Two rows per assumption: what is fitted to, errors, elastic part, pins in contact, and the fitted numbers."""
     rows = [

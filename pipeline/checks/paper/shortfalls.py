@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline import assembly
-from pipeline.checks.calibrate import Parameter, Target
+from pipeline.checks.calibrate import FittedNumber, Target
 from pipeline.checks.paper.refits import BACKLASH, LOST_MOTION, elastic_part
 from pipeline.checks.paper.statements import bearing_deflections
 from pipeline.checks.paper.tables import Tables
@@ -58,7 +58,7 @@ class Shortfalls:
 def shortfalls(
     study: Study,
     targets: Sequence[Target],
-    parameters: Sequence[Parameter],
+    parameters: Sequence[FittedNumber],
     table: pd.DataFrame,
     predicted: pd.DataFrame,
     tables: Tables,
@@ -137,7 +137,7 @@ def disk_backlash(study: Study) -> Real:
     return ARCMIN * (play.pose_plus - play.pose_minus)[:, reducer.output_motion]
 
 
-def choices(study: Study, parameters: Sequence[Parameter]) -> pd.DataFrame:
+def choices(study: Study, parameters: Sequence[FittedNumber]) -> pd.DataFrame:
     """Every number of the design and setting of the study that Table 2 had a part in."""
     fitted = [parameter.key for parameter in parameters]
     in_sight = [

@@ -18,7 +18,7 @@ SHARES = (0.03, 0.25, 0.5, 1.0)
 
 
 @dataclass(frozen=True)
-class Statement:
+class FigureStatement:
     """One statement of the paper's text on a figure, and what the run shows.
 
     Attributes
@@ -35,7 +35,7 @@ class Statement:
     agrees: bool
 
 
-def statements(tables: Tables, published_contacts: Path) -> list[Statement]:
+def statements(tables: Tables, published_contacts: Path) -> list[FigureStatement]:
     """Every statement, in the order of the figures."""
     return [
         *_clearances(tables),
@@ -57,12 +57,12 @@ def _rises(values: list[float]) -> bool:
     return all(upper > lower for lower, upper in zip(values, values[1:], strict=False))
 
 
-def _clearances(tables: Tables) -> Iterator[Statement]:
+def _clearances(tables: Tables) -> Iterator[FigureStatement]:
     ratios = []
     for case in tables.with_tolerance:
         gap = tables.clearances(case)["clearance_um"].to_numpy()
         ratios.append(float(gap.max() / gap.min()))
-    yield Statement(
+    yield FigureStatement(
         "4",
         "a uniform tolerance does not give a uniform clearance at the contact points",
         f"largest over smallest clearance of the pins: {_listed(ratios, 1)}",
@@ -70,7 +70,7 @@ def _clearances(tables: Tables) -> Iterator[Statement]:
     )
 
 
-def _springs(tables: Tables) -> Iterator[Statement]:
+def _springs(tables: Tables) -> Iterator[FigureStatement]:
     laws = tables.laws[tables.laws["force_N"] > 0]
 
     def stiffness(contact: int) -> tuple[float, float]:
@@ -79,7 +79,7 @@ def _springs(tables: Tables) -> Iterator[Statement]:
         return float(rows["stiffness_N_per_um"].iloc[0]), float(rows["stiffness_N_per_um"].iloc[-1])
 
     softest = [stiffness(int(pin))[0] for pin in tables.pins]
-    yield Statement(
+    yield FigureStatement(
         "5a",
         "the contact stiffness varies from pin to pin with the curvature of the disk",
         f"at the smallest force {min(softest):.0f} to {max(softest):.0f} N/µm",
@@ -88,16 +88,16 @@ def _springs(tables: Tables) -> Iterator[Statement]:
     roller = int(tables.contacts.loc[tables.contacts["kind"] == "output", "contact"].iloc[0])
     for name, contact in (("input bearing", -1), ("output roller", roller)):
         low, high = stiffness(contact)
-        yield Statement(
+        yield FigureStatement(
             "5b", f"the stiffness of the {name} depends on its force", f"{low:.0f} to {high:.0f} N/µm", high > low
         )
 
 
-def _contacts(tables: Tables, published: Path) -> Iterator[Statement]:
+def _contacts(tables: Tables, published: Path) -> Iterator[FigureStatement]:
     for row in pd.read_csv(published, dtype={"case": str}).itertuples():
         pins = tables.loaded_pins(row.case, row.torque_Nm)
         count = int(np.count_nonzero(pins["force_N"] > 0))
-        yield Statement(
+        yield FigureStatement(
             "9",
             f"{row.pins_in_contact} pins touch the disk at {row.torque_Nm:g} N m with {row.case}",
             f"{count} pins",
@@ -108,7 +108,7 @@ def _contacts(tables: Tables, published: Path) -> Iterator[Statement]:
         open_pins = pins[pins["force_N"] <= 0]
         deformation = open_pins["approach_um"] - open_pins["elastic_um"]  # the loaded disk recedes there
         slack = float((open_pins["clearance_um"] - deformation).min())
-        yield Statement(
+        yield FigureStatement(
             "9",
             f"where the clearance exceeds the deformation the pin has lost contact, with {case}",
             f"the open pins lack {slack:.2f} µm at least",
@@ -116,19 +116,19 @@ def _contacts(tables: Tables, published: Path) -> Iterator[Statement]:
         )
 
 
-def _forces(tables: Tables) -> Iterator[Statement]:
+def _forces(tables: Tables) -> Iterator[FigureStatement]:
     loads = [
         tables.loaded_pins(case.label, tables.lost_motion_torque)["force_N"].to_numpy() for case in tables.study.cases
     ]
     counts = [float(np.count_nonzero(force > 0)) for force in loads]
-    yield Statement(
+    yield FigureStatement(
         "10",
         "the number of contacts changes with the tolerance of the disk",
         f"{_listed(counts, 0)} pins by rising tolerance",
         _rises(counts[::-1]),
     )
     peaks = [float(force.max()) for force in loads]
-    yield Statement(
+    yield FigureStatement(
         "10",
         "the force distribution changes with the tolerance of the disk",
         f"peak force {_listed(peaks, 2)} N by rising tolerance",
@@ -136,7 +136,7 @@ def _forces(tables: Tables) -> Iterator[Statement]:
     )
 
 
-def _rising(tables: Tables) -> Iterator[Statement]:
+def _rising(tables: Tables) -> Iterator[FigureStatement]:
     rated = tables.study.design.cycloid.rated_torque_Nm
     for case in tables.with_tolerance:
         loads = [tables.loaded_pins(case, share * rated)["force_N"].to_numpy() for share in SHARES]
@@ -146,7 +146,7 @@ def _rising(tables: Tables) -> Iterator[Statement]:
         ):
             torques = ", ".join(f"{share * rated:g}" for share in SHARES)
             text = f"{_listed(values, digits)} at {torques} N m"
-            yield Statement("11", f"the {name} increases with the torque, with {case}", text, _rises(values))
+            yield FigureStatement("11", f"the {name} increases with the torque, with {case}", text, _rises(values))
 
 
 def _deflection(curve: pd.DataFrame) -> np.ndarray:
@@ -159,11 +159,11 @@ def bearing_deflections(tables: Tables, torque: float) -> list[float]:
     return [float(np.interp(torque, curve["torque_Nm"], _deflection(curve))) for curve in curves]
 
 
-def _bearing(tables: Tables) -> Iterator[Statement]:
+def _bearing(tables: Tables) -> Iterator[FigureStatement]:
     curves = [tables.loading(case.label) for case in tables.study.cases]
     for case, curve in zip(tables.study.cases, curves, strict=True):
         deflection = _deflection(curve)
-        yield Statement(
+        yield FigureStatement(
             "12",
             f"the bearing deflects more as the torque increases, with {case.label}",
             f"up to {deflection[-1]:.3f} µm",
@@ -175,14 +175,14 @@ def _bearing(tables: Tables) -> Iterator[Statement]:
         ("the rated torque", tables.study.design.cycloid.rated_torque_Nm),
     ):
         values = bearing_deflections(tables, torque)
-        yield Statement(
+        yield FigureStatement(
             "12",
             f"the bearing deflects more as the tolerances increase, at {name}",
             f"{_listed(values, 3)} µm by rising tolerance; across the eccentric {_listed(transverse, 3)} at most",
             _rises(values),
         )
     longitudinal = [float(curve["bearing_x_um"].iloc[-1]) for curve in curves]
-    yield Statement(
+    yield FigureStatement(
         "12",
         "the disk moves to the right as the torque increases, read as along the eccentric",
         f"by {_listed(longitudinal, 3)} µm at the rated torque, by rising tolerance",
@@ -190,14 +190,14 @@ def _bearing(tables: Tables) -> Iterator[Statement]:
     )
 
 
-def _rollers(tables: Tables) -> Iterator[Statement]:
+def _rollers(tables: Tables) -> Iterator[FigureStatement]:
     output = tables.contacts.loc[tables.contacts["kind"] == "output", ["contact", "station"]]
     shares = []
     for case in tables.study.cases:
         rows = tables.loaded(case.label, tables.lost_motion_torque).merge(output, on="contact")
         outermost = rows.loc[rows["station"] == 0, "force_N"].sum()
         shares.append(float(outermost / rows["force_N"].sum()))
-    yield Statement(
+    yield FigureStatement(
         "13",
         "as the clearance increases, the force concentrates on the outside rollers",
         f"share of the outermost rollers {_listed(shares, 3)} by rising tolerance",
@@ -205,20 +205,20 @@ def _rollers(tables: Tables) -> Iterator[Statement]:
     )
 
 
-def _curves(tables: Tables) -> Iterator[Statement]:
+def _curves(tables: Tables) -> Iterator[FigureStatement]:
     metrics = {"backlash": _backlash, "lost motion": _lost_motion}
     values = {name: [measure(tables, case.label) for case in tables.study.cases] for name, measure in metrics.items()}
     for name, angles in values.items():
         text = f"the {name} increases with the tolerance"
-        yield Statement("14", text, f"{_listed(angles, 3)} arcmin", _rises(angles))
-    yield Statement(
+        yield FigureStatement("14", text, f"{_listed(angles, 3)} arcmin", _rises(angles))
+    yield FigureStatement(
         "14",
         "the lost motion is larger than the backlash, because the connecting elements yield",
         f"by {_listed([b - a for a, b in zip(*values.values(), strict=True)], 3)} arcmin",
         all(b > a for a, b in zip(*values.values(), strict=True)),
     )
     top = [_slope(tables.loading(case.label)) for case in tables.study.cases]
-    yield Statement(
+    yield FigureStatement(
         "14",
         "the torsional stiffness decreases as the tolerance increases",
         f"slope of the curve at the rated torque {_listed(top, 3)} N m/arcmin",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.calibrate import Calibration, Parameter, Target, calibrated, computed
+from pipeline.checks.calibrate import Calibration, FittedNumber, Target, calibrated, computed
 from pipeline.checks.response import Condensed
 from pipeline.config import Study
 from pipeline.engine.table import Columns
@@ -52,7 +52,7 @@ def table2(study: Study, metrics: Columns, targets: Sequence[Target]) -> pd.Data
 
 
 def prediction(
-    study: Study, disk: Condensed, targets: Sequence[Target], parameters: Sequence[Parameter]
+    study: Study, disk: Condensed, targets: Sequence[Target], parameters: Sequence[FittedNumber]
 ) -> pd.DataFrame:
     """The last case of the targets computed with the numbers fitted to the other cases alone."""
     held_out = targets[-1].case

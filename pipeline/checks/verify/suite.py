@@ -57,7 +57,7 @@ COLUMNS = ("check", "quantity", "reference", "computed", "error", "limit", "ok",
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckRow:
     """One row of ``results.csv``: a finding, the check that it belongs to, and the time since the row before [s]."""
 
     check: str
@@ -79,13 +79,13 @@ class Row:
         return (self.check, finding.quantity, *texts, outcome, f"{self.seconds:.3f}")
 
 
-def run_checks(specimen: Specimen, checks: Mapping[str, Check] = CHECKS) -> Iterator[Row]:
+def run_checks(specimen: Specimen, checks: Mapping[str, Check] = CHECKS) -> Iterator[CheckRow]:
     """Rows of the checks, one by one as they are found."""
     in_strain = specimen.in_stress("plane_strain")
     for name, check in checks.items():
         start = time.perf_counter()
         for finding in check(in_strain if name in PLANE_STRAIN else specimen):
-            yield Row(name, finding, time.perf_counter() - start)
+            yield CheckRow(name, finding, time.perf_counter() - start)
             start = time.perf_counter()
 
 
@@ -112,7 +112,7 @@ def verify(mesh: str, root: Path, results: Path) -> int:
     return sum(row.finding.ok is False for row in rows)
 
 
-def line(row: Row) -> str:
+def line(row: CheckRow) -> str:
     """A row for the terminal: verdict, check, quantity, computed number, error and limit."""
     finding = row.finding
     verdict = {True: "ok", False: "FAILED", None: "skipped"}[finding.ok]
@@ -122,7 +122,7 @@ def line(row: Row) -> str:
     return f"{verdict:8}{row.check:26}{finding.quantity:92}{finding.computed:12.5g}  {outcome}"
 
 
-def write_results(rows: list[Row], path: Path) -> None:
+def write_results(rows: list[CheckRow], path: Path) -> None:
     """Write ``results.csv``."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -131,7 +131,7 @@ def write_results(rows: list[Row], path: Path) -> None:
     write_atomic(path, text.getvalue().encode())
 
 
-def page(rows: list[Row], mesh: str) -> str:
+def page(rows: list[CheckRow], mesh: str) -> str:
     """The page: one table a check, its numbers, errors and limits."""
     lines = [
         "# Verification",

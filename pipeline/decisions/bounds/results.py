@@ -78,7 +78,7 @@ CAPABILITY = Table(
 
 
 @dataclass(frozen=True)
-class Findings:
+class BoundFindings:
     """What was found of a study.
 
     Attributes
@@ -104,7 +104,7 @@ def bounded_metrics(study: Study) -> list[str]:
     ]
 
 
-def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.DataFrame) -> Findings:
+def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.DataFrame) -> BoundFindings:
     """Worst cases, stacks and capabilities.
 
     Parameters
@@ -145,7 +145,7 @@ def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.Da
         for name, limit in study.limits.of_metrics.items()
         if name in library() and units[name].notna().sum() > 1
     ]
-    return Findings(study, tuple(bounds), tuple(stacks), tuple(contributions), tuple(capabilities))
+    return BoundFindings(study, tuple(bounds), tuple(stacks), tuple(contributions), tuple(capabilities))
 
 
 def _metric_at(solve: SolveAt, box: Box, crank_deg: float, metric: str, points: Real) -> Real:
@@ -156,7 +156,7 @@ def _signed(evaluate: Evaluate, sign: float, points: Real) -> Real:
     return sign * evaluate(points)
 
 
-def table_rows(bound_findings: Findings) -> dict[Table, Columns]:
+def table_rows(bound_findings: BoundFindings) -> dict[Table, Columns]:
     """Rows of the four tables."""
     capabilities = [
         (c.metric, c.mean, c.std, c.cpk, c.yield_if_normal, c.passed.value, c.passed.ci_low, c.passed.ci_high)
@@ -180,7 +180,7 @@ def _columns(table: Table, rows: Sequence[tuple]) -> Columns:
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def write_tables(bound_findings: Findings, folder: Path) -> None:
+def write_tables(bound_findings: BoundFindings, folder: Path) -> None:
     """Write the tables as CSV and Parquet into ``folder``."""
     for table, rows in table_rows(bound_findings).items():
         write_atomic(folder / f"{table.name}.parquet", table.part(rows).data)

@@ -19,7 +19,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.pairing import Pair
-from pipeline.identification.generic.play_and_friction import TERMS, Cells, PlayAndFriction, fitted
+from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
 
 Real = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class Model:
             np.concatenate([pair.before_sigma, pair.sigma]),
         )
         top = float(np.max(np.abs(torque)))
-        cells = Cells(state, state, torque, angle, sigma, top)
+        cells = TorqueCells(state, state, torque, angle, sigma, top)
         return cls(fitted(cells, np.ones(len(torque), bool), frozenset(TERMS)), pair, top)
 
     def scale(self, kind: Kind) -> float:

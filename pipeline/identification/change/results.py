@@ -64,7 +64,7 @@ DIFFERENCE = Table(
 
 
 @dataclass(frozen=True)
-class Answer:
+class ChangeAnswer:
     """Two measurements of a drive and what is said of them.
 
     Attributes
@@ -134,7 +134,7 @@ class Answer:
         return ""
 
 
-def answer(measurement_before: Measurement, measurement_after: Measurement) -> Answer:
+def answer(measurement_before: Measurement, measurement_after: Measurement) -> ChangeAnswer:
     """What changed between two measurements of one drive.
 
     Raises
@@ -153,10 +153,10 @@ def answer(measurement_before: Measurement, measurement_after: Measurement) -> A
         raise InputError(faults)
     states = State.of(measurement_before), State.of(measurement_after)
     results = pairs(*states)
-    return Answer(*states, compared(results), pattern(*states, [pair.crank_deg for pair in results]))
+    return ChangeAnswer(*states, compared(results), pattern(*states, [pair.crank_deg for pair in results]))
 
 
-def write(change_answer: Answer, folder: Path) -> None:
+def write(change_answer: ChangeAnswer, folder: Path) -> None:
     """Write tables and, last, the verdict into ``folder``."""
     for table, columns in (
         (CHANGES, change_rows(change_answer.found)),
@@ -167,7 +167,7 @@ def write(change_answer: Answer, folder: Path) -> None:
     write_json(folder / VERDICT_FILE, _verdict(change_answer))
 
 
-def _verdict(change_answer: Answer) -> dict[str, Any]:
+def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:
     identification = change_answer.found
     return {
         "before": change_answer.before.measurement.unit.name,

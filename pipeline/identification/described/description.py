@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.problem import Data
-from pipeline.identification.generic.play_and_friction import TERMS, Cells, PlayAndFriction, fitted
+from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
 from pipeline.identification.selection.cross_validation import LEAST_LOSS, groups
@@ -168,7 +168,7 @@ def _verdict(errors: Mapping[str, AngleError], claims: bool) -> str:
 
 
 def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> PlayAndFriction:
-    cells = Cells(data.position, data.group, torque, data.angle, data.sigma, float(np.max(np.abs(data.torque))))
+    cells = TorqueCells(data.position, data.group, torque, data.angle, data.sigma, float(np.max(np.abs(data.torque))))
     return fitted(cells, training, terms)
 
 

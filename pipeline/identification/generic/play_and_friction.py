@@ -30,7 +30,7 @@ STARTS = ((0.02, 0.02), (0.1, 0.1))
 
 
 @dataclass(frozen=True)
-class Cells:
+class TorqueCells:
     """Cells of torque in time order, from rest at each position's start.
 
     A cell is one torque, or several through which it went in time order, of as many rows each: its angle is their mean.
@@ -72,7 +72,7 @@ class PlayAndFriction:
     torque_zero_Nm: float = 0.0
 
     def angle(self, torque: Real, position: Whole, top: float) -> Real:
-        """Angle (n_cells,) [arcmin] without offsets along torques [N m] in time order, as those of ``Cells``."""
+        """Angle (n_cells,) [arcmin] without offsets along torques [N m] in time order, as those of ``TorqueCells``."""
         amounts = self.play_arcmin, self.compliance_arcmin_per_Nm, self.softening_arcmin_per_Nm2
         net_torque = torque - self.torque_zero_Nm
         return spring_columns(net_torque, position, self.friction_Nm, self.load_friction, top) @ np.array(amounts)
@@ -93,7 +93,7 @@ def carried(torque: Real, position: Whole, friction: float, share: float) -> Rea
 
 
 def spring_columns(torque: Real, position: Whole, friction: float, share: float, top: float) -> Real:
-    """What play, compliance and softening are multiplied by (n_cells, 3), of torques as those of ``Cells``."""
+    """What play, compliance and softening are multiplied by (n_cells, 3), of torques as those of ``TorqueCells``."""
     parts = torque.reshape(len(torque), -1)
     n = parts.shape[1]
     net = carried(np.ravel(parts), np.repeat(position, n), friction, share).reshape(-1, n)
@@ -101,7 +101,7 @@ def spring_columns(torque: Real, position: Whole, friction: float, share: float,
     return np.stack([crossing, net, net * np.abs(net)], axis=-1).mean(axis=1)
 
 
-def fitted(cells: Cells, training: NDArray[np.bool_], terms: frozenset[str] = WITHOUT_ZERO) -> PlayAndFriction:
+def fitted(cells: TorqueCells, training: NDArray[np.bool_], terms: frozenset[str] = WITHOUT_ZERO) -> PlayAndFriction:
     """Least squares over the ``training`` cells (n_cells,), each group with its own offset.
 
     Parameters

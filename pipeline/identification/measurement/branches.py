@@ -35,7 +35,7 @@ END_NOISE = 3.0
 
 
 @dataclass(frozen=True)
-class Blocks:
+class BranchBlocks:
     """Monotone branches in time order, position by position; each owns rows `start` to `stop` - 1.
 
     Attributes
@@ -90,7 +90,7 @@ def turning_points(values: Real, threshold: float) -> Whole:
     return np.array([*turns, last_index] if turns[-1] != last_index else turns, dtype=np.int64)
 
 
-def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -> Blocks:
+def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -> BranchBlocks:
     """The monotone branches of every cycle.
 
     Parameters
@@ -122,7 +122,7 @@ def find_blocks(rows: Rows, usable: Truth, torque_noise: float, fitted: Truth) -
     order = np.argsort(~fitted[start], kind="stable")
     kind = np.empty(len(start), np.int64)
     kind[order] = _kinds(of_position[order], direction[order], rows.coordinate[start][order], span)
-    return Blocks(of_position, of_cycle, direction, branch, kind, start, stop, threshold, end_band)
+    return BranchBlocks(of_position, of_cycle, direction, branch, kind, start, stop, threshold, end_band)
 
 
 def _turns(values: Real, threshold: float, noise: float) -> Whole:

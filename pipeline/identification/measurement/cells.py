@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import Blocks, monotone
+from pipeline.identification.measurement.branches import BranchBlocks, monotone
 from pipeline.identification.measurement.rows import Rows
 
 Real = NDArray[np.float64]
@@ -52,7 +52,7 @@ class Cells:
         return len(self.block)
 
 
-def cells(rows: Rows, usable: Truth, blocks: Blocks, levels: int = CELLS_PER_SENSE) -> Cells:
+def cells(rows: Rows, usable: Truth, blocks: BranchBlocks, levels: int = CELLS_PER_SENSE) -> Cells:
     """Usable rows of each block averaged over cells of torque, at least three rows in each.
 
     Parameters

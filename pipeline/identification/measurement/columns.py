@@ -24,7 +24,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "us": 1e-6}
 TEMPERATURE_UNITS = {"C": (1.0, 0.0), "K": (1.0, -273.15), "F": (5 / 9, -160 / 9)}
 
 
-class Column(Section):
+class FileColumn(Section):
     """A column of the files: value = factor x (what is written, in the standard unit) + offset in the standard unit."""
 
     name: Text
@@ -37,7 +37,7 @@ class Column(Section):
         return 1.0, 0.0
 
 
-class TorqueColumn(Column):
+class TorqueColumn(FileColumn):
     """A torque."""
 
     unit: Literal["N m", "mN m", "kN m", "N mm", "lbf in"] = "N m"
@@ -47,7 +47,7 @@ class TorqueColumn(Column):
         return TORQUE_UNITS[self.unit], 0.0
 
 
-class AngleColumn(Column):
+class AngleColumn(FileColumn):
     """An angle of the output."""
 
     unit: Literal["arcmin", "deg", "rad", "rev", "mrad", "arcsec"] = "arcmin"
@@ -57,7 +57,7 @@ class AngleColumn(Column):
         return ANGLE_UNITS[self.unit], 0.0
 
 
-class CrankColumn(Column):
+class CrankColumn(FileColumn):
     """The crank angle."""
 
     unit: Literal["deg", "rad", "rev"] = "deg"
@@ -67,7 +67,7 @@ class CrankColumn(Column):
         return CRANK_UNITS[self.unit], 0.0
 
 
-class TimeColumn(Column):
+class TimeColumn(FileColumn):
     """The time."""
 
     unit: Literal["s", "ms", "min", "us"] = "s"
@@ -77,7 +77,7 @@ class TimeColumn(Column):
         return TIME_UNITS[self.unit], 0.0
 
 
-class TemperatureColumn(Column):
+class TemperatureColumn(FileColumn):
     """The temperature."""
 
     unit: Literal["C", "K", "F"] = "C"
@@ -90,7 +90,7 @@ class TemperatureColumn(Column):
 class Columns(Section):
     """Where each quantity stands in the files; one that is not named here stands under its own name."""
 
-    cycle: Column = Column(name="cycle")
+    cycle: FileColumn = FileColumn(name="cycle")
     crank_deg: CrankColumn = CrankColumn(name="crank_deg")
     torque_Nm: TorqueColumn = TorqueColumn(name="torque_Nm")
     angle_arcmin: AngleColumn = AngleColumn(name="angle_arcmin")

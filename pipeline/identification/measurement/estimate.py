@@ -19,7 +19,7 @@ SEED = 79
 
 
 @dataclass(frozen=True)
-class Estimate:
+class NoiseEstimate:
     """An rms [arcmin] with the 95 % interval of a block bootstrap; NaN where nothing determines it.
 
     `n` is the number of differences, `blocks` the number of independent pairs of branches that they come from.
@@ -32,17 +32,17 @@ class Estimate:
     blocks: int
 
 
-UNKNOWN = Estimate(np.nan, np.nan, np.nan, 0, 0)
+UNKNOWN = NoiseEstimate(np.nan, np.nan, np.nan, 0, 0)
 """Where nothing determines it."""
 
 
-def rms(groups: list[Real], divisor: float) -> Estimate:
+def rms(groups: list[Real], divisor: float) -> NoiseEstimate:
     """Root mean square over `divisor`, bootstrapped over groups."""
     squares = np.array([np.sum(values**2) for values in groups])
     return pooled(squares, np.array([float(values.size) for values in groups]), divisor)
 
 
-def pooled(squares: Real, counts: Real, divisor: float) -> Estimate:
+def pooled(squares: Real, counts: Real, divisor: float) -> NoiseEstimate:
     """Root of the sum of `squares` over that of `counts`, over `divisor`, bootstrapped over the groups."""
     if not counts.sum():
         return UNKNOWN
@@ -51,7 +51,7 @@ def pooled(squares: Real, counts: Real, divisor: float) -> Estimate:
     return _interval(value, np.sqrt(resamples[:, 0] / resamples[:, 1]) / divisor, round(counts.sum()), len(squares))
 
 
-def robust(groups: list[Real]) -> Estimate:
+def robust(groups: list[Real]) -> NoiseEstimate:
     """Standard deviation by the median absolute value, bootstrapped over groups."""
     if not groups:
         return UNKNOWN
@@ -63,9 +63,9 @@ def robust(groups: list[Real]) -> Estimate:
     return _interval(float(MAD_TO_STD * np.median(sizes)), MAD_TO_STD * medians, sizes.size, len(groups))
 
 
-def _interval(value: float, resampled: Real, n: int, blocks: int) -> Estimate:
+def _interval(value: float, resampled: Real, n: int, blocks: int) -> NoiseEstimate:
     """95 % percentile interval; none from a single block, which says nothing about the spread between blocks."""
     if blocks < 2:
-        return Estimate(value, np.nan, np.nan, n, blocks)
+        return NoiseEstimate(value, np.nan, np.nan, n, blocks)
     low, high = np.quantile(resampled, [0.025, 0.975])
-    return Estimate(value, float(low), float(high), n, blocks)
+    return NoiseEstimate(value, float(low), float(high), n, blocks)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import Blocks, monotone
+from pipeline.identification.measurement.branches import BranchBlocks, monotone
 from pipeline.identification.measurement.rows import Rows
 
 Real = NDArray[np.float64]
@@ -31,7 +31,7 @@ class History:
     leg: Whole
 
 
-def history(rows: Rows, blocks: Blocks) -> History:
+def history(rows: Rows, blocks: BranchBlocks) -> History:
     """Turning torques over all cycles of each position: measured ones, smoothed near each end of a branch."""
     torques: list[Real] = []
     leg = np.zeros(len(blocks), np.int64)
@@ -62,7 +62,7 @@ def _go_on(turns: list[float], torque: float) -> None:
         turns.append(torque)
 
 
-def _end_torques(rows: Rows, blocks: Blocks, block: int) -> tuple[float, float]:
+def _end_torques(rows: Rows, blocks: BranchBlocks, block: int) -> tuple[float, float]:
     """Torque at the first and the last row of a block [N m], by a line through the rows near it."""
     span = blocks.rows[block]
     is_finite = np.isfinite(rows.coordinate[span]) & np.isfinite(rows.torque[span])

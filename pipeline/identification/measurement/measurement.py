@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement import row_filters
-from pipeline.identification.measurement.branches import Blocks, find_blocks
+from pipeline.identification.measurement.branches import BranchBlocks, find_blocks
 from pipeline.identification.measurement.cells import Cells, cells
 from pipeline.identification.measurement.faults.data_faults import data_faults
 from pipeline.identification.measurement.faults.fault import Fault
@@ -92,7 +92,7 @@ class Measurement:
         return self.numeric & ~self.saturated & ~self.clipped & ~self.spikes & ~at_rest
 
     @cached_property
-    def branches(self) -> Blocks:
+    def branches(self) -> BranchBlocks:
         """Monotone branches of every cycle."""
         return find_blocks(self.rows, self.usable, self.torque_noise, self.fitted)
 

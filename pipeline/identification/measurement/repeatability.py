@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import Blocks
+from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
-from pipeline.identification.measurement.estimate import UNKNOWN, Estimate, pooled, rms, robust
+from pipeline.identification.measurement.estimate import UNKNOWN, NoiseEstimate, pooled, rms, robust
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -54,10 +54,10 @@ class Noise:
     resolution_arcmin : standard deviation of a uniform error within a step of the angle; 0 where no step is declared.
     """
 
-    repeats: Estimate
-    random: Estimate
-    within_branch: Estimate
-    between_positions: Estimate
+    repeats: NoiseEstimate
+    random: NoiseEstimate
+    within_branch: NoiseEstimate
+    between_positions: NoiseEstimate
     row_scatter_arcmin: float
     torque_noise_Nm: float
     resolution_arcmin: float = 0.0
@@ -77,7 +77,7 @@ class Noise:
         return Floor(self.resolution_arcmin, "resolution of the angle")
 
 
-def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float, resolution: float = 0.0) -> Noise:
+def measured_noise(blocks: BranchBlocks, cells: Cells, torque_noise: float, resolution: float = 0.0) -> Noise:
     """Noise of the cells of a unit, whose rows have a noise of the torque [N m] and an angle in steps [arcmin].
 
     Notes
@@ -98,7 +98,7 @@ def measured_noise(blocks: Blocks, cells: Cells, torque_noise: float, resolution
     )
 
 
-def restricted(blocks: Blocks, cells: Cells, trained: NDArray[np.bool_]) -> tuple[Blocks, Cells]:
+def restricted(blocks: BranchBlocks, cells: Cells, trained: NDArray[np.bool_]) -> tuple[BranchBlocks, Cells]:
     """Branches that have a cell ``trained`` (n_cells,), numbered anew, and these cells."""
     block_numbers = np.unique(cells.block[trained])
     of_block = {f.name: getattr(blocks, f.name) for f in fields(blocks)}
@@ -106,10 +106,10 @@ def restricted(blocks: Blocks, cells: Cells, trained: NDArray[np.bool_]) -> tupl
         name: of_block[name][block_numbers] for name in ("position", "cycle", "direction", "branch", "start", "stop")
     }
     of_cell = {f.name: getattr(cells, f.name)[trained] for f in fields(cells)}
-    return Blocks(**of_block), Cells(**of_cell | {"block": np.searchsorted(block_numbers, cells.block[trained])})
+    return BranchBlocks(**of_block), Cells(**of_cell | {"block": np.searchsorted(block_numbers, cells.block[trained])})
 
 
-def _repeats(blocks: Blocks, cells: Cells) -> list[Real]:
+def _repeats(blocks: BranchBlocks, cells: Cells) -> list[Real]:
     """Differences between consecutive cycles, a list entry per pair of branches, each pair of cycles centred."""
     differences_of_repeats: list[Real] = []
     for position in np.unique(blocks.position):
@@ -182,7 +182,7 @@ Loop = dict[int, Branch]
 """Mean branches of a position by their kind."""
 
 
-def mean_loops(blocks: Blocks, cells: Cells) -> list[Loop]:
+def mean_loops(blocks: BranchBlocks, cells: Cells) -> list[Loop]:
     """The branches of each position averaged over all cycles, but for its first branch."""
     loops: list[Loop] = []
     for position in np.unique(blocks.position):
@@ -203,7 +203,7 @@ def _loop_differences(loop: Loop, second: Loop) -> list[Real]:
     return _centred([_difference(loop[kind], second[kind]) for kind in loop if kind in second])
 
 
-def _positions_apart(blocks: Blocks, cells: Cells) -> list[Real]:
+def _positions_apart(blocks: BranchBlocks, cells: Cells) -> list[Real]:
     """Differences between the mean loops of neighbouring positions."""
     loops = mean_loops(blocks, cells)
     return [
@@ -237,7 +237,7 @@ def _interpolated(branch: Branch, level: Real) -> tuple[Real, Real]:
     return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
 
 
-def _random(blocks: Blocks, cells: Cells) -> Estimate:
+def _random(blocks: BranchBlocks, cells: Cells) -> NoiseEstimate:
     """Repeats less what cycle number and temperature explain of their differences at equal torque."""
     pairs = _pairs(blocks, cells)
     if len({position for position, _ in pairs}) < 2:
@@ -267,7 +267,7 @@ def _random(blocks: Blocks, cells: Cells) -> Estimate:
     return pooled(squares[weighted], weights[weighted], np.sqrt(2))
 
 
-def _pairs(blocks: Blocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
+def _pairs(blocks: BranchBlocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
     """By position and cycle: difference (n_nodes,) [arcmin] of the next cycle from it, and how much warmer it was [K].
 
     At the torques of the first position's branches; NaN where not both reach.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.text_file import LARGEST_VALUE, check_text, header
 from pipeline.errors import InputError
-from pipeline.identification.measurement.columns import Column
+from pipeline.identification.measurement.columns import FileColumn
 from pipeline.identification.measurement.unit_file import DataFile, UnitFile
 
 Real = NDArray[np.float64]
@@ -209,7 +209,7 @@ def _selected(frame: pd.DataFrame, file: DataFile, number: int, unit: UnitFile) 
     return frame[row_mask]
 
 
-def _column(unit: UnitFile, quantity: str) -> Column:
+def _column(unit: UnitFile, quantity: str) -> FileColumn:
     return getattr(unit.settings.columns, quantity)
 
 

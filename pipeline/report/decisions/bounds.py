@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, Findings, table_rows
+from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS, STACKS, BoundFindings, table_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.samples.bounds import bounds_figure
@@ -18,7 +18,7 @@ TEMPLATE = "decisions/bounds.html"
 STATISTICS = {"mean": "mean", "std": "standard deviation", "far": "99.73 % on the bad side"}
 
 
-def write_bounds_page(bound_findings: Findings, folder: Path) -> None:
+def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
     """Write report.html into ``folder``."""
     tables = {table: pd.DataFrame(rows) for table, rows in table_rows(bound_findings).items()}
     page = rendered(

@@ -9,7 +9,7 @@ import pandas as pd
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured.change import changes_figure, difference_figure
 from pipeline.figures.style import save
-from pipeline.identification.change.results import VERDICT_FILE, Answer
+from pipeline.identification.change.results import VERDICT_FILE, ChangeAnswer
 from pipeline.report.layout.rendering import Picture, rendered
 from pipeline.report.unit.numbers import digits, interval
 
@@ -29,7 +29,7 @@ CAPTIONS = {
 }
 
 
-def write_change_page(change_answer: Answer, folder: Path, shown_folder: Path) -> None:
+def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: Path) -> None:
     """Write report.html and its figures into ``folder``, whose verdict and tables are there already.
 
     Parameters
@@ -64,7 +64,7 @@ def write_change_page(change_answer: Answer, folder: Path, shown_folder: Path) -
     write_atomic(folder / "report.html", page.encode())
 
 
-def _errors(change_answer: Answer) -> list[tuple[str, str, str]]:
+def _errors(change_answer: ChangeAnswer) -> list[tuple[str, str, str]]:
     """Crank angle and errors in noise floors at each position, without and with the change that says most."""
     best = change_answer.found.best
     rows = zip(change_answer.found.models, best.nothing, best.error, strict=True)

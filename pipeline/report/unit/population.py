@@ -13,7 +13,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS
 from pipeline.figures.measured.unit import quantiles_figure
 from pipeline.figures.style import save
-from pipeline.population.comparison import Comparison
+from pipeline.population.comparison import MetricComparison
 from pipeline.population.results import (
     candidate_frame,
     comparison_frame,
@@ -31,7 +31,7 @@ TEMPLATE = "unit/population.html"
 def write_population_page(
     study: Study,
     units: str,
-    comparisons: Sequence[Comparison],
+    comparisons: Sequence[MetricComparison],
     closings: Mapping[float | None, Closing],
     folder: Path,
 ) -> None:

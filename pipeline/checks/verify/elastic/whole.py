@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.checks.calculix import INSTALL, PROGRAM, Answer, calculix_deck, calculix_program, run_calculix
+from pipeline.checks.calculix import INSTALL, PROGRAM, ProgramResult, calculix_deck, calculix_program, run_calculix
 from pipeline.checks.specimen import SHARES, Specimen, loaded
 from pipeline.checks.verify.elastic.unreduced import WholeSolution, solve_unreduced, unreduced
 from pipeline.checks.verify.findings import Finding, compared, relative, skipped, stated
@@ -94,7 +94,7 @@ def check_calculix(specimen: Specimen) -> Iterator[Finding]:
         bodies = coarse if coarse.study.design.disk.stress == stress else coarse.in_stress(stress)
         solution = loaded(bodies, torque)
         with tempfile.TemporaryDirectory() as folder:
-            answer: Answer = run_calculix(calculix_deck(bodies, torque, solution), Path(folder))
+            answer: ProgramResult = run_calculix(calculix_deck(bodies, torque, solution), Path(folder))
         if stress == "plane_strain":
             limits = (PLANE_STRAIN_LIMIT, PLANE_STRAIN_LIMIT)
             yield from _agreement("CalculiX in plane strain", answer.angle, answer.force, solution, output, limits)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.measurement.branches import Blocks
+from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.rows import Rows
 
@@ -19,7 +19,7 @@ FEWEST_BRANCH_ROWS = 5
 """Rows below which a branch has no shape."""
 
 
-def branch_faults(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+def branch_faults(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
     """Cycles that are missing or do not load in both senses, and branches of too few rows."""
     yield from _missing(rows)
     yield from _one_sense(rows, blocks, usable)
@@ -42,7 +42,7 @@ def _missing(rows: Rows) -> Iterator[Fault]:
         yield Fault("missing cycle", f"{_listed(lacking)} is not there", "note")
 
 
-def _one_sense(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+def _one_sense(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
     names, chosen = [], np.zeros(len(rows), bool)
     for position, crank in enumerate(rows.cranks):
         for cycle in np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered]):
@@ -57,7 +57,7 @@ def _one_sense(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
         yield fault_of_rows(rows, chosen, "one sense", "note", message)
 
 
-def _few(rows: Rows, blocks: Blocks, usable: Truth) -> Iterator[Fault]:
+def _few(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:
     counts = np.array([usable[span].sum() for span in blocks.rows], dtype=int)
     short = np.flatnonzero(counts < FEWEST_BRANCH_ROWS)
     if short.size:

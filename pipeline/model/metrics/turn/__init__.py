@@ -7,10 +7,10 @@ file, its distribution, its row and its definition in the report follow from it.
 from pipeline.model.metrics.turn.turn_metric import (
     FEWEST_ANGLES,
     NEEDS,
-    Conditions,
+    RunningConditions,
     TurnMetric,
     TurnReadings,
     turn_library,
 )
 
-__all__ = ["FEWEST_ANGLES", "NEEDS", "Conditions", "TurnMetric", "TurnReadings", "turn_library"]
+__all__ = ["FEWEST_ANGLES", "NEEDS", "RunningConditions", "TurnMetric", "TurnReadings", "turn_library"]

@@ -32,7 +32,7 @@ NEEDS = {
 
 
 @dataclass(frozen=True)
-class Conditions:
+class RunningConditions:
     """How the reducer runs while the torque is held; missing what the design does not state.
 
     Attributes
@@ -78,7 +78,7 @@ class TurnReadings:
     shear: Real
     shear_depth: Real
     friction_power: Real
-    conditions: Conditions
+    conditions: RunningConditions
     loaded_even: NDArray[np.bool_]
     free_even: NDArray[np.bool_]
 
