@@ -11,7 +11,7 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.geometry.reducer import Reducer, of_each_disk
 from pipeline.model.load_history.drive import Drive, GapReading
 
 
@@ -32,7 +32,8 @@ def drive_of(
     compliance : of the disks between the contacts (n_contacts, n_contacts) [mm/N], to which that of the output's bodies
         is added; None where all bodies are rigid.
     errors : of ``n`` states.
-    clearance : (n,) of the input bearing [mm], or of those of the cranks where an output mechanism carries the disk.
+    clearance : (n,) or (n, n_disks) of each disk's input bearing [mm]; where an output mechanism carries the disks, of
+        all bearings of the cranks in a disk.
     laws : of the contacts; the study's where none are given.
     modulus : (n,) factor of the modulus of all elastic parts, or None for 1.
     reducer : of a design whose contacts stand alike; the study's where none is given.
@@ -43,7 +44,7 @@ def drive_of(
     if not reducer.centred:
         output = np.flatnonzero(reducer.contacts.kind == OUTPUT)
         bearing_rows = output[study.design.output.bearing_rows(reducer.contacts.some(output))]
-        shift[:, bearing_rows] = np.reshape(clearance, (len(clearance), -1))[:, :1]
+        shift[:, bearing_rows] = of_each_disk(clearance, reducer.n_disks)[:, reducer.disk_of_contact[bearing_rows]]
         clearance = np.full(len(clearance), study.design.cycloid.eccentricity_mm)  # no bearing is met within it
     drive = Drive(
         profile=assembly.profile(study.design),

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from math import pi, sin
 from typing import Any
 
-from pipeline.config.designs.design import Bearing, Cycloid, Disk, Housing
+from pipeline.config.designs.design import Cycloid, Disk, Housing
 from pipeline.config.designs.flank import flank_problems
 from pipeline.config.files.section import Problem, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
@@ -36,24 +36,15 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
     if output:
         problems += output.problems(cycloid, disk)
     if disk and disk.count > 1:
-        problems += _several_disks(disk, cycloid, output, parts.get("bearing"))
+        problems += _several_disks(disk, cycloid, output)
     return problems + list(_materials(parts))
 
 
-def _several_disks(
-    disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None, bearing: Bearing | None
-) -> Iterator[Problem]:
-    """Disks that their output cannot take, that are no one part, or whose bearings are not solved."""
+def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None) -> Iterator[Problem]:
+    """Disks that their output cannot take, or that are no one part."""
     if output and output.one_disk_because:
         allowed = f"must be 1 with the output {output.name}: {output.one_disk_because}; take pin_in_hole"
         yield Problem("disk.count", disk.count, allowed)
-    has_carrier = output is not None and output.carries_disks
-    if bearing and not has_carrier and (bearing.exponent != 1 or bearing.clearance_um > 0):
-        key = "exponent" if bearing.exponent != 1 else "clearance_um"
-        allowed = (
-            f"must be {1 if key == 'exponent' else 0} with {disk.count} disks: their bearings are linear and tight"
-        )
-        yield Problem(f"bearing.{key}", getattr(bearing, key), allowed)
     holes = output.holes(cycloid) if output and cycloid else None
     if disk.clocking == "same_part" and cycloid and holes:
         clockings = (clocking(holes.centres, cycloid.lobes, number, disk.count) for number in range(disk.count))

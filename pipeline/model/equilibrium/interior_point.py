@@ -133,7 +133,7 @@ def start_within(system, friction, torque, gap, clearance, work):
     """
     load, largest = _loads(system, torque, gap)
     stride = _stride(system, torque, load, gap)
-    work.thrust[0] = 0.0
+    work.thrust[:] = 0.0
     for d in range(work.motion.shape[0]):
         work.motion[d] = 0.0
     reset(work)
@@ -146,9 +146,10 @@ def start_within(system, friction, torque, gap, clearance, work):
         complementarity = _complementarity(system, work)
         residuals(system, friction, torque, clearance, work)
         if system.planar:
-            hold = np.sqrt(complementarity * largest / stride) / (stride + clearance)
-            work.spring[2] += hold
-            work.spring[4] += hold
+            for k in range(clearance.shape[0]):
+                hold = np.sqrt(complementarity * largest / stride) / (stride + clearance[k])
+                work.spring[k, 2] += hold
+                work.spring[k, 4] += hold
         if complementarity < INTERIOR_END * load * stride:
             break
         _aim(system, complementarity, work)

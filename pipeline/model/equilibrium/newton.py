@@ -180,9 +180,10 @@ def newton_step(system, friction, work):
     for b in range(count(work.active)):
         _condense(system, b, work)
     if system.planar:
-        tangent[0, 0] += work.spring[2]
-        tangent[1, 0] += work.spring[3]
-        tangent[1, 1] += work.spring[4]
+        for k in range(work.thrust.shape[0]):
+            tangent[2 * k, 2 * k] += work.spring[k, 2]
+            tangent[2 * k + 1, 2 * k] += work.spring[k, 3]
+            tangent[2 * k + 1, 2 * k + 1] += work.spring[k, 4]
     if friction is not None:
         add_friction(system, friction, work)
     stiffest = 0.0
@@ -198,43 +199,65 @@ def newton_step(system, friction, work):
 
 
 @algebraic_part
-def _around(length, work):
-    """Move the disk's centre by a share of the step, around the edge of the bearing's clearance where it leans on it.
+def _around(length, k, work):
+    """Move a disk's centre by a share of the step, around the edge of its bearing's clearance where it leans on it.
 
     A straight step along the edge would press the disk into the bearing by the square of the step.
     """
-    x, y = work.motion[0], work.motion[1]
-    step_x, step_y = length * work.step[0], length * work.step[1]
+    motion = work.motion[2 * k : 2 * k + 2]
+    x, y = motion[0], motion[1]
+    along, aside = length * work.step[2 * k], length * work.step[2 * k + 1]
     distance = np.sqrt(x * x + y * y)
-    radial, tangential = (step_x * x + step_y * y) / distance, (step_y * x - step_x * y) / distance
+    radial, across = (along * x + aside * y) / distance, (aside * x - along * y) / distance
     if distance + radial > 0.5 * distance:
-        angle, stretch = tangential / distance, (distance + radial) / distance
-        work.motion[0] = stretch * (np.cos(angle) * x - np.sin(angle) * y)
-        work.motion[1] = stretch * (np.sin(angle) * x + np.cos(angle) * y)
+        angle, stretch = across / distance, (distance + radial) / distance
+        motion[0] = stretch * (np.cos(angle) * x - np.sin(angle) * y)
+        motion[1] = stretch * (np.sin(angle) * x + np.cos(angle) * y)
     else:
-        work.motion[0] += step_x
-        work.motion[1] += step_y
+        motion[0] += along
+        motion[1] += aside
 
 
 @algebraic_part
 def share_of_a_turn(system, work):
-    """Share of the step, at most 1, that takes the disk no more than ``LARGEST_TURN`` around its bearing."""
-    if not system.planar or work.thrust[0] == 0.0:
-        return 1.0
-    x, y = work.motion[0], work.motion[1]
-    turn = abs(work.step[1] * x - work.step[0] * y) / (x * x + y * y)
-    return LARGEST_TURN / turn if turn > LARGEST_TURN else 1.0
+    """Share of the step, at most 1, that takes no disk more than ``LARGEST_TURN`` around its bearing."""
+    share = 1.0
+    if not system.planar:
+        return share
+    for k in range(work.thrust.shape[0]):
+        if work.thrust[k] == 0.0:
+            continue
+        x, y = work.motion[2 * k], work.motion[2 * k + 1]
+        turn = abs(work.step[2 * k + 1] * x - work.step[2 * k] * y) / (x * x + y * y)
+        share = min(share, LARGEST_TURN / turn) if turn > LARGEST_TURN else share
+    return share
+
+
+@algebraic_part
+def _leaning(work):
+    """Which disks lean on their bearings, as a binary number."""
+    number = 0
+    for k in range(work.thrust.shape[0]):
+        number += (work.thrust[k] > 0.0) << k
+    return number
 
 
 @algebraic_part
 def move(system, length, work):
-    """Add a share of the step to the motions and to the bearing's thrust, which ends where it would pull."""
-    thrust, spring, step, motion = work.thrust, work.spring, work.step, work.motion
+    """Add a share of the step to the motions and to the bearings' thrusts, which end where they would pull."""
+    thrust, step, motion = work.thrust, work.step, work.motion
     straight = 0
-    if system.planar and thrust[0] > 0.0:
-        thrust[0] = max(thrust[0] + length * (spring[5] * step[0] + spring[6] * step[1] + spring[7]), 0.0)
-        _around(length, work)
-        straight = 2
+    if system.planar:
+        for k in range(thrust.shape[0]):
+            spring = work.spring[k]
+            if thrust[k] > 0.0:
+                rise = spring[5] * step[2 * k] + spring[6] * step[2 * k + 1] + spring[7]
+                thrust[k] = max(thrust[k] + length * rise, 0.0)
+                _around(length, k, work)
+            else:
+                motion[2 * k] += length * step[2 * k]
+                motion[2 * k + 1] += length * step[2 * k + 1]
+        straight = 2 * thrust.shape[0]
     for d in range(straight, step.shape[0]):
         motion[d] += length * step[d]
 
@@ -270,7 +293,7 @@ def converge(system, friction, torque, gap, clearance, work):
     for iteration in range(STEP_LIMIT):
         deflect(system, gap, work)
         n_closed = _close_penetrated(system, work)
-        pushed = work.thrust[0] > 0.0
+        leaning = _leaning(work)
         deviation, unbalanced = residuals(system, friction, torque, clearance, work)
         residual = max(deviation, unbalanced)
         if n_closed == 0 and deviation <= FORCE_TOLERANCE and unbalanced <= BALANCE_TOLERANCE:
@@ -285,7 +308,7 @@ def converge(system, friction, torque, gap, clearance, work):
         length = 1.0
         if friction is not None:
             length = share_of_braking(system, friction, work)
-        if n_closed > 0 or pushed != (work.thrust[0] > 0.0):
+        if n_closed > 0 or leaning != _leaning(work):
             changes += 1
             if changes > HOPELESS:
                 break

@@ -44,8 +44,9 @@ class System(NamedTuple):
     exponent: Real
     limit: Real
     output: int  # motion on which the torque acts
-    planar: bool  # whether a bearing holds the disk's translation, which is among the motions
-    stiffness: float  # the bearing's, and its exponent
+    planar: bool  # whether bearings hold the disks' translations, which are the first motions
+    bearings: int  # input bearings, one a disk
+    stiffness: float  # a bearing's, and its exponent
     bearing_exponent: float
 
 
@@ -72,8 +73,8 @@ class Work(NamedTuple):
     logarithm: Real
     bits: np.ndarray  # the memory of ``logarithm`` as integers
     slack: Real  # (n_blocks, longest block) of the active contacts, in the interior-point iteration [mm]
-    thrust: Real  # (1,) force of the bearing
-    spring: Real  # (8,) see bearing_spring
+    thrust: Real  # (n_disks,) force of each input bearing
+    spring: Real  # (n_disks, 8) see bearing_springs
     anchor: Real  # (n_sliders,) slip of every slider without resistance [mm, rad]
     resistance: Real  # (n_sliders,) [N, N mm]; where a slider does not resist, what it did before
     stick: Real  # its slope against the slip
@@ -115,8 +116,8 @@ def workspace(system: System, n_sliders: int) -> Work:
         logarithm=logarithm,
         bits=logarithm.view(np.int64),
         slack=np.zeros(lists),
-        thrust=np.zeros(1),
-        spring=np.zeros(8),
+        thrust=np.zeros(system.bearings),
+        spring=np.zeros((system.bearings, 8)),
         anchor=np.zeros(sliders),
         resistance=np.zeros(sliders),
         stick=np.zeros(sliders),
@@ -159,37 +160,42 @@ def force_at_penetration(system, i, penetration):
 
 
 @algebraic_part
-def bearing_spring(system, clearance, work):
-    """Force and tangent of the bearing into ``spring``: fx, fy, kxx, kxy, kyy, and how the thrust follows the motion.
+def bearing_springs(system, clearance, work):
+    """Force and tangent of each bearing into ``spring``: fx, fy, kxx, kxy, kyy, and how the thrust follows the motion.
 
-    The bearing pushes with the unknown ``thrust`` along the displacement u, like a contact:
+    A bearing pushes with the unknown ``thrust`` along the displacement u of its disk, like a contact:
     |d| - clearance - (thrust/K)^(1/n) = 0 is linearised with it, so that the disk can run around the edge of the
     clearance under a small force.
     """
-    thrust, spring = work.thrust, work.spring
-    x, y = work.motion[0], work.motion[1]
-    for k in range(8):
-        spring[k] = 0.0
+    work.spring[:] = 0.0
+    for k in range(clearance.shape[0]):
+        _bearing_spring(system, clearance[k], k, work)
+
+
+@algebraic_part
+def _bearing_spring(system, clearance, k, work):
+    thrust, spring = work.thrust, work.spring[k]
+    x, y = work.motion[2 * k], work.motion[2 * k + 1]
     if clearance == 0.0 and system.bearing_exponent == 1.0:
-        thrust[0] = 0.0  # it follows from the motions, which need not go around
+        thrust[k] = 0.0  # it follows from the motions, which need not go around
         spring[0], spring[1] = system.stiffness * x, system.stiffness * y
         spring[2], spring[4] = system.stiffness, system.stiffness
         return
     distance = np.sqrt(x * x + y * y)
-    if thrust[0] == 0.0 and distance > clearance:
-        thrust[0] = system.stiffness * (distance - clearance) ** system.bearing_exponent
-    if thrust[0] == 0.0 or distance == 0.0:
-        thrust[0] = 0.0
+    if thrust[k] == 0.0 and distance > clearance:
+        thrust[k] = system.stiffness * (distance - clearance) ** system.bearing_exponent
+    if thrust[k] == 0.0 or distance == 0.0:
+        thrust[k] = 0.0
         return
-    depth = (thrust[0] / system.stiffness) ** (1.0 / system.bearing_exponent)
-    radial, tangential = system.bearing_exponent * thrust[0] / depth, thrust[0] / distance
+    depth = (thrust[k] / system.stiffness) ** (1.0 / system.bearing_exponent)
+    radial, across = system.bearing_exponent * thrust[k] / depth, thrust[k] / distance
     ux, uy = x / distance, y / distance
     miss = distance - clearance - depth
-    push = thrust[0] + radial * miss
+    push = thrust[k] + radial * miss
     spring[0], spring[1] = push * ux, push * uy
-    spring[2] = radial * ux * ux + tangential * uy * uy
-    spring[3] = (radial - tangential) * ux * uy
-    spring[4] = radial * uy * uy + tangential * ux * ux
+    spring[2] = radial * ux * ux + across * uy * uy
+    spring[3] = (radial - across) * ux * uy
+    spring[4] = radial * uy * uy + across * ux * ux
     spring[5], spring[6], spring[7] = radial * ux, radial * uy, radial * miss
 
 
@@ -304,8 +310,8 @@ def imbalance(system, friction, torque, work):
     force, balance, relative = work.force, work.balance, 0.0
     for d in range(balance.shape[0]):
         total = -torque if d == system.output else 0.0
-        if system.planar and d < 2:
-            total += work.spring[d]
+        if system.planar and d < 2 * work.thrust.shape[0]:
+            total += work.spring[d // 2, d % 2]
         scale = abs(total)
         row = system.contact_jacobian[d]
         for b in range(count(work.active)):
@@ -329,7 +335,7 @@ def imbalance(system, friction, torque, work):
 def residuals(system, friction, torque, clearance, work):
     """Relative misfit of the active contacts and relative imbalance of the motions, and their tangents."""
     if system.planar:
-        bearing_spring(system, clearance, work)
+        bearing_springs(system, clearance, work)
     if friction is not None:
         resist(system, friction, work)
     return misfit(system, work), imbalance(system, friction, torque, work)

@@ -135,7 +135,9 @@ def share_of_braking(system, friction, work):
             for j in range(work.sizes[b, 0]):
                 slope += step[d] * jacobian[d, part.active[j]] * part.miss[j]
     if system.planar:
-        slope += step[0] * (spring[2] * step[0] + 2.0 * spring[3] * step[1]) + step[1] * spring[4] * step[1]
+        for k in range(spring.shape[0]):
+            x, y = step[2 * k], step[2 * k + 1]
+            slope += x * (spring[k, 2] * x + 2.0 * spring[k, 3] * y) + y * spring[k, 4] * y
     for k in range(work.counts[1]):
         s, i = work.resisting[k], friction.contact[work.resisting[k]]
         part = part_of(work.active, work, system.block[max(i, 0)])

@@ -113,7 +113,7 @@ def _solve_batch(system, work, torques, gap, clearance, start, motion, force, it
             work.motion[d] = start[s, d]
         for i in range(gap.shape[1]):
             work.force[i] = 0.0
-        work.thrust[0] = 0.0
+        work.thrust[:] = 0.0
         reset(work)
         for t in range(torques.shape[0]):
             _extrapolate(system, torques, t, motion[s], force[s], work)
@@ -163,6 +163,7 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
         *(ordered.linear, ordered.logarithmic, ordered.power, ordered.exponent, ordered.force_limit),
         reducer.output_motion - eliminated,
         reducer.centred and not linear,
+        reducer.n_disks,
         float(bearing.stiffness),
         float(bearing.exponent),
     )
@@ -194,11 +195,6 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
     torque : (n_torques,) [N mm]
         None of them zero: with play the zero-torque pose is not unique (``rigid_backlash.rigid_play`` has its ends).
 
-    Raises
-    ------
-    ValueError
-        If several disks stand on bearings that are not linear or have a clearance.
-
     Notes
     -----
     A step that misses ``ACCEPTED`` is reported by ``converged``; the following steps still start from it.
@@ -206,8 +202,6 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
     reducer, bearing = elastic.reducer, elastic.bearing
     clearance = of_each_disk(bearing_clearance, reducer.n_disks)
     linear = reducer.centred and bearing.exponent == 1 and not np.any(clearance)
-    if reducer.centred and not linear and reducer.n_disks > 1:
-        raise ValueError(f"{reducer.n_disks} disks on bearings that are not linear or have a clearance")
     eliminated = 2 * reducer.n_disks if linear else 0
     n, n_contacts = gap.shape
     shape, n_motions = (n, len(torque)), len(reducer.motions) - eliminated
@@ -219,7 +213,7 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
         workspace(system, 0),
         np.asarray(torque, float),
         np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order]),
-        np.ascontiguousarray(clearance[:, 0], dtype=float),
+        np.ascontiguousarray(clearance, dtype=float),
         np.ascontiguousarray(start[:, eliminated:]),
         motion,
         force,

@@ -82,7 +82,7 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
     for sense, pose in ((1.0, play.pose_plus), (-1.0, play.pose_minus)):
         levels = sense * cycle.rated_torque * cycle.fractions
         start = first_poses(drive, pose, levels[0])
-        senses.append(_with_end(drive.softened_equilibria(start, levels), pose))
+        senses.append(_with_end(_loaded(drive, start, pose, levels), pose))
         if np.any(play.preloaded):
             preloaded = play.preloaded
             limit = sense * LIMIT_TORQUE * cycle.rated_torque
@@ -101,6 +101,23 @@ def _put_end(branch: Equilibria, samples: np.ndarray, solved: Equilibria) -> Non
     """Make the last state of some of the samples, solved apart, the end of their branch."""
     for name, values in vars(branch).items():
         values[samples, 0] = getattr(solved, name)[:, -1]
+
+
+def _loaded(drive: Drive, start: Real, pose: Real, levels: Real) -> Equilibria:
+    """Equilibria at torques (n_levels,) [N mm] of one sense from the least up; where one fails, from the largest down.
+
+    Under load disks lean on their loose bearings, so that few torques there lack a start.
+    """
+    states = drive.softened_equilibria(start, levels)
+    failed = np.flatnonzero(~np.all(states.converged, axis=1))
+    if len(failed):
+        remaining = drive.some(failed)
+        leaning = first_poses(remaining, pose[failed], levels[-1])
+        downward = remaining.softened_equilibria(leaning, levels[::-1])
+        solved = np.all(downward.converged, axis=1)
+        for name, values in vars(states).items():
+            values[failed[solved]] = getattr(downward, name)[solved, ::-1]
+    return states
 
 
 def _with_end(loaded_states: Equilibria, pose: Real) -> Equilibria:

@@ -13,7 +13,7 @@ from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
-from pipeline.model.geometry.reducer import nominal_reducer
+from pipeline.model.geometry.reducer import Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.drive import first_poses
 
@@ -259,3 +259,58 @@ def test_perfect_disks_carry_equal_shares_and_turn_as_one_does_under_its_share(p
         )
         thrust = reducer.thrust(whole.force)[0]
         np.testing.assert_allclose(thrust, np.repeat(isolated.thrust(part.force)[0], disks, axis=1), rtol=1e-8)
+
+
+LOOSE = [(2e-3, 1.0), (0.0, 1.5), (2e-3, 1.5)]
+"""Clearance [mm] and exponent of every bearing."""
+
+
+def on_bearings(profile, reducer, torques, clearance, exponent, gap=1e-3):
+    """Equilibria of one unit whose bearings have these clearances (1, n_disks) [mm], at ascending torques [N mm]."""
+    gaps_of_contacts = np.full((1, len(reducer.contacts)), gap)
+    springs = Bearing(LINEAR.stiffness, exponent), laws_of_disks(profile, reducer), blocks(reducer)
+    drive = drive_with(profile, reducer, *springs, gaps_of_contacts, clearance)
+    play = rigid_play(reducer, gaps_of_contacts, clearance)
+    states = drive.equilibria(first_poses(drive, play.pose_plus, torques[-1]), torques[::-1])
+    assert np.all(states.converged)
+    return replace(states, motion=states.motion[:, ::-1], force=states.force[:, ::-1])
+
+
+def thrust_on_eccentrics(reducer, force):
+    """Force on each bearing (..., n_disks) [N], complex, its real part along the eccentric."""
+    resultant = (force @ reducer.planar).reshape(*force.shape[:-1], reducer.n_disks, 2)
+    return (resultant[..., 0] + 1j * resultant[..., 1]) * np.exp(-1j * np.array(angles(reducer)))
+
+
+@pytest.mark.parametrize(("clearance", "exponent"), LOOSE)
+@pytest.mark.parametrize(("profile", "disks"), [(SMALL, 2), (SMALL, 3)])
+def test_equal_disks_on_equal_loose_bearings_share_the_torque(profile, disks, clearance, exponent):
+    """Each is one disk under its share; across its eccentric a bearing bears T/(n_disks e Z), whatever else."""
+    (_, reducer), (_, isolated) = (reducer_at(profile, 0.3, count) for count in (disks, 1))
+    torques = np.array([300.0, 3000.0, 12000.0])
+    whole = on_bearings(profile, reducer, torques, np.full((1, disks), clearance), exponent)
+    part = on_bearings(profile, isolated, torques / disks, np.full((1, 1), clearance), exponent)
+    rotation = whole.motion[0, :, reducer.output_motion]
+    np.testing.assert_allclose(rotation, part.motion[0, :, isolated.output_motion], rtol=1e-8)
+    thrust = thrust_on_eccentrics(reducer, whole.force)[0]
+    single_thrust = thrust_on_eccentrics(isolated, part.force)[0]
+    np.testing.assert_allclose(thrust, np.repeat(single_thrust, disks, axis=1), atol=1e-7 * np.max(np.abs(thrust)))
+    across = torques / (disks * profile.eccentricity * profile.lobes)
+    np.testing.assert_allclose(np.abs(thrust.imag), np.repeat(across[:, None], disks, axis=1), rtol=1e-8)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_each_disk_leans_on_its_own_bearing_by_its_law(exponent):
+    """F = K (d - c)^n of each, with a clearance of its own; the moments of the bearings balance the torque."""
+    _, reducer = reducer_at(SMALL, 0.3, 3)
+    clearance, torques = np.array([[0.0, 1e-3, 4e-3]]), np.array([300.0, 3000.0, 12000.0])
+    states = on_bearings(SMALL, reducer, torques, clearance, exponent)
+    shift = states.motion[0, :, :6].reshape(3, 3, 2)
+    depth = np.maximum(np.hypot(shift[..., 0], shift[..., 1]) - clearance, 0.0)
+    thrust = thrust_on_eccentrics(reducer, states.force)[0]
+    np.testing.assert_allclose(
+        LINEAR.stiffness * depth**exponent, np.abs(thrust), atol=1e-6 * np.max(np.abs(thrust)), rtol=1e-6
+    )
+    moment = SMALL.eccentricity * np.abs(np.sum(thrust.imag, axis=1))
+    np.testing.assert_allclose(moment, torques / SMALL.lobes, rtol=1e-8)
+    assert np.ptp(np.abs(thrust[1])) > 0.02 * np.max(np.abs(thrust[1]))

@@ -1,4 +1,4 @@
-"""Radial clearance of the input bearing, besides the design's."""
+"""Radial clearance of each disk's input bearing, besides the design's; of the cranks' bearings in it all alike."""
 
 from pipeline.config.dimensions.dimension import Dimension
 
@@ -10,6 +10,5 @@ DIMENSION = Dimension(
     rank=80,
     draw_columns=(2,),
     of_disk=True,
-    most_disks=1,
     one_sided=True,
 )
