@@ -15,7 +15,7 @@ from pipeline.model.load_history.loop_readings import loop_readings
 from pipeline.model.load_history.response import respond
 from pipeline.model.load_history.validity import beyond_limit_share, invalid_metrics
 from pipeline.model.metrics import library
-from pipeline.model.turn.held_torque import bearing_force, torque_shares
+from pipeline.model.turn.held_torque import bearing_force, on_bearings, torque_shares
 from pipeline.model.units import NM_PER_NMM
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors
@@ -60,7 +60,12 @@ LOOPS = Table(
             Column(metric.valid_column, "bool", "", f"whether the {metric.inline} means what its definition says")
             for metric in library().values()
         ),
-        Column("bearing_force_N", "float64", "N", "largest force on the input bearing; null without one"),
+        Column(
+            "bearing_force_N",
+            "float64",
+            "N",
+            "largest force of a disk on its input bearing at any torque of the loop; null without one",
+        ),
         *RUNNING,
         Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
     ),
@@ -121,12 +126,11 @@ def loop_columns(study: Study, solution: Solved) -> dict[str, np.ndarray]:
     peak = np.max(drive.laws_of_states.peak_pressure(states.force), axis=(1, 2))
     shares = torque_shares(drive, response, assembly.definitions(study))
     readings = replace(loop_readings(response, peak, assembly.definitions(study)), load_share=shares.max(axis=(1, 2)))
-    thrust = drive.reducer.thrust(states.force)
     return {
         "solved": response.converged,
         **{column.name: getattr(readings, field) for field, column in READINGS.items()},
         **{library()[name].valid_column: reason == "" for name, reason in solution.invalid.items()},
-        "bearing_force_N": np.where(drive.reducer.centred, np.max(thrust, axis=(1, 2)), np.nan),
+        "bearing_force_N": np.max(np.abs(on_bearings(drive.reducer, states.force)), axis=(1, 2)),
         **running_columns(study, drive, response),
         "beyond_limit_share": np.max(beyond_limit_share(drive, states), axis=1),
     }

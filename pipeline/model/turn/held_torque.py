@@ -25,25 +25,29 @@ def bearing_force(drive: Drive, response: CycleResponse, definitions: Definition
     response : of the drive to a load cycle with the torques of the definitions.
     definitions : their higher torque of the rigidity is the one that is held.
 
+    Raises
+    ------
+    ValueError
+        If the cycle lacks the torque.
+    """
+    return on_bearings(drive.reducer, held_forces(response, definitions))
+
+
+def on_bearings(reducer: Reducer, force: Real) -> NDArray[np.complex128]:
+    """Force of each disk on its input bearing (n, n_states, n_disks) complex [N] under forces (..., n_contacts) [N].
+
     Notes
     -----
     The disk is in balance between its contacts and its bearing, so the bearing bears the contacts' resultant on the
     disk: the penetrations ``contact_jacobian q`` grow against it. A disk that the output mechanism carries has none.
     A body between disk and output that only rotates is held from aside by nothing real: what its contacts push the disk
     aside counts for the bearing, which then bears the pins alone, as it does where that body floats.
-
-    Raises
-    ------
-    ValueError
-        If the cycle lacks the torque.
     """
-    translations = drive.reducer.contact_jacobian[:, drive.reducer.disk_motions].copy()
-    translations[_with_held_between(drive.reducer)] = 0.0
-    forces = held_forces(response, definitions)  # one product a sample: the digits do not depend on how many there are
-    resultant = -(forces @ translations.reshape(len(translations), -1)).reshape(
-        *forces.shape[:2], *translations.shape[1:]
-    )
-    if not drive.reducer.centred:
+    jacobian = reducer.contact_jacobian[:, reducer.disk_motions].copy()
+    jacobian[_with_held_between(reducer)] = 0.0
+    # one product a sample: the digits do not depend on how many there are
+    resultant = -(force @ jacobian.reshape(len(jacobian), -1)).reshape(*force.shape[:2], *jacobian.shape[1:])
+    if not reducer.centred:
         resultant[:] = np.nan
     return resultant[..., 0] + 1j * resultant[..., 1]
 

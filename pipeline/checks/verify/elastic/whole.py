@@ -80,7 +80,7 @@ def check_unreduced(specimen: Specimen) -> Iterator[Finding]:
 
 
 def check_calculix(specimen: Specimen) -> Iterator[Finding]:
-    """Whole reducer in CalculiX: plane strain, 3 loads; then the gap of its expanded elements in plane stress.
+    """Whole reducer in CalculiX, coarse mesh: plane strain, 3 loads; then the gap of expanded elements in plane stress.
 
     Both solve one mesh, so a coarse one serves: on the paper's CalculiX takes the better part of an hour.
     """
