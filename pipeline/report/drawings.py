@@ -69,7 +69,7 @@ def _reducer(frames: Frames) -> Drawing:
     design, crank = frames.study.design, frames.crank_deg
     reducer, words = assembly.reducer(design, crank), design.output.words
     panels = [
-        panel
+        (panel, flank_outline(design, float(np.degrees(disk.crank))))
         for disk, numbers in zip(reducer.disks, reducer.output_rows, strict=True)
         for panel in design.output.panels(disk, reducer.contacts.some(numbers), numbers)
     ]
@@ -79,10 +79,10 @@ def _reducer(frames: Frames) -> Drawing:
         f"Pins are counted clockwise from the direction of the eccentric at crank angle 0. {words.drawing}",
         reducer_figure(
             frames.at_crank(frames.contacts),
-            flank_outline(design, crank),
+            [outline for _, outline in panels] or [flank_outline(design, crank)],
             crank,
             design.cycloid.pin_radius_mm,
-            panels,
+            [panel for panel, _ in panels],
         ),
     )
 

@@ -182,8 +182,6 @@ def geometry_problems_of(data):
         ("two_disks_39", "disk.count", 4, "disk.count = 4; must be <= 3"),
         ("two_disks_39", "disk.count", 3, 'disk.clocking = "same_part"; 10 holes and 39 lobes: no turn by whole holes'),
         ("two_disks_39", "output.pins", 9, 'disk.clocking = "same_part"; 9 holes and 39 lobes: no turn by whole holes'),
-        ("two_disks_39", "bearing.clearance_um", 5.0, "bearing.clearance_um = 5.0; must be 0 with 2 disks"),
-        ("two_disks_39", "bearing.exponent", 1.5, "bearing.exponent = 1.5; must be 1 with 2 disks"),
         ("pham2017", "disk.count", 2, "disk.count = 2; must be 1 with the output roller_plate: a plate lies against"),
     ],
 )
@@ -197,7 +195,7 @@ def test_disks_that_collide_or_are_not_solved_are_refused(design, key, value, li
     ("design", "name", "line"),
     [
         ("pin_in_hole_39", "eccentric_phase", "tolerances.eccentric_phase; acts on nothing with [disk] count = 1"),
-        ("two_disks_39", "bearing_clearance", "tolerances.bearing_clearance; is not solved with [disk] count = 2"),
+        ("two_disks_39", "bore_runout", "tolerances.bore_runout; is not solved with [disk] count = 2"),
         ("pham2017", "hole_diameter", "tolerances.hole_diameter; acts on nothing: it needs pins in holes"),
     ],
 )

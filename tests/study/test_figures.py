@@ -172,7 +172,7 @@ def test_pins_are_numbered_clockwise_and_rows_by_their_contacts(contacts):
     reducer = assembly.reducer(DESIGN, 0.0)
     numbers = np.arange(PINS, len(reducer.contacts))
     panels = DESIGN.output.panels(reducer.disks[0], reducer.contacts.some(numbers), numbers)
-    figure = reducer_figure(contacts, flank_outline(DESIGN, 0.0), 0.0, 0.8, panels)
+    figure = reducer_figure(contacts, [flank_outline(DESIGN, 0.0)] * len(panels), 0.0, 0.8, panels)
     ring, first_order, second = figure.axes
     position = {text.get_text(): text.get_position() for text in ring.texts}
     assert position["0"][0] > DESIGN.cycloid.pin_circle_radius_mm

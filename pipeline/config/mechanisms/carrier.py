@@ -237,7 +237,7 @@ class Carrier(OutputMechanism):
         texts = tuple(str(j) for j in range(self.cranks))
         rollers = contacts.point[contacts.hole >= 0]
         shapes = (Circles(centre, self.bearing_radius_mm, "output", texts), Points(rollers))
-        return [Panel(f"Cranks 0 to {self.cranks - 1} in the disk's holes", shapes, disk=True)]
+        return [Panel(f"Cranks 0 to {self.cranks - 1}, {disk.body}", shapes, disk=True)]
 
 
 def _law(n: int, linear: float, power: float, exponent: float) -> ContactLaws:

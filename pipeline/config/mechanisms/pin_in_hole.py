@@ -290,7 +290,7 @@ class PinInHole(OutputMechanism):
             Circles(centre - disk.eccentric, self.pin_radius_mm, "output", texts),
             Points(contacts.point),
         )
-        return [Panel(f"Output pins 0 to {self.pins - 1} in the disk's holes", shapes, disk=True)]
+        return [Panel(f"Output pins 0 to {self.pins - 1}, {disk.body}", shapes, disk=True)]
 
 
 MECHANISM = PinInHole

@@ -24,7 +24,7 @@ NUMBER_RADIUS = 1.07
 @styled
 def reducer_figure(
     contacts: pd.DataFrame,
-    flank: NDArray[np.complex128],
+    flanks: Sequence[NDArray[np.complex128]],
     crank_deg: float,
     pin_radius: float,
     panels: Sequence[Panel],
@@ -34,7 +34,8 @@ def reducer_figure(
     Parameters
     ----------
     contacts : rows of ``clearance/contacts`` at one crank angle.
-    flank : (n_points,) closed outline of the disk in the housing frame [mm], x + iy.
+    flanks : closed outline (n_points,) of the disk of each panel in the housing frame [mm], x + iy; without panels, of
+        the disk.
     crank_deg : crank angle of ``contacts`` [degrees].
     pin_radius : [mm]
     panels : drawings of the mechanism; a single one is as large as that of the pins.
@@ -43,8 +44,9 @@ def reducer_figure(
     figure = new_figure(4.6 if single else 6.0)
     mosaic = [["ring", str(k)] for k in range(len(panels))]
     grid: dict[str, Axes] = figure.subplot_mosaic(mosaic, width_ratios=[1 if single else 2.05, 1])
-    draw_ring(grid["ring"], contacts[contacts["kind"] == "pin"], flank, crank_deg, pin_radius)
-    for k, panel in enumerate(panels):
+    pins = contacts[contacts["kind"] == "pin"]
+    draw_ring(grid["ring"], pins[pins["disk"] == pins["disk"].min()], flanks[0], crank_deg, pin_radius)
+    for k, (panel, flank) in enumerate(zip(panels, flanks, strict=False)):
         _draw_panel(grid[str(k)], panel, flank)
     for axes in grid.values():
         axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
