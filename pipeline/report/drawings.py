@@ -65,6 +65,11 @@ def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
     return profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank)) + profile.eccentricity * np.exp(1j * crank)
 
 
+def _first_disk(design: Design) -> str:
+    """Which disk a figure shows, where there are several."""
+    return ", disk 0 of several" if design.disk.count > 1 else ""
+
+
 def _reducer(frames: Frames) -> Drawing:
     design, crank = frames.study.design, frames.crank_deg
     reducer, words = assembly.reducer(design, crank), design.output.words
@@ -102,13 +107,15 @@ def _flank(frames: Frames) -> Drawing:
 
 
 def _springs(frames: Frames) -> Drawing:
+    output = frames.study.design.output
+    bearing = "bearing of a crank" if output.carries_disks else "input bearing"
     return Drawing(
         "spring_laws",
         "Spring laws",
         "Local deformation and tangent stiffness of single contacts, beyond their clearance. What the disk yields as a "
         "whole comes on top. Dashed: beyond the law's range its tangent goes on.",
         spring_laws_figure(
-            frames.at_crank(frames.laws), frames.at_crank(frames.contacts), frames.study.design.output.words.contact
+            frames.at_crank(frames.laws), frames.at_crank(frames.contacts), output.words.contact, bearing
         ),
     )
 
@@ -151,7 +158,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         "load where the bodies approach each other by more than its clearance.",
         dead_zones_figure(of_pins),
     )
-    contacts = frames.at_crank(frames.contacts)
+    contacts, of_disk = frames.at_crank(frames.contacts), _first_disk(study.design)
     if len(selected) > 1:
         traces, rising, condition = at_low, False, f"at {plain(low)} N m"
     else:
@@ -161,7 +168,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
     yield Drawing(
         "pin_loads",
         f"Contact forces and deformations of the pins {condition}",
-        f"At crank angle {crank}°. The deformation is that of the contact and of the disk under it.",
+        f"At crank angle {crank}°{of_disk}. The deformation is that of the contact and of the disk under it.",
         pin_loads_figure({name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
     )
     words = study.design.output.words
@@ -170,8 +177,8 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
     yield Drawing(
         "output_loads",
         f"Forces on the {words.contact}s {condition}",
-        f"At crank angle {crank}°; {words.loads}",
-        output_loads_figure(traces, contacts, words.station, rising),
+        f"At crank angle {crank}°{of_disk}; {words.loads}",
+        output_loads_figure(traces, contacts[contacts["disk"] <= 0], words.station, rising),
     )
 
 
@@ -207,9 +214,9 @@ def _loops(frames: Frames) -> Iterator[Drawing]:
     )
     yield Drawing(
         "bearing",
-        "Displacement of the disk on the input bearing",
-        f"At crank angle {plain(frames.crank_deg)}°, in the housing's directions; the eccentric points along "
-        f"{_direction(frames.crank_deg)}.{_of_band(frames, spreads)}",
+        "Displacement of the disk" + ("" if study.design.output.carries_disks else " on the input bearing"),
+        f"At crank angle {plain(frames.crank_deg)}°{_first_disk(study.design)}, in the housing's directions; the "
+        f"eccentric points along {_direction(frames.crank_deg)}.{_of_band(frames, spreads)}",
         bearing_figure(traces, spreads),
     )
 

@@ -101,7 +101,7 @@ def output_loads_figure(
     output = contacts.loc[contacts["kind"] == "output", columns]
     interfaces = list(output.groupby("interface"))
     figure = new_figure(4.6)
-    grid = figure.subplots(2, len(interfaces), sharex=True, sharey="row", squeeze=False)
+    grid = figure.subplots(2, len(interfaces), sharex="col", sharey="row", squeeze=False)
     for style, rows in zip(_styles(rising)(traces), traces.values(), strict=True):
         for (interface, end, _), row in rows.merge(output, on="contact").groupby(["interface", "end", "face"]):
             is_loaded, row = row["force_N"] > 0, row.sort_values("station")

@@ -17,14 +17,16 @@ BEARING = -1
 
 
 @styled
-def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str = "output roller") -> Figure:
+def spring_laws_figure(
+    laws: pd.DataFrame, contacts: pd.DataFrame, output: str = "output roller", bearing: str = "input bearing"
+) -> Figure:
     """Force and tangent stiffness of the pins by the curvature of the flank, of the bearing and of the output.
 
     Parameters
     ----------
     laws : rows of ``springs/laws`` at one crank angle.
     contacts : rows of ``clearance/contacts`` at the same crank angle.
-    output : what one of the output's contacts is called.
+    output, bearing : what one of the output's contacts and the bearing are called.
 
     Notes
     -----
@@ -38,7 +40,7 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str =
     for column, (title, chosen) in enumerate(
         (
             ("(a) Pins, by the flank's radius", _pin_curves(contacts)),
-            (_others_title(contacts, output), _other_curves(contacts, curves, output)),
+            (_others_title(contacts, bearing), _other_curves(contacts, curves, output, bearing)),
         )
     ):
         shown_curves = {label: curves[contact] for label, contact in chosen.items()}
@@ -56,8 +58,8 @@ def spring_laws_figure(laws: pd.DataFrame, contacts: pd.DataFrame, output: str =
     return figure
 
 
-def _others_title(contacts: pd.DataFrame, name: str) -> str:
-    return f"(b) Input bearing and {name}s" if (contacts["kind"] == "output").any() else "(b) Input bearing"
+def _others_title(contacts: pd.DataFrame, bearing: str) -> str:
+    return f"(b) {bearing.capitalize()}" + (" and output" if (contacts["kind"] == "output").any() else "")
 
 
 def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict) -> None:
@@ -82,14 +84,16 @@ def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
     return chosen
 
 
-def _other_curves(contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], name: str) -> Mapping[str, int]:
+def _other_curves(
+    contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], name: str, bearing: str
+) -> Mapping[str, int]:
     """The bearing, and one contact of each interface; one for both where they obey the same law."""
     output = contacts[contacts["kind"] == "output"]
     if output.empty:
-        return {"input bearing": BEARING}
+        return {bearing: BEARING}
     rollers = output.loc[output.groupby("interface")["contact"].idxmin()]
     reference, *remaining = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
     if all(np.array_equal(reference, curve) for curve in remaining):
-        return {"input bearing": BEARING, name: int(rollers["contact"].iloc[0])}
+        return {bearing: BEARING, name: int(rollers["contact"].iloc[0])}
     names = {f"{name}, {row['body_a']} to {row['body_b']}": int(row["contact"]) for _, row in rollers.iterrows()}
-    return {"input bearing": BEARING, **names}
+    return {bearing: BEARING, **names}
