@@ -50,7 +50,7 @@ class Fitter:
         """Bounds of all parameters of a model."""
         return [pair for effect in model.effects for pair in self.problem.bounds(effect)]
 
-    def _drives(self, model: Model, unknowns: Vector) -> tuple[list[Drive], Instrument]:
+    def drives(self, model: Model, unknowns: Vector) -> tuple[list[Drive], Instrument]:
         """Drives and instrument at the unknowns."""
         problem = self.problem
         declared = problem.drives(tuple(np.exp(unknowns.scales)))
@@ -67,8 +67,8 @@ class Fitter:
     ) -> Prediction:
         """Prediction at the unknowns; the influence of the modes where it is asked for."""
         problem, data = self.problem, self.problem.data
-        forward = self._forward(model)
-        drives, instrument = self._drives(model, unknowns)
+        forward = self.forward(model)
+        drives, instrument = self.drives(model, unknowns)
         angle, carried_torque = np.full(len(data), np.nan), np.full(len(data), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
@@ -83,7 +83,8 @@ class Fitter:
                 )
         return Prediction(angle, influence, carried_torque, sound)
 
-    def _forward(self, model: Model) -> Forward:
+    def forward(self, model: Model) -> Forward:
+        """What predicts a model: with every cycle in its own state where an effect asks for that."""
         return self.problem.forward_by_state if model.by_state else self.problem.forward
 
     def _change(
@@ -94,14 +95,14 @@ class Fitter:
         To first order from the forces there; predicted anew where friction or the instrument changes, or where a ripple
         answers what the angle does.
         """
-        drives, instrument = self._drives(model, unknowns)
-        moved_drives, moved_instrument = self._drives(model, base_unknowns)
+        drives, instrument = self.drives(model, unknowns)
+        moved_drives, moved_instrument = self.drives(model, base_unknowns)
         change = np.full(len(prediction.angle), np.nan)
         for position in positions:
             of_position = self.problem.data.position == position
             angle_change = None
             if instrument == moved_instrument and not instrument.ripple.amplitude:
-                angle_change = self._forward(model).change(
+                angle_change = self.forward(model).change(
                     drives[position], moved_drives[position], position, prediction.carried[of_position]
                 )
             if angle_change is None:
@@ -156,8 +157,8 @@ class Fitter:
     def slopes(self, fit: Fit) -> Real:
         """d angle / d torque (n_cells,) [arcmin/(N m)] of a fitted model."""
         problem, slope = self.problem, np.zeros(len(self.problem.data))
-        drives, instrument = self._drives(fit.model, fit.unknowns)
-        forward = self._forward(fit.model)
+        drives, instrument = self.drives(fit.model, fit.unknowns)
+        forward = self.forward(fit.model)
         for position in self.positions:
             slope[problem.data.position == position] = forward.read(drives[position], position, instrument).slope
         return slope

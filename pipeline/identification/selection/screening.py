@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.parameters import Fit, Vector, mapped
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -172,6 +174,23 @@ class Screening:
         scale_step = np.linalg.lstsq(self.triangle, self.basis.T @ residual, rcond=None)[0]
         return self._misfit(self.free(residual)), shares, scale_step
 
+    def _of_ripple(self, effect: Candidate) -> Callable[[Real], float]:
+        """As ``_at`` over one position, by shares of the effect's bounds: its drive and its backbone are made once."""
+        fitter, base, data = self.fitter, self.base.unknowns, self.fitter.problem.data
+        drives, instrument = fitter.drives(self.base.model, base)
+        forward, bounds, (position,) = fitter.forward(self.base.model), fitter.problem.bounds(effect), self.positions
+        inside, pulled = data.position == position, self._pulled(base.flat)
+
+        def misfit(shares: Real) -> float:
+            rippled = cast(InstrumentEffect, effect).apply(instrument, mapped(bounds, shares).tolist())
+            reading, angle = forward.read(drives[position], position, rippled), np.full(len(data), np.nan)
+            if not reading.sound or not np.all(np.isfinite(reading.angle)):
+                return np.inf
+            angle[inside] = reading.angle
+            return self._misfit(self.free(self._scaled(data.angle - angle) - pulled))
+
+        return misfit
+
     def _ripples(self, effect: Candidate) -> list[tuple[float, Vector]]:
         """Starts of a ripple: its phase bends with the angle, so many periods are looked at, and the best fitted on.
 
@@ -187,13 +206,15 @@ class Screening:
         turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
         waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
 
+        misfit_of = screening._of_ripple(effect)
+
         def look(size: float, wave: float, phases: int) -> tuple[float, Vector]:
             neighbours = []
             for phase in 2 * np.pi * np.arange(phases) / phases:
                 values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
-                shares = np.concatenate([base.shares, np.clip((values - low) / (high - low), 0.0, 1.0)])
-                start = replace(base, shares=shares)
-                neighbours.append((screening._at(model, start), start))
+                shares = np.clip((values - low) / (high - low), 0.0, 1.0)
+                start = replace(base, shares=np.concatenate([base.shares, shares]))
+                neighbours.append((misfit_of(shares), start))
             return min(neighbours, key=lambda evaluation: evaluation[0])
 
         coarse = [min(look(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]

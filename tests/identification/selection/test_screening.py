@@ -118,3 +118,13 @@ def test_promises_beside_several_bases_are_shares_of_the_first():
     failed_fit = replace(base, cost=np.inf)
     (from_failed_base,) = screened(fitter, cells, [base, failed_fit], [EFFECT]).values()
     assert from_failed_base.misfit == from_one_base.misfit
+
+
+def test_a_ripple_over_one_position_is_looked_at_as_any_effect(tmp_path, condensed):
+    problem = exactly_known(problem_of(make_unit(tmp_path / "u", {"coulomb": (0.3,)}, THREE, condensed), condensed))
+    fitter, first = Fitter(problem), problem.data.position == 0
+    base = fitter.fit(Model(), first, fitter.start(Model()), 1)
+    look, effect = Screening(fitter, first, base, problem.data.sigma), candidates()["motor_cogging"]
+    for shares in (np.array([0.6, 0.45, 0.3]), np.array([0.5, 0.7, 0.8])):
+        start = replace(base.unknowns, shares=shares)
+        assert look._of_ripple(effect)(shares) == look._at(Model((effect,)), start)
