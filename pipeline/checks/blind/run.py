@@ -50,6 +50,8 @@ class Row:
     nearest, nearest_floors : other effect that comes nearest to the true one in the oracle's eyes, and how near.
     parameter_covered : whether the true parameters of the effect lie in their intervals.
     parameters : of the named effects, each with its interval and, where it was there, its true value.
+    rms_oracle_arcmin : error that the true curves leave of the same cells, their zeros fitted: no model leaves less.
+    rms_expected_arcmin : what a right model would leave by its covariance: noise, and what the data leave open.
     reason : why there is no verdict, where the identification failed.
     """
 
@@ -73,6 +75,8 @@ class Row:
     structure: float
     traced: str
     parameters: str
+    rms_oracle_arcmin: float
+    rms_expected_arcmin: float
     reason: str
     kind: str
     reducer: str
@@ -138,6 +142,7 @@ def _row(
     true = frozenset(truth["truth"].split(";"))
     nearest = min(distances, key=lambda name: distances[name], default="")
     declared, recalibrated, best = errors_of(identification)
+    least, expected = least_errors(identification, unit.angles)
     return Row(
         **case_facts,
         truth=truth["truth"],
@@ -160,6 +165,8 @@ def _row(
         structure=verdict.structure,
         traced=";".join(verdict.traced),
         parameters=_parameters(identification, truth),
+        rms_oracle_arcmin=least,
+        rms_expected_arcmin=expected,
         reason="",
         kind=kind,
         reducer=truth["reducer"],
@@ -208,6 +215,22 @@ def errors_of(identification: Identification | FaultyUnit) -> tuple[float, float
     floor = identification.problem.data.noise
     declared, recalibrated, best = (floor * identification.errors[stage].to_noise for stage in STAGES)
     return declared, recalibrated, best
+
+
+def least_errors(identification: Identification | FaultyUnit, angles: Sequence[Real]) -> tuple[float, float]:
+    """Errors [arcmin] of held-out cells that the true curves leave, and that a right model would.
+
+    Parameters
+    ----------
+    angles : per position (n_rows,) [arcmin] without noise and offset.
+    """
+    if isinstance(identification, FaultyUnit):
+        return (float("nan"),) * 2
+    data, cells = identification.problem.data, identification.folds.cells
+    true = identification.measurement.over_cells(np.concatenate(angles))
+    misfit = (data.angle - true - data.offsets(true, cells, data.sigma)) / data.sigma
+    least = float(np.sqrt(np.mean(misfit[cells] ** 2)))
+    return data.noise * least, data.noise * identification.errors["after"].expected_to_noise
 
 
 def source_hash(reducers: Sequence[CatalogueReducer]) -> str:
