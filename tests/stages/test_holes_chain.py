@@ -99,9 +99,9 @@ def test_the_numbers_of_a_fixed_flange_are_read_at_the_housing(outputs, runs):
     study = small_study("housing", samples={"count": 2}, cycle={"crank_deg": [37.0]})
     cycloid = study.design.cycloid.model_copy(update={"fixed": "flange", "rated_torque_Nm": 400.0 * ratio})
     design = study.design.model_copy(update={"cycloid": cycloid})
-    outputs = run(STAGES, study.model_copy(update={"design": design}), ["aggregate"], runs, Resources(1, 4))
+    housing_outputs = run(STAGES, study.model_copy(update={"design": design}), ["aggregate"], runs, Resources(1, 4))
     keys = ["sample", "crank_deg"]
-    of_housing = frame(outputs, "aggregate", "metrics").set_index(keys)
+    of_housing = frame(housing_outputs, "aggregate", "metrics").set_index(keys)
     of_flange = frame(outputs, "aggregate", "metrics").set_index(keys).loc[of_housing.index]
     for metric, factor in (
         ("clearance_backlash_arcmin", 1 / ratio),
