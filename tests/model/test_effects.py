@@ -12,8 +12,8 @@ from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_backlash import general_play, separated_play
-from pipeline.model.load_history.drive import backbone, torque_levels
-from pipeline.model.load_history.output_path import Ripple, condensed_path
+from pipeline.model.load_history.backbone import backbone, torque_levels
+from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
 from pipeline.model.load_history.rayleigh import rayleigh_twist
 
 LIBRARY = library()

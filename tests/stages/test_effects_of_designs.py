@@ -22,7 +22,7 @@ from pipeline.errors import InputError
 from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects import library
 from pipeline.model.load_history.drive import Drive
-from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
+from pipeline.model.load_history.friction.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw

@@ -15,10 +15,11 @@ from pipeline.identification.bench.simulator import Instrument
 from pipeline.identification.fitting.build import drive_of, scaled_design
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.load_history.drive import Backbone, Drive, backbone, torque_levels
-from pipeline.model.load_history.incremental import solve_path
+from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.friction.incremental import solve_path
+from pipeline.model.load_history.friction.output_path import condensed_path
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.model.load_history.output_path import condensed_path
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
 Real = NDArray[np.float64]

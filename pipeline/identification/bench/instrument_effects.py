@@ -10,8 +10,8 @@ import numpy as np
 from pipeline.identification.bench.simulator import NMM_PER_NM, Instrument
 from pipeline.model.effects import Parameter
 from pipeline.model.effects.effect import CRANKS, TIME, EffectDescription
+from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.model.load_history.output_path import Ripple
 
 FEWEST_WAVES = 4
 """Waves of a ripple over the measured range of the angle: with fewer it is no staircase."""

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.cell_means import means
-from pipeline.model.load_history.drive import Backbone, Drive, backbone, torque_levels
-from pipeline.model.load_history.incremental import solve_path
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.friction.incremental import solve_path
+from pipeline.model.load_history.friction.output_path import Ripple
+from pipeline.model.load_history.friction.output_walk import walked
 from pipeline.model.load_history.kelvin_voigt import crept
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.model.load_history.output_path import Ripple
-from pipeline.model.load_history.output_walk import walked
 from pipeline.model.load_history.rayleigh import rayleigh_twist
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 

@@ -17,7 +17,7 @@ import numpy as np
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
-from pipeline.model.load_history.frictional_cycle import refined, solve_frictional_cycle
+from pipeline.model.load_history.friction.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle
 from pipeline.model.load_history.rayleigh import rayleigh_twist
 

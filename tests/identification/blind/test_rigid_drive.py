@@ -17,7 +17,7 @@ from pipeline.checks.blind.rigid_drive.train import Train
 from pipeline.checks.blind.rigid_unit import machined, rigid_drive, rigid_unit
 from pipeline.checks.blind.true_unit import true_unit
 from pipeline.identification.fitting.problem import candidates
-from pipeline.model.load_history.drive import backbone, torque_levels
+from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors, draw
 

@@ -11,7 +11,8 @@ from pipeline.config import load_study
 from pipeline.identification.bench.simulator import Course, Forward, Instrument
 from pipeline.identification.fitting.build import drive_of
 from pipeline.model.effects import Conditions, library
-from pipeline.model.load_history.drive import Creep, backbone
+from pipeline.model.load_history.backbone import backbone
+from pipeline.model.load_history.drive import Creep
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.sampling import draw
 

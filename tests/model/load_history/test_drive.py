@@ -9,8 +9,8 @@ from reducers import MICROMETRE
 
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
-from pipeline.model.load_history import drive as of_drive
-from pipeline.model.load_history.drive import NO_LOAD, backbone, first_poses, torque_levels
+from pipeline.model.load_history import backbone as frictionless_curve
+from pipeline.model.load_history.backbone import NO_LOAD, backbone, first_poses, torque_levels
 
 SHARES = torque_levels(40, 1.05)
 MIDDLE = len(SHARES)
@@ -87,22 +87,22 @@ def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program
         calls.append(len(gap))
         return rigid_play(reducer, gap, clearance)
 
-    way = of_drive._one_sense
+    way = frictionless_curve._one_sense
 
     def failing(drive, pose, levels, preloaded):
         result = way(drive, pose, levels, preloaded)
         result.motion[2], result.converged[2, 1] = np.nan, False
         return result
 
-    monkeypatch.setattr(of_drive, "rigid_play", asking)
+    monkeypatch.setattr(frictionless_curve, "rigid_play", asking)
     if falls_back:
-        monkeypatch.setattr(of_drive, "_one_sense", failing)
+        monkeypatch.setattr(frictionless_curve, "_one_sense", failing)
     curve = backbone(drive, SHARES)
     assert np.all(curve.states.converged)
     assert calls == [1] * falls_back  # only those that need it
     general = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
-    monkeypatch.setattr(of_drive, "separated_play", lambda reducer, gap: general)
-    monkeypatch.setattr(of_drive, "_one_sense", raised)
+    monkeypatch.setattr(frictionless_curve, "separated_play", lambda reducer, gap: general)
+    monkeypatch.setattr(frictionless_curve, "_one_sense", raised)
     from_general = backbone(drive, SHARES)
     assert np.all(from_general.states.converged)
     np.testing.assert_allclose(curve.angle, from_general.angle, rtol=0, atol=1e-9)
@@ -120,7 +120,7 @@ def test_preloaded_curve_is_the_same_from_either_end(depth, monkeypatch):
     drive = drive.shifted(np.random.default_rng(depth).uniform(-depth, depth, drive.gap.shape) * MICROMETRE)
     unloading = backbone(drive, SHARES)
     assert np.all(unloading.states.converged)
-    monkeypatch.setattr(of_drive, "_one_sense", raised)
+    monkeypatch.setattr(frictionless_curve, "_one_sense", raised)
     loading_branch = backbone(drive, SHARES)
     result = loading_branch.states.converged
     np.testing.assert_allclose(unloading.angle[result], loading_branch.angle[result], rtol=0, atol=1e-10)
@@ -212,7 +212,7 @@ def test_a_tight_disk_that_gets_play_falls_by_it_and_its_contacts_stay_as_deep_a
     drive, loose = small_drive(5), np.full(5, 12 * MICROMETRE)
     states = backbone(drive, SHARES).states
     motion, force = states.motion[:, -1], states.force[:, -1]
-    shifted = of_drive._loosened(drive.reducer, motion, force, loose) - motion
+    shifted = frictionless_curve._loosened(drive.reducer, motion, force, loose) - motion
     np.testing.assert_allclose(np.hypot(*shifted[:, :2].T), loose)
     np.testing.assert_allclose(np.sum(shifted[:, :2] * motion[:, :2], axis=1), loose * np.hypot(*motion[:, :2].T))
     deeper, rotations = shifted @ drive.reducer.contact_jacobian.T, drive.reducer.contact_jacobian[:, 2:]

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.model.contact.friction_elements import Sliders, load_slider
-from pipeline.model.load_history.output_path import Ripple, condensed_path
+from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
 
 STIFFNESS = 5e6  # [N mm/rad] of the linear backbone
 NODES = np.linspace(-2 * RATED, 2 * RATED, 40)

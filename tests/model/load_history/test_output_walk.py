@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.model.contact.friction_elements import Sliders
-from pipeline.model.load_history.output_path import Ripple, condensed_path
-from pipeline.model.load_history.output_walk import WAVE, walked
+from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
+from pipeline.model.load_history.friction.output_walk import WAVE, walked
 
 HALF = np.geomspace(1e-2, 1e3, 20)
 NODES = np.concatenate([-HALF[::-1], HALF])

@@ -10,9 +10,9 @@ from reducers import MICROMETRE, SMALL
 from pipeline.model.contact.friction_elements import Sliders, load_slider, output_sliders, pin_sliders
 from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.reducer import Bearing
-from pipeline.model.load_history.drive import backbone, torque_levels
-from pipeline.model.load_history.incremental import solve_path
-from pipeline.model.load_history.output_path import Ripple, condensed_path
+from pipeline.model.load_history.backbone import backbone, torque_levels
+from pipeline.model.load_history.friction.incremental import solve_path
+from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
 
 
 def followed(drive, torques, sliders):

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.model.compiled import entry, part
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.load_history.output_path import Ripple
+from pipeline.model.load_history.friction.output_path import Ripple
 
 WAVE = 32
 """Corners of a ripple's period: a chord is off by 0.5 % of the amplitude at most."""

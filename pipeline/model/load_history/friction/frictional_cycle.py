@@ -6,10 +6,11 @@ import numpy as np
 
 from pipeline.model.equilibrium.solve import ACCEPTED, Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.load_history.drive import NO_LOAD, Drive, torque_levels
-from pipeline.model.load_history.incremental import solve_path
+from pipeline.model.load_history.backbone import NO_LOAD, torque_levels
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.friction.incremental import solve_path
+from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
 from pipeline.model.load_history.load_cycle import LoadCycle
-from pipeline.model.load_history.output_path import Ripple, condensed_path
 
 LEVELS = 12
 """Torques of a branch, denser towards zero, that the path goes through at least, whatever the cycle's levels are."""
