@@ -87,7 +87,7 @@ def test_indices_are_those_of_the_tables_units(runs, statistic):
     base = np.concatenate([samples[column][1:], extra.loc[extra["set"] == "base", column]])
     variant = extra.loc[extra["set"] == "other", column].to_numpy()
     table = pd.read_parquet(runs / "few" / "aggregate" / "sensitivity.parquet")
-    index = table.query("metric == @METRIC and over == @over").set_index(["kind", "parameter"])
+    index = table.query("metric == @METRIC and over == @statistic").set_index(["kind", "parameter"])
     variance, centre = np.var([base, variant]), np.mean([base, variant])
     for group in error_groups(tiny_study("few", COUNT, N)):
         mixed = extra.loc[extra["set"] == group, column].to_numpy()
