@@ -27,8 +27,10 @@ SECONDS = 30.0
 """Of processor time that a design may take; the slowest of 500 is in docs/promises.md."""
 
 
-SEEDS = (0, 1, 4, 5, 6, 7, 9, 10, 11, 13, 16, 18, 19, 25, 27)
+SEEDS = (0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 13, 16, 18, 19, 25, 27)
 """The quick ones of the first 28, of both mechanisms: solved, refused as a whole, and with units that fail."""
+PRELOADED = (30, 43, 49, 60)
+"""Four more with units whose ends at no torque are hard to find; with them twenty designs are run."""
 NOT_ASKED = ["peak_pressure_MPa", "pressure_speed_MPa_m_per_s", "friction_plus_W", "friction_minus_W"]
 """Columns that laws without a pressure and designs without an operation leave missing."""
 
@@ -121,7 +123,7 @@ def test_a_random_design_is_solved_or_refused_with_a_reason(tmp_path: Path, seed
     assert not answer.refused or len(answer.refused) > 30
 
 
-@pytest.mark.parametrize("seed", [30, 43, 49, 60])
+@pytest.mark.parametrize("seed", PRELOADED)
 def test_a_preloaded_unit_has_its_ends_at_no_torque(tmp_path: Path, seed: int, compiled) -> None:
     """The interface with play carries 1e-8 of the rated torque beside 1e8 times larger forces of the preload."""
     assert not [reason for reason in outcome(seed, tmp_path).failed if "no equilibrium" in reason]
