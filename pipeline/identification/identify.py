@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import build_problem
@@ -80,6 +81,7 @@ def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Ident
     return identify_measured(Measurement.read(unit), condensed, nested)
 
 
+@threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other, and move last digits
 def identify_measured(
     measurement: Measurement, condensed: Condensed, nested: bool = True
 ) -> Identification | FaultyUnit:
