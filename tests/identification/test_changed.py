@@ -199,7 +199,7 @@ def test_a_drive_that_was_preloaded_is_told_and_one_measured_twice_is_not(rig):
     result = answer(rig("conic_onyx_runin"), rig("conic_onyx_2pre")).found
     assert not result.named  # three positions, and a scatter between them that leaves two degrees of freedom
     assert {"stiffness grows"} <= {change.words for change in result.near} <= {"stiffness grows", "play closes"}
-    assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", again=True)).found.verdict == NOTHING
+    assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).found.verdict == NOTHING
 
 
 @pytest.mark.attack
