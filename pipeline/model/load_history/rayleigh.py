@@ -45,8 +45,8 @@ def rayleigh_twist(torque: Real, coefficient: float) -> Real:
 
     Source
     ------
-    Lord Rayleigh, Phil. Mag. 23 (1887) 225; with the memory of turns as Preisach's model of constant density, Bertotti,
-    Hysteresis in Magnetism (1998), ch. 13.
+    Lord Rayleigh, Phil. Mag. 23 (1887) 225; with the memory of turns as Preisach's model of constant density:
+    Review of Play and Preisach Models for Hysteresis in Magnetic Materials, Materials 16 (2023) 2422.
     """
     torques = np.ascontiguousarray(torque, float)
     twist = np.empty(len(torques))

@@ -24,7 +24,8 @@ EFFECT = Effect(
     title="modulus that falls with the temperature",
     physics="polymers soften as they warm, by 0.2 to 2 % a kelvin, steel by 0.03 %: forces on elastic parts and "
     "contacts enter as force over modulus, so that the curve is stretched along the torque, and play is left as it is",
-    source="linear slope of the storage modulus, Ashby and Jones, Engineering Materials 2 (2013), ch. 23",
+    source="first order of the modulus in the temperature; a material's own slope is that of the storage modulus as "
+    "ISO 6721-1 has it measured",
     parameters=(Parameter("loss_per_K", "1/K", "share of the modulus that is lost per kelvin"),),
     changes="stiffness of disk, contacts and bearing, with the temperature of each cycle",
     signature="rigidity falls as the drive warms, play does not",

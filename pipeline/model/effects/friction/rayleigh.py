@@ -17,7 +17,8 @@ EFFECT = Effect(
     title="rate-independent hysteresis of soft parts",
     physics="joints, seats and polymers lose energy by slip within them: the twist goes with the square of the "
     "torque's change since it last turned, at any speed, and a loop between +-T has the area 4/3 eta T^3",
-    source="Lord Rayleigh, Phil. Mag. 23 (1887) 225; Bertotti, Hysteresis in Magnetism (1998), ch. 13",
+    source="Lord Rayleigh, Phil. Mag. 23 (1887) 225; as the simplest case of Preisach's model: Review of Play and "
+    "Preisach Models for Hysteresis in Magnetic Materials, Materials 16 (2023) 2422",
     parameters=(
         Parameter("coefficient_arcmin_per_Nm2", "arcmin/(N m)2", "twist of the first loading per torque squared"),
     ),
