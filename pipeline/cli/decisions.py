@@ -20,6 +20,7 @@ from pipeline.decisions.fresh_units import Angles, fresh_yields
 from pipeline.decisions.reweighting import moved_tolerances, reweighted
 from pipeline.decisions.run_comparison import Run, differences, differing_inputs, driver_changes
 from pipeline.engine.cache import Cache
+from pipeline.engine.progress import Line
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
@@ -127,7 +128,10 @@ def bound_metrics(options: argparse.Namespace) -> None:
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
     units = over_turn(pd.DataFrame(outputs["aggregate"].read("units")), study.limits.over)
     units = units.drop(index=[0] if study.samples.nominal_first else [], errors="ignore")
-    findings = bounds_results.findings(study, study.cycle.curve_crank_deg, partial(_at_crank, shared), units)
+    cranks = study.cycle.curve_crank_deg
+    with Line("bounds", "metrics and angles", len(cranks) * len(bounds_results.all_bounded(study))) as line:
+        solve = partial(_at_crank, shared)
+        findings = bounds_results.findings(study, cranks, solve, units, partial(line.advance, 1, 0))
     folder = settings.RUNS / "bounds" / study.name
     bounds_results.write_tables(findings, folder)
     write_bounds_page(findings, folder)

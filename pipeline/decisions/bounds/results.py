@@ -104,13 +104,21 @@ def bounded_metrics(study: Study) -> list[str]:
     ]
 
 
-def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.DataFrame) -> BoundFindings:
+def all_bounded(study: Study) -> list[str]:
+    """Every metric that is bounded: those of rigid bodies, and those under load."""
+    return [*(name for name, metric in library().items() if metric.turn_of_rigid_bodies), *bounded_metrics(study)]
+
+
+def findings(
+    study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.DataFrame, advance: Callable[[], None]
+) -> BoundFindings:
     """Worst cases, stacks and capabilities.
 
     Parameters
     ----------
     cranks : crank angles [deg] of bounds and stacks.
     units : metrics of the study's samples over the turn as its limits mean them, one column each.
+    advance : called when one of `all_bounded` is done at one crank angle.
 
     Raises
     ------
@@ -125,7 +133,7 @@ def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.Da
         rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
         bounds += [bound for name in rigid for bound in play_bounds(box, crank, name)]
         drawn_metrics = solve(crank, errors_at(study, numbers))
-        for metric in (*rigid, *bounded_metrics(study)):
+        for metric in all_bounded(study):
             evaluate = partial(_metric_at, solve, box, crank, metric)
             if metric not in rigid:
                 sign = -1.0 if library()[metric].smaller_is_worse else 1.0
@@ -140,6 +148,7 @@ def findings(study: Study, cranks: Sequence[float], solve: SolveAt, units: pd.Da
             of_stack["std"] = linear.rss
             stacks += [(metric, crank, name, of_stack[name], full[name]) for name in full]
             contributions += [(metric, crank, name, 100 * share) for name, share in linear.shares.items()]
+            advance()
     capabilities = [
         capability(name, units[name].dropna().to_numpy(float), limit, study.metrics.confidence)
         for name, limit in study.limits.of_metrics.items()

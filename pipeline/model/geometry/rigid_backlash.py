@@ -3,7 +3,8 @@
 With a rigid input bearing the chain separates: the play of the disk among its pins and the play of each output
 interface add up (``separated_play``); of several disks, each with a chain of its own to one output, the shortest play
 to either side counts. With a clearance of a bearing everything couples, and the play is
-a linear program with one second-order cone a disk (``general_play``), which is also the check of the other.
+a linear program with one second-order cone a disk (``general_play``), which is also the check of the others. Where no
+input bearing holds the disks nothing is a disc, and the program is linear (``uncentred_play``).
 
 Arrays have the sample axis first; gaps [mm], angles [rad].
 """
@@ -17,6 +18,7 @@ from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.disc_program import cut_program
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
+from pipeline.model.geometry.vertex_program import optimal_points
 from pipeline.model.units import UM_PER_MM
 
 ARM_FLOOR = 1e-9
@@ -296,11 +298,27 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
     )
 
 
+def uncentred_play(reducer: Reducer, gap: Real) -> RigidPlay:
+    """Play (n,) of the whole chain where contacts alone hold the disks; ``gap`` (n, n_contacts) [mm]."""
+    jacobian, limits, output = reducer.contact_jacobian, UM_PER_MM * gap, reducer.output_motion
+    objective = np.eye(len(reducer.motions))[output]
+    (plus, free), (minus, also_free) = (optimal_points(sense * objective, jacobian, limits) for sense in (1.0, -1.0))
+    overlap, tight = np.zeros(len(gap)), ~(free & also_free)
+    if np.any(tight):
+        lifted = np.hstack([jacobian, -np.ones((len(jacobian), 1))])
+        poses, _ = optimal_points(np.append(np.zeros(len(objective)), -1.0), lifted, limits[tight])
+        plus[tight] = minus[tight] = poses[:, :-1]
+        overlap[tight] = np.where(poses[:, -1] > UM_PER_MM * TOUCHING, poses[:, -1], 0.0)
+    return RigidPlay(plus / UM_PER_MM, minus / UM_PER_MM, overlap / UM_PER_MM, output)
+
+
 def rigid_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:
     """Play (n,) by the separated form where every bearing is tight, by the general program where one is not.
 
-    ``bearing_clearance`` [mm] as ``general_play``.
+    ``bearing_clearance`` [mm] as ``general_play``; of reducers without input bearings it is not asked for.
     """
+    if not reducer.centred:
+        return uncentred_play(reducer, gap)
     bearing_clearance = of_each_disk(bearing_clearance, reducer.n_disks)
     loose = np.any(bearing_clearance > 0, axis=1)
     play = separated_play(reducer, gap)

@@ -14,7 +14,8 @@ from pipeline.model.contact.line_laws import library
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
-from pipeline.model.geometry.rigid_backlash import general_play
+from pipeline.model.geometry.rigid_backlash import general_play, rigid_play
+from pipeline.model.geometry.vertex_program import optimal_points
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 
 PROFILE = CycloidProfile(pins=40, pin_circle_radius=77.5, pin_radius=4.0, eccentricity=1.5)
@@ -80,6 +81,29 @@ def test_backlash_of_the_first_stage_reaches_the_output_divided(cranks):
     play = general_play(reducer, reducer.contacts.gap[None], np.full(1, 1.5))
     pitch = 45.0 * PLANET / (SUN + PLANET)
     np.testing.assert_allclose(play.backlash, 0.030 / pitch / (40 + SUN / PLANET), rtol=1e-7)
+
+
+@pytest.mark.parametrize(("cranks", "disks"), [(2, 1), (3, 1), (2, 2), (3, 2), (2, 3)])
+def test_play_without_input_bearings_is_that_of_the_general_program(cranks, disks):
+    """Scattered gaps, some of which interfere: backlash, overlap and its verdict; poses forbid nothing."""
+    reducer = nominal_reducer(PROFILE, carrier(cranks, backlash=30.0), CRANK, disks=disks)
+    gap = reducer.contacts.gap + np.repeat([0.03, 0.0], 6)[:, None]
+    gap = gap + np.random.default_rng(disks).normal(0, 0.006, (12, len(reducer.contacts)))
+    play, program = rigid_play(reducer, gap, np.zeros(12)), general_play(reducer, gap, np.full((12, disks), 1.5))
+    assert 0 < program.preloaded.sum() < 12
+    np.testing.assert_array_equal(play.preloaded, program.preloaded)
+    np.testing.assert_allclose(play.backlash, program.backlash, rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(play.overlap, program.overlap, rtol=1e-9, atol=1e-13)
+    for pose in (play.pose_plus, play.pose_minus):
+        assert np.all(pose @ reducer.contact_jacobian.T <= gap + play.overlap[:, None] + 1e-12)
+    alone = rigid_play(reducer, gap[7:8], np.zeros(1))  # an answer does not depend on the units before it
+    np.testing.assert_array_equal(alone.pose_plus, play.pose_plus[7:8])
+
+
+def test_a_motion_that_nothing_stops_is_no_play():
+    rows = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
+    with pytest.raises(ArithmeticError, match="unbounded"):
+        optimal_points(np.array([0.0, -1.0]), rows, np.ones((1, 3)))
 
 
 @pytest.mark.parametrize("cranks", [2, 3])
