@@ -1,8 +1,8 @@
 """Linear programs that differ in their limits alone, by the dual simplex from one common basis (compiled).
 
-Maximise objective @ x subject to rows @ x <= limits. Whether a basis is dual feasible does not depend on the limits: every
-program starts from the same one, and its answer does not depend on the others (Lemke, Nav. Res. Logist. Q. 1 (1954) 36).
-Some ten unknowns and a hundred rows take a few pivots.
+Maximise objective @ x subject to rows @ x <= limits. Whether a basis is dual feasible does not depend on the limits:
+every program starts from the same one, and its answer does not depend on the others (Lemke, Nav. Res. Logist. Q. 1
+(1954) 36). Some ten unknowns and a hundred rows take a few pivots.
 """
 
 import numpy as np
