@@ -100,7 +100,7 @@ def _dual_feasible(objective: Real, rows: Real) -> tuple[Index, Real]:
     weights, misfit = nnls(rows.T, objective)
     if misfit > 1e-9 * np.linalg.norm(objective):
         raise ArithmeticError("a linear program is unbounded: no contact stops a motion")
-    basis = list(np.flatnonzero(weights > 0))
+    basis = np.flatnonzero(weights > 0).tolist()
     span = np.linalg.qr(rows[basis].T)[0]
     while len(basis) < rows.shape[1]:  # by the row that is farthest from those chosen
         beyond = rows - rows @ span @ span.T
