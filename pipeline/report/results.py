@@ -132,35 +132,31 @@ class Results:
         n_loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
         return f"{counted(n_loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
 
-    def _doubled(self, metric: str, column: str) -> tuple[float, float]:
-        """A value of the table of convergence now and with twice as many crank angles; NaN where they are too few."""
+    def _doubled(self, metric: str, column: str) -> tuple[float, float, float]:
+        """A value of the table of convergence now, and the two of twice the crank angles; NaN where they are few."""
         part = self.frames.convergence[self.frames.convergence["metric"] == metric]
-        current, extrapolated = (
-            part.loc[part["extrapolated"] == is_extrapolated, column] for is_extrapolated in (False, True)
-        )
-        return (
-            (float(current.iloc[-1]), float(extrapolated.iloc[-1]))
-            if len(current) and len(extrapolated)
-            else (np.nan, np.nan)
-        )
+        current, extrapolated = (part[part["extrapolated"] == is_extrapolated] for is_extrapolated in (False, True))
+        if not len(current) or not len(extrapolated):
+            return np.nan, np.nan, np.nan
+        expected = extrapolated.iloc[-1]
+        return float(current[column].iloc[-1]), float(expected[column]), float(expected[f"{column}_settled"])
 
     @cached_property
     def doubled_yield(self) -> str:
-        """Yield against all limits with twice as many crank angles, extrapolated; empty where they are too few."""
-        _, extrapolated = self._doubled(ALL_LIMITS, "yield")
-        return percent(extrapolated) if np.isfinite(extrapolated) and self.frames.over == "worst" else ""
+        """Yield against all limits expected of twice as many crank angles; empty where they are too few."""
+        _, *expected = self._doubled(ALL_LIMITS, "yield")
+        return percent_interval(*expected) if np.isfinite(expected).all() and self.frames.over == "worst" else ""
 
     @cached_property
     def doubled(self) -> list[str]:
         """How far the mean worst values would move with twice as many crank angles, one phrase each."""
         phrases = []
         for name in HEADLINES:
-            current, extrapolated = self._doubled(name, "worst_mean")
-            if np.isfinite(extrapolated):
+            current, *expected = self._doubled(name, "worst_mean")
+            if np.isfinite(expected).all():
                 metric = METRICS[name]
-                phrases.append(
-                    f"the {metric.inline} by {signed(extrapolated - current, metric.decimals)} {metric.unit}"
-                )
+                ends = dict.fromkeys(signed(value - current, metric.decimals) for value in expected)  # once where alike
+                phrases.append(f"the {metric.inline} by {' to '.join(ends)} {metric.unit}")
         return phrases
 
     @cached_property

@@ -25,7 +25,11 @@ CONVERGENCE = Table(
         Column("n_angles", "int32", "1", "crank angles, evenly among those of the run; or twice its own"),
         Column("worst_mean", "float64", "the metric's", "mean over the samples of the worst over these angles"),
         Column("yield", "float64", "1", "share of the samples whose worst over these angles keeps the limit"),
-        Column("extrapolated", "bool", "", "whether the run has fewer angles: continued from the rows before"),
+        Column("extrapolated", "bool", "", "whether the run has fewer angles: as far again as in the last row"),
+        Column(
+            "worst_mean_settled", "float64", "the metric's", "worst_mean, if the last change goes on as a quarter of it"
+        ),
+        Column("yield_settled", "float64", "1", "yield, if the last change goes on as a quarter of it"),
     ),
 )
 
@@ -73,19 +77,26 @@ def convergence_rows(
             )
     frame = pd.DataFrame(rows)
     for name, part in frame.groupby("metric", sort=False) if len(of_turn) > 2 else ():
-        doubled = {key: continued(part[key].to_numpy()) for key in ("worst_mean", "yield")}
-        doubled["yield"] = float(np.clip(doubled["yield"], 0.0, 1.0))
+        doubled: dict[str, float] = {}
+        for key in ("worst_mean", "yield"):
+            doubled[key], doubled[f"{key}_settled"] = continued(part[key].to_numpy())
+        for key in ("yield", "yield_settled"):
+            doubled[key] = float(np.clip(doubled[key], 0.0, 1.0))
         rows.append({"metric": name, "n_angles": 2 * int(part["n_angles"].iloc[-1]), **doubled, "extrapolated": True})
-    frame = pd.DataFrame(rows)
+    frame = pd.DataFrame(rows, columns=CONVERGENCE.schema.names)
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def continued(values: np.ndarray) -> float:
-    """The next of values whose number of crank angles doubles from each to the next.
+SETTLED_RATE = 0.25
+"""Ratio of successive changes once the angles are close: the largest of evenly spaced values of a smooth curve misses
+its peak by a second order of their distance."""
 
-    The last change goes on at the rate at which the changes shrank, or as large as it was where they did not.
+
+def continued(values: np.ndarray) -> tuple[float, float]:
+    """The next of values whose number of crank angles doubles, as far again and by ``SETTLED_RATE`` of the last change.
+
+    As far again is what angles that each show something of their own give, and more only where they are few; a quarter
+    is what a curve gives that is smooth between them. The next value lies between the two but for those few angles.
     """
-    changes = np.diff(values)
-    change_before, last_change = changes[-2], changes[-1]
-    rate = min(abs(last_change / change_before), 1.0) if change_before != 0 else 1.0
-    return float(values[-1] + rate * last_change)
+    last_change = values[-1] - values[-2]
+    return float(values[-1] + last_change), float(values[-1] + SETTLED_RATE * last_change)

@@ -56,7 +56,7 @@ CONTRACT = {
         "limit_minus_arcmin limit_plus_arcmin zero_falling_arcmin zero_rising_arcmin peak_pressure_MPa bearing_force_N",
     ),
     "aggregate/units": ("sample", "lost_motion_arcmin_worst lost_motion_arcmin_mean lost_motion_arcmin_best status"),
-    "aggregate/convergence": ("metric n_angles", "worst_mean yield extrapolated"),
+    "aggregate/convergence": ("metric n_angles", "worst_mean yield extrapolated worst_mean_settled yield_settled"),
     "aggregate/sample_convergence": ("metric statistic n", "value ci_low ci_high"),
     "aggregate/distributions": ("metric over crank_deg statistic", "value ci_low ci_high n n_angles"),
     "aggregate/sensitivity": ("metric over parameter kind", "index ci_low ci_high n"),

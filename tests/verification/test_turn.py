@@ -51,18 +51,39 @@ def test_the_worst_of_twice_as_many_angles_is_what_the_run_expects(tables: dict[
     actual = tables[63][tables[63]["n_angles"] == 63].set_index("metric")
     own_rows = tables[31][tables[31]["n_angles"] == 31].set_index("metric")
     for metric in HEADLINES[1:]:
-        shifted = actual.loc[metric, "worst_mean"] - own_rows.loc[metric, "worst_mean"]
-        predicted = expected.loc[metric, "worst_mean"] - own_rows.loc[metric, "worst_mean"]
-        assert shifted * predicted > 0
-        assert predicted == pytest.approx(shifted, abs=0.004 * own_rows.loc[metric, "worst_mean"])
-    assert actual.loc["all_limits", "yield"] <= own_rows.loc["all_limits", "yield"]
-    assert expected.loc["all_limits", "yield"] == pytest.approx(actual.loc["all_limits", "yield"], abs=0.06)
+        current, as_far, settled = (
+            rows.loc[metric, column]
+            for rows, column in (
+                (own_rows, "worst_mean"),
+                (expected, "worst_mean"),
+                (expected, "worst_mean_settled"),
+            )
+        )
+        shifted = actual.loc[metric, "worst_mean"] - current
+        assert shifted * (as_far - current) > 0
+        slack = 0.001 * current
+        low, high = sorted((as_far - current, settled - current))
+        assert low - slack <= shifted <= high + slack
+    slack = 0.02  # two of the hundred units
+    low, high = expected.loc["all_limits", ["yield", "yield_settled"]]
+    assert low - slack <= actual.loc["all_limits", "yield"] <= high + slack
+    assert high < own_rows.loc["all_limits", "yield"]
 
 
-def test_a_sequence_is_continued_at_the_rate_at_which_it_settles() -> None:
-    assert continued(np.array([1.0, 1.5, 1.75, 1.875])) == pytest.approx(1.9375)
-    assert continued(np.array([1.0, 0.9, 0.7])) == pytest.approx(0.5)  # not settling: as far again
-    assert continued(np.array([2.0, 2.0, 2.0])) == 2.0
+def test_a_sequence_is_continued_as_far_again_and_by_a_quarter() -> None:
+    assert continued(np.array([1.0, 1.5, 1.7])) == pytest.approx((1.9, 1.75))
+    assert continued(np.array([1.0, 0.9, 0.7])) == pytest.approx((0.5, 0.65))
+    assert continued(np.array([2.0, 2.0, 2.0])) == (2.0, 2.0)
+
+
+def test_the_peak_of_a_smooth_curve_is_missed_by_a_quarter_where_the_angles_double() -> None:
+    """The mean worst over all phases of a wave, by quadrature: each doubling leaves a quarter of what is missed."""
+    phases = np.linspace(0, 2 * np.pi, 4001)[:-1]
+    worst = np.array(
+        [np.mean(np.max([np.cos(phases + 2 * np.pi * k / n) for k in range(n)], axis=0)) for n in (8, 16, 32, 64)]
+    )
+    assert np.diff(worst)[1:] / np.diff(worst)[:-1] == pytest.approx(0.25, abs=0.01)
+    assert continued(worst[:-1])[1] == pytest.approx(worst[-1], abs=1e-4)
 
 
 def test_backlash_over_the_turn_by_a_general_linear_program(tmp_path: Path) -> None:

@@ -412,13 +412,14 @@ def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
             for name, mean, share, _ in rows
         ]
         + [
-            {"metric": name, "n_angles": 62, "worst_mean": mean + 0.012, "yield": change_text, "extrapolated": True}
-            for name, mean, _, change_text in rows
+            {"metric": name, "n_angles": 62, "worst_mean": mean + 0.012, "yield": share, "extrapolated": True}
+            | {"worst_mean_settled": mean + 0.003, "yield_settled": share + 0.1}
+            for name, mean, _, share in rows
         ]
     )
     text = written(replace(frames, convergence=table))
-    assert "with twice as many it would be about 61.0 %" in text
-    assert "the lost motion by 0.012 arcmin" in text
+    assert "with twice as many it would be 61.0 to 71.0 %" in text
+    assert "the lost motion by 0.012 to 0.003 arcmin" in text
     assert "with twice as many" not in written(replace(frames, convergence=table[~table["extrapolated"]]))
 
 
