@@ -4,6 +4,7 @@ import numpy as np
 
 from pipeline.assembly import definitions, profile
 from pipeline.config.designs.design import Design
+from pipeline.config.designs.operation import Operation
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
@@ -15,7 +16,7 @@ from pipeline.model.turn.sliding import sliding_speed
 def running(design: Design, reducer: Reducer) -> Running:
     """How the contacts run: their lengths, seats, sliding and friction, as far as the design states them."""
     operation, thickness, n_contacts = design.operation, design.disk.thickness_mm, len(reducer.contacts)
-    of_pins, in_holes = reducer.contacts.kind == PIN, reducer.contacts.hole >= 0
+    of_pins, in_holes = reducer.contacts.kind == PIN, (reducer.contacts.hole >= 0) & reducer.centred
     length = np.where(of_pins, thickness, design.output.contact_length_mm(thickness))
     unknown = np.full(n_contacts, np.nan)
     if operation is None:
@@ -26,11 +27,16 @@ def running(design: Design, reducer: Reducer) -> Running:
     diameter = 2 * np.where(of_pins, design.cycloid.pin_radius_mm, output_seat)
     friction = unknown
     if operation.friction:
-        output = np.where(in_holes, operation.friction.output_coefficient, 0.0)
+        output = np.where(in_holes, operation.friction.output_coefficient or 0.0, 0.0)
         friction = np.where(of_pins, operation.friction.pin_coefficient, output)
-    speed = sliding_speed(profile(design), reducer, 2 * np.pi * operation.input_speed_rpm / 60)
+    speed = sliding_speed(profile(design), reducer, 2 * np.pi * _crank_speed_rpm(design, operation) / 60)
     speed *= np.where(in_holes & output_rolls, output_seat / design.output.contact_radius_mm, 1.0)
     return Running(length, np.where(rolls, diameter * length, 0.0), speed, friction)
+
+
+def _crank_speed_rpm(design: Design, operation: Operation) -> float:
+    """Of the cranks against the housing."""
+    return operation.input_speed_rpm * design.output.crank_turns(design.cycloid)
 
 
 def conditions(study: Study) -> RunningConditions:
@@ -39,10 +45,11 @@ def conditions(study: Study) -> RunningConditions:
     if operation is None:
         return RunningConditions()
     cycloid = design.cycloid
-    output_speed = 2 * np.pi * operation.input_speed_rpm / 60 / cycloid.lobes
+    crank_speed = _crank_speed_rpm(design, operation)
+    output_speed = 2 * np.pi * crank_speed / 60 / cycloid.lobes
     friction, rating = operation.friction, operation.rating
     return RunningConditions(
-        bearing_speed_rpm=operation.input_speed_rpm * cycloid.pins / cycloid.lobes,
+        bearing_speed_rpm=crank_speed * cycloid.pins / cycloid.lobes,
         output_power_W=definitions(study).rigidity_high * output_speed,
         bearing_friction_mm=0.5 * friction.bearing_coefficient * friction.bearing_bore_mm if friction else np.nan,
         load_rating_N=rating.dynamic_load_N if rating else np.nan,

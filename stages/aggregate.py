@@ -258,6 +258,8 @@ AGGREGATE = Stage(
         "drivers",
         "design.cycloid",
         "design.operation",
+        "design.output",
+        "design.disk",
         "metrics",
         "limits",
         "cycle.crank_deg",

@@ -64,7 +64,7 @@ LOOPS = Table(
             "bearing_force_N",
             "float64",
             "N",
-            "largest force of a disk on its input bearing at any torque of the loop; null without one",
+            "largest force of a disk on its bearing, or on one of those on its cranks, at any torque of the loop",
         ),
         *RUNNING,
         Column("beyond_limit_share", "float64", "1", "largest share of the pins' moment beyond the range of their law"),
@@ -170,7 +170,7 @@ class SolvedLoops:
     ----------
     columns : of the table of loops but for its keys (n_loops,).
     status : (n_loops,)
-    bearing_force : (n, 2, n_angles, n_disks) complex [N], of each disk on its input bearing under the torque held.
+    bearing_force : (n, 2, n_angles, n_bearings) complex [N], of the disks on their bearings under the torque held.
     """
 
     columns: dict[str, np.ndarray]

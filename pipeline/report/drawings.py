@@ -108,7 +108,7 @@ def _flank(frames: Frames) -> Drawing:
 
 def _springs(frames: Frames) -> Drawing:
     output = frames.study.design.output
-    bearing = "bearing of a crank" if output.carries_disks else "input bearing"
+    bearing = output.words.bearing
     return Drawing(
         "spring_laws",
         "Spring laws",

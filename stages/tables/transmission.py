@@ -26,7 +26,7 @@ TRANSMISSION = Table(
         TORQUE,
         CRANK,
         Column("error_arcsec", "float64", "arcsec", "angle of the output less that of the nominal ratio"),
-        Column("bearing_force_N", "float64", "N", "largest force of a disk on its input bearing; null without torque"),
+        Column("bearing_force_N", "float64", "N", "largest force of a disk on a bearing; null without torque"),
     ),
 )
 ORDERS = Table(

@@ -10,7 +10,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.table import Column
 from pipeline.model.metrics import LoopReadings, library
 from pipeline.model.metrics.turn import TurnReadings, turn_library
-from pipeline.model.turn.held_torque import input_torque
+from pipeline.model.turn.held_torque import crank_torque
 from pipeline.model.units import NMM_PER_NM
 from pipeline.operation import conditions
 from stages.clearance import rigid_angles
@@ -118,7 +118,7 @@ def turn_readings(
     Parameters
     ----------
     loops : columns of the table of loops, the loaded angles of a unit one after the other.
-    bearing_force : (n, 2, n_angles, n_disks) complex [N], as `hysteresis.bearing_forces` has it.
+    bearing_force : (n, 2, n_angles, n_bearings) complex [N], as `hysteresis.bearing_forces` has it.
     rigid_ends : (n, 2, n_rigid_angles) [arcmin], as `clearance.rigid_ends` has it.
     """
     angles = np.array(study.cycle.crank_deg)
@@ -128,13 +128,14 @@ def turn_readings(
         column.name: np.where(missing[:, 0, :, 0], np.nan, loops[column.name].reshape(-1, len(angles)))
         for column in RUNNING
     }
-    cycloid, sense = study.design.cycloid, np.array([1.0, -1.0])[:, None]
-    ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / cycloid.torque_ratio
+    design, sense = study.design, np.array([1.0, -1.0])[:, None]
+    ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / design.output.crank_torque_ratio(design.cycloid)
+    taken = crank_torque(design.cycloid.eccentricity_mm, np.radians(angles), design.disk.count, bearing_force)
     return TurnReadings(
         loaded_angle=loaded_angles,
         free_angle=np.stack([_with_rigid(study, free[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),
         bearing_force=np.where(missing, np.nan, bearing_force),
-        input_share=input_torque(cycloid.eccentricity_mm, np.radians(angles), bearing_force) / ideal,
+        input_share=taken / ideal,
         pressure_speed=running[PRESSURE_SPEED.name],
         shear=running[SHEAR.name],
         shear_depth=running[SHEAR_DEPTH.name],

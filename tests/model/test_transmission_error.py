@@ -14,7 +14,7 @@ from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import Definitions
 from pipeline.model.metrics.turn import RunningConditions, TurnReadings, turn_library
-from pipeline.model.turn.held_torque import bearing_force, input_torque
+from pipeline.model.turn.held_torque import bearing_force, crank_torque
 from pipeline.model.turn.orders import orders
 
 HELD = Definitions(lost_motion=0.03e-3 * RATED, rigidity_low=0.5e-3 * RATED, rigidity_high=1e-3 * RATED)
@@ -99,7 +99,7 @@ def test_the_bearing_turns_the_crank_with_the_torque_over_the_ratio():
     for crank in CRANKS[::4]:
         drive = small_drive(3, crank=crank, floats=True, seed=2)
         thrust = bearing_force(drive, held(drive), HELD)[:, :, None]
-        torque = input_torque(SMALL.eccentricity, np.array([crank]), thrust)[..., 0]
+        torque = crank_torque(SMALL.eccentricity, np.array([crank]), 1, thrust)[..., 0]
         np.testing.assert_allclose(torque, np.tile(np.array([1, -1]) * RATED / SMALL.lobes, (3, 1)), rtol=1e-8)
 
 
@@ -110,7 +110,7 @@ def test_a_plate_that_only_rotates_leaves_the_bearing_what_one_that_floats_does(
         for floats in (True, False):
             drive = small_drive(3, crank=crank, floats=floats, seed=2)
             forces.append(bearing_force(drive, held(drive), HELD))
-        torque = input_torque(SMALL.eccentricity, np.array([crank]), forces[1][:, :, None])[..., 0]
+        torque = crank_torque(SMALL.eccentricity, np.array([crank]), 1, forces[1][:, :, None])[..., 0]
         np.testing.assert_allclose(torque, np.tile(np.array([1, -1]) * RATED / SMALL.lobes, (3, 1)), rtol=1e-8)
         np.testing.assert_allclose(np.abs(forces[1]), np.abs(forces[0]), rtol=0.06)
 

@@ -24,6 +24,7 @@ DESIGN = tomllib.loads((ROOT / "data/designs/rv_81_two_disks.toml").read_text(en
 def small_study(study="rv", **changes):
     data = tomllib.loads((ROOT / f"data/studies/{study}.toml").read_text(encoding="utf-8"))
     data["samples"]["count"] = 3
+    del data["cycle"]["loaded_angles"]
     data["cycle"] |= {"crank_deg": [37.0], "levels_per_branch": 4, "rigid_angles": 1, "keep_contacts": "all"}
     data["reduce"] |= {"flank_edges_per_lobe": 16, "patch_half_width_mm": 0.9, "growth": 0.6, "largest_edge_mm": 5.0}
     for section, values in changes.items():
@@ -42,7 +43,8 @@ def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, nam
     np.testing.assert_allclose(condensed[np.ix_(rows, rows)], fresh, atol=1e-9 * fresh.max())
     frames = {table: pd.DataFrame(outputs["hysteresis"].read(table)) for table in ("contacts", "status", "loops")}
     assert set(frames["status"]["status"]) == {"ok"}
-    assert frames["loops"]["bearing_force_N"].isna().all()
+    tangential = 40 * 39 / (20 + 40 * 40) * 200e3 / (2 * 45.0)
+    assert np.all(frames["loops"]["bearing_force_N"] > tangential)
     contacts = frames["contacts"].merge(pd.DataFrame(outputs["clearance"].read("contacts")))
     contacts["moment_Nm"] = 1e-3 * contacts["force_N"] * contacts["arm_mm"]
     steps = contacts.groupby(["sample", "step", "kind"])
@@ -54,6 +56,59 @@ def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, nam
     kinematic = pd.DataFrame(outputs["clearance"].read("kinematic"))
     rigid = metrics.merge(kinematic, on=["sample", "crank_deg"])["backlash_arcmin"]
     np.testing.assert_allclose(metrics["clearance_backlash_arcmin"], rigid, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "disks", "torque"), [("rv", 1, 200.0), ("rv_two_disks", 2, 400.0)])
+def test_forces_life_and_efficiency_of_the_crank_bearings_by_hand(tmp_path, name, disks, torque):
+    """Tables and pencil: balance of each rigid disk, ratio of the cranks, ISO 281, friction part by part."""
+    study = small_study(name, cycle={"crank_deg": [360.0 * k / 9 for k in range(9)]}, reduce={"disk": "rigid"})
+    outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
+    units = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample")
+    bearings, contacts = (pd.DataFrame(outputs["hysteresis"].read(table)) for table in ("bearings", "turn_contacts"))
+    assert len(bearings) == 4 * 9 * disks * 2 * 2
+    places = pd.DataFrame(outputs["clearance"].read("contacts"))
+    pins = contacts.merge(places[places["kind"] == "pin"], on=["contact", "crank_deg"])
+    keys = ["sample", "crank_deg", "torque_Nm", "disk"]
+    of_disk = bearings.groupby(keys)[["force_x_N", "force_y_N"]].sum()
+    for axis in "xy":  # each disk stands between its pins and its bearings
+        on_disk = (pins["force_N"] * pins[f"normal_{axis}"]).groupby([pins[key] for key in keys]).sum()
+        np.testing.assert_allclose(of_disk[f"force_{axis}_N"], on_disk, atol=1e-6)
+    wide = bearings.set_index([*keys, "bearing"])[["force_x_N", "force_y_N"]].unstack("bearing")
+    apart = 0.5 * (wide.xs(0, axis=1, level=1) - wide.xs(1, axis=1, level=1))  # tangential on opposite cranks
+    at_crank = np.exp(-1j * np.radians(apart.index.get_level_values("crank_deg")) / 39)
+    around = np.imag(np.conj(at_crank) * (apart["force_x_N"] + 1j * apart["force_y_N"]))
+    sums = pd.Series(around, apart.index).groupby(level=["sample", "crank_deg", "torque_Nm"]).sum()
+    senses = np.sign(sums.index.get_level_values("torque_Nm"))
+    expected = -senses * torque * 1e3 * 40 * 39 / (20 + 40 * 40) / (2 * 45.0)
+    np.testing.assert_allclose(sums, expected, rtol=1e-7)  # T z2 (N-1)/(z1 + z2 N)/(n_c r_c), all disks of a crank
+
+    crank_rpm = 1215.0 * 39 / 81
+    in_bearing, output_W = crank_rpm * 40 / 39, torque * 2 * np.pi / 60 * 1215.0 / 81
+    bearings["force_N"] = np.hypot(bearings["force_x_N"], bearings["force_y_N"])
+    for sample, rows in bearings.groupby("sample"):
+        loads = rows.groupby(["disk", "bearing", "torque_Nm"])["force_N"].apply(lambda f: np.mean(f ** (10 / 3)) ** 0.3)
+        life = (30_000 / loads.max()) ** (10 / 3) * 1e6 / (60 * in_bearing)
+        assert units.loc[sample, "bearing_life_h"] == pytest.approx(life, rel=1e-9)
+        efficiencies = []
+        for sense in (torque, -torque):
+            held = contacts[(contacts["sample"] == sample) & (contacts["torque_Nm"] == sense)]
+            in_seats = 0.05 * (held["force_N"] * held["sliding_m_per_s"]).sum() / 9
+            forces = rows.loc[rows["torque_Nm"] == sense, "force_N"].sum() / 9
+            loss = in_seats + 0.0025 * 11e-3 * forces * in_bearing * 2 * np.pi / 60
+            efficiencies.append(100 * output_W / (output_W + loss))
+        assert units.loc[sample, "efficiency_percent"] == pytest.approx(min(efficiencies), rel=1e-9)
+        assert 85 < min(efficiencies) < 99
+    assert np.all(contacts.loc[contacts["contact"] >= 40 * disks, "sliding_m_per_s"] == 0)  # rollers roll
+    sliding = contacts.query("contact == 0 and crank_deg == 0 and sample == 0")["sliding_m_per_s"]
+    at_root = 1e-3 * crank_rpm * 2 * np.pi / 60 / 39 * (77.5 - 1.5 * 40 - 4.0)  # distance from the pitch point
+    np.testing.assert_allclose(sliding, at_root, rtol=1e-9)
+
+
+def test_friction_of_output_pins_must_be_named():
+    data = tomllib.loads((ROOT / "data/designs/two_disks_39.toml").read_text(encoding="utf-8"))
+    del data["operation"]["friction"]["output_coefficient"]
+    with pytest.raises(InputError, match=r"operation.friction.output_coefficient.* must be given, from 0 to 0.5"):
+        parse_design(data, "d.toml")
 
 
 def test_the_report_tells_cranks_gears_and_their_ratio():

@@ -8,6 +8,7 @@ from typing import Any
 
 from pipeline.config.designs.design import Cycloid, Disk, Housing
 from pipeline.config.designs.flank import flank_problems
+from pipeline.config.designs.operation import Operation
 from pipeline.config.files.section import Problem, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.model.geometry.clocking import clocking
@@ -37,7 +38,15 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
         problems += output.problems(cycloid, disk)
     if disk and disk.count > 1:
         problems += _several_disks(disk, cycloid, output)
+    if output and output.pins_in_holes and parts.get("operation"):
+        problems += _friction(parts["operation"])
     return problems + list(_materials(parts))
+
+
+def _friction(operation: Operation) -> Iterator[Problem]:
+    if operation.friction and operation.friction.output_coefficient is None:
+        allowed = "must be given, from 0 to 0.5: output pins slide in the holes, or their bushes on them"
+        yield Problem("operation.friction.output_coefficient", None, allowed)
 
 
 def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None) -> Iterator[Problem]:

@@ -12,19 +12,20 @@ Coefficient = Annotated[float, Field(ge=0, le=0.5)]
 
 
 class Friction(Section):
-    """Coefficients of friction while running: of pins and output contacts where they slide, of the input bearing.
+    """Coefficients of friction while running: of pins and output pins where they slide, of the disks' bearings.
 
-    The bearing's friction torque is half of its coefficient times its force times `bearing_bore_mm`.
+    `output_coefficient` is asked for where output pins slide in holes, or bushes on them. A bearing's friction torque
+    is half of its coefficient times its force times `bearing_bore_mm`.
     """
 
     pin_coefficient: Coefficient
-    output_coefficient: Coefficient
+    output_coefficient: Coefficient | None = None
     bearing_coefficient: Coefficient
     bearing_bore_mm: Millimetres
 
 
 class Rating(Section):
-    """Basic dynamic load rating of the input bearing, from its maker."""
+    """Basic dynamic load rating of a disk's bearing, on the input or on a crank, from its maker."""
 
     kind: Literal["ball", "roller"]
     # From a watch to a wind turbine.

@@ -51,6 +51,7 @@ class Carrier(OutputMechanism):
         loads="each line is the bearing of one crank; a pair of points is the mesh of its planet.",
         without_pressure="Rollers of the crank bearings and teeth of the first stage have none: a peak pressure, and "
         "the shear below it, are those of the pins alone.",
+        bearing="bearing of a crank",
     )
     diameter_readings = {"half_diameter": "no diameter of the output has a tolerance"}
     material_keys = ()
@@ -221,14 +222,25 @@ class Carrier(OutputMechanism):
         """One hole for each crank."""
         return Holes(self.centres(), self.bearing_radius_mm)
 
+    def crank_turns(self, cycloid: Cycloid) -> float:
+        """The carrier turns 1 + z2 N/z1 times slower than the sun, and Z times slower than the cranks."""
+        return cycloid.lobes / self.ratio(cycloid)
+
+    def crank_torque_ratio(self, cycloid: Cycloid) -> float:
+        """All cranks take z2/z1 times the torque on the sun, which is that on the output over N + z1/z2."""
+        return cycloid.pins + self.first_stage.sun_teeth / self.first_stage.planet_teeth
+
+    def ratio(self, cycloid: Cycloid) -> float:
+        """Turns of the sun for one of the carrier, the housing held."""
+        return 1 + self.first_stage.planet_teeth * cycloid.pins / self.first_stage.sun_teeth
+
     def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Cranks, first stage and total ratio in words."""
         stage = self.first_stage
-        total = 1 + stage.planet_teeth * cycloid.pins / stage.sun_teeth
         return (
             f"carrier with {self.cranks} cranks on a circle of radius {number_text(self.crank_circle_radius_mm)} mm, "
             f"a sun of {stage.sun_teeth} and planets of {stage.planet_teeth} teeth before them: "
-            f"total ratio {number_text(total)}"
+            f"total ratio {number_text(self.ratio(cycloid))}"
         )
 
     def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:

@@ -37,6 +37,7 @@ class Words:
     station : axis of the contacts of one row in a figure.
     drawing, loads : captions of the drawing and of the figure of the contact forces, after what all have in common.
     without_pressure : which of its contacts have no Hertz pressure, said among the limits of the model.
+    bearing : what carries a disk on its eccentric.
     """
 
     contact: str
@@ -44,6 +45,7 @@ class Words:
     drawing: str
     loads: str
     without_pressure: str = ""
+    bearing: str = "input bearing"
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,14 @@ class OutputMechanism(Section):
         None where they are rigid.
         """
         return None
+
+    def crank_turns(self, cycloid: Cycloid) -> float:
+        """Turns of the crank, against the housing, per turn of the input."""
+        return 1.0
+
+    def crank_torque_ratio(self, cycloid: Cycloid) -> float:
+        """Torque on the output per torque that the eccentrics take from the cranks, in the sense of `torque_ratio`."""
+        return cycloid.torque_ratio
 
     @property
     def seat_radius_mm(self) -> float:

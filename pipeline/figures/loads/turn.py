@@ -51,20 +51,23 @@ def orders_figure(panels: Mapping[str, pd.DataFrame]) -> Figure:
 
 
 @styled
-def turn_forces_figure(bearing: pd.DataFrame, spread: pd.DataFrame | None, pins: Sequence[pd.DataFrame]) -> Figure:
-    """Force on the input bearing and contact force of one pin against the crank angle.
+def turn_forces_figure(
+    bearing: pd.DataFrame, spread: pd.DataFrame | None, pins: Sequence[pd.DataFrame], name: str
+) -> Figure:
+    """Force on a disk's bearing and contact force of one pin against the crank angle.
 
     Parameters
     ----------
     bearing : ``sense``, ``crank_deg``, ``bearing_force_N`` of one unit.
     spread : ``crank_deg``, ``low``, ``middle``, ``high`` [N] over the samples, or None.
     pins : of one pin, none or one frame: ``sense``, ``crank_deg``, ``force_N``, ``contact``.
+    name : of the bearing.
     """
     figure = new_figure(3.2)
     panels = figure.subplots(1, 1 + len(pins), squeeze=False)[0]
     _band(panels[0], spread)
     _senses(panels[0], bearing, "bearing_force_N")
-    panels[0].set(title="Input bearing", xlabel="crank angle (degrees)", ylabel="radial force (N)", ylim=(0, None))
+    panels[0].set(title=name.capitalize(), xlabel="crank angle (degrees)", ylabel="radial force (N)", ylim=(0, None))
     for axes, rows in zip(panels[1:], pins, strict=True):
         _senses(axes, rows, "force_N")
         title = f"Pin {int(rows['contact'].iloc[0])}"

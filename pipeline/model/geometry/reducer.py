@@ -99,6 +99,15 @@ class Reducer:
         """Number of pin contacts: every pin touches every disk."""
         return len(self.pins.arm)
 
+    @cached_property
+    def bearings(self) -> Index:
+        """Disk and number within it (n_bearings, 2) of every bearing that stands on an eccentric, disk after disk.
+
+        A disk has one input bearing, or where the output mechanism carries it one in each hole.
+        """
+        of_a_disk = 1 if self.centred else int(self.contacts.hole.max()) + 1
+        return np.stack(np.divmod(np.arange(self.n_disks * of_a_disk), of_a_disk), axis=1)
+
     @property
     def disk_motions(self) -> np.ndarray:
         """Columns (n_disks, 2) of the disks' translations: the input bearings carry what pushes along them."""

@@ -18,7 +18,9 @@ def held_forces(response: CycleResponse, definitions: Definitions) -> Real:
 
 
 def bearing_force(drive: Drive, response: CycleResponse, definitions: Definitions) -> NDArray[np.complex128]:
-    """Force of each disk on its input bearing (n, 2, n_disks) complex [N], housing frame, at plus and minus the torque.
+    """Force of the disks on each bearing (n, 2, n_bearings) complex [N], housing frame, at plus and minus the torque.
+
+    The order is that of ``Reducer.bearings``.
 
     Parameters
     ----------
@@ -34,21 +36,25 @@ def bearing_force(drive: Drive, response: CycleResponse, definitions: Definition
 
 
 def on_bearings(reducer: Reducer, force: Real) -> NDArray[np.complex128]:
-    """Force of each disk on its input bearing (n, n_states, n_disks) complex [N] under forces (..., n_contacts) [N].
+    """Force of the disks on each bearing (n, n_states, n_bearings) complex [N] under forces (..., n_contacts) [N].
 
     Notes
     -----
     The disk is in balance between its contacts and its bearing, so the bearing bears the contacts' resultant on the
-    disk: the penetrations ``contact_jacobian q`` grow against it. A disk that the output mechanism carries has none.
-    A body between disk and output that only rotates is held from aside by nothing real: what its contacts push the disk
-    aside counts for the bearing, which then bears the pins alone, as it does where that body floats.
+    disk: the penetrations ``contact_jacobian q`` grow against it. Of a disk that the output mechanism carries, the
+    contacts in each hole are a bearing, which bears what they push its eccentric. A body between disk and output that
+    only rotates is held from aside by nothing real: what its contacts push the disk aside counts for the bearing, which
+    then bears the pins alone, as it does where that body floats.
     """
-    jacobian = reducer.contact_jacobian[:, reducer.disk_motions].copy()
-    jacobian[_with_held_between(reducer)] = 0.0
+    if reducer.centred:
+        push = -reducer.contact_jacobian[:, reducer.disk_motions]
+        push[_with_held_between(reducer)] = 0.0
+    else:
+        contacts, keys = reducer.contacts, np.stack([reducer.disk_of_contact, reducer.contacts.hole], axis=1)
+        normals = np.stack([contacts.normal.real, contacts.normal.imag], axis=1)
+        push = np.all(keys[:, None] == reducer.bearings, axis=2)[..., None] * normals[:, None]
     # one product a sample: the digits do not depend on how many there are
-    resultant = -(force @ jacobian.reshape(len(jacobian), -1)).reshape(*force.shape[:2], *jacobian.shape[1:])
-    if not reducer.centred:
-        resultant[:] = np.nan
+    resultant = (force @ push.reshape(len(push), -1)).reshape(*force.shape[:2], *push.shape[1:])
     return resultant[..., 0] + 1j * resultant[..., 1]
 
 
@@ -74,20 +80,20 @@ def torque_shares(drive: Drive, response: CycleResponse, definitions: Definition
     return of_disks / of_disks.sum(axis=2, keepdims=True)
 
 
-def input_torque(eccentricity: float, crank: Real, thrust: NDArray[np.complex128]) -> Real:
-    """Torque on the input (n, 2, n_angles) [N mm] that balances the disks on their eccentrics, equally spaced.
+def crank_torque(eccentricity: float, crank: Real, n_disks: int, thrust: NDArray[np.complex128]) -> Real:
+    """Torque on the cranks (n, 2, n_angles) [N mm] that balances the disks on their eccentrics, equally spaced.
 
     Parameters
     ----------
     eccentricity : [mm]
     crank : (n_angles,) [rad]
-    thrust : (n, 2, n_angles, n_disks) [N], of the disks on their input bearings.
+    thrust : (n, 2, n_angles, n_bearings) [N], of the disks on their bearings, disk after disk.
 
     Notes
     -----
     Without friction it is the torque on the output over the ratio, at every crank angle and whatever the errors: all
     normals of the pins pass through the pitch point, about which the disk turns.
     """
-    n_disks = thrust.shape[3]
-    eccentric = np.exp(1j * np.add.outer(crank, 2 * np.pi * np.arange(n_disks) / n_disks))
+    phase = np.repeat(2 * np.pi * np.arange(n_disks) / n_disks, thrust.shape[3] // n_disks)
+    eccentric = np.exp(1j * np.add.outer(crank, phase))
     return -eccentricity * np.sum(np.imag(np.conj(eccentric) * thrust), axis=3)

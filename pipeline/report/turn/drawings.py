@@ -103,14 +103,17 @@ def _forces(frames: Frames) -> Drawing:
         pin = contacts[contacts["contact"] == contacts["contact"].min()]
         of_pin.append(pin.assign(sense=np.where(pin["torque_Nm"] > 0, "+", "-")))
     held_torque = plain(assembly.definitions(frames.study).rigidity_high)
+    design = frames.study.design
+    bearing, several = design.output.words.bearing, design.disk.count > 1 or design.output.carries_disks
+    force = "largest force of a disk on a" if several else "force of the disk on the"
     return Drawing(
         "turn_forces",
         "Forces over a turn of the crank",
-        f"{held_torque} N m held. Left: force of the disk on the input bearing{_whose(frames, label, spread)}"
+        f"{held_torque} N m held. Left: {force} {bearing}{_whose(frames, label, spread)}"
         f"{UNBALANCED if frames.units['bearing_force_peak_N'].isna().all() else ''}."
         f"{TILT if frames.study.design.disk.count > 1 else ''} "
         f"Right: contact force of one pin of {frames.owner(label)}; it carries in one half of the turn in each sense.",
-        turn_forces_figure(rows[rows["sample"] == sample], spread, of_pin),
+        turn_forces_figure(rows[rows["sample"] == sample], spread, of_pin, bearing),
     )
 
 

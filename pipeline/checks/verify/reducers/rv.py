@@ -26,6 +26,7 @@ from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_backlash import general_play
 from pipeline.model.load_history.backbone import first_poses
 from pipeline.model.load_history.drive import Drive
+from pipeline.model.turn.held_torque import on_bearings
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
@@ -126,12 +127,11 @@ def _bearings(study: Study) -> Iterator[Finding]:
         unbalanced.append(np.max(np.abs(force @ reducer.contact_jacobian - load)) / abs(torque))
         tangential = torque * ratio_torque / (reducer.n_disks * output.cranks * output.crank_circle_radius_mm)
         outwards = output.centres() / output.crank_circle_radius_mm * np.exp(1j * reducer.disks[0].rotation)
-        for disk, rows in enumerate(reducer.output_rows):
+        computed += list(-on_bearings(reducer, force[None, None])[0, 0] / torque)
+        for disk in range(reducer.n_disks):
             of_pins = _of_pins(reducer, disk)
             resultant = np.sum(force[of_pins] * reducer.contacts.normal[of_pins])
             for crank in range(output.cranks):
-                ring = rows[reducer.contacts.hole[rows] == crank]
-                computed.append(-np.sum(force[ring] * reducer.contacts.normal[ring]) / torque)
                 expected.append((-resultant / output.cranks + 1j * outwards[crank] * tangential) / torque)
     scale = np.max(np.abs(expected))
     reference, computed_forces = (

@@ -1,4 +1,4 @@
-"""Basic rating life of the input bearing."""
+"""Basic rating life of the disks' bearings."""
 
 import numpy as np
 
@@ -38,11 +38,12 @@ def _value(turn: TurnReadings) -> Real:
 
 TURN_METRIC = TurnMetric(
     name="bearing_life_h",
-    title="Basic rating life of the input bearing",
+    title="Basic rating life of the disks' bearings",
     unit="h",
     definition="ISO 281: time that nine of ten such bearings reach, {rigidity_high:g} N m held at the stated speed, "
-    "from the load rating of the design and the power mean of the force over the turn; of the shorter-lived sense and "
-    "disk. Lubrication, cleanliness and misalignment are not in it.",
+    "from the load rating of the design and the power mean of the force over the turn; of the sense and "
+    "bearing in which it is shortest, input bearings or with a carrier those between cranks and disks. Lubrication, "
+    "cleanliness and misalignment are not in it; of all bearings together fewer reach it.",
     rank=7,
     decimals=0,
     value=_value,

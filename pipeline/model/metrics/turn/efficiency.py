@@ -22,9 +22,9 @@ TURN_METRIC = TurnMetric(
     title="Efficiency",
     unit="%",
     definition="Power of the output over that of the input in the mean over the turn, {rigidity_high:g} N m held "
-    "against the motion: lost is what friction takes at pins, output contacts and input bearing by the coefficients of "
-    "the design, under the forces of bodies without friction; the worse of both senses. Seals, churning and other "
-    "bearings are not in it.",
+    "against the motion: lost is what friction takes at pins, output contacts and the disks' bearings by the "
+    "coefficients of the design, under the forces of bodies without friction; the worse of both senses. Seals, "
+    "churning, teeth of a first stage and other bearings are not in it.",
     rank=8,
     decimals=2,
     value=_value,

@@ -21,10 +21,10 @@ LARGEST_IMBALANCE = 0.05
 TURN, BALANCE, SPEED, RATING, FRICTION = "turn", "balance", "speed", "rating", "friction"
 NEEDS = {
     TURN: f"{FEWEST_ANGLES} crank angles evenly over the turn or more",
-    BALANCE: "forces on the input bearings that balance the torque on the output over the ratio within "
-    f"{100 * LARGEST_IMBALANCE:g} %; disks that stand on the cranks of a carrier have no bearing of that kind",
+    BALANCE: "forces on the disks' bearings that balance the torque on the output over the ratio within "
+    f"{100 * LARGEST_IMBALANCE:g} %",
     SPEED: "the speed of the input ([operation] input_speed_rpm of the design)",
-    RATING: "the load rating of the input bearing ([operation.rating] of the design), at least twice the load",
+    RATING: "the load rating of a bearing of the disks ([operation.rating] of the design), at least twice the load",
     FRICTION: "coefficients of friction ([operation.friction] of the design) by which less than a fifth of the input "
     "is lost",
 }
@@ -37,10 +37,10 @@ class RunningConditions:
 
     Attributes
     ----------
-    bearing_speed_rpm : of the input bearing's rings, one against the other.
+    bearing_speed_rpm : of the rings of a disk's bearing, one against the other.
     output_power_W : what the output gives.
-    bearing_friction_mm : friction torque of the input bearing over its force.
-    load_rating_N, life_exponent : basic dynamic load rating of the input bearing, exponent of its life.
+    bearing_friction_mm : friction torque of a disk's bearing over its force.
+    load_rating_N, life_exponent : basic dynamic load rating of a disk's bearing, exponent of its life.
     """
 
     bearing_speed_rpm: float = np.nan
@@ -59,8 +59,8 @@ class TurnReadings:
     loaded_angle : (n, 2, n_angles) [arcmin] of the output under the torque held, from its nominal position; missing
         where the unit has no result.
     free_angle : (n, 2, n_rigid_angles) [arcmin] of the output at the end of its play in that sense, likewise.
-    bearing_force : (n, 2, n_angles, n_disks) complex [N], of each disk on the input bearing under the torque held.
-    input_share : (n, 2, n_angles) torque on the input that those forces need, over the output's over the ratio.
+    bearing_force : (n, 2, n_angles, n_bearings) complex [N], of the disks on their bearings under the torque held.
+    input_share : (n, 2, n_angles) torque on the cranks that those forces need, over the output's over the ratio.
     pressure_speed : (n, n_angles) [MPa m/s] largest of any contact, both senses; missing where no speed is stated.
     shear : (n, n_angles) [MPa] largest shear stress below any contact.
     shear_depth : (n, n_angles) [um] depth of that stress, of the contact in which it lies deepest.
@@ -84,7 +84,7 @@ class TurnReadings:
 
     @property
     def balanced(self) -> NDArray[np.bool_]:
-        """(n,) whether the forces on the input bearings balance the torque on the output."""
+        """(n,) whether the forces on the bearings balance the torque on the output."""
         return np.all(np.abs(np.mean(self.input_share, axis=2) - 1) <= LARGEST_IMBALANCE, axis=1)
 
     def thinned(self, stride: int) -> "TurnReadings":
