@@ -13,7 +13,7 @@ from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATU
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.rigid_backlash import general_play, separated_play
 from pipeline.model.load_history.backbone import backbone, torque_levels
-from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
+from pipeline.model.load_history.friction.output_path import Ripple, output_path
 from pipeline.model.load_history.rayleigh import rayleigh_twist
 
 LIBRARY = library()
@@ -253,7 +253,7 @@ def test_ovality_displaces_every_pin_along_its_radius(lobes):
 
 def turned(drive, torques, nodes):
     curve = backbone(drive, nodes)
-    return condensed_path(torques, curve.torque, curve.angle[0], drive.sliders, Ripple())[0]
+    return output_path(torques, curve.torque, curve.angle[0], drive.sliders, Ripple()).at_turns[0]
 
 
 def legs(*turns, steps=100):
@@ -388,15 +388,15 @@ def test_a_softer_modulus_is_that_of_the_parts():
     np.testing.assert_allclose(reference_value.angle, model_value.angle, rtol=1e-6, atol=1e-9)
 
 
-def test_friction_of_drive_and_backdrive_is_that_of_the_walk_row_by_row():
+def test_friction_resists_the_rising_load_by_one_share_and_the_falling_by_another():
     """While the load rises T = (1 + a) carried, while it falls (1 - b) carried; alike, it is load_friction."""
     drive, loading, unloading = small_drive(play=0.0), 0.3, 0.1
     variant = put(drive, "directional_load_friction", loading, unloading)
     leaning = 1 + variant.lean
     nodes, angles = np.linspace(-2, 2, 41) * RATED, np.linspace(-2, 2, 41) * 1e-3
     torque = RATED * np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0.2, 50)])
-    _, torque_taken = condensed_path(torque, leaning * nodes, angles, variant.sliders.of_scaled_load(leaning), Ripple())
-    carried_torque = torque_taken / leaning
+    path = output_path(torque, leaning * nodes, angles, variant.sliders.of_scaled_load(leaning), Ripple())
+    carried_torque = path.at_turns[1] / leaning
     assert carried_torque[49] == pytest.approx(RATED / (1 + loading), rel=1e-2)
     assert carried_torque[-1] == pytest.approx(0.2 * RATED / (1 - unloading), rel=1e-2)
     equal_directions = put(drive, "directional_load_friction", 0.2, 0.2)

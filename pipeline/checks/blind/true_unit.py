@@ -18,7 +18,7 @@ from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
-from pipeline.model.load_history.friction.output_path import condensed_path
+from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
@@ -159,10 +159,8 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
             else:
                 leaning = 1 + drive.lean
                 sliders = drive.sliders.of_scaled_load(leaning)
-                output_angle, play_torque = condensed_path(
-                    steps, leaning * levels, elastic_angle, sliders, instrument.ripple
-                )
-                play_torque = play_torque / leaning
+                path = output_path(steps, leaning * levels, elastic_angle, sliders, instrument.ripple)
+                output_angle, play_torque = path.at_turns[0], path.at_turns[1] / leaning
             angle[of_cycle], carried_torque[of_cycle] = output_angle[is_row][of_cycle], play_torque[is_row][of_cycle]
         else:
             angle[of_cycle], carried_torque[of_cycle] = (

@@ -15,8 +15,7 @@ from pipeline.model.load_history.backbone import Backbone, backbone, torque_leve
 from pipeline.model.load_history.cell_means import means
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
-from pipeline.model.load_history.friction.output_path import Ripple
-from pipeline.model.load_history.friction.output_walk import walked
+from pipeline.model.load_history.friction.output_path import Ripple, output_path
 from pipeline.model.load_history.kelvin_voigt import crept
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.load_history.rayleigh import rayleigh_twist
@@ -198,7 +197,7 @@ class Forward:
                 elastic_angle = curve.angle[state] + drive.twist(stiffer * nodes)
                 leaning = 1 + drive.lean
                 sliders = drive.sliders.of_scaled_load(leaning)
-                corners, turns = walked(torque, leaning * stiffer * nodes, elastic_angle, sliders, ripple)
+                corners, turns = output_path(torque, leaning * stiffer * nodes, elastic_angle, sliders, ripple)
                 corners[2] /= leaning
             for leg in np.flatnonzero(course.state == state):
                 part = corners[:, turns[repeated_torque[leg]] : turns[repeated_torque[leg] + 1] + 1]

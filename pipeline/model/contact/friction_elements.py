@@ -57,7 +57,7 @@ class Sliders:
     def acting(self) -> "Sliders":
         """Those that can resist at all."""
         able = (self.limit > 0) | (self.coefficient > 0)
-        return Sliders(*(getattr(self, f.name)[able] for f in fields(Sliders)))
+        return self if able.all() else Sliders(*(getattr(self, f.name)[able] for f in fields(Sliders)))
 
     def of_scaled_load(self, factor: float) -> "Sliders":
         """The sliders where the load that presses on them is written ``factor`` times as large."""

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.model.contact.friction_elements import Sliders, load_slider
-from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
+from pipeline.model.load_history.friction.output_path import Ripple, output_path
 
 STIFFNESS = 5e6  # [N mm/rad] of the linear backbone
 NODES = np.linspace(-2 * RATED, 2 * RATED, 40)
@@ -42,7 +42,7 @@ def jenkins(torques, stiffness, limit, distance):
 
 
 def on_line(torques, sliders, ripple=NO_RIPPLE):
-    return condensed_path(torques, NODES, LINE, sliders, ripple)
+    return output_path(torques, NODES, LINE, sliders, ripple).at_turns
 
 
 def test_jenkins_element_follows_its_closed_form_at_every_step():
@@ -98,7 +98,7 @@ WITH_PLAY = WITH_PLAY_NODES / STIFFNESS + HALF_PLAY * np.sign(WITH_PLAY_NODES)
 def test_play_is_stuck_until_the_friction_is_exceeded():
     sliders = slider(LIMIT, 1e-7)
     torques = history(0, 0.99 * LIMIT, -0.99 * LIMIT, RATED, -0.99 * LIMIT, -RATED, 0.0, RATED)
-    angle, carried_torque = condensed_path(torques, WITH_PLAY_NODES, WITH_PLAY, sliders, NO_RIPPLE)
+    angle, carried_torque = output_path(torques, WITH_PLAY_NODES, WITH_PLAY, sliders, NO_RIPPLE).at_turns
     stuck_steps = slice(0, 121)
     assert np.max(np.abs(angle[stuck_steps])) < 1.1e-7
     at_top, resistance, return_value = 180, 240, 360
@@ -110,7 +110,7 @@ def test_play_is_stuck_until_the_friction_is_exceeded():
 
 def test_loop_of_play_with_friction_is_as_wide_as_both():
     torques = history(0, RATED, -RATED, RATED, steps=100)
-    angle, _ = condensed_path(torques, WITH_PLAY_NODES, WITH_PLAY, slider(LIMIT, 1e-7), NO_RIPPLE)
+    angle, _ = output_path(torques, WITH_PLAY_NODES, WITH_PLAY, slider(LIMIT, 1e-7), NO_RIPPLE).at_turns
     np.testing.assert_allclose(angle[150] - angle[250], 2 * (HALF_PLAY + LIMIT / STIFFNESS), rtol=1e-3)
 
 

@@ -9,7 +9,7 @@ from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.backbone import NO_LOAD, torque_levels
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
-from pipeline.model.load_history.friction.output_path import Ripple, condensed_path
+from pipeline.model.load_history.friction.output_path import Ripple, output_path
 from pipeline.model.load_history.load_cycle import LoadCycle
 
 LEVELS = 12
@@ -24,8 +24,8 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
     levels, motions, forces = nodes
     leaning = 1 + drive.lean
     sliders = drive.sliders.of_scaled_load(leaning)
-    _, rubbed = condensed_path(torque, leaning * levels, motions[:, drive.reducer.output_motion], sliders, Ripple())
-    carried_torque = rubbed / leaning
+    path = output_path(torque, leaning * levels, motions[:, drive.reducer.output_motion], sliders, Ripple())
+    carried_torque = path.at_turns[1] / leaning
     first_positive = int(np.searchsorted(levels, 0.0))
     end = levels[first_positive]
     in_play = np.abs(carried_torque) < end  # stuck within the play

@@ -1,10 +1,14 @@
-"""Equilibria along a load history where friction acts on the output alone.
+"""Load history where friction and a ripple act on the output alone, led by its angle.
 
 The rest of the reducer is then a nonlinear spring, its frictionless backbone, and only the rotation of the output is
-left to balance: the same equilibrium as ``incremental.solve_path``, a hundred times faster.
+left to balance: the same equilibrium as ``incremental.solve_path``, a hundred times faster. The output is turned from
+bend to bend of its resistance, and the torque that it takes is read off. Between two bends the torque is linear in the
+angle but for the ripple, so that no step has a size to choose. Where a ripple throws the output back, the torque
+stays and the angle jumps.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,106 +16,228 @@ from pipeline.model.compiled import entry, part
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.geometry.cycloid_profile import Real
 
-ROOT_STEPS = 80
-"""Bisections of an angle at most: more than its digits."""
-ROOT_SHARE = 1e-13
-"""Share of the range of torque to which the output is balanced."""
+WAVE = 32
+"""Corners of a ripple's period: between two of them a chord is off by 0.5 % of the amplitude at most."""
+JUMP_WAVE = 8
+"""Pieces of a ripple's period while the output is thrown back, where no corner stands."""
+STARTED = 1e-9
+"""Share of a slider's reach, and of a segment of the backbone, nearer than which a bend is passed already."""
+MOST_STEPS = 1_000_000
+"""Steps after which a path is given up: a backbone that was not solved may be of any length."""
 FAR = 3
-"""Lengths of the backbone beyond its ends after which no balance is looked for."""
-MOST_LOOKS = 2000
-"""Strides from one load step to the next after which no balance is looked for."""
-RIPPLE_SCAN = 24
-"""Points of a ripple's period at which the first balance along the way is looked for."""
+"""Lengths of the backbone's end segments beyond its ends after which no balance is looked for."""
+ROOT_STEPS = 60
+"""Steps of a root within a piece of a ripple at most: more than its digits."""
+ROOT_SHARE = 1e-15
+"""Share of the torques at the ends of a piece and of the amplitude to which its root is found."""
 
 
 @dataclass(frozen=True)
 class Ripple:
-    """Torque [N mm] that depends on the output's angle: amplitude sin(waves angle + phase), waves per radian."""
+    """Torque [N mm] that depends on the output's angle: amplitude sin(waves angle + phase), waves per radian.
+
+    Raises
+    ------
+    ValueError
+        If the amplitude is negative or the number of waves is not positive.
+    """
 
     amplitude: float = 0.0
     waves: float = 1.0
     phase: float = 0.0
 
+    def __post_init__(self) -> None:
+        if self.amplitude < 0 or self.waves <= 0:
+            raise ValueError(f"a ripple of {self.amplitude} N mm and {self.waves} waves/rad: both must be positive")
+
+
+class OutputPath(NamedTuple):
+    """Corners of a load path.
+
+    Attributes
+    ----------
+    corners : (3, n_corners) torque [N mm], angle [rad] and torque in the reducer [N mm], in order of time.
+    turns : (n_turns,) the corner at which each turn stands.
+    """
+
+    corners: Real
+    turns: np.ndarray
+
+    @property
+    def at_turns(self) -> Real:
+        """Angle [rad] and torque in the reducer [N mm] at the turns, (2, n_turns)."""
+        return self.corners[1:, self.turns]
+
 
 @part
-def _resistance(position, curve, slides, ripple, anchor):
-    """Angle, torque of the backbone and all that sliders and ripple add, at a place along the backbone's nodes."""
-    nodes, angles = curve
+def _resistance(angle, carried_torque, slides, ripple, anchor):
+    """Torque of the sliders and the ripple."""
     stiffness, limit, coefficient = slides
-    j = min(max(int(position), 0), nodes.shape[0] - 2)
-    x = position - j
-    angle = angles[j] + x * (angles[j + 1] - angles[j])
-    carried_torque = nodes[j] + x * (nodes[j + 1] - nodes[j])
     amplitude, waves, phase = ripple
     added = amplitude * np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
     for s in range(stiffness.shape[0]):
         largest = limit[s] + coefficient[s] * abs(carried_torque)
         added += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
-    return angle, carried_torque, added
+    return added
 
 
 @part
-def _beyond(position, sense, angles, ripple):
-    """Where the first balance is looked for next: the next node, or nearer where a ripple is shorter."""
-    node = np.floor(position) + 1.0 if sense > 0.0 else np.ceil(position) - 1.0
-    j = min(max(int(np.floor(0.5 * (position + node))), 0), angles.shape[0] - 2)
-    width = abs(angles[j + 1] - angles[j])
-    if ripple[0] == 0.0 or width == 0.0:
-        return node
-    stride = 2.0 * np.pi / (abs(ripple[1]) * RIPPLE_SCAN * width)
-    return position + sense * stride if stride < abs(node - position) else node
+def _drag(angle, carried_torque, slides, anchor):
+    """Let the anchors follow where the resistance is at its limit."""
+    stiffness, limit, coefficient = slides
+    for s in range(stiffness.shape[0]):
+        reach = (limit[s] + coefficient[s] * abs(carried_torque)) / stiffness[s]
+        anchor[s] = min(max(anchor[s], angle - reach), angle + reach)
+
+
+@part
+def _to_bend(sense, angle, carried_torque, width, height, slides, stride, anchor):
+    """Angle up to the next bend of the resistance on a segment of the backbone of some width and height."""
+    stiffness, limit, coefficient = slides
+    bend = stride
+    to_zero = -sense * carried_torque * width / height
+    unloads = to_zero > STARTED * width
+    for s in range(stiffness.shape[0]):
+        growth = coefficient[s] * height / width * (-1.0 if unloads else 1.0)
+        largest = limit[s] + coefficient[s] * abs(carried_torque)
+        stretched = sense * stiffness[s] * (angle - anchor[s])
+        if unloads and growth != 0.0:
+            bend = min(bend, to_zero)
+        to_slip = (largest - stretched) / max(stiffness[s] - growth, 1e-300)
+        if to_slip > STARTED * max(largest / stiffness[s], width):
+            bend = min(bend, to_slip)
+    return bend
+
+
+@part
+def _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor):
+    """Segment of the backbone and place on it from where the path goes on, and the place up to which it has no bend."""
+    nodes, angles = curve
+    if sense > 0.0 and x >= 1.0 and j < nodes.shape[0] - 2:
+        j, x = j + 1, 0.0
+    elif sense < 0.0 and x <= 0.0 and j > 0:
+        j, x = j - 1, 1.0
+    width, height = angles[j + 1] - angles[j], nodes[j + 1] - nodes[j]
+    step = 1.0 - x if sense > 0.0 else x
+    if step <= 0.0:
+        step = 1.0  # beyond the end
+    if width > 0.0:
+        step = min(step, _to_bend(sense, angle, carried_torque, width, height, slides, stride, anchor) / width)
+    end = x + sense * step
+    if abs(end - np.rint(end)) < 1e-14:
+        end = np.rint(end)
+    return j, x, end
+
+
+@part
+def _steady(sense, angle, turned, gained, ripple):
+    """What a piece, turned by an angle for a torque gained in the sense of the path, gains without the ripple."""
+    amplitude, waves, phase = ripple
+    start = waves * angle + phase
+    return gained - sense * amplitude * (np.sin(start + waves * turned) - np.sin(start))
+
+
+@part
+def _share_to_peak(sense, angle, turned, gained, ripple):
+    """Share of a piece at which a ripple throws the output back; 1 if it does not."""
+    amplitude, waves, phase = ripple
+    steepest, phase_turned = amplitude * waves * abs(turned), waves * abs(turned)
+    if abs(gained) > steepest * phase_turned:  # larger than what the slope varies by
+        return 1.0
+    steady = _steady(sense, angle, turned, gained, ripple)
+    if steepest <= abs(steady):
+        return 1.0
+    ahead = np.mod(np.arccos(-steady / steepest) - sense * (waves * angle + phase), 2.0 * np.pi)
+    share = ahead / phase_turned
+    return share if STARTED < share < 1.0 else 1.0
+
+
+@part
+def _share_to_goal(goal, low, high, sense, angle, turned, ripple):
+    """Share of a piece, from ``low`` below to ``high`` above the goal, at which the torque is the goal's."""
+    amplitude, waves, phase = ripple
+    share = (goal - low) / (high - low)
+    if amplitude == 0.0:
+        return share
+    steady = _steady(sense, angle, turned, high - low, ripple)
+    start, steepest = waves * angle + phase, amplitude * waves * abs(turned)
+    begin = low - sense * amplitude * np.sin(start) - goal
+    first, last, small = 0.0, 1.0, ROOT_SHARE * (abs(low) + abs(high) + amplitude)
+    for _ in range(ROOT_STEPS):
+        turned_phase = start + share * waves * turned
+        excess = begin + share * steady + sense * amplitude * np.sin(turned_phase)
+        if abs(excess) <= small:
+            break
+        if excess < 0.0:
+            first = share
+        else:
+            last = share
+        share -= excess / (steady + steepest * np.cos(turned_phase))
+        if not first < share < last:
+            share = 0.5 * (first + last)
+    return share
 
 
 @entry
-def _balanced(torques, curve, slides, ripple, angle_out, carried_out):
-    """Angle and torque of the backbone along a history; see ``condensed_path``."""
+def _traced(turns, curve, slides, ripple, corners, corner_of_turn):
+    """Corners (torque, angle, carried) of the path from turn to turn, and that of each turn; -1 if there is no room."""
     nodes, angles = curve
-    stiffness, limit, coefficient = slides
-    anchor = np.zeros(stiffness.shape[0])
-    position = 0.5 * (nodes.shape[0] - 1)
-    anchor[:], _, _ = _resistance(position, curve, slides, (0.0, 1.0, 0.0), anchor)
-    small = ROOT_SHARE * (nodes[-1] - nodes[0])
-    for t in range(torques.shape[0]):
-        angle, carried_torque, added = _resistance(position, curve, slides, ripple, anchor)
-        excess = carried_torque + added - torques[t]
-        low, high, low_excess, high_excess, evaluations = position, position, excess, excess, 0
-        # on to the first balance in the sense of the excess
-        while high_excess < 0.0 and evaluations < MOST_LOOKS and high < FAR * nodes.shape[0]:
-            low, low_excess, evaluations = high, high_excess, evaluations + 1
-            high = _beyond(high, 1.0, angles, ripple)
-            angle, carried_torque, added = _resistance(high, curve, slides, ripple, anchor)
-            high_excess = carried_torque + added - torques[t]
-        while low_excess > 0.0 and evaluations < MOST_LOOKS and low > -FAR * nodes.shape[0]:
-            high, high_excess, evaluations = low, low_excess, evaluations + 1
-            low = _beyond(low, -1.0, angles, ripple)
-            angle, carried_torque, added = _resistance(low, curve, slides, ripple, anchor)
-            low_excess = carried_torque + added - torques[t]
-        for _ in range(ROOT_STEPS):
-            if high_excess <= low_excess or high - low <= 1e-14:
-                break
-            position = low - low_excess * (high - low) / (high_excess - low_excess)
-            if not low < position < high:
-                position = 0.5 * (low + high)
-            angle, carried_torque, added = _resistance(position, curve, slides, ripple, anchor)
-            value = carried_torque + added - torques[t]
-            if abs(value) <= small:
-                break
-            if value < 0.0:
-                low, low_excess, high_excess = position, value, 0.5 * high_excess
-            else:
-                high, high_excess, low_excess = position, value, 0.5 * low_excess
-        for s in range(stiffness.shape[0]):
-            reach = (limit[s] + coefficient[s] * abs(carried_torque)) / stiffness[s]
-            anchor[s] = min(max(anchor[s], angle - reach), angle + reach)
-        angle_out[t], carried_out[t] = angle, carried_torque
+    anchor, wave = np.empty(slides[0].shape[0]), 2.0 * np.pi / ripple[1] if ripple[0] != 0.0 else np.inf
+    j = (nodes.shape[0] - 1) // 2
+    x = 0.5 * (nodes.shape[0] - 1) - j
+    angle, carried_torque = angles[j] + x * (angles[j + 1] - angles[j]), nodes[j] + x * (nodes[j + 1] - nodes[j])
+    anchor[:] = angle
+    total = carried_torque + _resistance(angle, carried_torque, slides, ripple, anchor)
+    count, steps = 0, 0
+    for t in range(turns.shape[0]):
+        sense = 1.0 if turns[t] >= total else -1.0
+        largest_torque, goal = sense * total, sense * turns[t]
+        while sense * total < goal and -FAR < x < 1 + FAR:
+            stride = wave / (WAVE if sense * total >= largest_torque else JUMP_WAVE)
+            j, x, end = _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor)
+            point = angle, carried_torque
+            step = angles[j] + end * (angles[j + 1] - angles[j]) - angle, nodes[j] + end * (nodes[j + 1] - nodes[j])
+            step = step[0], step[1] - carried_torque
+            angle, carried_torque = point[0] + step[0], point[1] + step[1]
+            low = sense * total
+            high = sense * (carried_torque + _resistance(angle, carried_torque, slides, ripple, anchor))
+            if ripple[0] != 0.0 and step[0] != 0.0:
+                share = _share_to_peak(sense, point[0], step[0], high - low, ripple)
+                if share < 1.0:
+                    end, step = x + share * (end - x), (share * step[0], share * step[1])
+                    angle, carried_torque = point[0] + step[0], point[1] + step[1]
+                    high = sense * (carried_torque + _resistance(angle, carried_torque, slides, ripple, anchor))
+            steps += 1
+            if count + 2 > corners.shape[1] or steps > MOST_STEPS:
+                return -1
+            target = largest_torque if low < largest_torque else goal  # thrown back before: the jump ends there
+            if high >= target:
+                share = _share_to_goal(target, low, high, sense, point[0], step[0], ripple)
+                end, high = x + share * (end - x), target
+                angle, carried_torque = point[0] + share * step[0], point[1] + share * step[1]
+            x, total, largest_torque = end, sense * high, max(largest_torque, high)
+            if largest_torque <= high < goal:
+                corners[0, count], corners[1, count], corners[2, count] = total, angle, carried_torque
+                count += 1
+            _drag(angle, carried_torque, slides, anchor)
+        if count == corners.shape[1]:
+            return -1
+        corner_of_turn[t] = count
+        corners[0, count], corners[1, count], corners[2, count] = turns[t], angle, carried_torque
+        count += 1
+    return count
 
 
-def condensed_path(torques: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Ripple) -> tuple[Real, Real]:
-    """Angle [rad] of the output and torque [N mm] in the reducer along a history, every slider on the output.
+def _unknown(n_turns: int) -> OutputPath:
+    return OutputPath(np.full((3, n_turns), np.nan), np.arange(n_turns))
+
+
+def output_path(turns: Real, nodes: Real, angles: Real, sliders: Sliders, ripple: Ripple) -> OutputPath:
+    """The load path through ``turns``, every slider on the output.
 
     Parameters
     ----------
-    torques : (n_steps,) [N mm], in time order; the first is reached from rest in the middle of the play.
+    turns : (n_turns,) [N mm], in order of time; the first is reached from rest in the middle of the play.
     nodes, angles : (n_nodes,) frictionless backbone, torque ascending; continued along its end segments.
     ripple : of a motor; where it is multivalued, the first balance on the way holds.
 
@@ -119,27 +245,34 @@ def condensed_path(torques: Real, nodes: Real, angles: Real, sliders: Sliders, r
     ------
     ValueError
         If a slider is pressed by a contact: its slip is no function of the torque in the reducer (after a reversal the
-        disk turns about where its pins stick), so only ``solve_path`` follows it.
+        disk turns about where its pins stick), so only ``incremental.solve_path`` follows it.
+
+    Notes
+    -----
+    Between two turns the torque is monotone, and equal at two corners where the angle jumps. Corners are exact for the
+    backbone as a polyline, so that turns on the way (every row of a bench, say) change nothing; between corners a
+    ripple is a chord. NaN where the backbone is not finite or the path has more steps than ``MOST_STEPS``.
     """
     if sliders.at_contacts:
         raise ValueError("a slider at a contact cannot be condensed to the output")
-    sliders = sliders.acting
-    if not len(sliders) and ripple.amplitude == 0.0:
-        return _on_backbone(torques, nodes, angles), torques
+    sliders, turns = sliders.acting, np.asarray(turns, float)
     rising = np.maximum.accumulate(angles)
-    angle, carried_torque = np.empty(len(torques)), np.empty(len(torques))
-    _balanced(
-        np.asarray(torques, float),
-        (nodes, rising),
-        (sliders.stiffness, sliders.limit, sliders.coefficient),
-        (ripple.amplitude, ripple.waves, ripple.phase),
-        angle,
-        carried_torque,
-    )
-    return angle, carried_torque
-
-
-def _on_backbone(torques: Real, nodes: Real, angles: Real) -> Real:
-    """Angle at each torque by linear interpolation, the end segments continued."""
-    j = np.clip(np.searchsorted(nodes, torques) - 1, 0, len(nodes) - 2)
-    return angles[j] + (torques - nodes[j]) * (angles[j + 1] - angles[j]) / (nodes[j + 1] - nodes[j])
+    if not np.isfinite(rising[-1]):
+        return _unknown(len(turns))
+    waves = WAVE * (rising[-1] - rising[0]) * ripple.waves / (2 * np.pi) if ripple.amplitude else 0.0
+    room = int(min(len(turns) * (2 * len(nodes) + 4 * len(sliders) + 2 * waves + 8), MOST_STEPS))
+    corner_of_turn = np.empty(len(turns), np.int64)
+    while room <= MOST_STEPS:
+        corners = np.empty((3, room))
+        count = _traced(
+            turns,
+            (nodes, rising),
+            (sliders.stiffness, sliders.limit, sliders.coefficient),
+            (ripple.amplitude, ripple.waves, ripple.phase),
+            corners,
+            corner_of_turn,
+        )
+        if count >= 0:
+            return OutputPath(corners[:, :count], corner_of_turn)
+        room *= 2
+    return _unknown(len(turns))
