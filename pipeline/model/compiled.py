@@ -7,6 +7,9 @@ was compiled or read from the cache in this process: their sums may be ordered d
 The compiler's cache knows the file of the entry point alone: it stands in a folder named by the sources of the whole
 package, so that a changed part is never left out.
 
+A part that is called at one place may be merged into its caller before that is compiled, not after: it is not compiled
+by itself then. Parts that look at the types of their arguments cannot; a caller without the algebra has none in them.
+
 Processes that start at once on an empty cache compile each entry point once: the first that comes, while the others
 wait for it. Compiled twice at once it would take either of them as long as both.
 
@@ -59,4 +62,5 @@ def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 part = njit(**INLINED)  # type: ignore[call-overload]
 entry = cached_entry()
 algebraic_part = njit(fastmath=ALGEBRA, **INLINED, **BORROWED)  # type: ignore[call-overload]
+merged_part = njit(fastmath=ALGEBRA, inline="always", **COMPILED, **BORROWED)  # type: ignore[call-overload]
 borrowing_entry = cached_entry(**BORROWED)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.model.compiled import algebraic_part
+from pipeline.model.compiled import algebraic_part, merged_part
 from pipeline.model.equilibrium.blocks import count, moves, part_of
 from pipeline.model.equilibrium.inverse_update import (
     exclude,
@@ -286,7 +286,7 @@ def _worth_renewing(residual, previous):
     return residual >= previous or (residual / FORCE_TOLERANCE) > (previous / residual) ** PATIENCE
 
 
-@algebraic_part
+@merged_part
 def converge(system, friction, torque, gap, clearance, work):
     """Active-set Newton from the state in ``work``, which is changed; returns the iterations and the residual."""
     previous, residual, changes = np.inf, np.inf, 0

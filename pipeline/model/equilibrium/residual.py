@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.model.compiled import algebraic_part
+from pipeline.model.compiled import algebraic_part, merged_part
 from pipeline.model.equilibrium.blocks import count, deflections_of, part_of
 from pipeline.model.equilibrium.return_mapping import resist
 from pipeline.model.geometry.cycloid_profile import Index, Real
@@ -20,13 +20,27 @@ FRACTION, ONE = (1 << 52) - 1, 1023 << 52
 
 
 class Friction(NamedTuple):
-    """The sliders, see ``contact.friction_elements.Sliders``; None takes its place, and is compiled away, without."""
+    """The sliders, see ``contact.friction_elements.Sliders``, and their states in one sample's solve.
+
+    None takes its place without sliders, and is compiled away.
+    """
 
     direction: Real  # (n_sliders, n_motions)
     stiffness: Real  # (n_sliders,)
     limit: Real
     coefficient: Real
     contact: np.ndarray
+    anchor: Real  # (n_sliders,) slip of every slider without resistance [mm, rad]
+    resistance: Real  # (n_sliders,) [N, N mm]; where a slider does not resist, what it did before
+    stick: Real  # its slope against the slip
+    grip: Real  # its slope against what presses on the slider
+    trial: Real  # its resistance if it stuck
+    pressed: Real  # what presses on it
+    slip_step: Real  # changes of its slip and of what presses on it within the step
+    press_step: Real
+    resisting: np.ndarray  # sliders that resist
+    position: np.ndarray  # (n_contacts,) of the active contacts in the list of their block
+    row: Real  # (n_motions,)
 
 
 class System(NamedTuple):
@@ -75,23 +89,12 @@ class Work(NamedTuple):
     slack: Real  # (n_blocks, longest block) of the active contacts, in the interior-point iteration [mm]
     thrust: Real  # (n_disks,) force of each input bearing
     spring: Real  # (n_disks, 8) see bearing_springs
-    anchor: Real  # (n_sliders,) slip of every slider without resistance [mm, rad]
-    resistance: Real  # (n_sliders,) [N, N mm]; where a slider does not resist, what it did before
-    stick: Real  # its slope against the slip
-    grip: Real  # its slope against what presses on the slider
-    trial: Real  # its resistance if it stuck
-    pressed: Real  # what presses on it
-    slip_step: Real  # changes of its slip and of what presses on it within the step
-    press_step: Real
-    resisting: np.ndarray  # sliders that resist
-    position: np.ndarray  # (n_contacts,) of the active contacts in the list of their block
-    row: Real  # (n_motions,)
 
 
-def workspace(system: System, n_sliders: int) -> Work:
+def workspace(system: System) -> Work:
     """Arrays for solves of a system."""
     (n_motions, n_contacts), longest = system.contact_jacobian.shape, system.compliance.shape[1]
-    motions, contacts, sliders = (n_motions,), (n_contacts,), (n_sliders,)
+    motions, contacts = (n_motions,), (n_contacts,)
     blocks = (len(system.blocks),) if len(system.blocks) > 1 else ()
     lists = (*blocks, longest)
     logarithm = np.zeros(lists)
@@ -118,17 +121,6 @@ def workspace(system: System, n_sliders: int) -> Work:
         slack=np.zeros(lists),
         thrust=np.zeros(system.bearings),
         spring=np.zeros((system.bearings, 8)),
-        anchor=np.zeros(sliders),
-        resistance=np.zeros(sliders),
-        stick=np.zeros(sliders),
-        grip=np.zeros(sliders),
-        trial=np.zeros(sliders),
-        pressed=np.zeros(sliders),
-        slip_step=np.zeros(sliders),
-        press_step=np.zeros(sliders),
-        resisting=np.zeros(sliders, np.int64),
-        position=np.zeros(contacts, np.int64),
-        row=np.zeros(motions),
     )
 
 
@@ -159,7 +151,7 @@ def force_at_penetration(system, i, penetration):
     return force
 
 
-@algebraic_part
+@merged_part
 def bearing_springs(system, clearance, work):
     """Force and tangent of each bearing into ``spring``: fx, fy, kxx, kxy, kyy, and how the thrust follows the motion.
 
@@ -172,7 +164,7 @@ def bearing_springs(system, clearance, work):
         _bearing_spring(system, clearance[k], k, work)
 
 
-@algebraic_part
+@merged_part
 def _bearing_spring(system, clearance, k, work):
     thrust, spring = work.thrust, work.spring[k]
     x, y = work.motion[2 * k], work.motion[2 * k + 1]
@@ -244,7 +236,7 @@ def deflect(system, gap, work):
             depth[i] += row[i] * q
 
 
-@algebraic_part
+@merged_part
 def _logarithms(n, inner_force, bits, logarithm, exponent):
     """Natural logarithms of the first n of ``inner_force`` to the last digits, several at once."""
     for j in range(n):
@@ -264,7 +256,7 @@ def _logarithms(n, inner_force, bits, logarithm, exponent):
         logarithm[j] = power * 0.6931471805599453 + 2.0 * z * (1.0 + square * (1 / 3 + square * series))
 
 
-@algebraic_part
+@merged_part
 def _misfit_of_block(system, b, work):
     """Misfits and tangents of the active contacts of a block; returns the largest misfit and deflection."""
     part = part_of(work.active, work, b)
@@ -322,8 +314,8 @@ def imbalance(system, friction, torque, work):
                 scale += abs(term)
         if friction is not None:
             for k in range(work.counts[1]):
-                s = work.resisting[k]
-                term = friction.direction[s, d] * work.resistance[s]
+                s = friction.resisting[k]
+                term = friction.direction[s, d] * friction.resistance[s]
                 total += term
                 scale += abs(term)
         balance[d] = total

@@ -39,17 +39,17 @@ def resist(system, friction, work):
         limit = friction.limit[s] + friction.coefficient[s] * abs(pressed)
         if limit == 0.0:
             continue
-        slip = -work.anchor[s]
+        slip = -friction.anchor[s]
         for d in range(motion.shape[0]):
             slip += friction.direction[s, d] * motion[d]
         trial = friction.stiffness[s] * slip
-        work.trial[s], work.pressed[s] = trial, pressed
-        work.resistance[s] = min(max(trial, -limit), limit)
+        friction.trial[s], friction.pressed[s] = trial, pressed
+        friction.resistance[s] = min(max(trial, -limit), limit)
         slips = abs(trial) > limit
-        work.stick[s] = 0.0 if slips else friction.stiffness[s]
+        friction.stick[s] = 0.0 if slips else friction.stiffness[s]
         direction_sign = 1.0 if (trial > 0.0) == (pressed >= 0.0) else -1.0
-        work.grip[s] = direction_sign * friction.coefficient[s] if slips else 0.0
-        work.resisting[resisting] = s
+        friction.grip[s] = direction_sign * friction.coefficient[s] if slips else 0.0
+        friction.resisting[resisting] = s
         resisting += 1
     work.counts[1] = resisting
 
@@ -62,7 +62,7 @@ def add_friction(system, friction, work):
     follows a contact's force or the torque carried, they belong to the balance as much as the contact's own push.
     """
     jacobian, tangent, step = system.contact_jacobian, work.tangent, work.step
-    position, output = work.position, system.output
+    position, output = friction.position, system.output
     n_motions = step.shape[0]
     for d in range(n_motions):
         for e in range(d):
@@ -71,12 +71,12 @@ def add_friction(system, friction, work):
         active = part_of(work.active, work, b).active
         for j in range(work.sizes[b, 0]):
             position[active[j]] = j
-    carried_torque, row = step[output] + work.balance[output], work.row
+    carried_torque, row = step[output] + work.balance[output], friction.row
     for e in range(n_motions):
         row[e] = tangent[output, e]
     for k in range(work.counts[1]):
-        s = work.resisting[k]
-        direction, stick, grip, i = friction.direction[s], work.stick[s], work.grip[s], friction.contact[s]
+        s = friction.resisting[k]
+        direction, stick, grip, i = friction.direction[s], friction.stick[s], friction.grip[s], friction.contact[s]
         p, b = (position[i], system.block[i]) if i >= 0 else (0, 0)
         part = part_of(work.active, work, b)
         for d in range(n_motions):
@@ -106,10 +106,10 @@ def _work_rate(friction, length, work):
     """Power of the sliders along a share of the step, less that at its start."""
     rate = 0.0
     for k in range(work.counts[1]):
-        s = work.resisting[k]
-        limit = friction.limit[s] + friction.coefficient[s] * abs(work.pressed[s] + length * work.press_step[s])
-        trial = work.trial[s] + length * friction.stiffness[s] * work.slip_step[s]
-        rate += work.slip_step[s] * (min(max(trial, -limit), limit) - work.resistance[s])
+        s = friction.resisting[k]
+        limit = friction.limit[s] + friction.coefficient[s] * abs(friction.pressed[s] + length * friction.press_step[s])
+        trial = friction.trial[s] + length * friction.stiffness[s] * friction.slip_step[s]
+        rate += friction.slip_step[s] * (min(max(trial, -limit), limit) - friction.resistance[s])
     return rate
 
 
@@ -139,12 +139,12 @@ def share_of_braking(system, friction, work):
             x, y = step[2 * k], step[2 * k + 1]
             slope += x * (spring[k, 2] * x + 2.0 * spring[k, 3] * y) + y * spring[k, 4] * y
     for k in range(work.counts[1]):
-        s, i = work.resisting[k], friction.contact[work.resisting[k]]
+        s, i = friction.resisting[k], friction.contact[friction.resisting[k]]
         part = part_of(work.active, work, system.block[max(i, 0)])
-        work.press_step[s] = carried_torque if i < 0 else part.miss[work.position[i]]
-        work.slip_step[s] = 0.0
+        friction.press_step[s] = carried_torque if i < 0 else part.miss[friction.position[i]]
+        friction.slip_step[s] = 0.0
         for d in range(step.shape[0]):
-            work.slip_step[s] += friction.direction[s, d] * step[d]
+            friction.slip_step[s] += friction.direction[s, d] * step[d]
     low, low_power, high = 0.0, start, 1.0
     high_power = start + slope + _work_rate(friction, 1.0, work)
     if not (low_power < 0.0 and high_power > -BRAKED * low_power):
@@ -164,7 +164,7 @@ def share_of_braking(system, friction, work):
 @algebraic_part
 def follow(system, friction, work):
     """Let the anchors follow where the resistance is at its limit."""
-    motion, anchor = work.motion, work.anchor
+    motion, anchor = work.motion, friction.anchor
     carried_torque = _carried(system, work)
     for s in range(friction.stiffness.shape[0]):
         slip = 0.0

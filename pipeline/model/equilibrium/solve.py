@@ -27,10 +27,9 @@ from pipeline.model.compiled import algebraic_part, borrowing_entry
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
-from pipeline.model.equilibrium.interior_point import INTERIOR_STEPS, start_within
 from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
-from pipeline.model.equilibrium.primal_active_set import settle
 from pipeline.model.equilibrium.residual import Friction, System, workspace
+from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
 
@@ -105,40 +104,68 @@ def _extrapolate(system, torques, t, motions, forces, work):
                 work.force[i] = total
 
 
+@algebraic_part
+def _begin(start, work):
+    """A sample's motions to start from, without force."""
+    for d in range(start.shape[0]):
+        work.motion[d] = start[d]
+    for i in range(work.force.shape[0]):
+        work.force[i] = 0.0
+    work.thrust[:] = 0.0
+    reset(work)
+
+
+@algebraic_part
+def _stations(torques, t):
+    """Number of steps in which the torque of step t is reached: itself, and those on the way to a far one."""
+    rise = torques[t] / torques[t - 1] if t > 0 else 1.0
+    return 1 + (int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0)
+
+
+@algebraic_part
+def _keep(work, t, motion, force):
+    """Keep the solved step of a sample, and count the steps that have had its contacts."""
+    for d in range(motion.shape[1]):
+        motion[t, d] = work.motion[d]
+    n_changed = 0 if t > 0 else 1
+    for i in range(force.shape[1]):
+        force[t, i] = work.force[i]
+        if t > 0:
+            n_changed += (force[t, i] > 0.0) != (force[t - 1, i] > 0.0)
+    work.counts[0] = work.counts[0] + 1 if n_changed == 0 else 1
+
+
 @borrowing_entry
-def _solve_batch(system, work, torques, gap, clearance, start, motion, force, iterations, residual):
-    """Every sample through its torques in order; the last four arrays are filled."""
-    for s in range(gap.shape[0]):
-        for d in range(start.shape[1]):
-            work.motion[d] = start[s, d]
-        for i in range(gap.shape[1]):
-            work.force[i] = 0.0
-        work.thrust[:] = 0.0
-        reset(work)
-        for t in range(torques.shape[0]):
+def _solve_batch(system, work, torques, gap, clearance, start, progress, motion, force, iterations, residual):
+    """Samples through their torques in order; the last four arrays are filled.
+
+    It goes on from ``progress``, the sample, its step and the stations solved of it, which are counted on, up to a
+    station that Newton does not solve: returns the torque of that, None at the end.
+    """
+    while progress[0] < gap.shape[0]:
+        s, t = progress[0], progress[1]
+        if t == torques.shape[0]:
+            progress[0], progress[1] = s + 1, 0
+            continue
+        if progress[2] == 0:
+            if t == 0:
+                _begin(start[s], work)
             _extrapolate(system, torques, t, motion[s], force[s], work)
-            rise = torques[t] / torques[t - 1] if t > 0 else 1.0
-            interval = int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0
             iterations[s, t] = 0
-            for station in range(interval + 1):  # on the way to a far torque, and it
-                torque = torques[t]
-                if station < interval:
-                    torque = torques[t - 1] * rise ** ((station + 1.0) / (interval + 1.0))
-                n_updates, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
-                iterations[s, t] += n_updates
-                if not residual[s, t] <= ACCEPTED:
-                    start_within(system, None, torque, gap[s], clearance[s], work)
-                    n_updates, residual[s, t] = settle(system, None, torque, gap[s], clearance[s], work)
-                    iterations[s, t] += n_updates + INTERIOR_STEPS
-            for d in range(motion.shape[2]):
-                motion[s, t, d] = work.motion[d]
-            for i in range(force.shape[2]):
-                force[s, t, i] = work.force[i]
-            n_changed = 0 if t > 0 else 1
-            if t > 0:
-                for i in range(gap.shape[1]):
-                    n_changed += (force[s, t, i] > 0.0) != (force[s, t - 1, i] > 0.0)
-            work.counts[0] = work.counts[0] + 1 if n_changed == 0 else 1
+        stations = _stations(torques, t)
+        while progress[2] < stations:
+            progress[2] += 1
+            torque = torques[t]
+            if progress[2] < stations:
+                rise = torques[t] / torques[t - 1]
+                torque = torques[t - 1] * rise ** (progress[2] / stations)
+            n_updates, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
+            iterations[s, t] += n_updates
+            if not residual[s, t] <= ACCEPTED:
+                return torque
+        _keep(work, t, motion[s], force[s])
+        progress[1], progress[2] = t + 1, 0
+    return None
 
 
 def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, Index]:
@@ -171,16 +198,28 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
 
 
 def friction_of(sliders: Sliders, place_of_motion: Index) -> Friction:
-    """The sliders' numbers, (n_sliders,) each but for their directions (n_sliders, n_motions).
-
-    ``place_of_motion`` (n_contacts,) of each contact in the system.
-    """
+    """The sliders' numbers, and room for their states; ``place_of_motion`` (n_contacts,) of a contact in the system."""
     direction, stiffness, limit, coefficient = (
         np.ascontiguousarray(values, dtype=float)
         for values in (sliders.direction, sliders.stiffness, sliders.limit, sliders.coefficient)
     )
     contact = np.asarray(sliders.contact)
-    return Friction(direction, stiffness, limit, coefficient, np.where(contact >= 0, place_of_motion[contact], contact))
+    n_sliders, n_motions = direction.shape
+    return Friction(
+        *(direction, stiffness, limit, coefficient),
+        contact=np.where(contact >= 0, place_of_motion[contact], contact),
+        anchor=np.zeros(n_sliders),
+        resistance=np.zeros(n_sliders),
+        stick=np.zeros(n_sliders),
+        grip=np.zeros(n_sliders),
+        trial=np.zeros(n_sliders),
+        pressed=np.zeros(n_sliders),
+        slip_step=np.zeros(n_sliders),
+        press_step=np.zeros(n_sliders),
+        resisting=np.zeros(n_sliders, np.int64),
+        position=np.zeros(len(place_of_motion), np.int64),
+        row=np.zeros(n_motions),
+    )
 
 
 def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Real, torque: Real) -> Equilibria:
@@ -208,18 +247,15 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
     system, order = system_of(elastic, linear)
     motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
-    _solve_batch(
-        system,
-        workspace(system, 0),
-        np.asarray(torque, float),
-        np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order]),
-        np.ascontiguousarray(clearance, dtype=float),
-        np.ascontiguousarray(start[:, eliminated:]),
-        motion,
-        force,
-        iterations,
-        residual,
-    )
+    work, steps = workspace(system), np.asarray(torque, float)
+    ordered_gap = np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order])
+    clearance, start = np.ascontiguousarray(clearance, dtype=float), np.ascontiguousarray(start[:, eliminated:])
+    progress = np.zeros(3, np.int64)
+    rows = (motion, force, iterations, residual)
+    while (unsolved := _solve_batch(system, work, steps, ordered_gap, clearance, start, progress, *rows)) is not None:
+        s, t, _ = progress
+        n_updates, residual[s, t] = solved_afresh(system, None, unsolved, ordered_gap[s], clearance[s], work)
+        iterations[s, t] += n_updates
     if len(system.blocks) > 1:
         force = force[..., np.argsort(order)]
     if linear:

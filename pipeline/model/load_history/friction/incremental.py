@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part, borrowing_entry
-from pipeline.model.equilibrium.interior_point import start_within
 from pipeline.model.equilibrium.newton import ACCEPTED, activate, converge, reset
-from pipeline.model.equilibrium.primal_active_set import settle
 from pipeline.model.equilibrium.residual import workspace
+from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.equilibrium.return_mapping import follow
 from pipeline.model.equilibrium.solve import friction_of, system_of
 from pipeline.model.geometry.cycloid_profile import Real
@@ -68,7 +67,7 @@ def _nearest(states, torque):
 
 
 @algebraic_part
-def _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, final, work):
+def _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, work):
     """Residual of the step to a torque, from the state before or from a seed: across the play that leads nowhere."""
     crosses_zero = goal * solution_reached.torque[0] <= 0.0
     residual = np.inf
@@ -80,39 +79,54 @@ def _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, fi
         _, residual = converge(system, friction, goal, gap, clearance, work)
         if residual <= ACCEPTED:
             break
-    if not residual <= ACCEPTED and final:
-        start_within(system, friction, goal, gap, clearance, work)
-        _, residual = settle(system, friction, goal, gap, clearance, work)
     return residual
 
 
+class Progress(NamedTuple):
+    """How far a path is followed; one number each, in arrays so that it is left where it is."""
+
+    step: np.ndarray  # which is being solved
+    halvings: np.ndarray  # of it
+    share: Real  # of the way to its torque that is tried
+    worst: Real  # residual so far
+    afresh: Real  # residual of what is tried, where it was solved from no start; NaN where it was not
+
+
 @borrowing_entry
-def _follow(system, friction, work, torques, gap, clearance, seeds, solution_reached, path):
-    """States of one sample along its history into ``path``; returns the largest residual."""
-    worst = 0.0
-    _restore(system, solution_reached, 0, work)
-    for t in range(torques.shape[0]):
-        share, depth = 1.0, 0  # of the step that is left to this torque
-        while True:
-            goal = solution_reached.torque[0] + share * (torques[t] - solution_reached.torque[0])
-            residual = _attempt(
-                system, friction, goal, gap, clearance, seeds, solution_reached, depth == HALVINGS, work
-            )
-            if not residual <= ACCEPTED and depth < HALVINGS:
-                share, depth = 0.5 * share, depth + 1
+def _follow(system, friction, work, torques, gap, clearance, seeds, solution_reached, path, progress):
+    """States of one sample along its history into ``path``.
+
+    It goes on from ``progress`` up to a step that Newton does not solve, at the last halving: returns the torque of
+    that, None at the end.
+    """
+    if progress.step[0] == 0 and progress.halvings[0] == 0:
+        _restore(system, solution_reached, 0, work)
+    while progress.step[0] < torques.shape[0]:
+        t = progress.step[0]
+        goal = solution_reached.torque[0] + progress.share[0] * (torques[t] - solution_reached.torque[0])
+        residual = progress.afresh[0]
+        if np.isnan(residual):
+            residual = _attempt(system, friction, goal, gap, clearance, seeds, solution_reached, work)
+            if not residual <= ACCEPTED:
+                if progress.halvings[0] == HALVINGS:
+                    return goal
+                progress.share[0] *= 0.5
+                progress.halvings[0] += 1
                 _restore(system, solution_reached, 0, work)
                 continue
-            if not residual <= LOST:
-                path.motion[t:], path.force[t:] = np.nan, np.nan
-                return np.inf
-            follow(system, friction, work)
-            _save(work, solution_reached, 0, goal)
-            worst = max(worst, residual)
-            if share == 1.0:
-                break
-            share = min(1.0, 2.0 * share)
+        progress.afresh[0] = np.nan
+        if not residual <= LOST:
+            path.motion[t:], path.force[t:], progress.worst[0] = np.nan, np.nan, np.inf
+            return None
+        follow(system, friction, work)
+        _save(work, solution_reached, 0, goal)
+        progress.worst[0] = max(progress.worst[0], residual)
+        if progress.share[0] < 1.0:
+            progress.share[0] = min(1.0, 2.0 * progress.share[0])
+            continue
         _save(work, path, t, goal)
-    return worst
+        progress.step[0], progress.halvings[0] = t + 1, 0
+    return None
 
 
 def _off_zero(torques: Real, smallest: float) -> Real:
@@ -159,15 +173,12 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     torque_of_seeds, motion_of_seeds, force_of_seeds = seeds
     path = _states(steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty(len(steps)))
     unloaded = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros(1))
-    worst = _follow(
-        system,
-        friction,
-        workspace(system, len(friction.stiffness)),
-        steps,
-        np.ascontiguousarray(drive.gap[state, order]),
-        np.ascontiguousarray(drive.clearance_of_disks[state], dtype=float),
-        _states(torque_of_seeds, motion_of_seeds, force_of_seeds[:, order], np.zeros(len(torque_of_seeds))),
-        unloaded,
-        path,
-    )
-    return path.motion, path.force[:, position_of_contact], worst
+    work, gap = workspace(system), np.ascontiguousarray(drive.gap[state, order])
+    clearance = np.ascontiguousarray(drive.clearance_of_disks[state], dtype=float)
+    nodes = _states(torque_of_seeds, motion_of_seeds, force_of_seeds[:, order], np.zeros(len(torque_of_seeds)))
+    progress = Progress(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1), np.zeros(1), np.full(1, np.nan))
+    while (
+        unsolved := _follow(system, friction, work, steps, gap, clearance, nodes, unloaded, path, progress)
+    ) is not None:
+        _, progress.afresh[0] = solved_afresh(system, friction, unsolved, gap, clearance, work)
+    return path.motion, path.force[:, position_of_contact], float(progress.worst[0])
