@@ -108,14 +108,17 @@ def _flank(frames: Frames) -> Drawing:
 
 def _springs(frames: Frames) -> Drawing:
     output = frames.study.design.output
-    bearing = output.words.bearing
     return Drawing(
         "spring_laws",
         "Spring laws",
         "Local deformation and tangent stiffness of single contacts, beyond their clearance. What the disk yields as a "
         "whole comes on top. Dashed: beyond the law's range its tangent goes on.",
         spring_laws_figure(
-            frames.at_crank(frames.laws), frames.at_crank(frames.contacts), output.words.contact, bearing
+            frames.at_crank(frames.laws),
+            frames.at_crank(frames.contacts),
+            output.words.contact,
+            output.words.bearing,
+            output.words.rows,
         ),
     )
 
@@ -178,7 +181,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         "output_loads",
         f"Forces on the {words.contact}s {condition}",
         f"At crank angle {crank}°{of_disk}; {words.loads}",
-        output_loads_figure(traces, contacts[contacts["disk"] <= 0], words.station, rising),
+        output_loads_figure(traces, contacts[contacts["disk"] <= 0], words.station, rising, words.rows),
     )
 
 

@@ -124,6 +124,10 @@ def case_cells(case: Case, columns: Sequence[str]) -> list[str]:
     return cells
 
 
+def _several(count: int) -> str:
+    return f"{count}, each " if count > 1 else ""
+
+
 def reducer_facts(design: Design) -> list[tuple[str, str]]:
     """The reducer in numbers."""
     cycloid, bearing = design.cycloid, design.bearing
@@ -137,7 +141,11 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
         ),
         ("Eccentricity", f"{plain(cycloid.eccentricity_mm)} mm"),
         ("Rated torque", f"{plain(cycloid.rated_torque_Nm)} N m"),
-        ("Disk", f"{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, {STRESS[design.disk.stress]}"),
+        (
+            "Disk" if design.disk.count == 1 else "Disks",
+            f"{_several(design.disk.count)}{plain(design.disk.thickness_mm)} mm thick, {design.disk.material}, "
+            f"{STRESS[design.disk.stress]}",
+        ),
         *([("Flank", flank_fact(design))] if design.flank else []),
         ("Bearing of each crank" if design.output.carries_disks else "Input bearing", f"radial spring, {law}"),
         ("Output", design.output.fact(design.cycloid, plain)),

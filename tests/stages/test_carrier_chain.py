@@ -12,6 +12,7 @@ from pipeline.config import load_design, load_study, parse_design, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
+from pipeline.model.metrics import Quantity
 from pipeline.population.tails import tails_of
 from pipeline.report.inputs import reducer_facts
 from stages.chain import STAGES
@@ -146,3 +147,19 @@ def test_what_has_no_meaning_with_a_carrier_is_refused():
         small_study(tolerances={"roller_diameter": {"distribution": "fixed", "value_um": 2.0}})
     with pytest.raises(InputError, match="the rough model of the tails holds the disk's centre"):
         tails_of(load_study("rv", ROOT))
+
+
+def test_the_page_of_two_disks_on_cranks_speaks_of_them(tmp_path):
+    outputs = run(STAGES, small_study("rv_two_disks", reduce={"disk": "rigid"}), ["report"], tmp_path, Resources(1, 4))
+    page = outputs["report"].path("report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+    for said in ("2, each 12 mm thick", "a crank that bends", "Bearing of each crank"):
+        assert said in page, said
+    for wrong in ("input bearing yield", "(1)", "and the disk under it yields"):
+        assert wrong not in page, wrong
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(315.304, "315.30"), (31.5034, "31.503"), (0.98412, "0.984"), (-1234.5678, "\u22121234.6")]
+)
+def test_large_numbers_have_five_digits(value, text):
+    assert Quantity("Torsional rigidity", "N m/arcmin", 3).text(value).replace(",", "") == text

@@ -52,6 +52,7 @@ class Carrier(OutputMechanism):
         without_pressure="Rollers of the crank bearings and teeth of the first stage have none: a peak pressure, and "
         "the shear below it, are those of the pins alone.",
         bearing="bearing of a crank",
+        rows=("roller of a crank's bearing", "flank of a planet's tooth"),
     )
     diameter_readings = {"half_diameter": "no diameter of the output has a tolerance"}
     material_keys = ()

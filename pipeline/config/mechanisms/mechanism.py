@@ -38,6 +38,7 @@ class Words:
     drawing, loads : captions of the drawing and of the figure of the contact forces, after what all have in common.
     without_pressure : which of its contacts have no Hertz pressure, said among the limits of the model.
     bearing : what carries a disk on its eccentric.
+    rows : what a contact of each interface is called, where that differs.
     """
 
     contact: str
@@ -46,6 +47,7 @@ class Words:
     loads: str
     without_pressure: str = ""
     bearing: str = "input bearing"
+    rows: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """How pins and output carry the load: dead zones, forces and deformations (the paper's Fig. 9 to 13)."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -81,7 +81,11 @@ def _draw_loads(force: Axes, depth: Axes, traces: Mapping[str, pd.DataFrame], nu
 
 @styled
 def output_loads_figure(
-    traces: Mapping[str, pd.DataFrame], contacts: pd.DataFrame, station: str, rising: bool = False
+    traces: Mapping[str, pd.DataFrame],
+    contacts: pd.DataFrame,
+    station: str,
+    rising: bool = False,
+    names: Sequence[str] = (),
 ) -> Figure:
     """Contact force and deformation of the loaded output contacts along their rows (the paper's Fig. 13).
 
@@ -91,6 +95,7 @@ def output_loads_figure(
     contacts : rows of ``clearance/contacts`` at the same crank angle.
     station : what the numbers of the contacts of a row are called.
     rising : as in `pin_loads_figure`.
+    names : of a contact of each interface, where they differ.
 
     Notes
     -----
@@ -112,8 +117,9 @@ def output_loads_figure(
             grid[1, interface].plot(row["station"], row["penetration_um"].where(is_loaded), **line)
     for interface, row in interfaces:
         if len(interfaces) > 1:
-            grid[0, interface].set_title(f"{row['body_a'].iloc[0]} to {row['body_b'].iloc[0]}".capitalize())
-        grid[1, interface].set(xlabel=station, xticks=sorted(row["station"].unique()))
+            bodies = f"{row['body_a'].iloc[0]} to {row['body_b'].iloc[0]}"
+            grid[0, interface].set_title((f"{names[interface]}s" if names else bodies).capitalize())
+        grid[1, interface].set(xlabel=names[interface] if names else station, xticks=sorted(row["station"].unique()))
     grid[0, 0].set(ylabel="contact force (N)", ylim=(0, None))
     grid[1, 0].set(ylabel="deformation (µm)", ylim=(0, None))
     legend_below(figure, grid[0, -1])

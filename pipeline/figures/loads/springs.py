@@ -1,6 +1,6 @@
 """Spring laws of the contacts and of the input bearing (the paper's Fig. 5)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,11 @@ BEARING = -1
 
 @styled
 def spring_laws_figure(
-    laws: pd.DataFrame, contacts: pd.DataFrame, output: str = "output roller", bearing: str = "input bearing"
+    laws: pd.DataFrame,
+    contacts: pd.DataFrame,
+    output: str = "output roller",
+    bearing: str = "input bearing",
+    names: Sequence[str] = (),
 ) -> Figure:
     """Force and tangent stiffness of the pins by the curvature of the flank, of the bearing and of the output.
 
@@ -27,6 +31,7 @@ def spring_laws_figure(
     laws : rows of ``springs/laws`` at one crank angle.
     contacts : rows of ``clearance/contacts`` at the same crank angle.
     output, bearing : what one of the output's contacts and the bearing are called.
+    names : of a contact of each interface of the output, where they differ.
 
     Notes
     -----
@@ -40,7 +45,7 @@ def spring_laws_figure(
     for column, (title, chosen) in enumerate(
         (
             ("(a) Pins, by the flank's radius", _pin_curves(contacts)),
-            (_others_title(contacts, bearing), _other_curves(contacts, curves, output, bearing)),
+            (_others_title(contacts, bearing), _other_curves(contacts, curves, output, bearing, names)),
         )
     ):
         shown_curves = {label: curves[contact] for label, contact in chosen.items()}
@@ -72,7 +77,7 @@ def _draw(axes: Axes, rows: pd.DataFrame, column: str, style: dict) -> None:
 
 def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
     """A few pins, their curvatures evenly spread from the most concave flank to the most convex one."""
-    pins = contacts[contacts["kind"] == "pin"]
+    pins = contacts[(contacts["kind"] == "pin") & (contacts["disk"] == 0)]
     curvatures = pins["curvature_per_mm"].to_numpy()
     targets = np.linspace(curvatures.min(), curvatures.max(), CURVES_SHOWN)
     picks = dict.fromkeys(int(np.argmin(np.abs(curvatures - curvature))) for curvature in targets)
@@ -85,7 +90,7 @@ def _pin_curves(contacts: pd.DataFrame) -> Mapping[str, int]:
 
 
 def _other_curves(
-    contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], name: str, bearing: str
+    contacts: pd.DataFrame, curves: Mapping[int, pd.DataFrame], name: str, bearing: str, names: Sequence[str]
 ) -> Mapping[str, int]:
     """The bearing, and one contact of each interface; one for both where they obey the same law."""
     output = contacts[contacts["kind"] == "output"]
@@ -95,5 +100,8 @@ def _other_curves(
     reference, *remaining = (curves[contact]["local_um"].to_numpy() for contact in rollers["contact"])
     if all(np.array_equal(reference, curve) for curve in remaining):
         return {bearing: BEARING, name: int(rollers["contact"].iloc[0])}
-    names = {f"{name}, {row['body_a']} to {row['body_b']}": int(row["contact"]) for _, row in rollers.iterrows()}
-    return {bearing: BEARING, **names}
+    labels = names or [f"{name}, {row['body_a']} to {row['body_b']}" for _, row in rollers.iterrows()]
+    return {
+        bearing: BEARING,
+        **{label: int(contact) for label, contact in zip(labels, rollers["contact"], strict=True)},
+    }

@@ -1,5 +1,6 @@
 """What a metric is, what of a loop it is read from, and the library of all."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -52,6 +53,10 @@ class LoopReadings:
     load_share: Real
 
 
+DIGITS = 5
+"""Digits of a number that people read: more are told by no study."""
+
+
 @dataclass(frozen=True)
 class Quantity:
     """Name, unit and digits after the point of a number that people read."""
@@ -67,12 +72,13 @@ class Quantity:
 
     @property
     def axis(self) -> str:
-        """Label of an axis."""
-        return f"{self.title} ({self.unit})"
+        """Label of an axis; a pure number has no unit there."""
+        return self.title if self.unit == "1" else f"{self.title} ({self.unit})"
 
     def text(self, value: float) -> str:
-        """The value with its digits, without the unit."""
-        return signed(value, self.decimals)
+        """The value without the unit: with its digits after the point, of large ones with five digits in all."""
+        before_point = math.floor(math.log10(abs(value))) + 1 if math.isfinite(value) and abs(value) >= 1 else 1
+        return signed(value, min(self.decimals, max(DIGITS - before_point, 0)))
 
 
 @dataclass(frozen=True, kw_only=True)

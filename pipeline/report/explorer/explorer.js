@@ -52,7 +52,7 @@
     return { svg, x, y, left, right: width - right, top, bottom: height - bottom };
   };
 
-  const axis = (metric) => `${metric.title} (${metric.unit})`;
+  const axis = (metric) => metric.unit ? `${metric.title} (${metric.unit})` : metric.title;
   const scatterBox = document.createElement("div");
   const loopBox = document.createElement("div");
   const forceBox = document.createElement("div");
@@ -64,7 +64,7 @@
   const tell = () => {
     const unit = data.units[chosen];
     line.textContent = `${unit.label}: ` + data.metrics
-      .map((metric, number) => `${metric.title.toLowerCase()} ${unit.values[number].toFixed(metric.decimals)} ${metric.unit}`).join(", ");
+      .map((metric, number) => `${metric.inline} ${unit.values[number].toFixed(metric.decimals)} ${metric.unit}`.trim()).join(", ");
     dots.forEach((dot, number) => dot.classList.toggle("chosen", number === chosen));
     dots[chosen].parentElement.append(dots[chosen]);
   };

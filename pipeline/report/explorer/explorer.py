@@ -86,7 +86,8 @@ def _metric(frames: Frames, name: str) -> Mapping[str, object]:
     return {
         "name": name,
         "title": metric.title,
-        "unit": metric.unit,
+        "inline": metric.inline,
+        "unit": "" if metric.unit == "1" else metric.unit,
         "decimals": metric.decimals,
         "limit": frames.limits.get(name),
         "smallerIsWorse": metric.smaller_is_worse,
