@@ -63,14 +63,13 @@ class RigidPlay:
 
 
 @entry
-def _rotation_ends(gap, contact, arm):
+def _rotation_ends(gap, contact, arm, arms_below, arms_up_to):
     """Ends plus, minus (n,) of the rotation that keeps gap[:, contact] + arm phi >= 0, and whether there is none.
 
-    The contacts stand in the order of their arms.
+    The contacts stand in the order of their arms, of which so many are below zero, and up to it.
     """
     n = gap.shape[0]
     ends_plus, ends_minus, tight = np.empty(n), np.empty(n), np.empty(n, np.bool_)
-    arms_below, arms_up_to = np.searchsorted(arm, 0.0), np.searchsorted(arm, 0.0, side="right")
     for s in range(n):
         plus, minus, shut = np.inf, -np.inf, False
         for k in range(arms_below):
@@ -93,7 +92,7 @@ def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real]:
 def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
     """Ends (plus, minus) of the rotation that keeps gap[:, contact] + arm phi >= 0, and the overlap where none does."""
     contact, arm = _by_arm(contact, arm)
-    plus, minus, tight = _rotation_ends(gap, contact, arm)
+    plus, minus, tight = _rotation_ends(gap, contact, arm, np.sum(arm < 0.0), np.sum(arm <= 0.0))
     overlap = np.zeros(len(gap))
     if np.any(tight):
         plus[tight], least_penetration = _least_penetration(gap[tight][:, contact], arm, plus[tight], minus[tight])
