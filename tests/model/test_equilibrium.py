@@ -11,7 +11,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
-from pipeline.model.equilibrium.solve import ACCEPTED, ElasticReducer, solve
+from pipeline.model.equilibrium.solve import ACCEPTED, ElasticReducer, _solve_batch, solve
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing
 
@@ -362,3 +362,15 @@ def test_an_unstable_compliance_is_reported_not_accepted():
     solution = model.solve(random_gaps(model, 2, 13), TORQUES)
     assert not solution.converged.any()
     assert np.all(solution.residual > ACCEPTED)
+
+
+def test_views_of_torques_need_no_further_compiled_solver():
+    """A reversed torque array or every second torque would be compiled for again, which takes seconds."""
+    model = Model()
+    gap = random_gaps(model, 1, 3)
+    forward = model.solve(gap, TORQUES[:2].copy())
+    compiled = set(_solve_batch.signatures)
+    backward = model.solve(gap, TORQUES[1::-1])
+    np.testing.assert_allclose(backward.force[:, ::-1], forward.force, atol=1e-6)
+    model.solve(gap, TORQUES[::2])
+    assert set(_solve_batch.signatures) == compiled

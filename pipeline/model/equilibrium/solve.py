@@ -247,7 +247,7 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
     system, order = system_of(elastic, linear)
     motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
-    work, steps = workspace(system), np.asarray(torque, float)
+    work, steps = workspace(system), np.ascontiguousarray(torque, dtype=float)
     ordered_gap = np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order])
     clearance, start = np.ascontiguousarray(clearance, dtype=float), np.ascontiguousarray(start[:, eliminated:])
     progress = np.zeros(3, np.int64)

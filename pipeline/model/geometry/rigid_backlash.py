@@ -82,17 +82,17 @@ def _rotation_ends(gap, contact, arm, arms_below, arms_up_to):
     return ends_plus, ends_minus, tight
 
 
-def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real]:
-    """Contacts and arms in the order of the arms; those that carry no moment are 0."""
+def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real, int, int]:
+    """Contacts and arms in the order of the arms, of which those that carry no moment are 0; how many are < 0, <= 0."""
     arm = np.where(np.abs(arm) > ARM_FLOOR * np.max(np.abs(arm)), arm, 0.0)
     order = np.argsort(arm)
-    return contact[order], arm[order]
+    return contact[order], arm[order], int(np.sum(arm < 0.0)), int(np.sum(arm <= 0.0))
 
 
 def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
     """Ends (plus, minus) of the rotation that keeps gap[:, contact] + arm phi >= 0, and the overlap where none does."""
-    contact, arm = _by_arm(contact, arm)
-    plus, minus, tight = _rotation_ends(gap, contact, arm, np.sum(arm < 0.0), np.sum(arm <= 0.0))
+    contact, arm, arms_below, arms_up_to = _by_arm(contact, arm)
+    plus, minus, tight = _rotation_ends(gap, contact, arm, arms_below, arms_up_to)
     overlap = np.zeros(len(gap))
     if np.any(tight):
         plus[tight], least_penetration = _least_penetration(gap[tight][:, contact], arm, plus[tight], minus[tight])
