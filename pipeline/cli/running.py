@@ -6,7 +6,10 @@ the settings and sources that it rests on, so that a killed study goes on where 
 
 import argparse
 import json
-from collections.abc import Sequence
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -20,16 +23,20 @@ from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
 from pipeline.engine.runner import Resources
 from pipeline.engine.store import Output, write_json
+from pipeline.model.equilibrium.solve import compile_solver, solver_is_compiled
 from pipeline.report.samples.section import yield_estimate
 from pipeline.statistics import Estimate
 from pipeline.statistics.sample_size import next_units
 from stages.aggregate import AGGREGATE
 from stages.chain import STAGES
+from stages.hysteresis import HYSTERESIS
 
 UNKNOWN = Estimate(0.5, 0.0, 1.0, 0)
 """The yield where no unit has a result."""
 ANSWER = "yield.json"
 """In the cache: the yield of a batch with its interval."""
+
+COMPILES_SOLVER = f"from {compile_solver.__module__} import compile_solver; compile_solver()"
 
 
 @dataclass(frozen=True)
@@ -49,11 +56,30 @@ def up_to_date(study: Study, targets: Sequence[str], options: argparse.Namespace
     InputError
         If a setting is wrong, or another process writes the run.
     """
-    with settings.resources(study, options) as resources:
-        if any("samples" in stage.sections for stage in runner.needed_stages(STAGES, targets)):
+    required = runner.needed_stages(STAGES, targets)
+    ahead = solver_compiled_ahead() if HYSTERESIS in required else nullcontext()
+    with settings.resources(study, options) as resources, ahead:
+        if any("samples" in stage.sections for stage in required):
             study = _settled(study, resources)
         outputs = runner.run(STAGES, study, targets, settings.RUNS, resources)
         return Finished(study, outputs, resources.jobs)
+
+
+@contextmanager
+def solver_compiled_ahead() -> Iterator[None]:
+    """Within it another process compiles the solver, unless a run before has, while this one runs the stages before it.
+
+    Whoever needs the solver waits for it, see ``pipeline.model.compiled``; the process ends with the context.
+    """
+    if solver_is_compiled():
+        yield
+        return
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen([sys.executable, "-c", COMPILES_SOLVER], stdin=quiet, stdout=quiet, stderr=quiet) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
 
 
 def known_size(study: Study) -> Study:

@@ -59,6 +59,11 @@ def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
+def compiled_before(dispatcher: Any) -> bool:
+    """Whether a process has compiled an entry point of these sources, for some types."""
+    return any(CACHE.glob(f"*/*.{dispatcher.__name__}-*.nbi"))
+
+
 part = njit(**INLINED)  # type: ignore[call-overload]
 entry = cached_entry()
 algebraic_part = njit(fastmath=ALGEBRA, **INLINED, **BORROWED)  # type: ignore[call-overload]

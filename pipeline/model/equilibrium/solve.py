@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.model.compiled import algebraic_part, borrowing_entry
+from pipeline.model.compiled import algebraic_part, borrowing_entry, compiled_before
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
@@ -166,6 +166,28 @@ def _solve_batch(system, work, torques, gap, clearance, start, progress, motion,
         _keep(work, t, motion[s], force[s])
         progress[1], progress[2] = t + 1, 0
     return None
+
+
+def solver_is_compiled() -> bool:
+    """Whether some process has compiled the solver from these sources."""
+    return compiled_before(_solve_batch)
+
+
+def compile_solver() -> None:
+    """Compile the solver for a reducer whose contacts are one block, or find it compiled; it solves no sample."""
+    row, square, index = np.zeros(1), np.zeros((1, 1)), np.zeros(1, np.int64)
+    system = System(
+        *(square, square, row, np.zeros((1, 2), np.int64), index, np.zeros((1, 1), np.bool_)),
+        *(row, row, row, row, row),
+        output=0,
+        planar=False,
+        bearings=1,
+        stiffness=1.0,
+        bearing_exponent=1.0,
+    )
+    samples, states = np.zeros((0, 1)), np.zeros((0, 1, 1))
+    batch = (samples, samples, samples, np.zeros(3, np.int64), states, states, np.zeros((0, 1), np.int64), samples)
+    _solve_batch(system, workspace(system), row, *batch)
 
 
 def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, Index]:
