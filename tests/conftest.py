@@ -18,7 +18,14 @@ BEGUN_FIRST = (
     *("test_clearance", "test_damage", "test_boundary", "test_kills", "test_dask", "test_intervals"),  # these
     *("test_blind", "test_random_designs", "test_registered", "test_verify", "test_turn", "test_carrier_chain"),
     *("test_results", "test_page_agrees", "test_recovery", "test_holes_chain", "test_chain", "test_report"),
-    *("test_changed", "test_browser", "test_effects", "test_equilibrium", "test_compare_command", "test_fitting"),
+    *(
+        "test_changed",
+        "test_browser",
+        "test_friction_effects",
+        "test_equilibrium",
+        "test_compare_command",
+        "test_fitting",
+    ),
 )
 """Files of more than seven seconds: none of them is begun last, when the other process would wait for it."""
 

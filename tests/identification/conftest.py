@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from filelock import FileLock
-from synthetic_unit import ROOT, Condensed
+from synthetic_unit import CRANKS, ROOT, Condensed
 
 from pipeline import assembly
 from pipeline.config import load_study
@@ -14,8 +14,6 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.runner import Resources, run
 from stages.chain import STAGES
 from stages.tables.condensed import full_compliance
-
-CRANKS = (0.0, 40.0, 95.0)
 
 
 @pytest.fixture(scope="session")

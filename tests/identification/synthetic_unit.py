@@ -22,6 +22,8 @@ from pipeline.sampling import draw
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 12.0  # [N m]
+CRANKS = (0.0, 40.0, 95.0)
+"""Angles at which the disk is condensed."""
 TEMPERATURE = 20.0
 UNIT = """
 title = "A unit of the tests"

@@ -3,8 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CRANKS
-from synthetic_unit import ROOT, Bench, make_unit
+from synthetic_unit import CRANKS, ROOT, Bench, make_unit
 
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter

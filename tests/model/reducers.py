@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.config.mechanisms.pin_in_hole import PinInHole
 from pipeline.config.mechanisms.roller_plate import RollerPlate
 from pipeline.model.contact.laws import (
     LineContact,
@@ -24,6 +25,27 @@ SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentri
 STEEL = Material(206e3, 0.3, "plane_stress")
 ARCMIN = 180 * 60 / np.pi
 MICROMETRE = 1e-3
+
+
+def pins_in_holes(profile, pins, clearance=0.0, phase_deg=0.0):
+    """Output pins of steel with a clearance [mm] in their holes, of a size that the profile's disk has room for."""
+    radius, circle = (3.0, 20.0) if profile is PAPER else (0.6, 5.0)
+    return PinInHole(
+        mechanism="pin_in_hole",
+        pins=pins,
+        pin_radius_mm=radius,
+        pin_circle_radius_mm=circle,
+        pin_material="steel",
+        hole_clearance_um=clearance / MICROMETRE,
+        phase_deg=phase_deg,
+    )
+
+
+def profile_with(pins, shortening, pin_share, chord_share):
+    """A profile on a circle of 50 mm whose pins leave the flank convex and room between themselves."""
+    eccentricity = shortening * 50.0 / pins
+    convex = CycloidProfile(pins, 50.0, 0.0, eccentricity).smallest_convex_locus_radius()
+    return CycloidProfile(pins, 50.0, min(pin_share * convex, chord_share * np.pi * 50.0 / pins), eccentricity)
 
 
 def reducer_at(profile, crank, *, floats=False, slide_angle=0.5 * np.pi):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from conftest import LAST, run_study, small_study
+from small_study import LAST, run_study, small_study
 
 from pipeline import assembly
 from pipeline.engine.store import Output

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT, run_study, small_study
+from small_study import ROOT, run_study, small_study
 
 from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study

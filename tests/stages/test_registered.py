@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT, run_study, small_study
 from scipy import stats
+from small_study import ROOT, run_study, small_study
 
 from pipeline.config import load_study
 from pipeline.config.designs.effects import effect_problems

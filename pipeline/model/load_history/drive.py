@@ -176,6 +176,10 @@ class Drive:
         """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
         return replace(self, shift=self.shift + added_gap, known=self.gap_of_errors)
 
+    def with_friction(self, sliders: Sliders) -> "Drive":
+        """The drive with sliders beside its own."""
+        return replace(self, sliders=self.sliders.joined(sliders))
+
     def moved(self, **errors: Real) -> "Drive":
         """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
         return self.with_errors(

@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CRANKS
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_unit import ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
+from synthetic_unit import CRANKS, ROOT, Bench, exactly_known, make_unit, problem_of, with_angles
 
 from pipeline.identification.fitting.build import POPULATION
 from pipeline.identification.fitting.fitter import STEP, Fitter

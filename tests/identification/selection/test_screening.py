@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import CRANKS
 from linear_unit import LinearFitter, linear_data, model_of
-from synthetic_unit import Bench, exactly_known, make_unit, problem_of
+from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import mapped

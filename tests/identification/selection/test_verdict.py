@@ -1,196 +1,23 @@
-"""The five words of the verdict on constructed selections, and the cover of the intervals of a linear problem."""
+"""The five words of the verdict on constructed selections."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from linear_problem import BLOCKS, EVERYTHING, fitter_at
 from measured_bench import ROOT, measured, write_unit
-from scipy.stats import binom, norm
 
-from pipeline.identification.fitting.parameters import Fit, Vector
-from pipeline.identification.fitting.problem import Data, Model, candidates
+from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.identify import FaultyUnit, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection import parameter_intervals
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.judgement import Selection
-from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, _positive, intervals, unsupported
 from pipeline.identification.selection.statements import verdict
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.statement import stated
 from pipeline.identification.selection.statements.verdict import MOSTLY_REMOVED, judge
-from pipeline.model.effects.effect import CYCLES, TIME
 from pipeline.statistics.curve_scatter import CurveScatter
-
-BLOCKS, CELLS = 24, 20
-BOUNDS = (-4.0, 6.0)
-
-
-class LinearFitter:
-    """Angle = slope x value: one number of an effect, and one calibrated number that the prior holds.
-
-    With ``confused`` the calibrated number, ``scale`` in truth, shows mostly as so much of the first effect.
-    """
-
-    def __init__(self, truth, noise, rng, effects=1, confused=None, scale=0.0):
-        n = BLOCKS * CELLS
-        self.design = rng.normal(size=(n, effects + 1))
-        if confused is not None:
-            self.design[:, 0] = confused * self.design[:, 1] + 1e-3 * self.design[:, 0]
-        block = np.repeat(np.arange(BLOCKS), CELLS)
-        shared = 0.5 * noise * rng.normal(size=BLOCKS)[block]  # what the cells of a block have in common
-        angle = self.design @ np.append(scale, truth) + shared + noise * rng.normal(size=n)
-        torque = np.tile(np.linspace(-1, 1, CELLS), BLOCKS)
-        count, whole = np.ones(n, np.int64), block // BLOCKS
-        self.problem = SimpleNamespace(
-            calibrated=("bearing.stiffness",),
-            bounds=lambda effect: (BOUNDS,) * len(effect.parameters),
-            record={TIME: 3.0, CYCLES: 2.0},
-            scale_range=np.array([[-2.0], [2.0]]),
-            scale_spread=np.array([1.0]),
-            data=Data(
-                position=block % 2,
-                cycle=whole,
-                block=block,
-                branch=block,
-                torque=torque,
-                angle=angle,
-                count=count,
-                spread=np.full(n, noise),
-                noise=noise,
-                sigma=np.full(n, noise),
-                common_offset=False,
-            ),
-        )
-
-    def bounds(self, model):
-        return [BOUNDS] * model.n_parameters
-
-    def penalty(self, sample_like):
-        return np.concatenate(
-            [np.ones(len(sample_like.scales)), np.zeros(len(sample_like.shares)), np.ones(len(sample_like.modes))]
-        )
-
-    def centre(self, model, sample_like):
-        return np.zeros(len(sample_like.flat))
-
-    def fit(self, model):
-        """Least squares with the prior, as a ``Fit``."""
-        data, width = self.problem.data, BOUNDS[1] - BOUNDS[0]
-        k = model.n_parameters
-        jacobian = self.design[:, : k + 1] * np.array([1.0, *[width] * k])
-        rows = np.vstack([jacobian / data.sigma[:, None], np.eye(1, k + 1)])
-        start = np.full(k, -BOUNDS[0] / width)
-        right = np.append(data.angle / data.sigma, 0.0)
-        result = np.linalg.lstsq(rows, right, rcond=None)[0]
-        shares = np.clip(start + result[1:], 0.0, 1.0)
-        predicted = jacobian @ np.append(result[:1], shares - start)
-        values = BOUNDS[0] + width * shares
-        vector = Vector(result[:1], shares, np.zeros(0))
-        return Fit(model, vector, values, predicted, 0.0, jacobian, data.sigma, True)
-
-
-EVERYTHING = np.ones(BLOCKS * CELLS, bool)
-COULOMB = Model((candidates()["coulomb"],))
-
-
-def fitter_at(truth, noise=0.1, seed=0, effects=1):
-    return LinearFitter(truth, noise, np.random.default_rng(seed), effects)
-
-
-@pytest.mark.parametrize("truth", [2.0, -1.5])
-def test_intervals_cover_the_truth_as_often_as_they_say(truth, monkeypatch):
-    monkeypatch.setattr(parameter_intervals, "FORM", 0.0)  # the form of this model is right
-    runs, covered, widths = 200, 0, []
-    for seed in range(runs):
-        fitter = fitter_at(truth, seed=seed)
-        (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-        covered += result.ci_low <= truth <= result.ci_high
-        widths.append(result.ci_high - result.ci_low)
-        assert result.ci_low < result.value < result.ci_high
-    low, high = binom.ppf([1e-3, 1 - 1e-3], runs, 0.95)
-    assert low - 4 <= covered <= high  # 24 blocks: a little narrow
-    usual = 2 * 1.96 * 0.1 * np.sqrt(1.25 / (BLOCKS * CELLS))
-    assert 0.8 * usual < np.median(widths) < 1.3 * usual
-
-
-def test_intervals_hold_what_a_calibrated_number_may_be(monkeypatch):
-    """Its truth is drawn from its prior, which alone tells it from the parameter."""
-    monkeypatch.setattr(parameter_intervals, "FORM", 0.0)
-    runs, covered, widths, truth = 200, 0, [], 1.0
-    for seed in range(runs):
-        rng = np.random.default_rng(1000 + seed)
-        fitter = LinearFitter(truth, 0.1, rng, confused=0.5, scale=rng.standard_normal())
-        (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-        covered += result.ci_low <= truth <= result.ci_high
-        widths.append(result.ci_high - result.ci_low)
-    low, high = binom.ppf([1e-3, 1 - 1e-3], runs, 0.95)
-    assert low <= covered <= high
-    assert np.median(widths) == pytest.approx(2 * 1.96 * 0.5, rel=0.15)
-
-
-def test_intervals_hold_what_the_form_of_the_model_may_miss():
-    fitter = fitter_at(2.0)
-    fit = fitter.fit(COULOMB)
-    (reference,), (wide,) = intervals(fitter, fit, EVERYTHING, 0.0), intervals(fitter, fit, EVERYTHING, 8.0)
-    rows = np.vstack([fit.jacobian / fit.sigma[:, None], np.eye(1, 2)])
-    variance = np.linalg.inv(rows.T @ rows)[1, 1]
-    form = norm.ppf(0.975) * FORM * 8.0 * np.sqrt(CELLS * variance) * (BOUNDS[1] - BOUNDS[0])
-    assert np.sqrt(STRUCTURE**2 - 1) > FORM * 8.0  # beyond, most of it would be left in the residual
-    for narrow_end, wide_end in ((reference.ci_low, wide.ci_low), (reference.ci_high, wide.ci_high)):
-        assert abs(wide_end - reference.value) == pytest.approx(np.hypot(narrow_end - reference.value, form), rel=1e-6)
-    (wide_end,), (type_name,) = intervals(fitter, fit, EVERYTHING, 50.0), intervals(fitter, fit, EVERYTHING, 500.0)
-    assert (wide_end.ci_low, wide_end.ci_high) == (type_name.ci_low, type_name.ci_high)
-
-
-def test_intervals_hold_a_share_of_what_an_effect_is_itself():
-    """The form of the model may scale an effect: however many cells there are, its number is no better known."""
-    fitter = fitter_at(4.0, noise=1e-4)
-    (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-    assert result.ci_high - result.value == pytest.approx(norm.ppf(0.975) * FORM * 4.0, rel=0.02)
-
-
-def test_parameter_at_its_bound_has_no_interval_and_says_so():
-    fitter = fitter_at(9.0)
-    (result,) = intervals(fitter, fitter.fit(COULOMB), EVERYTHING, 0.0)
-    assert result.value == BOUNDS[1]
-    assert np.isnan(result.ci_low)
-    assert "bound" in result.note
-
-
-@pytest.mark.parametrize(
-    ("effect", "truth", "reason"),
-    [
-        ("coulomb", [2.0], ""),
-        ("coulomb", [-1.0], ""),
-        ("coulomb", [0.003], "the interval of torque_Nm reaches zero"),
-        ("coulomb", [9.0], "torque_Nm = 6 is at a bound"),
-        ("ovality_2", [2.0, 0.0], ""),  # one amplitude may be zero
-        ("ovality_2", [0.004, -0.003], "joint interval of its amplitudes reaches zero"),
-        ("creep", [1.0, 2.0], ""),
-        ("creep", [1.0, 4.0], "time_s = 4 is longer than the record"),
-        ("run_in", [1.0, 2.5], "cycles = 2.5 is longer than the record"),
-    ],
-)
-def test_parameters_that_support_no_claim(effect, truth, reason):
-    fitter = fitter_at(truth, effects=len(truth))
-    fit = fitter.fit(Model((candidates()[effect],)))
-    result = unsupported(fitter, fit, EVERYTHING, 0.0)
-    assert (reason in result) if reason else not result
-
-
-def test_an_effect_that_was_tested_against_its_absence_may_have_a_size_that_is_open():
-    """Of a size and a time constant that trade in a valley the size is open upwards, and never zero."""
-    fitter = fitter_at([0.003])
-    fit = fitter.fit(COULOMB)
-    assert "reaches zero" in unsupported(fitter, fit, EVERYTHING, 0.0)
-    assert not unsupported(fitter, fit, EVERYTHING, 0.0, present=True)
-    shares, ends = np.array([0.2, 0.2, 0.5]), (np.array([0.1, -0.2, -0.1]), np.array([0.3, 0.6, 1.1]))
-    low, high = _positive([(0.0, 5.0), (0.0, 5.0), (-5.0, 5.0)], shares, ends)
-    np.testing.assert_allclose(low, [0.1, 0.2 * np.exp(-2), -0.1])
-    np.testing.assert_allclose(high, [0.3, 0.2 * np.exp(2), 1.1])
 
 
 def selection_of(fitter, base_rms, trials, members, best):

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import edge_lengths, mesh_area
+from reducers import profile_with
 
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
@@ -47,11 +48,8 @@ def test_paper_disk_is_well_shaped_and_of_the_papers_size(edges_per_lobe):
     bore_share=st.floats(0.02, 0.7),
 )
 def test_every_design_gives_a_conforming_mesh(pins, shortening, pin_share, edges, growth, bore_share):
-    radius = 50.0
-    eccentricity = shortening * radius / pins
-    convex = CycloidProfile(pins, radius, 0.0, eccentricity).smallest_convex_locus_radius()
-    profile = CycloidProfile(pins, radius, min(pin_share * convex, 0.8 * np.pi * radius / pins), eccentricity)
-    flank, bore = flank_nodes(profile, edges), bore_share * radius
+    profile = profile_with(pins, shortening, pin_share, chord_share=0.8)
+    flank, bore = flank_nodes(profile, edges), bore_share * profile.pin_circle_radius
     mesh = lobed_disk_mesh(flank, profile.lobes, bore, growth, largest_edge=2.0)
 
     np.testing.assert_allclose(mesh.p[0, : len(flank)] + 1j * mesh.p[1, : len(flank)], flank)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import edge_lengths, mesh_area
+from reducers import SMALL, profile_with
 
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh, triangle_quality
@@ -14,7 +15,6 @@ from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 E, NU = 206e3, 0.3
 METAL = CycloidProfile(pins=40, pin_circle_radius=70.0, pin_radius=3.0, eccentricity=1.2)
-SMALL = CycloidProfile(pins=12, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.55)
 
 
 def circle(n, radius, phase=0.0):
@@ -51,11 +51,8 @@ def test_a_commercial_disk_is_well_shaped():
     fineness=st.floats(0.02, 0.15),
 )
 def test_every_design_gives_a_conforming_mesh(pins, shortening, edges, growth, holes, phase, position, fill, fineness):
-    radius, bore = 50.0, 10.0
-    eccentricity = shortening * radius / pins
-    convex = CycloidProfile(pins, radius, 0.0, eccentricity).smallest_convex_locus_radius()
-    profile = CycloidProfile(pins, radius, min(0.6 * convex, 0.6 * np.pi * radius / pins), eccentricity)
-    root = radius - eccentricity - profile.pin_radius
+    bore, profile = 10.0, profile_with(pins, shortening, pin_share=0.6, chord_share=0.6)
+    root = profile.pin_circle_radius - profile.eccentricity - profile.pin_radius
     ring = bore + position * (root - bore)
     hole = fill * min(ring - bore, root - ring, ring * np.sin(np.pi / holes))
     flank = flank_nodes(profile, edges)

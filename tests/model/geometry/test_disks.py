@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import LINEAR, drive_with
-from reducers import PAPER, SMALL, STEEL, errors_of, random_compliance
+from reducers import PAPER, SMALL, STEEL, errors_of, pins_in_holes, random_compliance
 
-from pipeline.config.mechanisms.pin_in_hole import PinInHole
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
 from pipeline.model.geometry.clearance import gaps
@@ -25,16 +24,7 @@ READING = {"disk_reading": "radial", "roller_reading": "half_diameter"}
 
 
 def reducer_at(profile, crank, disks, pins=6):
-    radius, circle = (0.6, 5.0) if profile is not PAPER else (3.0, 20.0)
-    mechanism = PinInHole(
-        mechanism="pin_in_hole",
-        pins=pins,
-        pin_radius_mm=radius,
-        pin_circle_radius_mm=circle,
-        pin_material="steel",
-        hole_clearance_um=0.0,
-        phase_deg=23.0,
-    )
+    mechanism = pins_in_holes(profile, pins, phase_deg=23.0)
     return mechanism, nominal_reducer(profile, mechanism, crank, disks=disks)
 
 

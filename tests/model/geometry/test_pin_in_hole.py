@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import drive_with
-from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, random_compliance
+from reducers import ARCMIN, PAPER, SMALL, STEEL, errors_of, pins_in_holes, random_compliance
 
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.distributions import library
-from pipeline.config.mechanisms.pin_in_hole import Bush, PinInHole
+from pipeline.config.mechanisms.pin_in_hole import Bush
 from pipeline.config.studies.cases import Case
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
@@ -34,16 +34,7 @@ CASES = pytest.mark.parametrize(
 
 
 def reducer_at(profile, pins, crank, clearance=CLEARANCE, phase=0.4):
-    radius, circle = (0.6, 5.0) if profile is not PAPER else (3.0, 20.0)
-    mechanism = PinInHole(
-        mechanism="pin_in_hole",
-        pins=pins,
-        pin_radius_mm=radius,
-        pin_circle_radius_mm=circle,
-        pin_material="steel",
-        hole_clearance_um=1e3 * clearance,
-        phase_deg=float(np.degrees(phase)),
-    )
+    mechanism = pins_in_holes(profile, pins, clearance, float(np.degrees(phase)))
     return mechanism, nominal_reducer(profile, mechanism, crank)
 
 

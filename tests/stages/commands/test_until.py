@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import small_study
 from scipy import stats
+from small_study import small_study
 
 from pipeline import api
 from pipeline.cli import running, settings

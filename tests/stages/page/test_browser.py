@@ -8,7 +8,7 @@ from pathlib import Path
 import chromium
 import pandas as pd
 import pytest
-from conftest import small_study
+from small_study import small_study
 
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output

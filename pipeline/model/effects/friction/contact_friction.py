@@ -1,7 +1,6 @@
 """Friction that grows with the load: pins on the flank."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from pipeline.model.contact.friction_elements import pin_sliders
 from pipeline.model.effects.effect import STILL, Conditions, Effect, Parameter
@@ -9,8 +8,7 @@ from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    rubbing = pin_sliders(drive.reducer, drive.laws, values[0], drive.rated_torque)
-    return replace(drive, sliders=drive.sliders.joined(rubbing))
+    return drive.with_friction(pin_sliders(drive.reducer, drive.laws, values[0], drive.rated_torque))
 
 
 EFFECT = Effect(

@@ -1,7 +1,6 @@
 """Constant friction of seals and bearings."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,7 @@ DISTANCE = 0.01 / ARCMIN
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     torque = np.array([1e3 * values[0]])
-    return replace(drive, sliders=drive.sliders.joined(output_sliders(drive.reducer, torque, np.array([DISTANCE]))))
+    return drive.with_friction(output_sliders(drive.reducer, torque, np.array([DISTANCE])))
 
 
 EFFECT = Effect(

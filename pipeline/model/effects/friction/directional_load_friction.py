@@ -12,7 +12,7 @@ from pipeline.model.load_history.drive import Drive
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     loading, unloading = values
     rubbing = load_slider(drive.reducer, 0.5 * (loading + unloading), drive.rated_torque, DISTANCE)
-    return replace(drive, sliders=drive.sliders.joined(rubbing), lean=drive.lean + 0.5 * (loading - unloading))
+    return replace(drive.with_friction(rubbing), lean=drive.lean + 0.5 * (loading - unloading))
 
 
 EFFECT = Effect(

@@ -1,7 +1,6 @@
 """Friction of the turning train, in proportion to the torque that it carries."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from pipeline.model.contact.friction_elements import load_slider
 from pipeline.model.effects.effect import Conditions, Effect, Parameter
@@ -10,8 +9,7 @@ from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    rubbing = load_slider(drive.reducer, values[0], drive.rated_torque, DISTANCE)
-    return replace(drive, sliders=drive.sliders.joined(rubbing))
+    return drive.with_friction(load_slider(drive.reducer, values[0], drive.rated_torque, DISTANCE))
 
 
 EFFECT = Effect(

@@ -1,7 +1,6 @@
 """Friction that rises over a distance before it slides (Maxwell-slip)."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ SHARES = np.array([0.25, 0.5, 0.75, 1.0])
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     torque, distance = 1e3 * values[0], values[1] / ARCMIN
     limit = np.full(len(SHARES), torque / len(SHARES))
-    return replace(drive, sliders=drive.sliders.joined(output_sliders(drive.reducer, limit, distance * SHARES)))
+    return drive.with_friction(output_sliders(drive.reducer, limit, distance * SHARES))
 
 
 EFFECT = Effect(

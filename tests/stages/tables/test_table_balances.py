@@ -1,138 +1,21 @@
-"""The contract of the tables for users of pandas: columns, types, keys, joins; and balances between the tables."""
+"""Balances between the tables: gaps, forces, springs and compliances that belong together."""
 
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
-from conftest import run_study
 from scipy.optimize import linprog
+from small_study import run_study
 
 from pipeline import assembly
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.load_history.load_cycle import BRANCHES
-from pipeline.model.load_history.response import CycleResponse, respond
-from pipeline.model.metrics import library
+from pipeline.model.load_history.response import CycleResponse
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
-from stages import hysteresis
 from stages.tables import curves
-from stages.tables.convergence import convergence_rows
-from stages.tables.turn import Turn
-
-CONTRACT = {
-    "sample/reducer": ("sample", "eccentricity_um disk_profile_um bearing_clearance_um"),
-    "sample/pins": ("sample pin", "radial_um tangential_um radius_um"),
-    "sample/lobes": ("sample disk lobe", "profile_um"),
-    "sample/rollers": ("sample interface roller", "diameter_um"),
-    "clearance/contacts": (
-        "contact crank_deg",
-        "kind body_a body_b disk interface face end station label x_mm y_mm arm_mm normal_x normal_y curvature_per_mm",
-    ),
-    "clearance/gaps": ("sample crank_deg contact", "clearance_um"),
-    "clearance/kinematic": ("sample crank_deg", "backlash_arcmin overlap_um preloaded"),
-    "springs/laws": ("contact crank_deg law force_N", "local_um stiffness_N_per_um beyond_limit"),
-    "reduce/contacts": ("row crank_deg", "contact patch_half_width_mm"),
-    "hysteresis/curves": (
-        "sample crank_deg step",
-        "branch torque_Nm angle_arcmin bearing_x_um bearing_y_um pins_in_contact outputs_in_contact "
-        "iterations residual",
-    ),
-    "hysteresis/contacts": (
-        "sample crank_deg step contact",
-        "torque_Nm clearance_um penetration_um elastic_um local_um force_N pressure_MPa",
-    ),
-    "hysteresis/status": ("sample crank_deg", "status"),
-    "aggregate/metrics": (
-        "sample crank_deg",
-        "clearance_backlash_arcmin zero_torque_width_arcmin lost_motion_arcmin torsional_rigidity_Nm_per_arcmin "
-        "hysteresis_loss_arcmin preloaded peak_pressure_MPa status",
-    ),
-    "hysteresis/loops": (
-        "sample crank_deg",
-        "limit_minus_arcmin limit_plus_arcmin zero_falling_arcmin zero_rising_arcmin peak_pressure_MPa bearing_force_N",
-    ),
-    "aggregate/units": ("sample", "lost_motion_arcmin_worst lost_motion_arcmin_mean lost_motion_arcmin_best status"),
-    "aggregate/convergence": ("metric n_angles", "worst_mean yield extrapolated worst_mean_settled yield_settled"),
-    "aggregate/sample_convergence": ("metric statistic n", "value ci_low ci_high"),
-    "aggregate/distributions": ("metric over crank_deg statistic", "value ci_low ci_high n n_angles"),
-    "aggregate/sensitivity": ("metric over parameter kind", "index ci_low ci_high n"),
-}
-"""Key and further columns of each table, from the design of the outputs; more columns may be added."""
-INTEGERS = {
-    "sample", "pin", "lobe", "disk", "interface", "roller", "contact", "face", "end", "station", "row", "step",
-    "pins_in_contact", "outputs_in_contact", "iterations", "n", "n_angles", "n_rigid_angles",
-}  # fmt: skip
-LABELS = {
-    "kind", "body_a", "body_b", "label", "law", "branch", "status", "metric", "statistic", "parameter", "over",
-}  # fmt: skip
-TRUTHS = {"preloaded", "beyond_limit", "extrapolated", "solved"}
-UNITS = {"um": "um", "mm": "mm", "Nm": "N m", "N": "N", "MPa": "MPa", "arcmin": "arcmin", "deg": "deg", "rad": "rad"}
-
-
-def path_of(runs, table):
-    return runs / "quick" / f"{table}.parquet"
-
-
-@pytest.fixture(scope="session")
-def frames(outputs, runs):
-    """Every table as pandas reads it from the path that the contract names."""
-    return {table: pd.read_parquet(path_of(runs, table)) for table in CONTRACT}
-
-
-@pytest.mark.parametrize("table", CONTRACT)
-def test_columns_types_and_units_are_those_of_the_contract(outputs, runs, table):
-    path = path_of(runs, table)
-    schema = pq.read_schema(next(iter(sorted(path.glob("part-*.parquet"))), path))
-    key, type_name = (names.split() for names in CONTRACT[table])
-    assert set(key + type_name) <= set(schema.names)
-    assert schema.metadata[b"row_per"]
-    for name in schema.names:
-        expected = (
-            pa.int32() if name in INTEGERS
-            else pa.dictionary(pa.int32(), pa.string()) if name in LABELS
-            else pa.bool_() if name in TRUTHS or name.endswith("_valid")
-            else pa.float64()
-        )  # fmt: skip
-        assert schema.field(name).type == expected, name
-        unit = schema.field(name).metadata[b"unit"].decode()
-        named_effects = UNITS.get(name.rsplit("_", 1)[-1])
-        if named_effects and "_per_" not in name:
-            assert unit == named_effects, name
-
-
-@pytest.mark.parametrize("table", CONTRACT)
-def test_keys_are_unique_and_sorted_by_sample(frames, table):
-    key, frame = CONTRACT[table][0].split(), frames[table]
-    assert len(frame) > 0
-    assert not frame.duplicated(key).any()
-    if "sample" in frame:
-        assert frame["sample"].is_monotonic_increasing
-        assert sorted(frame["sample"].unique()) == list(range(9))  # the nominal reducer and 8 samples
-
-
-def test_every_table_holds_every_combination_of_its_key(frames):
-    samples, cranks, contacts, steps = 9, 2, 120, 68
-    for table, rows in {
-        "sample/pins": samples * 80,
-        "sample/lobes": samples * 79,
-        "sample/rollers": samples * 40,
-        "clearance/contacts": cranks * contacts,
-        "clearance/gaps": samples * cranks * contacts,
-        "clearance/kinematic": samples * 182,  # 181 of the turn and the one loaded angle that is not among them
-        "hysteresis/loops": samples * cranks,
-        "aggregate/units": samples,
-        "springs/laws": cranks * (contacts + 1) * 200,
-        "reduce/contacts": cranks * 100,
-        "hysteresis/curves": samples * cranks * steps,
-        "hysteresis/contacts": samples * cranks * steps * contacts,
-        "hysteresis/status": samples * cranks,
-        "aggregate/metrics": samples * cranks,
-    }.items():
-        assert len(frames[table]) == rows, table
 
 
 def test_the_nominal_sample_has_the_allowances_alone(frames):
@@ -235,43 +118,6 @@ def test_peak_pressure_is_that_of_hertz_at_the_most_loaded_contact(frames, study
     np.testing.assert_allclose(metrics["peak_pressure_MPa"], peak[metrics.index], rtol=1e-12)
 
 
-def test_statistics_leave_the_nominal_sample_out(frames):
-    metrics, table = frames["aggregate/metrics"], frames["aggregate/distributions"]
-    counted = metrics[metrics["sample"] > 0]
-    table = table.set_index(["metric", "crank_deg", "statistic"])
-    name = "lost_motion_arcmin"
-    for crank, part in counted.groupby("crank_deg"):
-        assert table.loc[(name, crank, "mean"), "value"] == pytest.approx(part[name].mean(), rel=1e-12)
-        assert table.loc[(name, crank, "p50"), "value"] == pytest.approx(part[name].median(), rel=0.05)
-        assert table.loc[(name, crank, "mean"), "n"] == 8
-    worst = counted.groupby("sample")["torsional_rigidity_Nm_per_arcmin"].min().mean()
-    of_worst = frames["aggregate/distributions"].query("over == 'worst' and statistic == 'mean'").set_index("metric")
-    assert of_worst.loc["torsional_rigidity_Nm_per_arcmin", "value"] == pytest.approx(worst, rel=1e-12)
-    assert of_worst.loc[name, "value"] == pytest.approx(counted.groupby("sample")[name].max().mean(), rel=1e-12)
-
-
-def test_values_over_the_turn_are_the_extremes_of_what_the_tables_hold(frames):
-    """By pandas from the tables alone; between the loaded angles the backlash is that of rigid bodies."""
-    units = frames["aggregate/units"].set_index("sample")
-    metrics, kinematic = frames["aggregate/metrics"], frames["clearance/kinematic"]
-    by_sample = metrics.groupby("sample")
-    for name in ("lost_motion_arcmin", "peak_pressure_MPa"):
-        for statistic, extreme in {"worst": by_sample[name].max(), "best": by_sample[name].min()}.items():
-            np.testing.assert_array_equal(units[f"{name}_{statistic}"], extreme)
-        np.testing.assert_allclose(units[f"{name}_mean"], by_sample[name].mean(), rtol=1e-12)
-    rigidity = by_sample["torsional_rigidity_Nm_per_arcmin"]
-    assert list(units["torsional_rigidity_Nm_per_arcmin_worst"]) == list(rigidity.min())
-    assert list(units["torsional_rigidity_Nm_per_arcmin_best"]) == list(rigidity.max())
-    play = kinematic[~kinematic["preloaded"]].groupby("sample")["backlash_arcmin"]
-    free = units.index[~units["preloaded"]]
-    np.testing.assert_allclose(units["clearance_backlash_arcmin_worst"][free], play.max()[free], atol=1e-6)
-    np.testing.assert_allclose(units["clearance_backlash_arcmin_best"][free], play.min()[free], atol=1e-6)
-    step = kinematic["crank_deg"] * 181 / 360
-    even_rows = kinematic[np.isclose(step, step.round())].groupby("sample")["backlash_arcmin"]
-    np.testing.assert_allclose(units["clearance_backlash_arcmin_mean"][free], even_rows.mean()[free], atol=1e-4)
-    assert np.all(units["clearance_backlash_arcmin_worst"] >= by_sample["clearance_backlash_arcmin"].max())
-
-
 def test_first_order_gaps_agree_with_exact_ones_away_from_the_roots(frames, study):
     """The stage's table against first-order kinematics computed here from the tables alone."""
     places = frames["clearance/contacts"].query("kind == 'pin'")
@@ -341,77 +187,6 @@ def test_compliance_rows_are_those_of_the_matrices_and_deflect_the_contacts(fram
         force, elastic = (contacts[name].unstack() for name in ("force_N", "elastic_um"))
         np.testing.assert_allclose(elastic[rows["contact"]], force[rows["contact"]] @ matrix, atol=1e-12)
         assert np.all(elastic.drop(columns=rows["contact"]) == 0)  # plate and output are rigid
-
-
-def test_yield_is_the_share_within_the_limits(frames, study):
-    metrics, table = frames["aggregate/metrics"].query("sample > 0"), frames["aggregate/distributions"]
-    shares = table.query("crank_deg == 90 and statistic == 'yield'").set_index("metric")["value"]
-    rows, limits = metrics[metrics["crank_deg"] == 90], study.limits
-    passes = {
-        "clearance_backlash_arcmin": rows["clearance_backlash_arcmin"] <= limits.clearance_backlash_arcmin,
-        "lost_motion_arcmin": rows["lost_motion_arcmin"] <= limits.lost_motion_arcmin,
-        "torsional_rigidity_Nm_per_arcmin": rows["torsional_rigidity_Nm_per_arcmin"]
-        >= limits.torsional_rigidity_Nm_per_arcmin,
-        "peak_pressure_MPa": rows["peak_pressure_MPa"] <= limits.peak_pressure_MPa,
-    }
-    for name, tolerance_range in passes.items():
-        assert shares[name] == pytest.approx(tolerance_range.mean()), name
-    assert shares["all_limits"] == pytest.approx(np.logical_and.reduce(list(passes.values())).mean())
-    assert np.all(metrics["hysteresis_loss_arcmin"] == 0)  # no friction
-    np.testing.assert_array_equal(metrics["zero_torque_width_arcmin"], metrics["clearance_backlash_arcmin"])
-
-
-def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
-    """Of four units one has no lost motion; of the three others two keep its limit, whatever the number of angles."""
-    values = {name: np.full((4, 12), limit) for name, limit in study.limits.of_metrics.items()}
-    for name in library():
-        values.setdefault(name, np.ones((4, 12)))
-    values["lost_motion_arcmin"][:2] = [[np.nan], [9.0]]
-    turns = {name: Turn(values[name], np.full(12, True)) for name in library()}
-    rows = pd.DataFrame(convergence_rows(study, turns, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
-    assert list(rows.loc["lost_motion_arcmin", "yield"]) == pytest.approx([2 / 3] * 4)
-    assert list(rows.loc["all_limits", "yield"]) == pytest.approx([2 / 3] * 4)
-    assert list(rows.loc["clearance_backlash_arcmin", "yield"]) == [1.0] * 4
-    no_effect = {**turns, "lost_motion_arcmin": Turn(np.full((4, 12), np.nan), np.full(12, True))}
-    rows = pd.DataFrame(convergence_rows(study, no_effect, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
-    assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
-
-
-def test_a_failed_sample_keeps_its_row_and_is_in_no_statistic(outputs, frames, runs, study, monkeypatch):
-    """Sample 5 finds no equilibrium at one state of the second crank angle; all others are as before."""
-    failed_steps = []
-
-    def spoiled(*arguments):
-        response = respond(*arguments)
-        failed_steps.append(response)
-        if len(failed_steps) == 2:
-            response.equilibria.converged[5, [3, 9]] = False
-            response.equilibria.residual[5, 3] = 0.02
-            response.converged[5] = False
-        return response
-
-    monkeypatch.setattr(hysteresis, "respond", spoiled)
-    failed = run_study(study.model_copy(update={"name": "failing"}), runs)
-    assert failed["hysteresis"].record["failed"] == 1
-    status = pd.DataFrame(failed["hysteresis"].read("status")).set_index(["sample", "crank_deg"])["status"]
-    bad = (5, 90.0)
-    torque = assembly.load_cycle(study, study.cycle.levels_per_branch).state_torque[3] / 1e3
-    assert status[bad] == f"no equilibrium at {torque:.4g} N m or before: residual 2.0e-02"
-    assert set(status.drop(bad)) == {"ok"}
-    assert len(failed["hysteresis"].read("curves")["step"]) == len(frames["hysteresis/curves"])
-    keys = ["sample", "crank_deg"]
-    metrics = pd.DataFrame(failed["aggregate"].read("metrics")).set_index(keys)
-    assert metrics.loc[bad, list(library())].isna().all()
-    assert not metrics.loc[bad].filter(like="_valid").any()
-    expected = frames["aggregate/metrics"].set_index(keys)
-    pd.testing.assert_frame_equal(metrics.drop(bad), expected.drop(bad), check_categorical=False)
-    table = pd.DataFrame(failed["aggregate"].read("distributions")).query("statistic == 'mean'")
-    rows = table[table["metric"] == "lost_motion_arcmin"]
-    assert list(rows.query("over == 'angle'").set_index("crank_deg")["n"].loc[[0.0, 90.0]]) == [8, 7]
-    assert list(rows.query("over != 'angle'")["n"]) == [7, 7, 7]
-    units = pd.DataFrame(failed["aggregate"].read("units")).set_index("sample")
-    assert units.loc[5].filter(like="_worst").isna().all()
-    assert units.loc[5, "status"] == status[bad]
 
 
 def test_interfering_cases_and_kept_samples(runs, study):

@@ -1,105 +1,19 @@
-"""Equilibrium of rigid bodies, elastic disk and contacts against energy, balance, symmetry and exact cases."""
+"""Equilibrium of rigid bodies, elastic disk and contacts: balance, energy, uniqueness, and that it is found."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reducers import PAPER, SMALL, laws_of, random_compliance, reducer_at
+from reducers import PAPER, laws_of, reducer_at
 from scipy.optimize import minimize
+from solved_reducers import BEARINGS, EACH_BEARING, PLATES, TORQUES, Model, assert_equilibrium, random_gaps
 
-from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.elastic.condensed_body import elastic_body
 from pipeline.model.elastic.disk_mesh import flank_nodes, lobed_disk_mesh
 from pipeline.model.elastic.pressure_patches import boundary_patches
-from pipeline.model.equilibrium.solve import (
-    ACCEPTED,
-    ElasticReducer,
-    _solve_batch,
-    compile_solver,
-    solve,
-    solver_is_compiled,
-)
+from pipeline.model.equilibrium.solve import ACCEPTED, _solve_batch, compile_solver, solver_is_compiled
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing
-
-BEARINGS = {
-    "linear": (Bearing(2e5, 1.0), 0.0),
-    "clearance": (Bearing(2e5, 1.0), 4e-3),
-    "hertzian": (Bearing(4e6, 1.5), 0.0),
-    "hertzian with clearance": (Bearing(4e6, 1.5), 4e-3),
-    "roller": (Bearing(5e5, 10 / 9), 2e-3),
-}
-EACH_BEARING = pytest.mark.parametrize(("bearing", "clearance"), BEARINGS.values(), ids=BEARINGS)
-PLATES = pytest.mark.parametrize("floats", [False, True], ids=["rotates", "floats"])
-TORQUES = np.array([50.0, 1500.0, 12000.0])  # [N mm]
-
-
-class Model:
-    """The small reducer with random compliance; ``solve`` and an independent check of what it returns."""
-
-    def __init__(self, *, floats=False, bearing=BEARINGS["linear"][0], clearance=0.0, law="hertz", crank=0.4, seed=0):
-        self.at = reducer_at(SMALL, crank, floats=floats)
-        self.laws = laws_of(SMALL, self.at, law)
-        self.bearing, self.clearance = bearing, clearance
-        self.compliance = random_compliance(len(self.laws), np.random.default_rng(seed))
-
-    def solve(self, gap, torque, start=None):
-        n = len(gap)
-        start = np.zeros((n, len(self.at.motions))) if start is None else start
-        return solve(
-            ElasticReducer(self.at, self.bearing, self.laws, self.compliance),
-            gap,
-            np.full(n, self.clearance),
-            start,
-            np.asarray(torque),
-        )
-
-    def bearing_force(self, motion):
-        """Force of the disk on its bearing (..., 2) [N]: stiffness (d - clearance)^exponent along d."""
-        shift = motion[..., :2]
-        distance = np.linalg.norm(shift, axis=-1, keepdims=True)
-        push = self.bearing.stiffness * np.maximum(distance - self.clearance, 0) ** self.bearing.exponent
-        return push * shift / np.maximum(distance, 1e-300)
-
-    def unbalanced(self, solution, torque):
-        """Largest unbalanced force [N] or moment [N mm] over the largest contact force, over arms of 1 mm at least."""
-        total = solution.force @ self.at.contact_jacobian
-        total[..., :2] += self.bearing_force(solution.motion)
-        total[..., self.at.output_motion] -= torque
-        return (
-            np.max(np.abs(total) / np.maximum(np.abs(self.at.contact_jacobian).max(axis=0), 1.0)) / solution.force.max()
-        )
-
-    def misfit(self, solution, gap):
-        """Largest misfit of a closed contact and largest penetration of an open one [mm]."""
-        room = gap[:, None] + solution.force @ self.compliance - solution.motion @ self.at.contact_jacobian.T
-        in_contact = solution.force > 0
-        of_closed = np.abs(room + self.laws.deflection(solution.force))[in_contact]
-        return of_closed.max(initial=0), np.max(-room[~in_contact], initial=0)
-
-    def complementary_energy(self, force, gap):
-        """Energy whose least value over balanced forces is the solution (linear bearing)."""
-        shift = -(force @ self.at.contact_jacobian)[:2]
-        return (
-            self.laws.energy(force).sum()
-            + 0.5 * force @ self.compliance @ force
-            + gap @ force
-            + shift @ shift / (2 * self.bearing.stiffness)
-        )
-
-
-def random_gaps(model, n, seed, low=-1e-3, high=6e-3):
-    return np.random.default_rng(seed).uniform(low, high, (n, len(model.laws)))
-
-
-def assert_equilibrium(model, solution, gap, torque, tolerance=1e-8):
-    assert solution.converged.all()
-    assert solution.residual.max() <= ACCEPTED
-    assert solution.force.min() >= 0
-    assert model.unbalanced(solution, torque) < tolerance
-    closing_values, opening = model.misfit(solution, gap)
-    assert closing_values < 1e-9 * np.abs(solution.motion).max() + 1e-12
-    assert opening < 1e-11
 
 
 @PLATES
@@ -250,99 +164,6 @@ def test_each_step_is_independent_of_the_steps_before_it(floats):
     isolated = model.solve(gap[2:3], torque)
     for name in ("force", "motion", "iterations", "residual"):
         np.testing.assert_array_equal(getattr(isolated, name)[0], getattr(ascending, name)[2])
-
-
-@PLATES
-@EACH_BEARING
-def test_the_mirrored_reducer_carries_the_mirrored_forces(floats, bearing, clearance):
-    """At crank 0 with a slide along the crank the reducer is its own mirror image: pins and rollers change places."""
-    model = Model(floats=floats, bearing=bearing, clearance=clearance)
-    model.at = reducer_at(SMALL, 0.0, floats=floats, slide_angle=0.0)
-    model.laws = laws_of(SMALL, model.at)
-    position, normal, part = model.at.contacts.point, model.at.contacts.normal, model.at.contacts.interface
-    distance = np.abs(position[:, None] - np.conj(position)) + np.abs(normal[:, None] - np.conj(normal))
-    distance = distance + np.abs(part[:, None] - part)
-    image = np.argmin(distance, axis=1)
-    assert distance[np.arange(len(image)), image].max() < 1e-12
-    gap = random_gaps(model, 4, 8)
-    solution = model.solve(gap, TORQUES)
-    model.compliance = model.compliance[np.ix_(image, image)]
-    mirrored = model.solve(gap[:, image], -TORQUES)
-    np.testing.assert_allclose(mirrored.force, solution.force[..., image], atol=1e-8 * solution.force.max())
-    signs = np.array([{"x": 1, "y": -1, "phi": -1}[name.split("_")[1]] for name in model.at.motions])
-    np.testing.assert_allclose(mirrored.motion, signs * solution.motion, atol=1e-10)
-
-
-def linear_laws(n, compliance):
-    """Springs of one ``compliance`` [mm/N] each."""
-    unit_values = np.ones(n)
-    return ContactLaws(
-        compliance * unit_values, 0 * unit_values, 0 * unit_values, unit_values, np.inf * unit_values, unit_values
-    )
-
-
-@pytest.mark.parametrize("sense", [1, -1])
-def test_linear_springs_in_rigid_bodies_turn_as_by_hand(sense):
-    """No gaps, a stiff bearing: T (1/sum l^2 + 2/sum x^2) over the loaded contacts, times the spring's compliance."""
-    model = Model(bearing=Bearing(1e13, 1.0))
-    pin_compliance, n = 1e-5, len(model.laws)
-    model.laws, model.compliance = linear_laws(n, pin_compliance), np.zeros((n, n))
-    torque, arm = sense * 5000.0, model.at.contacts.arm
-    solution = model.solve(np.zeros((1, n)), [torque])
-    angle = 0.0
-    for part in (-1, 0, 1):
-        rows = model.at.contacts.interface == part
-        is_loaded = rows & (sense * arm < 0)
-        angle += torque * pin_compliance / np.sum(arm[is_loaded] ** 2)
-        assert np.all(solution.force[0, 0, is_loaded] > 0)
-        assert np.all(solution.force[0, 0, rows & ~is_loaded] == 0)
-        np.testing.assert_allclose(
-            solution.force[0, 0, is_loaded], -torque * arm[is_loaded] / np.sum(arm[is_loaded] ** 2), rtol=1e-6
-        )
-    assert solution.motion[0, 0, model.at.output_motion] == pytest.approx(angle, rel=1e-6)
-
-
-def test_elastic_bodies_and_springs_add_up():
-    """A compliance c on the diagonal is c more in every linear spring."""
-    model, n = Model(), len(Model().laws)
-    gap = random_gaps(model, 3, 9)
-    model.laws, model.compliance = linear_laws(n, 3e-6), 4e-6 * np.eye(n)
-    elastic = model.solve(gap, TORQUES)
-    model.laws, model.compliance = linear_laws(n, 7e-6), np.zeros((n, n))
-    springs = model.solve(gap, TORQUES)
-    np.testing.assert_allclose(elastic.force, springs.force, atol=1e-8 * springs.force.max())
-    np.testing.assert_allclose(elastic.motion, springs.motion, atol=1e-11)
-
-
-@EACH_BEARING
-def test_zero_gaps_are_no_special_case(bearing, clearance):
-    for floats in (False, True):
-        model = Model(floats=floats, bearing=bearing, clearance=clearance)
-        gap = np.zeros((2, len(model.laws)))
-        torque = np.array([1e-2, 10.0, 12000.0, -1e-2])
-        assert_equilibrium(model, model.solve(gap, torque), gap, torque)
-
-
-def test_a_preloaded_reducer_is_in_balance_at_hardly_any_torque():
-    model = Model()
-    gap = random_gaps(model, 5, 10, low=-6e-3, high=-1e-3)
-    torque = np.array([1e-5, -1e-5])
-    solution = model.solve(gap, torque)
-    assert_equilibrium(model, solution, gap, torque)
-    assert np.all(solution.force.sum(axis=2) > 10)
-    assert np.abs(np.diff(solution.motion, axis=1)).max() < 1e-9
-
-
-def test_forces_grow_with_torque_and_gaps_beyond_reach_stay_open():
-    model = Model()
-    gap = random_gaps(model, 4, 11, low=0.0)
-    gap[:, 3] = 1.0
-    solution = model.solve(gap, np.geomspace(1, 12000, 12))
-    assert np.all(solution.force[..., 3] == 0)
-    assert np.all(np.diff(solution.motion[..., model.at.output_motion], axis=1) > 0)
-    assert np.all(np.diff(solution.force.max(axis=2), axis=1) > 0)
-    turned_back = model.solve(gap, -np.geomspace(1, 12000, 12)).motion[..., model.at.output_motion]
-    assert np.all(np.diff(turned_back, axis=1) < 0)
 
 
 @PLATES
