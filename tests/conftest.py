@@ -17,7 +17,7 @@ BEGUN_FIRST = (
     "test_effects_of_designs",  # compiles the equilibrium and the path of friction, while another process is at
     *("test_clearance", "test_damage", "test_boundary", "test_kills", "test_dask", "test_intervals"),  # these
     *("test_blind", "test_random_designs", "test_registered", "test_verify", "test_turn", "test_carrier_chain"),
-    *("test_results", "test_page_agrees", "test_recovery", "test_holes_chain", "test_chain", "test_report"),
+    *("test_results", "test_page_agrees", "test_recovery", "test_holes_chain", "test_chain", "test_page_numbers"),
     *(
         "test_changed",
         "test_browser",

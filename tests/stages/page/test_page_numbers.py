@@ -1,0 +1,201 @@
+"""The report stage on real runs of a tiny study: one self-contained page whose numbers are those of the tables."""
+
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from tiny_pages import cells, tiny_study, written
+
+from pipeline.engine.cache import Cache
+from pipeline.engine.stage import Job, Sections
+from pipeline.engine.store import Output
+from pipeline.figures.labels import METRICS
+from pipeline.report.frames import HEADLINES
+from pipeline.report.layout.wording import interval, percent_interval, plain
+from pipeline.report.turn.section import TurnSection
+from stages import report
+from stages.chain import STAGES
+
+
+def test_the_section_of_the_turn_says_what_the_study_lacks(frames) -> None:
+    """Two loaded angles tell no error under load; the play at 181 of rigid bodies does; no speed, no life."""
+    section = TurnSection(frames)
+    titles = {row.title: row for row in section.rows}
+    nominal = frames.units.set_index("sample").loc[0, "unloaded_transmission_error_arcsec"]
+    assert titles["Transmission error without load"].values == (f"{nominal:.2f}",)
+    assert "Transmission error under load" not in titles
+    unknown = " ".join(section.unknown)
+    assert "Transmission error under load: it needs 8 crank angles evenly over the turn or more." in unknown
+    assert "input_speed_rpm" in unknown
+    assert "operation.rating" in unknown
+    page = written(frames)
+    assert 'id="turn"' in page
+    assert titles["Transmission error without load"].estimates[0].value in page
+
+
+class PageResources(HTMLParser):
+    """Every address and element that a browser would fetch or run."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.elements: set[str] = set()
+        self.anchors: set[str] = set()
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.add(tag)
+        attributes = dict(attrs)
+        self.addresses += [
+            attributes[name] for name in ("src", "xlink:href", "href", "srcset", "action", "data") if name in attributes
+        ]
+        if "id" in attributes:
+            self.anchors.add(attributes["id"])
+
+
+def test_page_needs_nothing_beside_it(page):
+    resources = PageResources(page)
+    outside_path = [
+        address for address in resources.addresses if not address.startswith(("data:image/svg+xml;base64,", "#"))
+    ]
+    assert outside_path == []
+    assert {address[1:] for address in resources.addresses if address.startswith("#")} <= resources.anchors
+    assert not resources.elements & {"link", "iframe", "object", "video"}
+    assert not re.search(r"https?://|@import|url\(", page)
+
+
+def test_every_figure_is_written_twice_and_stands_in_the_page(page_outputs, page):
+    folder = page_outputs["report"].folder / "figures"
+    names = {path.stem for path in folder.glob("*.svg")}
+    assert names == {path.stem for path in folder.glob("*.png")}
+    assert names >= {
+        "reducer", "mesh", "spring_laws", "clearances", "dead_zones", "pin_loads", "output_loads", "bearing",
+        "hysteresis", "distributions", "cranks", "drivers_lost_motion_arcmin",
+    }  # fmt: skip
+    shown_part = re.findall(r'<img src="data:image/svg\+xml;base64,([^"]+)"', page)
+    assert sorted(base64.b64decode(source) for source in shown_part) == sorted(
+        p.read_bytes() for p in folder.glob("*.svg")
+    )
+    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\.", page)]
+    assert numbers == list(range(1, len(names) + 1))
+
+
+def test_key_numbers_are_those_of_the_tables(page, frames):
+    worst = frames.distributions[frames.distributions["over"] == "worst"].set_index(["metric", "statistic"])
+    for metric in HEADLINES:
+        quantity = METRICS[metric]
+        expected = [quantity.text(frames.units.loc[frames.units["sample"] == 0, f"{metric}_worst"].item())]
+        for statistic in ("mean", "std", "p05", "p95"):
+            row = worst.loc[(metric, statistic)]
+            expected.append(f"{quantity.text(row['value'])}|{interval(row['ci_low'], row['ci_high'], quantity)}")
+        limit, share = getattr(frames.study.limits, metric), worst.loc[(metric, "yield")]
+        expected.append(f"{'≥' if quantity.smaller_is_worse else '≤'} {plain(limit)}")
+        expected.append(f"{100 * share['value']:.1f} %|{percent_interval(share['ci_low'], share['ci_high'])}")
+        assert cells(page, quantity.title) == expected
+    combined = worst.loc[("all_limits", "yield"), "value"]
+    assert cells(page, "All limits together")[-1].startswith(f"{100 * combined:.1f} %|")
+
+
+def test_numbers_at_each_crank_angle_are_those_of_the_tables(page, frames):
+    rows = frames.distributions[frames.distributions["crank_deg"] == 90.0].set_index(["metric", "statistic"])["value"]
+    nominal = frames.metrics[(frames.metrics["sample"] == 0) & (frames.metrics["crank_deg"] == 90.0)].iloc[0]
+    expected = []
+    for metric in HEADLINES:
+        quantity = METRICS[metric]
+        expected += [quantity.text(nominal[metric]), quantity.text(rows[metric, "mean"])]
+        expected.append(interval(rows[metric, "p05"], rows[metric, "p95"], quantity))
+    assert re.search(
+        r'<tr><th scope="row" class="n">90</th>\s*'
+        + r"\s*".join(rf'<td class="n">{re.escape(text)}</td>' for text in expected),
+        page,
+    )
+
+
+def test_band_is_over_the_samples_at_the_first_crank_angle(frames):
+    values = frames.of_band(frames.curves, "angle_arcmin")
+    assert frames.band.tolist() == list(range(1, 13))
+    rows = frames.curves[(frames.curves["crank_deg"] == 0.0) & (frames.curves["sample"] > 0)]
+    expected = rows.pivot(index="sample", columns="step", values="angle_arcmin")
+    np.testing.assert_array_equal(values, expected.to_numpy())
+
+
+def test_every_number_of_the_design_is_told_with_its_origin(page, frames):
+    design = frames.study.design
+    for section in (design.cycloid, design.disk, design.bearing, design.output):
+        for value in section.model_dump().values():
+            if isinstance(value, int | float):
+                assert f'<td class="n">{plain(value)}</td>' in page
+    for provenance in design.provenance.values():
+        assert provenance.reason in page.replace("&#39;", "'")
+    assert page.count('class="tag calibrated"') == sum(p.status == "calibrated" for p in design.provenance.values())
+
+
+def test_paths_of_the_page_are_read_by_pandas(page, page_runs):
+    message = re.findall(r'<tr><td><code>([^<]+)</code></td><td>[^<]*</td><td class="n">([\d,]+)</td>', page)
+    assert len(message) == sum(len(stage.tables) for stage in STAGES)
+    for path, rows in message:
+        assert len(pd.read_parquet(page_runs / "tiny" / path)) == int(rows.replace(",", ""))
+
+
+def test_few_samples_leave_indices_and_bounds_undetermined_and_say_why(page, frames):
+    assert not np.isfinite(frames.distributions["ci_high"]).all()
+    assert "Shares of the variance are not determined" in page
+    assert "nan" not in re.sub(r'"data:[^"]*"', "", page).lower().replace("nanu", "")
+    assert not re.search(r"\binf\b", re.sub(r'"data:[^"]*"', "", page))
+
+
+def test_shares_of_the_variance_are_told_as_far_as_they_are_determined(frames):
+    rows = [
+        ("ovality_2", "first_order", 0.39, 0.35, 0.43),
+        ("pin_radial", "first_order", 0.02, -0.05, 0.09),
+        ("sum", "first_order", 0.41, 0.3, 0.5),
+        ("pin_radial", "total", 0.3, 0.25, 0.35),
+        ("ovality_2", "total", 0.47, 0.42, 0.52),
+        ("pin_radius", "total", 0.02, 0.01, 0.04),
+        ("sum", "total", 0.79, 0.7, 0.9),
+    ]
+    shares = pd.DataFrame(rows, columns=["parameter", "kind", "index", "ci_low", "ci_high"])
+    shares = shares.assign(metric="torsional_rigidity_Nm_per_arcmin", over="worst", n=400)
+    message = written(replace(frames, sensitivity=pd.concat([frames.sensitivity, shares])))
+    oval, radial = "two-lobed ovality of pin circle", "radial pin position"
+    assert f"of the torsional rigidity: {oval}, 47.0 % of the variance, 39.0 % by itself" in message
+    assert f"<td>{oval} (47.0 %); {radial} (30.0 %)</td><td>{oval} (39.0 %)</td>" in message
+    assert '59.0 %<span class="ci">50.0 to 70.0 %</span>' in message, (
+        "what the shares by themselves leave to interactions"
+    )
+    assert "from 400 pairs of units" in message
+
+
+def job(page_outputs: dict[str, Output], folder: Path) -> Job:
+    """What the engine gives to the stage, writing into another folder."""
+    sections = Sections(tiny_study("tiny"), (*report.REPORT.sections, "name"))
+    inputs = {name: page_outputs[name] for name in report.REPORT.reads}
+    return Job(sections, 1, folder, inputs, Cache(folder / "cache", ""))
+
+
+def test_same_run_gives_the_same_bytes(page_outputs, tmp_path):
+    assert report.REPORT.run(job(page_outputs, tmp_path)) == {}
+    report_folder = page_outputs["report"].folder
+    for name in page_outputs["report"].record["files"]:
+        assert (tmp_path / name).read_bytes() == (report_folder / name).read_bytes(), name
+
+
+def test_only_the_first_samples_are_read_for_bands(page_outputs, tmp_path, monkeypatch):
+    captions = []
+    original = report.drawings
+
+    def noted(frames):
+        assert frames.curves["sample"].max() == frames.gaps["sample"].max() == 5
+        for drawing in original(frames):
+            captions.append(drawing.caption)
+            yield drawing
+
+    monkeypatch.setattr(report, "BAND_SAMPLES", 5)
+    monkeypatch.setattr(report, "drawings", noted)
+    monkeypatch.setattr(report, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
+    report.REPORT.run(job(page_outputs, tmp_path))
+    assert sum("The band is over the first 5 samples." in caption for caption in captions) == 3
