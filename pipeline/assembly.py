@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.config.designs.design import Design
-from pipeline.config.designs.design import Material as MaterialSection
+from pipeline.config.designs.design import Design, MaterialSection
 from pipeline.config.designs.flank import flank_profile
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.studies.study import Study

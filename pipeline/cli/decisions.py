@@ -18,7 +18,7 @@ from pipeline.decisions.bounds import results as bounds_results
 from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.fresh_units import Angles, fresh_yields
 from pipeline.decisions.reweighting import moved_tolerances, reweighted
-from pipeline.decisions.run_comparison import Run, differences, differing_inputs, driver_changes
+from pipeline.decisions.run_comparison import ComparedRun, differences, differing_inputs, driver_changes
 from pipeline.engine.cache import Cache
 from pipeline.engine.progress import Line
 from pipeline.engine.stage import Job
@@ -52,10 +52,10 @@ def compare_runs(options: argparse.Namespace) -> None:
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 
-def _run(study: Study, options: argparse.Namespace) -> Run:
+def _run(study: Study, options: argparse.Namespace) -> ComparedRun:
     outputs = up_to_date(study, ["aggregate"], options)
     units, sensitivity = (pd.DataFrame(outputs.outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
-    return Run(outputs.study, over_turn(units, study.limits.over), sensitivity)
+    return ComparedRun(outputs.study, over_turn(units, study.limits.over), sensitivity)
 
 
 def allocate_tolerances(options: argparse.Namespace) -> None:

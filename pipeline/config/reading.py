@@ -14,7 +14,7 @@ from pipeline.config.designs.effects import effect_problems
 from pipeline.config.designs.flank_file import with_flank_file
 from pipeline.config.designs.geometry import geometry_problems
 from pipeline.config.files.messages import problems_of
-from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Problem, nearest_name, shown_value
+from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, shown_value
 from pipeline.config.notation import with_notation
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.config.studies.consistency import provenance_problems, study_problems
@@ -119,7 +119,7 @@ def parse_design(data: Mapping[str, Any], file: str) -> Design:
     raw = with_tuples(data)
     problems, parts = validated(Design, raw)
     if raw.get("thermal") is not None:
-        problems.append(Problem("thermal", None, "unknown key; temperatures are of a study: [temperature]"))
+        problems.append(Mistake("thermal", None, "unknown key; temperatures are of a study: [temperature]"))
     problems += geometry_problems(parts)
     problems += effect_problems(parts.get("effects", {}))
     problems += provenance_problems(parts, raw)
@@ -143,7 +143,7 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     """
     raw = with_tuples(data)
     design, design_problems = _referred(raw.get("design"), read_design)
-    unreadable: list[Problem] = []
+    unreadable: list[Mistake] = []
     if "tolerances" in raw:
         raw["tolerances"], unreadable = with_notation(raw["tolerances"], design)
     raw, design, wrong = _at_temperature(raw, design)
@@ -155,9 +155,9 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     problems = unreadable + [problem for problem in problems if problem.key != "design"]
     problems += study_problems(parts, raw)
     if "design" not in raw or not (design or design_problems):
-        problems.append(Problem("design", raw.get("design", MISSING), "must be the name of a design file"))
+        problems.append(Mistake("design", raw.get("design", MISSING), "must be the name of a design file"))
     if "name" in raw:
-        problems.append(Problem("name", raw["name"], "unknown key; a study has the name of its file"))
+        problems.append(Mistake("name", raw["name"], "unknown key; a study has the name of its file"))
     problems += tolerance_problems(_valid_fields(Tolerances, raw.get("tolerances", {})), design)
     problems += cost_problems(_valid_fields(Costs, raw.get("costs", {})))
     problems += case_problems(_valid_cases(cases), design)
@@ -165,7 +165,7 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     return Study.model_validate({**raw, "name": name, "design": design})
 
 
-def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[str, Any], Design | None, list[Problem]]:
+def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[str, Any], Design | None, list[Mistake]]:
     """The study and its design at the temperatures that it states or draws, if any; without the section."""
     if "temperature" not in raw:
         return raw, design, []
@@ -180,7 +180,7 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
         temperature = Temperature.model_validate(temperatures)
     except ValidationError as error:
         wrong = problems_of(error, Temperature)
-        return remaining, design, [Problem(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]
+        return remaining, design, [Mistake(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]
     if design is None:
         return remaining, design, []
     if wrong := temperature_problems(temperature, design):
@@ -193,7 +193,7 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
     if isinstance(raw_cases, tuple) and raw_cases:
         if draws:
             allowed = "is a distribution, and the study lists its units; state one number"
-            return remaining, design, [Problem(f"temperature.{part}_C", None, allowed) for part in draws]
+            return remaining, design, [Mistake(f"temperature.{part}_C", None, allowed) for part in draws]
         cases = (warm_case(warm, case, design) if isinstance(case, Mapping) else case for case in raw_cases)
         remaining["cases"] = tuple(cases)
     elif isinstance(tolerances, Mapping):
@@ -211,7 +211,7 @@ def _referred(name: object, read_design: Callable[[str], Design]) -> tuple[Desig
         return None, error.problems
 
 
-def validated(model: type[BaseModel], raw: Mapping[str, Any]) -> tuple[list[Problem], dict[str, Any]]:
+def validated(model: type[BaseModel], raw: Mapping[str, Any]) -> tuple[list[Mistake], dict[str, Any]]:
     """The problems of `raw` as pydantic finds them, and the sections that are valid by themselves."""
     try:
         instance = model.model_validate(raw)
@@ -315,7 +315,7 @@ def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], key: 
     raise InputError([f"{key or kind} = {str(name)!r}; no such file; {advice}"])
 
 
-def raise_if(problems: list[Problem], file: str, other_files: Sequence[str] = ()) -> None:
+def raise_if(problems: list[Mistake], file: str, other_files: Sequence[str] = ()) -> None:
     """Raise InputError with the `problems` of `file` and the lines of `other_files`, if there are any."""
     lines = [problem.line(file) for problem in problems] + list(other_files)
     if lines:

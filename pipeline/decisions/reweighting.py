@@ -22,7 +22,7 @@ from scipy import stats
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.distribution import Distribution
 from pipeline.config.studies.study import Study
-from pipeline.decisions.run_comparison import Run, differing_inputs
+from pipeline.decisions.run_comparison import ComparedRun, differing_inputs
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.sampling import deviations_at, dimensions, uniforms
@@ -55,7 +55,7 @@ class Reweighted:
     yields: Mapping[str, Estimate]
 
 
-def reweighted(wide: Run, narrow: Study) -> Reweighted:
+def reweighted(wide: ComparedRun, narrow: Study) -> Reweighted:
     """Yields of a study with other scalar tolerances, from a finished run.
 
     Parameters

@@ -72,7 +72,7 @@ UNCOMPARED = ("name", "title", "description", "run", "costs", "design.title", "d
 
 
 @dataclass(frozen=True)
-class Run:
+class ComparedRun:
     """A study with the metrics of its units over the turn, as its limits mean them, (n,) each, indexed by sample."""
 
     study: Study
@@ -126,7 +126,7 @@ def shared_draws(a: Study, b: Study) -> int:
     return n
 
 
-def differences(a: Run, b: Run) -> Columns:
+def differences(a: ComparedRun, b: ComparedRun) -> Columns:
     """Rows of `DIFFERENCES`: `b` less `a`.
 
     Raises
@@ -143,7 +143,7 @@ def differences(a: Run, b: Run) -> Columns:
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def _case_rows(a: Run, b: Run) -> list[tuple]:
+def _case_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
     """The cases of equal labels, one by one: nothing about them is random."""
     values = [_by_label(run) for run in (a, b)]
     common = [label for label in values[0].index if label in values[1].index]
@@ -157,7 +157,7 @@ def _case_rows(a: Run, b: Run) -> list[tuple]:
     return rows
 
 
-def _by_label(run: Run) -> pd.DataFrame:
+def _by_label(run: ComparedRun) -> pd.DataFrame:
     shift = int(run.study.samples.nominal_first)
     labels = {shift + k: case.label for k, case in enumerate(run.study.cases)}
     units = run.units[run.units.index.isin(labels)]
@@ -180,7 +180,7 @@ class _Pair:
         return all(entry is not None for entry in self.replicate)
 
 
-def _sample_rows(a: Run, b: Run) -> list[tuple]:
+def _sample_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
     n = shared_draws(a.study, b.study)
     frames = [run.units.set_axis(run.units.index - int(run.study.samples.nominal_first)) for run in (a, b)]
     frames = [frame[frame.index >= 0] for frame in frames]
@@ -244,7 +244,7 @@ def _yield_rows(pair: _Pair, name: str, within_limit: tuple, has_value: tuple) -
     yield (name, "yield", of_a, of_b, of_b - of_a, *ends, a.size, b.size, pair.paired)
 
 
-def driver_changes(a: Run, b: Run) -> Columns:
+def driver_changes(a: ComparedRun, b: ComparedRun) -> Columns:
     """Rows of `DRIVER_CHANGES`: indices of the worst over the turn in both runs."""
     keys = ["metric", "parameter", "kind"]
     parts = []

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 
 from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study
-from pipeline.config.designs.operation import Friction, Operation, Rating
+from pipeline.config.designs.operation import FrictionSection, Operation, Rating
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 from pipeline.model.geometry.clearance import gaps
@@ -146,7 +146,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, dict[str, 
     operation = Operation(
         input_speed_rpm=1500.0,
         pins="fixed",
-        friction=Friction(
+        friction=FrictionSection(
             pin_coefficient=0.05, output_coefficient=0.02, bearing_coefficient=0.002, bearing_bore_mm=12.0
         ),
         rating=Rating(kind="roller", dynamic_load_N=9000.0),

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 from pydantic_core import PydanticKnownError
 
-from pipeline.config.files.section import MISSING, Problem
+from pipeline.config.files.section import MISSING, Mistake
 
 
 def _known(name: str) -> str:
@@ -20,13 +20,13 @@ def _known(name: str) -> str:
 LawName = Annotated[str, AfterValidator(_known)]
 
 
-def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Problem]:
+def stiffness_problems(law: str, stiffness: float | None) -> Iterator[Mistake]:
     """A stiffness that the law asks for and is missing, or one that it derives."""
     from pipeline.model.contact.line_laws import library
 
     takes_stiffness = library()[law].of_stiffness is not None
     if takes_stiffness and stiffness is None:
-        yield Problem("springs.stiffness_N_per_mm", MISSING, f'law = "{law}" needs the stiffness of a contact')
+        yield Mistake("springs.stiffness_N_per_mm", MISSING, f'law = "{law}" needs the stiffness of a contact')
     elif stiffness is not None and not takes_stiffness:
         allowed = f'law = "{law}" derives it from geometry and material; delete it, or take law = "linear"'
-        yield Problem("springs.stiffness_N_per_mm", stiffness, allowed)
+        yield Mistake("springs.stiffness_N_per_mm", stiffness, allowed)

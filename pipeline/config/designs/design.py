@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from pipeline.config.designs.cycloid import Cycloid
-from pipeline.config.designs.flank import Flank
+from pipeline.config.designs.flank import FlankSection
 from pipeline.config.designs.operation import Operation
 from pipeline.config.files.section import Clearance, Millimetres, Section
 from pipeline.config.mechanisms import OutputMechanism
@@ -23,7 +23,7 @@ class Housing(Section):
     outer_diameter_mm: Millimetres
 
 
-class Material(Section):
+class MaterialSection(Section):
     """Isotropic linear elastic material.
 
     Expansion and the slope of the modulus, relative to it, matter where a study states temperatures.
@@ -60,7 +60,7 @@ class Pins(Section):
     material: str
 
 
-class Bearing(Section):
+class BearingSection(Section):
     """Input bearing between crank and disk: F = K (d - c)^n beyond its radial clearance c, with d in mm."""
 
     # 1e12 N/mm moves an angstrom under a tonne: rigid; 1e-3 N/mm carries nothing.
@@ -101,11 +101,11 @@ class Design(Section):
     source: str
     cycloid: Cycloid
     housing: Housing
-    materials: Annotated[dict[str, Material], Field(min_length=1)]
+    materials: Annotated[dict[str, MaterialSection], Field(min_length=1)]
     disk: Disk
     pins: Pins
-    bearing: Bearing
-    flank: Flank | None = None
+    bearing: BearingSection
+    flank: FlankSection | None = None
     output: Output
     operation: Operation | None = None
     effects: dict[str, dict[str, float]] = {}

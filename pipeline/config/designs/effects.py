@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from math import inf
 
-from pipeline.config.files.section import MISSING, Problem
+from pipeline.config.files.section import MISSING, Mistake
 
 Effects = Mapping[str, Mapping[str, float]]
 
@@ -26,7 +26,7 @@ PHYSICAL_RANGE = {
 of thirty years, twice the expansion of any plastic. Beyond it a value was typed in another unit."""
 
 
-def effect_problems(effects: Effects) -> Iterator[Problem]:
+def effect_problems(effects: Effects) -> Iterator[Mistake]:
     """Effects and parameters that the library has not, and parameters that are missing."""
     if not effects:
         return
@@ -35,23 +35,23 @@ def effect_problems(effects: Effects) -> Iterator[Problem]:
     available = library()
     for name, values in effects.items():
         if name not in available:
-            yield Problem(f"effects.{name}", None, f"unknown effect; known are {', '.join(available)}")
+            yield Mistake(f"effects.{name}", None, f"unknown effect; known are {', '.join(available)}")
             continue
         allowed = {parameter.name: parameter for parameter in available[name].parameters}
         allowed_text = ", ".join(allowed)
         for key, value in values.items():
             if key not in allowed:
-                yield Problem(f"effects.{name}.{key}", value, f"unknown parameter; {name} has {allowed_text}")
+                yield Mistake(f"effects.{name}.{key}", value, f"unknown parameter; {name} has {allowed_text}")
                 continue
             lower, upper = PHYSICAL_RANGE.get(allowed[key].unit, (-inf, inf))
             if not lower <= value <= upper:
-                yield Problem(f"effects.{name}.{key}", value, f"must be {lower:g} to {upper:g} {allowed[key].unit}")
+                yield Mistake(f"effects.{name}.{key}", value, f"must be {lower:g} to {upper:g} {allowed[key].unit}")
         for key, parameter in allowed.items():
             if key not in values:
-                yield Problem(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")
+                yield Mistake(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")
 
 
-def study_effect_problems(effects: Effects, disks: int) -> Iterator[Problem]:
+def study_effect_problems(effects: Effects, disks: int) -> Iterator[Mistake]:
     """Effects that a load cycle of equilibria cannot show, or not of so many ``disks``."""
     if not effects:
         return
@@ -60,7 +60,7 @@ def study_effect_problems(effects: Effects, disks: int) -> Iterator[Problem]:
 
     if {"contact_friction", "directional_load_friction"} <= set(effects):
         allowed = "is not solved beside contact_friction; delete one of both from the design of the study"
-        yield Problem("design.effects.directional_load_friction", None, allowed)
+        yield Mistake("design.effects.directional_load_friction", None, allowed)
     absent = {
         TIME: "a study's load cycle has no time",
         TEMPERATURE: "a study is at the temperature of the drawing, where it changes nothing",
@@ -71,7 +71,7 @@ def study_effect_problems(effects: Effects, disks: int) -> Iterator[Problem]:
         effect = library()[name]
         if effect.of_one_disk and disks > 1:
             allowed = f"is solved for one disk, not for {disks}; delete it from the design of the study"
-            yield Problem(f"design.effects.{name}", None, allowed)
+            yield Mistake(f"design.effects.{name}", None, allowed)
         for need, reason in absent.items():
             if need in effect.needs:
-                yield Problem(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")
+                yield Mistake(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")

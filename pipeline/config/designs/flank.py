@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from pipeline.config.designs.cycloid import Cycloid
-from pipeline.config.files.section import Micrometres, Problem, Section
+from pipeline.config.files.section import Micrometres, Mistake, Section
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.drawn_flank import drawn_flank, lobe_length, phase_of_arc
 from pipeline.model.geometry.flank_modification import NOMINAL, FlankModification, MeasuredFlank
@@ -58,7 +58,7 @@ class Measured(Section):
         return f"{self.file}:{2 + k * self.points + point}" if self.file else f"point {point} of list {k}"
 
 
-class Flank(Section):
+class FlankSection(Section):
     """How the drawing modifies the flank that the reducer's own pins would generate, and what was measured of it.
 
     `equidistant_um` (dr): the generating roller is larger than a pin; positive takes material off along the normal.
@@ -73,7 +73,7 @@ class Flank(Section):
     measured: Measured | None = None
 
 
-def flank_profile(cycloid: Cycloid, flank: Flank | None) -> CycloidProfile:
+def flank_profile(cycloid: Cycloid, flank: FlankSection | None) -> CycloidProfile:
     """The profile of the disk with the modification that the design draws, and the measured deviation."""
     profile = CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
     if flank is None:
@@ -83,7 +83,7 @@ def flank_profile(cycloid: Cycloid, flank: Flank | None) -> CycloidProfile:
     return CycloidProfile(*profile.numbers, _modification(flank, measured))
 
 
-def _modification(flank: Flank, measured: MeasuredFlank | None) -> FlankModification:
+def _modification(flank: FlankSection, measured: MeasuredFlank | None) -> FlankModification:
     return FlankModification(
         MM_PER_UM * flank.equidistant_um,
         MM_PER_UM * flank.moved_distance_um,
@@ -100,34 +100,34 @@ def _measured(measured: Measured, drawn_profile: CycloidProfile) -> MeasuredFlan
     return MeasuredFlank(phase, MM_PER_UM * np.array(measured.deviation_um))
 
 
-def flank_problems(cycloid: Cycloid, flank: Flank) -> Iterator[Problem]:
+def flank_problems(cycloid: Cycloid, flank: FlankSection) -> Iterator[Mistake]:
     """What cannot be made or read of a flank whose nominal form is possible."""
     drawn_profile = flank_profile(cycloid, flank.model_copy(update={"measured": None}))
     generating = drawn_profile.generating
     if generating.pin_radius <= 0 or generating.pin_circle_radius <= 0:
         key = "equidistant_um" if generating.pin_radius <= 0 else "moved_distance_um"
-        yield Problem(f"flank.{key}", getattr(flank, key), "leaves no generating roller; micrometres are asked for")
+        yield Mistake(f"flank.{key}", getattr(flank, key), "leaves no generating roller; micrometres are asked for")
         return
     if generating.shortening >= 1:
         limit = cycloid.eccentricity_mm * cycloid.pins - cycloid.pin_circle_radius_mm
         allowed = f"must be > {limit / MM_PER_UM:.4g}, or the drawn flank has loops: its pin circle is too small"
-        yield Problem("flank.moved_distance_um", flank.moved_distance_um, allowed)
+        yield Mistake("flank.moved_distance_um", flank.moved_distance_um, allowed)
         return
     locus = generating.smallest_convex_locus_radius()
     if generating.pin_radius >= locus:
         allowed = f"must be < {(locus - cycloid.pin_radius_mm) / MM_PER_UM:.4g}, or the drawn flank is undercut"
-        yield Problem("flank.equidistant_um", flank.equidistant_um, allowed)
+        yield Mistake("flank.equidistant_um", flank.equidistant_um, allowed)
         return
     if fold := _fold(drawn_profile):
         allowed = f"the flank folds at a phase of {fold[1]:.3g} deg; take a smaller rotation"
-        yield Problem("flank.rotation_arcmin", flank.rotation_arcmin, allowed)
+        yield Mistake("flank.rotation_arcmin", flank.rotation_arcmin, allowed)
     elif flank.measured is not None:
         yield from _measured_problems(cycloid, flank, flank.measured, drawn_profile)
 
 
 def _measured_problems(
-    cycloid: Cycloid, flank: Flank, measured: Measured, drawn_profile: CycloidProfile
-) -> Iterator[Problem]:
+    cycloid: Cycloid, flank: FlankSection, measured: Measured, drawn_profile: CycloidProfile
+) -> Iterator[Mistake]:
     """The problems of a measured flank; of those that make others, the first."""
     for checked in (
         _layout(cycloid, measured),
@@ -146,43 +146,43 @@ def _measured_problems(
         allowed = (
             f"the flank folds or cuts itself at a phase of {degrees:.4g} deg; correct these points, or leave them out"
         )
-        yield Problem(f"flank.measured: {first_row} to {last_row}", None, allowed)
+        yield Mistake(f"flank.measured: {first_row} to {last_row}", None, allowed)
 
 
-def _layout(cycloid: Cycloid, measured: Measured) -> Iterator[Problem]:
+def _layout(cycloid: Cycloid, measured: Measured) -> Iterator[Mistake]:
     key, lists = "flank.measured", measured.deviation_um
     if (measured.phase_deg is None) == (measured.arc_mm is None):
-        yield Problem(key, None, "must have phase_deg or arc_mm, one of them: where its points stand on a lobe")
+        yield Mistake(key, None, "must have phase_deg or arc_mm, one of them: where its points stand on a lobe")
     elif measured.points < FEWEST_POINTS:
-        yield Problem(f"{key}.{measured.place}", f"{measured.points} points", f"must be >= {FEWEST_POINTS} of a lobe")
+        yield Mistake(f"{key}.{measured.place}", f"{measured.points} points", f"must be >= {FEWEST_POINTS} of a lobe")
     elif len(lists) not in (1, cycloid.lobes):
-        yield Problem(f"{key}.deviation_um", f"{len(lists)} lists", f"must be 1, or {cycloid.lobes}: one a lobe")
+        yield Mistake(f"{key}.deviation_um", f"{len(lists)} lists", f"must be 1, or {cycloid.lobes}: one a lobe")
     else:
         for k, values in enumerate(lists):
             if len(values) != measured.points:
                 allowed = f"must be {measured.points}, one for each {measured.place}"
-                yield Problem(f"{key}.deviation_um[{k}]", f"{len(values)} values", allowed)
+                yield Mistake(f"{key}.deviation_um[{k}]", f"{len(values)} values", allowed)
 
 
-def _places(measured: Measured, length: float) -> Iterator[Problem]:
+def _places(measured: Measured, length: float) -> Iterator[Mistake]:
     key, places = f"flank.measured.{measured.place}", measured.places
     for k, (place_before, place_after) in enumerate(itertools.pairwise(places)):
         if place_after <= place_before:
             allowed = f"stands after {place_before:g}: points must ascend along a lobe, none twice"
-            yield Problem(f"{key}, {measured.row(0, k)} and {measured.row(0, k + 1)}", place_after, allowed)
+            yield Mistake(f"{key}, {measured.row(0, k)} and {measured.row(0, k + 1)}", place_after, allowed)
     if measured.arc_mm is not None and places[-1] >= length:
         allowed = f"must be < {length:.6g}, the length of a lobe"
-        yield Problem(f"{key}, {measured.row(0, measured.points - 1)}", places[-1], allowed)
+        yield Mistake(f"{key}, {measured.row(0, measured.points - 1)}", places[-1], allowed)
 
 
-def _coverage(measured: Measured, drawn_profile: CycloidProfile) -> Iterator[Problem]:
+def _coverage(measured: Measured, drawn_profile: CycloidProfile) -> Iterator[Mistake]:
     phase = np.degrees(_measured(measured, drawn_profile).phase)
     gaps = np.diff(np.append(phase, phase[0] + 360))
     widest = int(np.argmax(gaps))
     if gaps[widest] > WIDEST_GAP_DEG:
         allowed = f"no point in the next {gaps[widest]:.3g} deg of phase, must be one within {WIDEST_GAP_DEG:g}"
         key = f"flank.measured.{measured.place}, {measured.row(0, widest)}"
-        yield Problem(key, measured.places[widest], f"{allowed}; measure the whole lobe")
+        yield Mistake(key, measured.places[widest], f"{allowed}; measure the whole lobe")
 
 
 def _fold(profile: CycloidProfile) -> tuple[int, float] | None:

@@ -9,13 +9,13 @@ from typing import Any
 from pipeline.config.designs.design import Cycloid, Disk, Housing
 from pipeline.config.designs.flank import flank_problems
 from pipeline.config.designs.operation import Operation
-from pipeline.config.files.section import Problem, nearest_name
+from pipeline.config.files.section import Mistake, nearest_name
 from pipeline.config.mechanisms import OutputMechanism
 from pipeline.model.geometry.clocking import clocking
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 
 
-def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
+def geometry_problems(parts: Mapping[str, Any]) -> list[Mistake]:
     """Every impossibility among the valid sections of a design.
 
     Parameters
@@ -23,7 +23,7 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
     parts : the sections that are valid by themselves, by name; a check whose sections are not all there is left out, so
         that the problems of the others are still found.
     """
-    problems: list[Problem] = []
+    problems: list[Mistake] = []
     cycloid, housing, disk, output = (parts.get(name) for name in ("cycloid", "housing", "disk", "output"))
     if cycloid:
         impossible = list(_profile(cycloid))
@@ -43,22 +43,22 @@ def geometry_problems(parts: Mapping[str, Any]) -> list[Problem]:
     return problems + list(_materials(parts))
 
 
-def _friction(operation: Operation) -> Iterator[Problem]:
+def _friction(operation: Operation) -> Iterator[Mistake]:
     if operation.friction and operation.friction.output_coefficient is None:
         allowed = "must be given, from 0 to 0.5: output pins slide in the holes, or their bushes on them"
-        yield Problem("operation.friction.output_coefficient", None, allowed)
+        yield Mistake("operation.friction.output_coefficient", None, allowed)
 
 
-def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None) -> Iterator[Problem]:
+def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism | None) -> Iterator[Mistake]:
     """Disks that their output cannot take, or that are no one part."""
     if output and output.one_disk_because:
         allowed = f"must be 1 with the output {output.name}: {output.one_disk_because}; take pin_in_hole"
-        yield Problem("disk.count", disk.count, allowed)
+        yield Mistake("disk.count", disk.count, allowed)
     holes = output.holes(cycloid) if output and cycloid else None
     if disk.clocking == "same_part" and cycloid and holes:
         clockings = (clocking(holes.centres, cycloid.lobes, number, disk.count) for number in range(disk.count))
         if any(clocking_of_disk.lobes is None for clocking_of_disk in clockings):
-            yield Problem(
+            yield Mistake(
                 "disk.clocking",
                 disk.clocking,
                 f"{len(holes.centres)} holes and {cycloid.lobes} lobes: no turn by whole holes leaves the lobes "
@@ -67,11 +67,11 @@ def _several_disks(disk: Disk, cycloid: Cycloid | None, output: OutputMechanism 
             )
 
 
-def _profile(cycloid: Cycloid) -> Iterator[Problem]:
+def _profile(cycloid: Cycloid) -> Iterator[Mistake]:
     pitch_ratio = cycloid.eccentricity_mm * cycloid.pins / cycloid.pin_circle_radius_mm
     if pitch_ratio >= 1:
         limit = cycloid.pin_circle_radius_mm / cycloid.pins
-        yield Problem(
+        yield Mistake(
             "cycloid.eccentricity_mm",
             cycloid.eccentricity_mm,
             f"eccentricity x pins / pin circle radius is {pitch_ratio:.4g}, must be < 1 or the flank has loops; "
@@ -82,7 +82,7 @@ def _profile(cycloid: Cycloid) -> Iterator[Problem]:
             cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm
         ).smallest_convex_locus_radius()
         if cycloid.pin_radius_mm >= locus:
-            yield Problem(
+            yield Mistake(
                 "cycloid.pin_radius_mm",
                 cycloid.pin_radius_mm,
                 f"must be < {locus:.4g} mm, the smallest convex radius of the pin centres' path: "
@@ -90,24 +90,24 @@ def _profile(cycloid: Cycloid) -> Iterator[Problem]:
             )
     pitch = 2 * cycloid.pin_circle_radius_mm * sin(pi / cycloid.pins)
     if pitch <= 2 * cycloid.pin_radius_mm:
-        yield Problem(
+        yield Mistake(
             "cycloid.pin_radius_mm",
             cycloid.pin_radius_mm,
             f"must be < {pitch / 2:.4g} mm, half the pitch of {cycloid.pins} pins on the circle of "
             f"{cycloid.pin_circle_radius_mm:g} mm: neighbouring pins overlap; take smaller or fewer pins",
         )
     if cycloid.root_radius_mm <= 0:
-        yield Problem(
+        yield Mistake(
             "cycloid.pin_circle_radius_mm",
             cycloid.pin_circle_radius_mm,
             "must exceed pin radius + eccentricity: nothing is left of the disk; take a larger pin circle",
         )
 
 
-def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Problem]:
+def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Mistake]:
     reach = 2 * (cycloid.pin_circle_radius_mm + cycloid.pin_radius_mm)
     if housing.outer_diameter_mm <= reach:
-        yield Problem(
+        yield Mistake(
             "housing.outer_diameter_mm",
             housing.outer_diameter_mm,
             f"must be > {reach:.4g} mm, the circle around the pins: pins stand outside the housing; "
@@ -115,16 +115,16 @@ def _housing(cycloid: Cycloid, housing: Housing) -> Iterator[Problem]:
         )
 
 
-def _bore(cycloid: Cycloid, disk: Disk) -> Iterator[Problem]:
+def _bore(cycloid: Cycloid, disk: Disk) -> Iterator[Mistake]:
     if disk.bore_radius_mm >= cycloid.root_radius_mm:
-        yield Problem(
+        yield Mistake(
             "disk.bore_radius_mm",
             disk.bore_radius_mm,
             f"must be < {cycloid.root_radius_mm:.4g} mm, the radius at the lobes' roots: the bore leaves no disk",
         )
 
 
-def _materials(parts: Mapping[str, Any]) -> Iterator[Problem]:
+def _materials(parts: Mapping[str, Any]) -> Iterator[Mistake]:
     materials = parts.get("materials")
     if materials is None:
         return
@@ -133,4 +133,4 @@ def _materials(parts: Mapping[str, Any]) -> Iterator[Problem]:
         names |= {f"output.{key}": name for key, name in parts["output"].material_names.items()}
     for key, name in names.items():
         if name not in materials:
-            yield Problem(key, name, f"no such section [materials.{name}]; {nearest_name(name, materials)}")
+            yield Mistake(key, name, f"no such section [materials.{name}]; {nearest_name(name, materials)}")

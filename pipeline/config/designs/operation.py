@@ -11,7 +11,7 @@ from pipeline.config.files.section import Millimetres, Section
 Coefficient = Annotated[float, Field(ge=0, le=0.5)]
 
 
-class Friction(Section):
+class FrictionSection(Section):
     """Coefficients of friction while running: of pins and output pins where they slide, of the disks' bearings.
 
     `output_coefficient` is asked for where output pins slide in holes, or bushes on them. A bearing's friction torque
@@ -47,5 +47,5 @@ class Operation(Section):
     input_speed_rpm: Annotated[float, Field(gt=0, le=1e6)]
     pins: Literal["fixed", "rolling"]
     output_pins: Literal["fixed", "rolling"] = "fixed"
-    friction: Friction | None = None
+    friction: FrictionSection | None = None
     rating: Rating | None = None

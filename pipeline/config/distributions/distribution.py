@@ -10,7 +10,7 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.config.files.section import Micrometres, Millimetres, Problem, Section
+from pipeline.config.files.section import Micrometres, Millimetres, Mistake, Section
 from pipeline.model.registry import declarations
 
 Real = NDArray[np.float64]
@@ -74,7 +74,7 @@ class Distribution(Section):
         values = {name: value for name in lengths if (value := getattr(self, name)) is not None}
         return self.model_copy(update={name: factor * value for name, value in values.items()})
 
-    def problems(self, key: str) -> Iterator[Problem]:
+    def problems(self, key: str) -> Iterator[Mistake]:
         """Contradictions among the settings under the dotted ``key``, each of which is allowed."""
         yield from ()
 
@@ -108,18 +108,18 @@ class Spread(Distribution):
         """Middle of the tolerance zone [um]."""
         return (self.lower_um + self.upper_um) / 2
 
-    def problems(self, key: str) -> Iterator[Problem]:
+    def problems(self, key: str) -> Iterator[Mistake]:
         """Limits in the wrong order, and settings outside of them."""
         lower, upper = self.limits_um
         if lower >= upper:
-            yield Problem(
+            yield Mistake(
                 f"{key}.upper_um", upper, f'must be > lower_um = {lower:g}; for one value take distribution = "fixed"'
             )
             return
         for name in self.within_limits:
             value = getattr(self, name)
             if value is not None and not lower <= value <= upper:
-                yield Problem(f"{key}.{name}", value, f"must lie within the limits {lower:g} to {upper:g}")
+                yield Mistake(f"{key}.{name}", value, f"must lie within the limits {lower:g} to {upper:g}")
 
     def details(self, number_text: Callable[[float], str]) -> Iterator[str]:
         """The correlation along the circle."""

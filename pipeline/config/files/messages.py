@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from pipeline.config.files.section import MISSING, Problem, nearest_name
+from pipeline.config.files.section import MISSING, Mistake, nearest_name
 
 _ALLOWED = {
     "greater_than": "must be > {gt:g}",
@@ -30,17 +30,17 @@ _ALLOWED = {
 }
 
 
-def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
+def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Mistake]:
     """The problems that pydantic found in data for `model`, one per key.
 
     A value that fails each alternative of a union is one problem whose alternatives are joined by "or".
     """
-    problems: dict[str, Problem] = {}
+    problems: dict[str, Mistake] = {}
     for detail in error.errors(include_url=False):
         problem = _problem(detail, model)
         earlier_problem = problems.get(problem.key)
         if earlier_problem and problem.allowed not in earlier_problem.allowed:
-            problem = Problem(
+            problem = Mistake(
                 earlier_problem.key,
                 earlier_problem.found,
                 f"{earlier_problem.allowed}, or {problem.allowed.removeprefix('must be ')}",
@@ -49,21 +49,21 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]
     return list(problems.values())
 
 
-def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
+def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Mistake:
     key, parent = _located(detail["loc"], model)
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "missing":
-        return Problem(key, MISSING, "add it")
+        return Mistake(key, MISSING, "add it")
     if kind == "extra_forbidden":
         names = parent.model_fields if parent else ()
-        return Problem(key, value, f"unknown key; {nearest_name(str(detail['loc'][-1]), names)}")
+        return Mistake(key, value, f"unknown key; {nearest_name(str(detail['loc'][-1]), names)}")
     if kind == "union_tag_not_found":
-        return Problem(f"{key}.{context['discriminator'].strip(chr(39))}", MISSING, "add it")
+        return Mistake(f"{key}.{context['discriminator'].strip(chr(39))}", MISSING, "add it")
     if kind == "union_tag_invalid":
         tag, expected = context["tag"], context["expected_tags"]
-        return Problem(f"{key}.{context['discriminator'].strip(chr(39))}", tag, f"must be one of {expected}")
+        return Mistake(f"{key}.{context['discriminator'].strip(chr(39))}", tag, f"must be one of {expected}")
     template = _ALLOWED.get(kind)
-    return Problem(key, value, template.format(**context) if template else detail["msg"])
+    return Mistake(key, value, template.format(**context) if template else detail["msg"])
 
 
 def _located(loc: tuple[int | str, ...], model: type[BaseModel]) -> tuple[str, type[BaseModel] | None]:

@@ -39,7 +39,7 @@ MISSING = object()
 
 
 @dataclass(frozen=True)
-class Problem:
+class Mistake:
     """One mistake in a file.
 
     Parameters

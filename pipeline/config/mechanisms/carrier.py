@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.config.files.section import Clearance, Millimetres, Problem, Section
+from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws
@@ -89,18 +89,18 @@ class Carrier(OutputMechanism):
         phase = np.radians(self.phase_deg)
         return self.crank_circle_radius_mm * np.exp(1j * (phase - 2 * np.pi * np.arange(self.cranks) / self.cranks))
 
-    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """Holes that cut each other, the lobes or the bore, a crank circle outside of the disk, a turning housing."""
         hole, circle = self.bearing_radius_mm, self.crank_circle_radius_mm
         pitch = 2 * circle * sin(pi / self.cranks)
         if pitch <= 2 * hole:
-            yield Problem(
+            yield Mistake(
                 "output.bearing_radius_mm",
                 hole,
                 f"must be < {pitch / 2:.4g} mm, half the distance of the {self.cranks} cranks, or the holes overlap",
             )
         if cycloid and circle + hole >= cycloid.root_radius_mm:
-            yield Problem(
+            yield Mistake(
                 "output.crank_circle_radius_mm",
                 circle,
                 f"the holes reach {circle + hole:.4g} mm from the disk's centre, must be < "
@@ -108,7 +108,7 @@ class Carrier(OutputMechanism):
                 "move the cranks inwards or take smaller bearings",
             )
         if disk and circle - hole <= disk.bore_radius_mm:
-            yield Problem(
+            yield Mistake(
                 "output.crank_circle_radius_mm",
                 circle,
                 f"the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "
@@ -117,7 +117,7 @@ class Carrier(OutputMechanism):
             )
         if cycloid and cycloid.fixed != "housing":
             allowed = 'must be "housing" with a carrier, whose sun is held to the housing'
-            yield Problem("cycloid.fixed", cycloid.fixed, allowed)
+            yield Mistake("cycloid.fixed", cycloid.fixed, allowed)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """The carrier's rotation, and that of each crank about its own axis in space."""

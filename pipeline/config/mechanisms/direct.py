@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING, Literal
 
-from pipeline.config.files.section import Problem
+from pipeline.config.files.section import Mistake
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, no_laws
@@ -41,11 +41,11 @@ class Direct(OutputMechanism):
         """Radius of a contact's body, which no patch can be too wide for."""
         return inf
 
-    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """Several disks, which cannot all be the output: nothing would share the torque out among them."""
         if disk and disk.count > 1:
             allowed = 'must be 1 with mechanism = "direct": the disk is the output; take another mechanism'
-            yield Problem("disk.count", disk.count, allowed)
+            yield Mistake("disk.count", disk.count, allowed)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
         """None of its own: the torque acts on the disk's rotation."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, get_args
 
 import numpy as np
 
-from pipeline.config.files.section import Problem, Section
+from pipeline.config.files.section import Mistake, Section
 from pipeline.config.mechanisms.drawing import Panel
 from pipeline.model.contact.laws import ContactLaws, Material, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
@@ -136,7 +136,7 @@ class OutputMechanism(Section):
         """Radius of the smaller body of a contact."""
 
     @abstractmethod
-    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """What cannot be built, of itself and with the valid ones of the other sections."""
 
     @abstractmethod

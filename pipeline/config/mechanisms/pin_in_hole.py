@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.config.files.section import Clearance, Millimetres, Problem, Section
+from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, in_series, scaled
@@ -47,26 +47,26 @@ class Bending(Section):
     disk_pitch_mm: Annotated[float, Field(ge=0, le=1e4)] = 0.0
     span_mm: Millimetres | None = None
 
-    def problems(self, diameter: float, disks: int) -> Iterator[Problem]:
+    def problems(self, diameter: float, disks: int) -> Iterator[Mistake]:
         """A span without its support, planes beyond it, disks in one plane, and pins that are no beams."""
         ends = self.support == "both_ends"
         if ends != (self.span_mm is not None):
             allowed = 'must be there with support = "both_ends", and only there: the distance between the flanges'
-            yield Problem("output.bending.span_mm", self.span_mm, allowed)
+            yield Mistake("output.bending.span_mm", self.span_mm, allowed)
             return
         last_plane_mm = self.plane_mm + (disks - 1) * self.disk_pitch_mm
         if disks > 1 and self.disk_pitch_mm == 0:
-            yield Problem("output.bending.disk_pitch_mm", 0.0, "must be > 0: the disks lie beside each other")
+            yield Mistake("output.bending.disk_pitch_mm", 0.0, "must be > 0: the disks lie beside each other")
         if self.span_mm is not None and last_plane_mm >= self.span_mm:
             allowed = f"must be > {last_plane_mm:g} mm, the plane of the last disk"
-            yield Problem("output.bending.span_mm", self.span_mm, allowed)
+            yield Mistake("output.bending.span_mm", self.span_mm, allowed)
         key, free = ("span_mm", self.span_mm) if self.span_mm is not None else ("plane_mm", self.plane_mm)
         if not SHORTEST * diameter <= free <= LONGEST * diameter:
             allowed = (
                 f"must be {SHORTEST * diameter:g} to {LONGEST * diameter:g} mm, {SHORTEST:g} to {LONGEST:g} diameters "
                 "of the pin: beyond it is no beam of this theory; correct it, or delete [output.bending]"
             )
-            yield Problem(f"output.bending.{key}", free, allowed)
+            yield Mistake(f"output.bending.{key}", free, allowed)
 
 
 class PinInHole(OutputMechanism):
@@ -149,25 +149,25 @@ class PinInHole(OutputMechanism):
         phase = np.radians(self.phase_deg)
         return self.pin_circle_radius_mm * np.exp(1j * (phase - 2 * np.pi * np.arange(self.pins) / self.pins))
 
-    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """Holes that cut each other, the lobes or the bore."""
         bush = self.bush
         if bush and bush.outer_radius_mm <= self.pin_radius_mm + 1e-3 * bush.clearance_um:
             allowed = (
                 f"must be > {self.pin_radius_mm + 1e-3 * bush.clearance_um:g} mm, its bore on the pin: no wall is left"
             )
-            yield Problem("output.bush.outer_radius_mm", bush.outer_radius_mm, allowed)
+            yield Mistake("output.bush.outer_radius_mm", bush.outer_radius_mm, allowed)
         if self.bending:
             yield from self.bending.problems(2 * self.pin_radius_mm, disk.count if disk else 1)
         if cycloid:
             yield from self._hole_problems(cycloid, disk)
 
-    def _hole_problems(self, cycloid: Cycloid, disk: Disk | None) -> Iterator[Problem]:
+    def _hole_problems(self, cycloid: Cycloid, disk: Disk | None) -> Iterator[Mistake]:
         hole, circle = self.hole_radius(cycloid.eccentricity_mm), self.pin_circle_radius_mm
         size = f"a hole's radius is {hole:.4g} mm: pin, eccentricity and clearance"
         pitch = 2 * circle * sin(pi / self.pins)
         if pitch <= 2 * hole:
-            yield Problem(
+            yield Mistake(
                 "output.pin_radius_mm",
                 self.pin_radius_mm,
                 f"{size}; must be < {pitch / 2:.4g} mm, half the distance between the {self.pins} holes, which overlap "
@@ -175,14 +175,14 @@ class PinInHole(OutputMechanism):
             )
         root = cycloid.root_radius_mm
         if circle + hole >= root:
-            yield Problem(
+            yield Mistake(
                 "output.pin_circle_radius_mm",
                 circle,
                 f"{size}; the holes reach {circle + hole:.4g} mm from the disk's centre, must be < {root:.4g} mm, the "
                 "radius at the lobes' roots; move them inwards or take thinner output pins",
             )
         if disk and circle - hole <= disk.bore_radius_mm:
-            yield Problem(
+            yield Mistake(
                 "output.pin_circle_radius_mm",
                 circle,
                 f"{size}; the holes reach within {circle - hole:.4g} mm of the disk's centre, must be > "

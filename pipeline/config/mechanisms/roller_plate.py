@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.config.files.section import Millimetres, Problem
+from pipeline.config.files.section import Millimetres, Mistake
 from pipeline.config.mechanisms.drawing import Circles, Panel, Part, RowLabel
 from pipeline.config.mechanisms.mechanism import LawInputs, OutputMechanism, Words
 from pipeline.model.contact.laws import ContactLaws, LineContact, concatenated
@@ -91,11 +91,11 @@ class RollerPlate(OutputMechanism):
         """Length of a roller."""
         return self.roller_length_mm
 
-    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Problem]:
+    def problems(self, cycloid: Cycloid | None, disk: Disk | None) -> Iterator[Mistake]:
         """Rollers that overlap, a tongue inside the bore, rollers beyond the disk."""
         yield from self._row_problems()
         if disk and self.face_offset_mm <= disk.bore_radius_mm:
-            yield Problem(
+            yield Mistake(
                 "output.face_offset_mm",
                 self.face_offset_mm,
                 f"must be > {disk.bore_radius_mm:g} mm, the bore's radius: the boss's face lies inside the bore",
@@ -103,11 +103,11 @@ class RollerPlate(OutputMechanism):
         if cycloid:
             yield from self._reach_problems(cycloid)
 
-    def _row_problems(self) -> Iterator[Problem]:
+    def _row_problems(self) -> Iterator[Mistake]:
         diameter = 2 * self.roller_radius_mm
         length = self.outer_station_mm - self.inner_station_mm
         if self.stations > 1 and length < diameter * (self.stations - 1):
-            yield Problem(
+            yield Mistake(
                 "output.outer_station_mm",
                 self.outer_station_mm,
                 f"must be >= {self.inner_station_mm + diameter * (self.stations - 1):.4g} mm, or the {self.stations} "
@@ -115,18 +115,18 @@ class RollerPlate(OutputMechanism):
                 "move the stations apart or take smaller or fewer rollers",
             )
         if self.inner_station_mm < self.roller_radius_mm:
-            yield Problem(
+            yield Mistake(
                 "output.inner_station_mm",
                 self.inner_station_mm,
                 f"must be >= {self.roller_radius_mm:g} mm, or the innermost rollers of the two ends overlap",
             )
 
-    def _reach_problems(self, cycloid: Cycloid) -> Iterator[Problem]:
+    def _reach_problems(self, cycloid: Cycloid) -> Iterator[Mistake]:
         # The eccentric moves the disk under rollers that stand still along the other slide.
         reach = hypot(self.outer_station_mm + self.roller_radius_mm, self.face_offset_mm + self.roller_radius_mm)
         available = cycloid.root_radius_mm - cycloid.eccentricity_mm
         if reach > available:
-            yield Problem(
+            yield Mistake(
                 "output.outer_station_mm",
                 self.outer_station_mm,
                 f"the outermost rollers reach {reach:.4g} mm from the axis, the disk ends at {available:.4g} mm "

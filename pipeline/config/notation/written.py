@@ -9,7 +9,7 @@ from typing import Any
 
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
-from pipeline.config.files.section import MISSING, Problem
+from pipeline.config.files.section import MISSING, Mistake
 from pipeline.config.notation.iso286 import limit_deviations
 from pipeline.model.units import UM_PER_MM
 
@@ -26,7 +26,7 @@ ZONE = re.compile(r"\s*(?:dia|⌀|ø|Ø)\s*(\d*\.?\d+)\s*")
 CODE = re.compile(r"\s*(\d*\.?\d+)?\s*([A-Za-z]{1,2})\s*(\d{1,2})\s*")
 
 
-def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[Problem]]:
+def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[Mistake]]:
     """The section ``tolerances`` with limits in um for those that a drawing writes, and what is wrong with them.
 
     One that is wrong, or whose design could not be read, is left out.
@@ -44,7 +44,7 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
         settings_of_tolerance = (
             _zone(dimension, settings) if POSITION in settings else _between(dimension, settings, design)
         )
-        if isinstance(settings_of_tolerance, Problem):
+        if isinstance(settings_of_tolerance, Mistake):
             problems.append(settings_of_tolerance)
             continue
         remaining = {key: value for key, value in settings.items() if key not in (LIMITS, ISO, OF, POSITION)}
@@ -52,40 +52,40 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
     return resolved, problems
 
 
-def _zone(dimension: Dimension, settings: Mapping[str, Any]) -> dict[str, Any] | Problem:
+def _zone(dimension: Dimension, settings: Mapping[str, Any]) -> dict[str, Any] | Mistake:
     """Radius of a circular zone [um] and its distribution, or what is wrong."""
     key, text = f"tolerances.{dimension.name}", settings[POSITION]
     if not dimension.zone:
-        return Problem(f"{key}.{POSITION}", text, f"{dimension.title} is no point in a zone; take {LIMITS}")
+        return Mistake(f"{key}.{POSITION}", text, f"{dimension.title} is no point in a zone; take {LIMITS}")
     for other_key in (LIMITS, ISO, OF, RADIUS, *PLAIN):
         if other_key in settings:
-            return Problem(
+            return Mistake(
                 f"{key}.{other_key}", settings[other_key], f"stands beside {POSITION}; keep the one or the other"
             )
     if settings.get("distribution") not in IN_DISC:
         allowed = f"must be {' or '.join(IN_DISC)} with a {POSITION}: in the disc of the zone"
-        return Problem(f"{key}.distribution", settings.get("distribution", MISSING), allowed)
+        return Mistake(f"{key}.distribution", settings.get("distribution", MISSING), allowed)
     match = ZONE.fullmatch(text) if isinstance(text, str) else None
     if match is None or float(match[1]) == 0:
-        return Problem(f"{key}.{POSITION}", text, 'must be as "dia 0.02": the diameter of the zone in mm, above 0')
+        return Mistake(f"{key}.{POSITION}", text, 'must be as "dia 0.02": the diameter of the zone in mm, above 0')
     radius = round(UM_PER_MM * 0.5 * float(match[1]), 9)
     return {"distribution": IN_DISC[settings["distribution"]], RADIUS: radius}
 
 
-def _between(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> dict[str, float] | Problem:
+def _between(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> dict[str, float] | Mistake:
     """Limits [um] by their names, or what is wrong."""
     limits = _limits(dimension, settings, design)
-    return limits if isinstance(limits, Problem) else dict(zip(PLAIN, limits, strict=True))
+    return limits if isinstance(limits, Mistake) else dict(zip(PLAIN, limits, strict=True))
 
 
-def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Problem:
+def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Mistake:
     """Lower and upper limit deviation [um] of the dimension as the model has it, or what is wrong."""
     key = f"tolerances.{dimension.name}"
     stated_keys = [name for name in (LIMITS, ISO, *PLAIN) if name in settings]
     if not stated_keys or stated_keys[0] in PLAIN:
-        return Problem(f"{key}.{OF}", settings[OF], f"says of what {LIMITS} are, and stands beside them; delete it")
+        return Mistake(f"{key}.{OF}", settings[OF], f"says of what {LIMITS} are, and stands beside them; delete it")
     if len(stated_keys) > 1:
-        return Problem(
+        return Mistake(
             f"{key}.{stated_keys[1]}",
             settings[stated_keys[1]],
             f"stands beside {stated_keys[0]}; keep the one or the other",
@@ -95,13 +95,13 @@ def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -
     pair = _pair(settings[LIMITS])
     if pair is None:
         allowed = 'must be as "+0.000/-0.004" or "±0.002", in mm'
-        return Problem(f"{key}.{LIMITS}", settings[LIMITS], allowed)
+        return Mistake(f"{key}.{LIMITS}", settings[LIMITS], allowed)
     reading = settings.get(OF)
     if dimension.measure and reading not in SIZES:
         allowed = 'must be "diameter" or "radius": a drawing may give either'
-        return Problem(f"{key}.{OF}", reading, allowed)
+        return Mistake(f"{key}.{OF}", reading, allowed)
     if not dimension.measure and reading is not None:
-        return Problem(f"{key}.{OF}", reading, f"{dimension.title} is neither a diameter nor a radius; delete it")
+        return Mistake(f"{key}.{OF}", reading, f"{dimension.title} is neither a diameter nor a radius; delete it")
     factor = UM_PER_MM * _share(dimension, str(reading or ""))
     return round(factor * pair[0], 9), round(factor * pair[1], 9)
 
@@ -125,25 +125,25 @@ def _share(dimension: Dimension, quantity: str) -> float:
     return 0.5 if quantity == "diameter" else 2.0
 
 
-def _by_code(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Problem:
+def _by_code(dimension: Dimension, settings: Mapping[str, Any], design: Design) -> tuple[float, float] | Mistake:
     key, code = f"tolerances.{dimension.name}.{ISO}", settings[ISO]
     if not dimension.measure or dimension.size_um is None:
-        return Problem(key, code, f"{dimension.title} has no nominal size; take {LIMITS}, or lower_um and upper_um")
+        return Mistake(key, code, f"{dimension.title} has no nominal size; take {LIMITS}, or lower_um and upper_um")
     if settings.get(OF, "diameter") != "diameter":
-        return Problem(
+        return Mistake(
             f"tolerances.{dimension.name}.{OF}", settings[OF], 'must be "diameter": an ISO code is of a diameter'
         )
     match = CODE.fullmatch(code) if isinstance(code, str) else None
     if match is None:
-        return Problem(key, code, 'must be as "4h5" or "h5": size in mm, letter and grade of ISO 286')
+        return Mistake(key, code, 'must be as "4h5" or "h5": size in mm, letter and grade of ISO 286')
     nominal = dimension.size_um(design) / UM_PER_MM / _share(dimension, "diameter")
     if match[1] and not isclose(float(match[1]), nominal, rel_tol=1e-6):
-        return Problem(
+        return Mistake(
             key, code, f"its size must be the design's diameter, {nominal:g} mm; correct the one or the other"
         )
     try:
         lower, upper = limit_deviations(match[2], int(match[3]), nominal)
     except ValueError as error:
-        return Problem(key, code, str(error))
+        return Mistake(key, code, str(error))
     share = _share(dimension, "diameter")
     return share * lower, share * upper

@@ -10,7 +10,7 @@ from pydantic import create_model
 
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.section import Micrometres, Problem, Section
+from pipeline.config.files.section import Micrometres, Mistake, Section
 
 PerElement = Micrometres | tuple[Micrometres, ...]
 
@@ -47,7 +47,7 @@ def elements(design: Design) -> dict[str, int]:
     return {name: dimension.count(design) for name, dimension in library if dimension.elements or dimension.of_disk}
 
 
-def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[Problem]:
+def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[Mistake]:
     """Lists of the wrong length, negative clearances and amplitudes, and repeated labels.
 
     Parameters
@@ -59,17 +59,17 @@ def case_problems(cases: Mapping[int, Case], design: Design | None) -> Iterator[
     for position, case in cases.items():
         earlier_position = labels.setdefault(case.label, position)
         if earlier_position != position:
-            yield Problem(
+            yield Mistake(
                 f"cases[{position}].label", case.label, f"cases[{earlier_position}] has it already; labels must differ"
             )
         for name, dimension in dimension_library().items():
             if dimension.one_sided and np.min(case.deviation_um(name)) < 0:
-                yield Problem(f"cases[{position}].{name}", getattr(case, name), "must be >= 0")
+                yield Mistake(f"cases[{position}].{name}", getattr(case, name), "must be >= 0")
         for name, count in elements(design).items() if design else ():
             value = getattr(case, name)
             if design and count == 0 and np.any(value):
-                yield Problem(f"cases[{position}].{name}", value, dimension_library()[name].refusal(design))
+                yield Mistake(f"cases[{position}].{name}", value, dimension_library()[name].refusal(design))
             elif count and isinstance(value, Sequence) and len(value) != count:
-                yield Problem(
+                yield Mistake(
                     f"cases[{position}].{name}", f"list of {len(value)}", f"must have {count}, or be a number"
                 )

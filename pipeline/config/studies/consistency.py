@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.config.designs.contact_laws import stiffness_problems
 from pipeline.config.designs.design import Design
 from pipeline.config.designs.effects import study_effect_problems
-from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Problem, nearest_name
+from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name
 from pipeline.config.studies.study import (
     FEWEST_BASE_SAMPLES,
     Clearance,
@@ -48,7 +48,7 @@ RESERVED_NAMES = (
 """Run folders of the targets that are no study."""
 
 
-def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Problem]:
+def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Mistake]:
     """Contradictions among the valid sections of a study.
 
     Parameters
@@ -56,15 +56,15 @@ def study_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> list[Pro
     parts : the sections that are valid by themselves, by name.
     raw : the file as read, which also tells what was left to its default.
     """
-    problems: list[Problem] = []
+    problems: list[Mistake] = []
     samples, cycle, metrics, reduce, design = (
         parts.get(name) for name in ("samples", "cycle", "metrics", "reduce", "design")
     )
     if "name" in parts and not NAME.fullmatch(parts["name"]):
-        problems.append(Problem("file name", parts["name"], NAME_RULE))
+        problems.append(Mistake("file name", parts["name"], NAME_RULE))
     if parts.get("name") in RESERVED_NAMES:
         problems.append(
-            Problem("file name", parts["name"], "is the run folder of another target; rename the study file")
+            Mistake("file name", parts["name"], "is the run folder of another target; rename the study file")
         )
     if samples:
         problems += _samples(samples, raw)
@@ -103,90 +103,90 @@ def number_keys(raw: Mapping[str, Any], prefix: str = "") -> list[str]:
     return keys
 
 
-def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Problem]:
+def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Mistake]:
     """Provenance of a number that the design ``raw`` does not have, and plausible ranges that do not hold theirs."""
     numbers = number_keys(raw)
     for key, provenance in parts.get("provenance", {}).items():
         if key not in numbers:
-            yield Problem(f'provenance."{key}"', None, f"no such number in this file; {nearest_name(key, numbers)}")
+            yield Mistake(f'provenance."{key}"', None, f"no such number in this file; {nearest_name(key, numbers)}")
         elif provenance.plausible:
             low, high = provenance.plausible
             value = functools.reduce(lambda section, name: section[name], key.split("."), raw)
             if not low < value < high:
-                yield Problem(
+                yield Mistake(
                     f'provenance."{key}".plausible',
                     list(provenance.plausible),
                     f"must be [lower, upper] about the number itself, {value:g}",
                 )
 
 
-def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Problem]:
+def _samples(samples: Samples, raw: Mapping[str, Any]) -> Iterator[Mistake]:
     cases = raw.get("cases", ())
     n_cases = len(cases) if isinstance(cases, tuple) else 0
     if samples.experiment == "cases":
         if n_cases == 0:
-            yield Problem("cases", MISSING, 'experiment = "cases" needs at least one [[cases]]')
+            yield Mistake("cases", MISSING, 'experiment = "cases" needs at least one [[cases]]')
         elif samples.count != n_cases:
-            yield Problem(
+            yield Mistake(
                 "samples.count", samples.count, f"must be {n_cases}, the number of [[cases]]; or leave it out"
             )
         if "tolerances" in raw:
-            yield Problem("tolerances", None, "a case states total values; delete the section, or the cases")
+            yield Mistake("tolerances", None, "a case states total values; delete the section, or the cases")
     elif n_cases:
-        yield Problem("samples.experiment", samples.experiment, 'must be "cases" where [[cases]] are listed')
+        yield Mistake("samples.experiment", samples.experiment, 'must be "cases" where [[cases]] are listed')
     if samples.experiment == "latin_hypercube" and samples.count > LARGEST_HYPERCUBE:
-        yield Problem(
+        yield Mistake(
             "samples.count",
             samples.count,
             f"must be <= {LARGEST_HYPERCUBE} in a Latin hypercube, which is held as a whole; take sobol or monte_carlo",
         )
     if samples.replicated and samples.count % samples.randomisations:
         rounded = -(-samples.count // samples.randomisations) * samples.randomisations
-        yield Problem(
+        yield Mistake(
             "samples.count",
             samples.count,
             f"must be a multiple of randomisations = {samples.randomisations}; take {rounded}",
         )
 
 
-def _until(samples: Samples, limits: Limits | None) -> Iterator[Problem]:
+def _until(samples: Samples, limits: Limits | None) -> Iterator[Mistake]:
     key, stop_rule = "samples.until", samples.until
     if stop_rule is None:
         return
     if samples.experiment != "monte_carlo":
-        yield Problem(
+        yield Mistake(
             f"{key} with experiment", samples.experiment, 'must be "monte_carlo", whose samples are independent'
         )
     if stop_rule.at_most < samples.count:
-        yield Problem(
+        yield Mistake(
             f"{key}.at_most",
             stop_rule.at_most,
             f"must be >= samples.count = {samples.count}, which the study begins with",
         )
     if limits is not None and not limits.of_metrics:
-        yield Problem(key, None, "asks for a yield, and [limits] sets no limit; set one, as lost_motion_arcmin = 2.8")
+        yield Mistake(key, None, "asks for a yield, and [limits] sets no limit; set one, as lost_motion_arcmin = 2.8")
 
 
-def _tails(tails: Tails, samples: Samples, limits: Limits, design: Design) -> Iterator[Problem]:
+def _tails(tails: Tails, samples: Samples, limits: Limits, design: Design) -> Iterator[Mistake]:
     if reason := without_tails(samples, limits, design):
-        yield Problem("tails", None, reason)
+        yield Mistake("tails", None, reason)
     if tails.solve > tails.units:
-        yield Problem("tails.solve", tails.solve, f"must be <= tails.units = {tails.units}, of which they are taken")
+        yield Mistake("tails.solve", tails.solve, f"must be <= tails.units = {tails.units}, of which they are taken")
 
 
-def _drivers(drivers: Drivers, samples: Samples) -> Iterator[Problem]:
+def _drivers(drivers: Drivers, samples: Samples) -> Iterator[Mistake]:
     key, count = "drivers.base_samples", drivers.base_samples
     if 0 < count < FEWEST_BASE_SAMPLES:
-        yield Problem(key, count, f"must be 0 (no drivers by variance) or >= {FEWEST_BASE_SAMPLES}; 1000 tell well")
+        yield Mistake(key, count, f"must be 0 (no drivers by variance) or >= {FEWEST_BASE_SAMPLES}; 1000 tell well")
     if count and samples.experiment == "cases":
-        yield Problem(key, count, "must be 0 where cases are listed: stated units have no variance to share")
+        yield Mistake(key, count, "must be 0 where cases are listed: stated units have no variance to share")
 
 
-def _size(samples: Samples, design: Design) -> Iterator[Problem]:
+def _size(samples: Samples, design: Design) -> Iterator[Mistake]:
     contacts = design.disk.count * (design.cycloid.pins + design.output.contacts)
     key, count = ("samples.until.at_most", samples.until.at_most) if samples.until else ("samples.count", samples.count)
     if count * contacts > LARGEST_RUN:
-        yield Problem(
+        yield Mistake(
             key,
             count,
             f"with {contacts} contacts a unit must be <= {LARGEST_RUN // contacts}: the gaps alone of more would fill "
@@ -194,11 +194,11 @@ def _size(samples: Samples, design: Design) -> Iterator[Problem]:
         )
 
 
-def _mesh(reduce: Reduce, design: Design) -> Iterator[Problem]:
+def _mesh(reduce: Reduce, design: Design) -> Iterator[Mistake]:
     radius, edge = design.cycloid.pin_circle_radius_mm, reduce.largest_edge_mm
     triangles = math.pi * radius**2 / (math.sqrt(3) / 4 * edge**2) + design.cycloid.lobes * reduce.flank_edges_per_lobe
     if triangles > LARGEST_MESH:
-        yield Problem(
+        yield Mistake(
             "reduce.largest_edge_mm",
             edge,
             f"with {reduce.flank_edges_per_lobe} edges a lobe makes some {triangles:.2g} triangles, must be <= "
@@ -206,7 +206,7 @@ def _mesh(reduce: Reduce, design: Design) -> Iterator[Problem]:
         )
 
 
-def _phases(cycle: Cycle, design: Design | None) -> Iterator[Problem]:
+def _phases(cycle: Cycle, design: Design | None) -> Iterator[Mistake]:
     """Evenly spread angles that share a factor with the pins: they see few phases of the pins' pitch."""
     if design is None:
         return
@@ -217,58 +217,58 @@ def _phases(cycle: Cycle, design: Design | None) -> Iterator[Problem]:
         if shared > 1 and angles > 1:
             coprime = next(k for k in itertools.count(angles + 1) if math.gcd(k, pins) == 1)
             allowed = f"must share no factor with the {pins} pins, or the angles see {angles // shared} phase"
-            yield Problem(f"cycle.{name}", angles, f"{allowed}{'s' * (angles > shared)} of their pitch; take {coprime}")
+            yield Mistake(f"cycle.{name}", angles, f"{allowed}{'s' * (angles > shared)} of their pitch; take {coprime}")
 
 
-def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Iterator[Problem]:
+def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Iterator[Mistake]:
     if {"loaded_angles", "crank_deg"} <= set(raw["cycle"]):
-        yield Problem("cycle.crank_deg", cycle.crank_deg, "stands beside loaded_angles; keep the one or the other")
+        yield Mistake("cycle.crank_deg", cycle.crank_deg, "stands beside loaded_angles; keep the one or the other")
     if any(angle_after <= angle_before for angle_before, angle_after in itertools.pairwise(cycle.crank_deg)):
-        yield Problem("cycle.crank_deg", cycle.crank_deg, "angles must rise")
+        yield Mistake("cycle.crank_deg", cycle.crank_deg, "angles must rise")
     if cycle.keep_contacts == "all":
         return
     if len(set(cycle.keep_contacts)) < len(cycle.keep_contacts):
-        yield Problem("cycle.keep_contacts", cycle.keep_contacts, "samples must differ")
+        yield Mistake("cycle.keep_contacts", cycle.keep_contacts, "samples must differ")
     if samples and max(cycle.keep_contacts, default=0) >= samples.rows:
-        yield Problem("cycle.keep_contacts", cycle.keep_contacts, f"samples are numbered 0 to {samples.rows - 1}")
+        yield Mistake("cycle.keep_contacts", cycle.keep_contacts, f"samples are numbered 0 to {samples.rows - 1}")
 
 
-def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Problem]:
+def _metrics(metrics: Metrics, cycle: Cycle) -> Iterator[Mistake]:
     low, high = metrics.rigidity_percent
     if low >= high:
-        yield Problem("metrics.rigidity_percent", metrics.rigidity_percent, "must rise: [lower, upper]")
+        yield Mistake("metrics.rigidity_percent", metrics.rigidity_percent, "must rise: [lower, upper]")
     top_percent = 100 * cycle.torque_fraction
     for name, percent in {"rigidity_percent": high, "lost_motion_percent": metrics.lost_motion_percent}.items():
         if percent > top_percent:
-            yield Problem(
+            yield Mistake(
                 f"metrics.{name}",
                 getattr(metrics, name),
                 f"must be <= {top_percent:g}, which cycle.torque_fraction reaches; raise the one or lower the other",
             )
 
 
-def _patches(reduce: Reduce, design: Design) -> Iterator[Problem]:
+def _patches(reduce: Reduce, design: Design) -> Iterator[Mistake]:
     radii = {
         "patch_half_width_mm": design.cycloid.pin_radius_mm,
         "roller_patch_half_width_mm": design.output.contact_radius_mm,
     }
     for name, radius in radii.items():
         if getattr(reduce, name) >= radius:
-            yield Problem(f"reduce.{name}", getattr(reduce, name), f"must be < {radius:g} mm, the rolling radius")
+            yield Mistake(f"reduce.{name}", getattr(reduce, name), f"must be < {radius:g} mm, the rolling radius")
 
 
-def _readings(clearance: Clearance | None, design: Design) -> Iterator[Problem]:
+def _readings(clearance: Clearance | None, design: Design) -> Iterator[Mistake]:
     allowed = design.output.diameter_readings
     if clearance and clearance.roller_reading not in allowed:
         meanings = " or ".join(f'"{reading}": {meaning}' for reading, meaning in allowed.items())
-        yield Problem("clearance.roller_reading", clearance.roller_reading, f"must be {meanings}")
+        yield Mistake("clearance.roller_reading", clearance.roller_reading, f"must be {meanings}")
 
 
-def _diameters(raw: Mapping[str, Any], design: Design) -> Iterator[Problem]:
+def _diameters(raw: Mapping[str, Any], design: Design) -> Iterator[Mistake]:
     """Tolerances of diameters that no part of the output has, and an effect on a bearing that is not there."""
     if design.output.carries_disks and "bearing_clearance" in design.effects:
         allowed = "acts on a bearing of the disk, which is carried by the output; set bearing.clearance_um"
-        yield Problem("design.effects.bearing_clearance", None, allowed)
+        yield Mistake("design.effects.bearing_clearance", None, allowed)
     if design.output.toleranced_diameters:
         return
     cases = raw.get("cases", ())
@@ -277,4 +277,4 @@ def _diameters(raw: Mapping[str, Any], design: Design) -> Iterator[Problem]:
     for key, section in sections.items():
         if isinstance(section, Mapping) and "roller_diameter" in section:
             allowed = f"acts on nothing: a {design.output.name} has no part of toleranced diameter; delete it"
-            yield Problem(f"{key}.roller_diameter", None, allowed)
+            yield Mistake(f"{key}.roller_diameter", None, allowed)

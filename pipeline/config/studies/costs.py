@@ -12,7 +12,7 @@ from pydantic import Field, create_model
 
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
-from pipeline.config.files.section import NotNegative, Positive, Problem, Section
+from pipeline.config.files.section import Mistake, NotNegative, Positive, Section
 from pipeline.config.notation.iso286 import TOLERANCES_UM, UP_TO_MM, grade_width_um
 
 Real = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Cost(Section):
         """Widths [um] between which the law is known."""
         return 0.0, np.inf
 
-    def problems(self, key: str) -> Iterator[Problem]:
+    def problems(self, key: str) -> Iterator[Mistake]:
         """Contradictions among the settings under the dotted ``key``."""
         yield from ()
 
@@ -107,16 +107,16 @@ class CostTable(Cost):
         logs = np.interp(np.log(width_um), np.log(self.tolerances_um), np.log(self.costs), left=np.nan, right=np.nan)
         return np.exp(logs)
 
-    def problems(self, key: str) -> Iterator[Problem]:
+    def problems(self, key: str) -> Iterator[Mistake]:
         """Columns of different lengths or in the wrong order."""
         if len(self.costs) != len(self.tolerances_um):
-            yield Problem(
+            yield Mistake(
                 f"{key}.costs", list(self.costs), f"must have {len(self.tolerances_um)} values, as tolerances_um"
             )
         elif np.any(np.diff(self.tolerances_um) <= 0):
-            yield Problem(f"{key}.tolerances_um", list(self.tolerances_um), "must ascend")
+            yield Mistake(f"{key}.tolerances_um", list(self.tolerances_um), "must ascend")
         elif np.any(np.diff(self.costs) >= 0):
-            yield Problem(f"{key}.costs", list(self.costs), "must descend: a wider zone costs less")
+            yield Mistake(f"{key}.costs", list(self.costs), "must descend: a wider zone costs less")
 
 
 class IsoGrade(Cost):
@@ -165,19 +165,19 @@ class IsoGrade(Cost):
         logs = np.interp(np.log(widths_um), np.log(widths), np.log(costs), left=np.nan, right=np.nan)
         return self.cost * np.exp(logs[:-1] - logs[-1]).reshape(np.shape(width_um))
 
-    def problems(self, key: str) -> Iterator[Problem]:
+    def problems(self, key: str) -> Iterator[Mistake]:
         """Grades that are none, or that do not cost the less the coarser they are."""
         grades = {str(grade) for grade in TOLERANCES_UM}
         relative_costs = self.relative_costs or EXAMPLE_COSTS
         if set(relative_costs) - grades or len(relative_costs) < 2:
             allowed = f"must have two or more of the grades {min(TOLERANCES_UM)} to {max(TOLERANCES_UM)}, as 5 = 1.6"
-            yield Problem(f"{key}.relative_costs", sorted(relative_costs), allowed)
+            yield Mistake(f"{key}.relative_costs", sorted(relative_costs), allowed)
         elif np.any(np.diff([relative_costs[name] for name in sorted(relative_costs, key=int)]) >= 0):
-            yield Problem(
+            yield Mistake(
                 f"{key}.relative_costs", list(relative_costs.values()), "must descend: a coarser grade costs less"
             )
         elif not min(map(int, relative_costs)) <= self.grade <= max(map(int, relative_costs)):
-            yield Problem(f"{key}.grade", self.grade, "must lie among the grades of relative_costs")
+            yield Mistake(f"{key}.grade", self.grade, "must lie among the grades of relative_costs")
 
 
 AnyCost = Annotated[Reciprocal | Power | CostTable | IsoGrade, Field(discriminator="law")]
@@ -199,7 +199,7 @@ else:
     Costs = create_model("Costs", __base__=_Costs, __doc__=_Costs.__doc__, **_of_dimensions)
 
 
-def cost_problems(costs: Mapping[str, Cost]) -> Iterator[Problem]:
+def cost_problems(costs: Mapping[str, Cost]) -> Iterator[Mistake]:
     """What each cost, valid value by value, contradicts in itself."""
     for name, cost in costs.items():
         if cost is not None:

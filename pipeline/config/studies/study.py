@@ -192,7 +192,7 @@ class Drivers(Section):
     base_samples: Annotated[int, Field(ge=0, le=10**6)] = 0
 
 
-class Run(Section):
+class RunSection(Section):
     """How the work is divided; changes no result."""
 
     jobs: Annotated[int, Field(ge=1, le=1024)] = 2
@@ -218,4 +218,4 @@ class Study(Section):
     costs: Costs = Costs()
     drivers: Drivers = Drivers()
     tails: Tails | None = None
-    run: Run = Run()
+    run: RunSection = RunSection()

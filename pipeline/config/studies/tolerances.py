@@ -13,7 +13,7 @@ from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.distributions import Distribution, Spread, library
 from pipeline.config.distributions.fixed import Fixed
-from pipeline.config.files.section import Problem, Section
+from pipeline.config.files.section import Mistake, Section
 
 if TYPE_CHECKING:
     Tolerance = Distribution
@@ -33,7 +33,7 @@ else:
     Tolerances = create_model("Tolerances", __base__=_Tolerances, __doc__=_Tolerances.__doc__, **_of_dimensions)
 
 
-def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | None) -> Iterator[Problem]:
+def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | None) -> Iterator[Mistake]:
     """What each tolerance, valid value by value, contradicts in itself or in the design.
 
     Parameters
@@ -49,35 +49,35 @@ def tolerance_problems(tolerances: Mapping[str, Distribution], design: Design | 
         length = tolerance.correlation_length_mm if isinstance(tolerance, Spread) else None
         if length is not None and name not in correlated:
             allowed = f"only {', '.join(correlated)} lie along a machined circle; delete it"
-            yield Problem(f"{key}.correlation_length_mm", length, allowed)
+            yield Mistake(f"{key}.correlation_length_mm", length, allowed)
         yield from _zone_problems(dimensions[name], tolerance)
         if dimensions[name].one_sided and tolerance.least_um < 0:
             allowed = "must be >= 0, and with allowance_um added too"
-            yield Problem(f"{key}.{tolerance.lowest_key}", tolerance.limits_um[0], allowed)
+            yield Mistake(f"{key}.{tolerance.lowest_key}", tolerance.limits_um[0], allowed)
         if design is not None:
             yield from _size_problems(dimensions[name], tolerance, design)
 
 
-def _zone_problems(dimension: Dimension, tolerance: Distribution) -> Iterator[Problem]:
+def _zone_problems(dimension: Dimension, tolerance: Distribution) -> Iterator[Mistake]:
     key = f"tolerances.{dimension.name}.distribution"
     if dimension.zone and tolerance.varies and not tolerance.in_disc:
         allowed = 'is of a number, and this is a point in a zone: write position = "dia 0.02" (mm) in place of limits'
-        yield Problem(key, tolerance.name, allowed)
+        yield Mistake(key, tolerance.name, allowed)
     if tolerance.in_disc and not dimension.zone:
         allowed = f"is of a point in a zone, and {dimension.title} is a number; take one with limits"
-        yield Problem(key, tolerance.name, allowed)
+        yield Mistake(key, tolerance.name, allowed)
 
 
-def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design) -> Iterator[Problem]:
+def _size_problems(dimension: Dimension, tolerance: Distribution, design: Design) -> Iterator[Mistake]:
     if dimension.count(design) == 0:
         if tolerance != _NONE:
-            yield Problem(f"tolerances.{dimension.name}", None, dimension.refusal(design))
+            yield Mistake(f"tolerances.{dimension.name}", None, dimension.refusal(design))
         return
     if dimension.size_um is None:
         return
     size = dimension.size_um(design)
     if tolerance.allowance_um + tolerance.limits_um[0] <= -size:
-        yield Problem(
+        yield Mistake(
             f"tolerances.{dimension.name}.{tolerance.lowest_key}",
             tolerance.limits_um[0],
             f"leaves nothing of the nominal {size:g} um; micrometres are asked for",

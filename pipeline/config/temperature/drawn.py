@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from pipeline.config.designs.design import Design
 from pipeline.config.distributions import Distribution
 from pipeline.config.files.messages import problems_of
-from pipeline.config.files.section import MISSING, Problem, Section, nearest_name
+from pipeline.config.files.section import MISSING, Mistake, Section, nearest_name
 from pipeline.config.studies.tolerances import Tolerance
 from pipeline.config.temperature.stated import Temperature, Warm, materials_of_parts, temperature_rise
 from pipeline.config.temperature.thermal import Thermal, ThermalPart
@@ -34,7 +34,9 @@ class _Draw(Section):
     draw: Tolerance
 
 
-def plain_temperatures(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any], dict[str, str], list[Problem]]:
+def plain_temperatures(
+    raw: Mapping[str, Any],
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, str], list[Mistake]]:
     """The section with a number for each part, the distributions, who follows whom, and what is wrong.
 
     Returns
@@ -51,7 +53,7 @@ def plain_temperatures(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str
             draws[part] = {name: item for name, item in value.items() if name != NOMINAL}
             temperatures[key] = value.get(NOMINAL)
             if NOMINAL not in value:
-                problems.append(Problem(f"temperature.{key}.{NOMINAL}", MISSING, "add it"))
+                problems.append(Mistake(f"temperature.{key}.{NOMINAL}", MISSING, "add it"))
     for part in PARTS:
         key, value = f"{part}_C", raw.get(f"{part}_C")
         if not isinstance(value, str):
@@ -60,30 +62,30 @@ def plain_temperatures(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str
             allowed = (
                 f"must be a number, a distribution or the part whose temperature it has; {nearest_name(value, PARTS)}"
             )
-            problems.append(Problem(f"temperature.{key}", value, allowed))
+            problems.append(Mistake(f"temperature.{key}", value, allowed))
             continue
         follows[part], temperatures[key] = value, temperatures[f"{value}_C"]
     return temperatures, draws, follows, problems
 
 
-def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[Problem]]:
+def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[Mistake]]:
     """Distribution of each drawn temperature, its deviations [K], and what is wrong with them."""
     read: dict[str, Distribution] = {}
-    problems: list[Problem] = []
+    problems: list[Mistake] = []
     for part, settings in draws.items():
         key = f"temperature.{part}_C"
         try:
             draw = _Draw.model_validate({"draw": {name.replace("_K", "_um"): item for name, item in settings.items()}})
         except ValidationError as error:
             found = problems_of(error, _Draw)
-            problems += [Problem(p.key.replace("draw", key, 1).replace("_um", "_K"), p.found, p.allowed) for p in found]
+            problems += [Mistake(p.key.replace("draw", key, 1).replace("_um", "_K"), p.found, p.allowed) for p in found]
             continue
         found = list(draw.draw.problems(key))
         if draw.draw.in_disc:
             found.append(
-                Problem(f"{key}.distribution", draw.draw.name, "is of a point in a zone; take one with limits")
+                Mistake(f"{key}.distribution", draw.draw.name, "is of a point in a zone; take one with limits")
             )
-        problems += [Problem(p.key.replace("_um", "_K"), p.found, p.allowed.replace("_um", "_K")) for p in found]
+        problems += [Mistake(p.key.replace("_um", "_K"), p.found, p.allowed.replace("_um", "_K")) for p in found]
         read[part] = draw.draw
     return read, problems
 
@@ -123,7 +125,7 @@ def growth_tolerances(thermal: Thermal, draws: Mapping[str, Distribution]) -> di
 
 def draw_problems(
     temperature: Temperature, thermal: Thermal, design: Design, draws: Mapping[str, Distribution]
-) -> list[Problem]:
+) -> list[Mistake]:
     """Temperatures out of range, parts that do not grow, moduli that do not change as one, and effects beside them."""
     problems = []
     limits = {part: _limits(draw) for part, draw in draws.items()}
@@ -132,9 +134,9 @@ def draw_problems(
         for name, end in (("lower_K", lower), ("upper_K", upper)):
             if not COLDEST <= nominal + end <= HOTTEST:
                 allowed = f"is {nominal + end:g} degrees C; must lie within {COLDEST:g} and {HOTTEST:g}"
-                problems.append(Problem(f"{key}.{name}", end, allowed))
+                problems.append(Mistake(f"{key}.{name}", end, allowed))
         if thermal.parts[part].expansion_per_K == 0:
-            problems.append(Problem(key, None, "is drawn of a material with expansion_per_K = 0; state one number"))
+            problems.append(Mistake(key, None, "is drawn of a material with expansion_per_K = 0; state one number"))
     if not problems and draws:
         problems += _modulus_problems(thermal, design, limits)
     return problems
@@ -145,7 +147,7 @@ def _limits(draw: Distribution) -> tuple[float, float]:
     return draw.allowance_um + lower, draw.allowance_um + upper
 
 
-def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tuple[float, float]]) -> list[Problem]:
+def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tuple[float, float]]) -> list[Mistake]:
     """Whether one factor of the modulus serves all elastic parts, and whether it is known of all that resists."""
     disk = design.materials[design.disk.material]
     elastic = {"pins": (thermal.parts["pins"], design.materials[design.pins.material])}
@@ -156,7 +158,7 @@ def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tup
             elastic[f"output.{key}"] = thermal.parts["disk"].model_copy(update={"slope_per_K": slope}), material
     ends_of_disk = _range(thermal, "disk", limits)
     if min(thermal.parts["disk"].softening(warmer) for warmer in ends_of_disk) <= 0:
-        return [Problem("temperature.disk_C", None, "leaves its material no modulus; take narrower limits")]
+        return [Mistake("temperature.disk_C", None, "leaves its material no modulus; take narrower limits")]
     for name, (part, material) in elastic.items():
         share = disk.youngs_modulus_MPa / (disk.youngs_modulus_MPa + material.youngs_modulus_MPa)
         are_coupled = part.follows == thermal.parts["disk"].follows
@@ -169,10 +171,10 @@ def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tup
                 f"a drawn temperature changes all moduli as the disk's; must be within {100 * UNLIKE_SOFTENING:g} %: "
                 "draw less, or state the temperatures"
             )
-            return [Problem("temperature", None, allowed)]
+            return [Mistake("temperature", None, allowed)]
     if design.effects and any(part.slope_per_K for part in thermal.parts.values()):
         allowed = f"are drawn beside [effects] {', '.join(design.effects)}, whose change with the modulus is not known"
-        return [Problem("temperature", None, f"{allowed}: state the temperatures, or delete modulus_slope_per_K")]
+        return [Mistake("temperature", None, f"{allowed}: state the temperatures, or delete modulus_slope_per_K")]
     return []
 
 

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from pipeline.config.designs.design import Design, Material
-from pipeline.config.files.section import Problem, Section, nearest_name
+from pipeline.config.designs.design import Design, MaterialSection
+from pipeline.config.files.section import Mistake, Section, nearest_name
 from pipeline.model.units import UM_PER_MM
 
 Celsius = Annotated[float, Field(ge=-60, le=250)]
@@ -63,24 +63,24 @@ class Warm:
     growth: Mapping[str, float]
 
 
-def temperature_problems(temperature: Temperature, design: Design) -> list[Problem]:
+def temperature_problems(temperature: Temperature, design: Design) -> list[Mistake]:
     """Materials that are not there, do not say how they grow, or have lost their stiffness."""
     problems = []
     for part, name in materials_of_parts(temperature, design).items():
         key = f"temperature.{part}_material"
         if name not in design.materials:
             allowed = f"no such material in the design; {nearest_name(name, design.materials)}"
-            problems.append(Problem(key, name, allowed))
+            problems.append(Mistake(key, name, allowed))
         elif design.materials[name].expansion_per_K is None:
             allowed = f"the design's materials.{name} must have expansion_per_K, as 1.2e-5 of steel"
             problems.append(
-                Problem(key if hasattr(temperature, f"{part}_material") else f"temperature.{part}_C", name, allowed)
+                Mistake(key if hasattr(temperature, f"{part}_material") else f"temperature.{part}_C", name, allowed)
             )
     for part in ("disk", "pins"):
         material = design.materials[materials_of_parts(temperature, design)[part]]
         if _softening(material, temperature_rise(temperature, part)) <= 0:
             allowed = "leaves the material no modulus by its modulus_slope_per_K; take a lower temperature"
-            problems.append(Problem(f"temperature.{part}_C", getattr(temperature, f"{part}_C"), allowed))
+            problems.append(Mistake(f"temperature.{part}_C", getattr(temperature, f"{part}_C"), allowed))
     return problems
 
 
@@ -99,7 +99,7 @@ def temperature_rise(temperature: Temperature, part: str) -> float:
     return float(getattr(temperature, f"{part}_C")) - temperature.reference_C
 
 
-def _softening(material: Material, rise: float) -> float:
+def _softening(material: MaterialSection, rise: float) -> float:
     return 1 + (material.modulus_slope_per_K or 0.0) * rise
 
 

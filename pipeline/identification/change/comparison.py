@@ -40,7 +40,7 @@ CHANGED, NOTHING = "changed", "no change shown"
 
 
 @dataclass(frozen=True)
-class Model:
+class JointModel:
     """The drive of one position, fitted to both states together, and the largest torque of both."""
 
     drive: PlayAndFriction
@@ -48,7 +48,7 @@ class Model:
     top: float
 
     @classmethod
-    def of(cls, pair: Pair) -> Model:
+    def of(cls, pair: Pair) -> JointModel:
         """The fit of a position."""
         torque = np.concatenate([pair.before_followed, pair.followed])
         state = np.repeat([0, 1], [len(pair.before_angle), len(pair.angle)])
@@ -126,7 +126,7 @@ class Change:
     p: Real
     without: tuple[Mapping[Kind, float], ...]
     held_out: tuple[Mapping[Kind, float], ...]
-    models: Sequence[Model]
+    models: Sequence[JointModel]
     others: str
 
     @cached_property
@@ -166,7 +166,10 @@ class Change:
 
 
 def judged(
-    models: Sequence[Model], kinds: tuple[Kind, ...], mounted: tuple[Kind, ...] = (), known_change: Real | None = None
+    models: Sequence[JointModel],
+    kinds: tuple[Kind, ...],
+    mounted: tuple[Kind, ...] = (),
+    known_change: Real | None = None,
 ) -> Change:
     """A change of some kinds over all positions.
 
@@ -194,7 +197,7 @@ def judged(
     )
 
 
-def _beside_mounting(models: Sequence[Model]) -> tuple[Change, ...]:
+def _beside_mounting(models: Sequence[JointModel]) -> tuple[Change, ...]:
     """Each kind of change, all others as mounting makes them differ."""
     by_kind = [model.estimated(KINDS) for model in models]
     estimates = np.array([[results[kind] for kind in KINDS] for results in by_kind])
@@ -209,7 +212,7 @@ def _beside_mounting(models: Sequence[Model]) -> tuple[Change, ...]:
     )
 
 
-def _joined(models: Sequence[Model], changes: Sequence[Change]) -> tuple[Change, ...]:
+def _joined(models: Sequence[JointModel], changes: Sequence[Change]) -> tuple[Change, ...]:
     """Changes as one, all kinds beside them as mounting makes them differ; nothing of none."""
     if len(changes) < 2:
         return tuple(changes)
@@ -233,7 +236,7 @@ class Comparison:
     nothing : rms in noise of the difference at each position (n_positions,).
     """
 
-    models: tuple[Model, ...]
+    models: tuple[JointModel, ...]
     singles: tuple[Change, ...]
     beside: tuple[Change, ...]
     named: tuple[Change, ...]
@@ -262,7 +265,7 @@ def compared(pairs: Sequence[Pair]) -> Comparison:
     unless the best is better over the positions. A change that is likely by itself alone is told and not named: of
     eight tests at 5 % each one in seven pairs without a change has such a one.
     """
-    models = tuple(Model.of(pair) for pair in pairs)
+    models = tuple(JointModel.of(pair) for pair in pairs)
     singles = tuple(judged(models, (kind,)) for kind in KINDS)
     base_errors = np.array([model.error({}) for model in models])
     if len(models) < FEWEST_POSITIONS:

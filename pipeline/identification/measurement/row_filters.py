@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.scatter import MAD_TO_STD, smallest_step
-from pipeline.identification.measurement.unit_file import Instrument
+from pipeline.identification.measurement.unit_file import InstrumentSection
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -37,7 +37,7 @@ SPIKE_FACTOR = 8.0
 """Robust standard deviations by which a spike stands out from both neighbours."""
 
 
-def at_rest(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
+def at_rest(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
     """Rows at the start of a position before the torque differs from zero (n,): nobody knows where in the play."""
     smallest_change = START_NOISE * torque_noise + (instrument.torque_resolution_Nm or 0.0)
     flagged = np.zeros(len(rows), bool)
@@ -54,7 +54,7 @@ def numeric(rows: Rows) -> Truth:
     return ~rows.misnumbered & np.isfinite(rows.torque) & np.isfinite(rows.angle) & command
 
 
-def saturated(rows: Rows, instrument: Instrument, torque_noise: float) -> Truth:
+def saturated(rows: Rows, instrument: InstrumentSection, torque_noise: float) -> Truth:
     """Whether the torque of each row is cut off (n,), by `SATURATION_RULE`."""
     limit = instrument.torque_saturation_Nm
     cut = np.zeros(len(rows), bool) if limit is None else np.abs(rows.torque) >= limit

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.rows import Rows
-from pipeline.identification.measurement.unit_file import Instrument
+from pipeline.identification.measurement.unit_file import InstrumentSection
 
 Real = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def smallest_step(values: Real) -> float:
     return float(steps.min()) if steps.size else 0.0
 
 
-def torque_noise(rows: Rows, instrument: Instrument, runs: list[slice] | None = None) -> float:
+def torque_noise(rows: Rows, instrument: InstrumentSection, runs: list[slice] | None = None) -> float:
     """Standard deviation of the torque of a row [N m]: as declared, else its scatter; 0 if unknown.
 
     Parameters

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from pipeline.config import Study, load_design, parse_study
 from pipeline.config.designs.design import Design
 from pipeline.config.files.messages import problems_of
-from pipeline.config.files.section import MISSING, Positive, Problem, Section, nearest_name
+from pipeline.config.files.section import MISSING, Mistake, Positive, Section, nearest_name
 from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.errors import InputError
@@ -38,7 +38,7 @@ class DataFile(Section):
     decimal: Literal[".", ","] = "."
 
 
-class Instrument(Section):
+class InstrumentSection(Section):
     """What is known of the bench; nothing need be."""
 
     angle_resolution_arcmin: Positive | None = None
@@ -83,7 +83,7 @@ class UnitSettings(Section):
     locked: Literal["input", "output"]
     offset: Literal["per_position", "common"]
     as_measured: Text | None = None
-    instrument: Instrument = Instrument()
+    instrument: InstrumentSection = InstrumentSection()
     environment: Environment = Environment()
     held_out: HeldOut = HeldOut()
     files: tuple[DataFile, ...] = ()
@@ -211,7 +211,7 @@ def _dimensions(folder: Path, name: str, file: str, design: Design | None) -> Ca
         raise_if(problems_of(error, Case), path.name)
         raise
     problems = case_problems({0: case}, design)
-    raise_if([Problem(p.key.removeprefix("cases[0]."), p.found, p.allowed) for p in problems], path.name)
+    raise_if([Mistake(p.key.removeprefix("cases[0]."), p.found, p.allowed) for p in problems], path.name)
     return case
 
 
@@ -219,51 +219,51 @@ def _csv_names(folder: Path) -> list[str]:
     return sorted(path.name for pattern in ("*.csv", "*.csv.gz") for path in folder.glob(pattern))
 
 
-def _file_problems(files: tuple[DataFile, ...], folder: Path) -> list[Problem]:
+def _file_problems(files: tuple[DataFile, ...], folder: Path) -> list[Mistake]:
     if not files:
-        return [Problem("files", None, "no data: put CSV files into the unit's folder, or list them as [[files]]")]
+        return [Mistake("files", None, "no data: put CSV files into the unit's folder, or list them as [[files]]")]
     problems = []
     for number, file in enumerate(files):
         if not (folder / file.path).is_file():
             problems.append(
-                Problem(f"files[{number}].path", file.path, "no such file; a path is relative to unit.toml")
+                Mistake(f"files[{number}].path", file.path, "no such file; a path is relative to unit.toml")
             )
         if file.separator == file.decimal:
-            problems.append(Problem(f"files[{number}].decimal", file.decimal, "must differ from the separator"))
+            problems.append(Mistake(f"files[{number}].decimal", file.decimal, "must differ from the separator"))
     return problems
 
 
-def _drive_problems(raw: Mapping[str, Any]) -> list[Problem]:
+def _drive_problems(raw: Mapping[str, Any]) -> list[Mistake]:
     """A drive has a design with all that belongs to it, or is generic."""
     keys = ("design", "study", "as_measured")
     if "generic" in raw:
         return [
-            Problem(key, raw[key], "a drive with [generic] has none; leave out one of both")
+            Mistake(key, raw[key], "a drive with [generic] has none; leave out one of both")
             for key in keys
             if key in raw
         ]
     advice = "add it, or [generic] with ratio and rated_torque_Nm for a drive without a design"
-    return [Problem(key, MISSING, advice) for key in keys if key not in raw]
+    return [Mistake(key, MISSING, advice) for key in keys if key not in raw]
 
 
-def _output_problems(design: Design | None) -> list[Problem]:
+def _output_problems(design: Design | None) -> list[Mistake]:
     if design is None:
         return []
     if design.output.carries_disks:
         allowed = (
             f"a {design.output.name} is not identified: its disk has no bearing of its own to separate the play by"
         )
-        return [Problem("design", None, allowed)]
+        return [Mistake("design", None, allowed)]
     if design.cycloid.fixed == "housing":
         return []
     allowed = 'its cycloid.fixed must be "housing": measured angles are read at the flange against the housing'
-    return [Problem("design", None, allowed)]
+    return [Mistake("design", None, allowed)]
 
 
-def _held_out_problems(parts: Mapping[str, Any]) -> list[Problem]:
+def _held_out_problems(parts: Mapping[str, Any]) -> list[Mistake]:
     held_out = parts.get("held_out", HeldOut())
     if held_out.train and held_out.by is None:
-        return [Problem("held_out.by", None, 'must be "position" or "cycle" where train is listed')]
+        return [Mistake("held_out.by", None, 'must be "position" or "cycle" where train is listed')]
     if len(set(held_out.train)) < len(held_out.train):
-        return [Problem("held_out.train", held_out.train, "values must differ")]
+        return [Mistake("held_out.train", held_out.train, "values must differ")]
     return []

@@ -54,7 +54,7 @@ def coupled_blocks(compliance: Real) -> Blocks:
 
 
 class Part(NamedTuple):
-    """What a sample's solve has of one block; see ``residual.Work``."""
+    """What a sample's solve has of one block; see ``residual.Workspace``."""
 
     active: Index
     miss: Real

@@ -1,7 +1,7 @@
 """The equations of a load step, and what is off in them at given forces and motions (compiled parts).
 
 Active contacts are those that may carry force. Contacts that elastic bodies couple form a block (``blocks``): each has
-its own range of the contacts, and in ``Work.active`` its own list of them, the coupled ones first.
+its own range of the contacts, and in ``Workspace.active`` its own list of them, the coupled ones first.
 """
 
 from typing import NamedTuple
@@ -64,7 +64,7 @@ class System(NamedTuple):
     bearing_exponent: float
 
 
-class Work(NamedTuple):
+class Workspace(NamedTuple):
     """Room for one sample's solve. Active contacts of a block and the first of them are in the order of ``active``."""
 
     counts: np.ndarray  # solved steps with the same active contacts, sliders that resist
@@ -91,14 +91,14 @@ class Work(NamedTuple):
     spring: Real  # (n_disks, 8) see bearing_springs
 
 
-def workspace(system: System) -> Work:
+def workspace(system: System) -> Workspace:
     """Arrays for solves of a system."""
     (n_motions, n_contacts), longest = system.contact_jacobian.shape, system.compliance.shape[1]
     motions, contacts = (n_motions,), (n_contacts,)
     blocks = (len(system.blocks),) if len(system.blocks) > 1 else ()
     lists = (*blocks, longest)
     logarithm = np.zeros(lists)
-    return Work(
+    return Workspace(
         counts=np.zeros(2, np.int64),
         sizes=np.zeros((len(system.blocks), 3), np.int64),
         active=np.zeros(lists, np.int64),

@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline.config.files.section import shown_value
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, Run
+from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, ComparedRun
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
 from pipeline.figures.labels import METRICS, parameter_title
@@ -33,7 +33,12 @@ LEADING = 3
 
 
 def write_comparison(
-    a: Run, b: Run, inputs: Sequence[tuple[str, Any, Any]], rows: Columns, drivers: Columns, folder: Path
+    a: ComparedRun,
+    b: ComparedRun,
+    inputs: Sequence[tuple[str, Any, Any]],
+    rows: Columns,
+    drivers: Columns,
+    folder: Path,
 ) -> None:
     """Write report.html, its figure and the three tables as CSV and Parquet into ``folder``."""
     settings = [(key, *(_text(value) for value in pair)) for key, *pair in inputs]
@@ -60,7 +65,7 @@ def write_comparison(
     write_atomic(folder / "report.html", page.encode())
 
 
-def sentence(a: Run, b: Run, rows: pd.DataFrame) -> str:
+def sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:
     """What the comparison says of the yield against all limits, else of the first headline metric."""
     shares = rows[(rows["metric"] == ALL_LIMITS) & (rows["statistic"] == "yield")]
     if len(shares):
@@ -77,7 +82,7 @@ def sentence(a: Run, b: Run, rows: pd.DataFrame) -> str:
     return f"{count} metrics are compared; no yield, since not both studies set limits."
 
 
-def _constant(a: Run, b: Run, metric: str) -> bool:
+def _constant(a: ComparedRun, b: ComparedRun, metric: str) -> bool:
     """Whether a metric is one number in both runs, as the hysteresis loss without friction."""
     values = np.concatenate([run.units[metric].dropna().to_numpy(float) for run in (a, b)])
     return values.size == 0 or (values.size > 1 and float(np.ptp(values)) == 0)
@@ -129,7 +134,7 @@ def _index(value: float) -> str:
     return signed(value, 2) if np.isfinite(value) else NOTHING
 
 
-def _pictures(a: Run, b: Run, metrics: Sequence[str], folder: Path) -> dict[str, Picture]:
+def _pictures(a: ComparedRun, b: ComparedRun, metrics: Sequence[str], folder: Path) -> dict[str, Picture]:
     if a.study.samples.experiment == "cases" or not metrics:
         return {}
     stem = folder / "figures" / "distributions"

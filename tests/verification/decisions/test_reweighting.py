@@ -11,7 +11,7 @@ from pipeline.config import Study, load_study
 from pipeline.config.distributions.distribution import library
 from pipeline.decisions.fresh_units import fresh_yields
 from pipeline.decisions.reweighting import effective_units, kept_of_one, moved_tolerances, reweighted, weighted_share
-from pipeline.decisions.run_comparison import Run
+from pipeline.decisions.run_comparison import ComparedRun
 from pipeline.errors import InputError
 from pipeline.sampling import Errors, draw
 
@@ -44,9 +44,9 @@ def of_chain(errors: Errors) -> np.ndarray:
     return errors.eccentricity + 0.5 * (errors.disk_profile - 10.0)
 
 
-def run_of(study: Study) -> Run:
+def run_of(study: Study) -> ComparedRun:
     values = chain(study, 0, study.samples.count + 1)
-    return Run(study, pd.DataFrame({BACKLASH: values}), pd.DataFrame())
+    return ComparedRun(study, pd.DataFrame({BACKLASH: values}), pd.DataFrame())
 
 
 def exact_yield(study: Study) -> float:
