@@ -9,7 +9,7 @@ from pipeline import assembly
 from pipeline.config.designs.design import Design
 from pipeline.figures.labels import METRICS
 from pipeline.figures.loads.clearances import pin_clearances_figure
-from pipeline.figures.loads.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
+from pipeline.figures.loads.hysteresis import bearing_figure, centred, hysteresis_figure
 from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
 from pipeline.figures.loads.springs import spring_laws_figure
 from pipeline.figures.parts.flank import nominal_gap_figure
@@ -199,13 +199,10 @@ def _at_torque(rows: pd.DataFrame, torque: float) -> pd.DataFrame:
 
 
 def _loops(frames: Frames) -> Iterator[Drawing]:
-    study, metrics = frames.study, frames.study.metrics
-    at_crank = frames.at_crank(frames.curves)
+    study, at_crank = frames.study, frames.at_crank(frames.curves)
     traces = {label: at_crank[at_crank["sample"] == sample] for label, sample in frames.drawn.items()}
     spreads = _loop_spreads(frames) if len(frames.band) > 1 else None
-    rated = study.design.cycloid.rated_torque_Nm
-    low, high = metrics.rigidity_percent
-    marks = Definitions(rated * metrics.lost_motion_percent / 100, (rated * low / 100, rated * high / 100))
+    marks = assembly.definitions(study)
     centre = " Each loop is drawn about the middle of its width at zero torque." if spreads else ""
     yield Drawing(
         "hysteresis",

@@ -12,7 +12,7 @@ from pipeline import assembly
 from pipeline.config import load_design
 from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.figures.loads.clearances import pin_clearances_figure
-from pipeline.figures.loads.hysteresis import Definitions, bearing_figure, centred, hysteresis_figure
+from pipeline.figures.loads.hysteresis import bearing_figure, centred, hysteresis_figure
 from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
 from pipeline.figures.loads.springs import spring_laws_figure
 from pipeline.figures.parts.mesh import mesh_figure
@@ -22,15 +22,14 @@ from pipeline.figures.samples.sensitivity import sensitivity_figure
 from pipeline.figures.spread import spread_frame
 from pipeline.figures.style import ALARM, save
 from pipeline.model.load_history.loop_readings import curve_readings
-from pipeline.model.metrics import Definitions as Torques
-from pipeline.model.metrics import library, signed
+from pipeline.model.metrics import Definitions, library, signed
 from pipeline.report.drawings import flank_outline
 from stages.clearance import contact_columns
 
 ROOT = Path(__file__).parents[2]
 DESIGN = load_design("pham2017", ROOT)
 PINS = DESIGN.cycloid.pins
-MARKS = Definitions(0.36, (6.0, 12.0))
+MARKS = Definitions(0.36, 6.0, 12.0)
 
 
 @pytest.fixture(scope="module")
@@ -106,11 +105,10 @@ def test_centring_takes_off_any_shift_and_keeps_the_width():
 def test_marks_of_the_hysteresis_figure_are_the_metrics_of_the_model():
     rows = loop(0.9, 0.25)
     figure = hysteresis_figure({"tight": loop(0.2, 0.0), "wide": rows}, None, MARKS)
-    definitions = Torques(0.36, 6.0, 12.0)
     curve = (rows[name].to_numpy() for name in ("branch", "torque_Nm", "angle_arcmin"))
     branch, levels, angles = curve
-    readings = curve_readings(branch, levels, angles[None], np.zeros((1, 2)), np.zeros(1), definitions)
-    numbers = {name: metric.value(readings, definitions)[0] for name, metric in library().items()}
+    readings = curve_readings(branch, levels, angles[None], np.zeros((1, 2)), np.zeros(1), MARKS)
+    numbers = {name: metric.value(readings, MARKS)[0] for name, metric in library().items()}
     arrows = [text for text in figure.axes[1].texts if text.get_text() == ""]
     heights = [arrow.xy[1] - arrow.xyann[1] for arrow in arrows]
     marked = [numbers[name] for name in ("zero_torque_width_arcmin", "lost_motion_arcmin")]

@@ -7,10 +7,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pipeline import assembly
 from pipeline.checks.paper.statements import SHARES
 from pipeline.checks.paper.tables import Tables
 from pipeline.figures.loads.clearances import pin_clearances_figure
-from pipeline.figures.loads.hysteresis import Definitions, bearing_figure, hysteresis_figure
+from pipeline.figures.loads.hysteresis import bearing_figure, hysteresis_figure
 from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
 from pipeline.figures.loads.springs import spring_laws_figure
 
@@ -101,13 +102,12 @@ def _under_torque(tables: Tables) -> Iterator[PaperDrawing]:
             tables.study.design.output.words.station,
         ),
     )
-    low, high = tables.study.metrics.rigidity_percent
     yield PaperDrawing(
         ("14",),
         "figure_14",
         "Torque and torsional angle with various tolerances",
         "Left the whole cycle, right its middle. Marked, on the first curve, are the definitions of the metrics.",
-        hysteresis_figure(_open_first(curves), None, Definitions(torque, (rated * low / 100, rated * high / 100))),
+        hysteresis_figure(_open_first(curves), None, assembly.definitions(tables.study)),
     )
 
 

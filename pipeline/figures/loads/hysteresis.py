@@ -1,7 +1,6 @@
 """Torsion angle against torque (the paper's Fig. 14), and what is read off it; deflection of the bearing (Fig. 12)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -18,20 +17,13 @@ from pipeline.figures.style import (
     new_figure,
     styled,
 )
+from pipeline.model.metrics import Definitions
 
 ZOOM = 3.0
 """Reach of the close-up about zero torque, in lost-motion torques."""
 SMALLEST_MARK = 0.08
 """Share of the axis that a width must have for its arrow to be drawn."""
 BEHIND_TEXT = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
-
-
-@dataclass(frozen=True)
-class Definitions:
-    """Torques at which the metrics are read [N m]: lost motion between +-lost_motion, rigidity from low to high."""
-
-    lost_motion: float
-    rigidity: tuple[float, float]
 
 
 def centred(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -73,7 +65,7 @@ def hysteresis_figure(
         _zoom(middle, loops, spread, ZOOM * marks.lost_motion)
     if marks is not None and loops:
         widest = max(loops.values(), key=lambda rows: _at(rows, 0.0, "unloading+"))
-        _mark_rigidity(cycle_axes, widest, marks.rigidity)
+        _mark_rigidity(cycle_axes, widest, (marks.rigidity_low, marks.rigidity_high))
         _mark_widths(middle, widest, marks.lost_motion)
     legend_below(figure, cycle_axes)
     return figure
