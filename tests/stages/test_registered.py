@@ -86,7 +86,7 @@ from typing import Literal
 import numpy as np
 from pipeline.config.mechanisms.drawing import Circles, Panel
 from pipeline.config.mechanisms.mechanism import OutputMechanism, Words
-from pipeline.config.files.section import Clearance, Millimetres, Problem
+from pipeline.config.files.section import Clearance, Millimetres, Mistake
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.contacts import OUTPUT, Contacts
 class Dogs(OutputMechanism):
@@ -105,7 +105,7 @@ class Dogs(OutputMechanism):
         return 1.5
     def problems(self, cycloid, disk):
         if disk and self.radius_mm <= disk.bore_radius_mm:
-            yield Problem("output.radius_mm", self.radius_mm, f"must be > {disk.bore_radius_mm:g} mm, the bore")
+            yield Mistake("output.radius_mm", self.radius_mm, f"must be > {disk.bore_radius_mm:g} mm, the bore")
     def motions_of(self, disk):
         return ("output_phi",)
     def contacts_of(self, disk):
