@@ -25,5 +25,4 @@ EFFECT = Effect(
     bounds=lambda drive: ((0.0, 0.4),),
     apply=_apply,
     needs=frozenset({STILL}),
-    of_one_disk=True,
 )

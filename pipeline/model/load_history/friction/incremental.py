@@ -30,14 +30,15 @@ class States(NamedTuple):
     torque: Real  # (n_states,) [N mm]
     motion: Real  # (n_states, n_motions) [mm, rad]
     force: Real  # (n_states, n_contacts) [N]
-    thrust: Real  # (n_states,) of the bearing [N]
+    thrust: Real  # (n_states, n_disks) of the bearings [N]
 
 
 @algebraic_part
 def _restore(system, states, s, work):
     """Make one of the states the start of the next solve."""
     reset(work)
-    work.thrust[0] = states.thrust[s]
+    for k in range(work.thrust.shape[0]):
+        work.thrust[k] = states.thrust[s, k]
     for d in range(work.motion.shape[0]):
         work.motion[d] = states.motion[s, d]
     for i in range(work.force.shape[0]):
@@ -49,7 +50,9 @@ def _restore(system, states, s, work):
 @algebraic_part
 def _save(work, states, s, torque):
     """Make the solved step one of the states."""
-    states.torque[s], states.thrust[s] = torque, work.thrust[0]
+    states.torque[s] = torque
+    for k in range(work.thrust.shape[0]):
+        states.thrust[s, k] = work.thrust[k]
     for d in range(work.motion.shape[0]):
         states.motion[s, d] = work.motion[d]
     for i in range(work.force.shape[0]):
@@ -154,28 +157,27 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     Raises
     ------
     ValueError
-        If there are several disks, or the drive leans.
+        If the drive leans.
 
     Notes
     -----
     A step that does not converge is halved. A residual above ``ACCEPTED`` says that some step did not; beyond ``LOST``
     it is infinite, and what follows NaN.
     """
-    if drive.reducer.n_disks > 1:
-        raise ValueError(f"{drive.reducer.n_disks} disks with friction at contacts: the path knows one bearing")
     if drive.lean:
         raise ValueError("friction that differs between drive and backdrive is not followed with friction at contacts")
     n_motions, n_contacts = drive.reducer.contact_jacobian.shape[::-1]
+    n_disks = drive.reducer.n_disks
     steps = _off_zero(np.asarray(torques, float), NO_TORQUE * float(np.max(np.abs(seeds[0]))))
     system, order = system_of(drive.elastic)
     position_of_contact = np.argsort(order)  # of each contact in the system
     friction = friction_of(drive.sliders.acting, position_of_contact)
     torque_of_seeds, motion_of_seeds, force_of_seeds = seeds
-    path = _states(steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty(len(steps)))
-    unloaded = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros(1))
+    path = _states(steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty((len(steps), n_disks)))
+    unloaded = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros((1, n_disks)))
     work, gap = workspace(system), np.ascontiguousarray(drive.gap[state, order])
     clearance = np.ascontiguousarray(drive.clearance_of_disks[state], dtype=float)
-    nodes = _states(torque_of_seeds, motion_of_seeds, force_of_seeds[:, order], np.zeros(len(torque_of_seeds)))
+    nodes = _states(torque_of_seeds, motion_of_seeds, force_of_seeds[:, order], np.zeros((len(torque_of_seeds), n_disks)))
     progress = Progress(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1), np.zeros(1), np.full(1, np.nan))
     while (
         unsolved := _follow(system, friction, work, steps, gap, clearance, nodes, unloaded, path, progress)

@@ -1,0 +1,83 @@
+"""Rubbing pins of several disks: equal disks are one under its share, and a loop takes energy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drives import LINEAR, drive_with
+from reducers import SMALL, STEEL, random_compliance
+
+from pipeline.config.mechanisms.pin_in_hole import PinInHole
+from pipeline.model.contact.friction_elements import pin_sliders
+from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
+from pipeline.model.contact.line_laws.hertz import hertz_laws
+from pipeline.model.geometry.reducer import nominal_reducer
+from pipeline.model.load_history.load_cycle import LoadCycle
+from pipeline.model.load_history.response import respond
+
+RATED = 12000.0  # [N mm]
+OUTPUT = PinInHole(
+    mechanism="pin_in_hole",
+    pins=6,
+    pin_radius_mm=0.6,
+    pin_circle_radius_mm=5.0,
+    pin_material="steel",
+    hole_clearance_um=0.0,
+    phase_deg=23.0,
+)
+
+
+def equal_disks(reducer):
+    """Compliance of disks that are one part, each in its place of the turn."""
+    full, pins = np.zeros((len(reducer.contacts),) * 2), reducer.n_pins // reducer.n_disks
+    block = random_compliance(pins + 6, np.random.default_rng(7))
+    for disk in range(reducer.n_disks):
+        rows = np.flatnonzero(reducer.disk_of_contact == disk)  # numbers run clockwise, eccentrics counterclockwise
+        order = np.concatenate(
+            [np.roll(part, disk * len(part) // reducer.n_disks) for part in (rows[:pins], rows[pins:])]
+        )
+        full[np.ix_(order, order)] = block
+    return full
+
+
+def loop(disks, coefficient, torque=RATED, scatter=0.0):
+    """Response of one unit with gaps of 1 to 1 + ``scatter`` um, up to a torque [N mm]."""
+    reducer = nominal_reducer(SMALL, OUTPUT, 0.3, disks=disks)
+    on_flank = LineContact(1 / (1 / SMALL.pin_radius + reducer.pins.flank_curvature), 2.0, STEEL, STEEL)
+    in_hole = LineContact(np.full(6 * disks, 1.5), 2.0, STEEL, STEEL)
+    laws = concatenated(
+        [
+            hertz_laws(line, [cylinder_share(line, STEEL, 1.0), meshed_share(line, STEEL, 0.15)], 1.0)
+            for line in (on_flank, in_hole)
+        ]
+    )
+    gap = 1e-3 * (1 + scatter * np.random.default_rng(1).uniform(size=(1, len(reducer.contacts))))
+    drive = drive_with(SMALL, reducer, LINEAR, laws, equal_disks(reducer), gap, np.zeros((1, disks)))
+    drive = replace(drive, rated_torque=torque, sliders=pin_sliders(reducer, laws, coefficient, torque))
+    response = respond(drive, LoadCycle.evenly(torque, 12, 1.0, (0.03, 0.5, 1.0)))
+    assert response.converged[0]
+    return response
+
+
+def dissipated(response):
+    """Energy [N mm] of the closed loop from the first top to the last one."""
+    closed = slice(int(np.flatnonzero(response.branch == 0)[-1]), None)
+    return np.trapezoid(response.torque[closed], response.angle[0, closed])
+
+
+@pytest.mark.parametrize("disks", [2, 3])
+def test_equal_rubbing_disks_are_one_under_its_share_of_the_torque(disks):
+    whole, part = loop(disks, 0.1), loop(1, 0.1, RATED / disks)
+    assert np.ptp(part.angle) > 1e-4
+    np.testing.assert_allclose(whole.angle, part.angle, rtol=0, atol=1e-9 * np.ptp(part.angle))
+    np.testing.assert_allclose(dissipated(whole), disks * dissipated(part), rtol=1e-7)
+
+
+@pytest.mark.parametrize("disks", [2, 3])
+def test_the_loop_of_unequal_disks_takes_energy_which_vanishes_with_the_friction(disks):
+    rough, smooth, hardly = (loop(disks, coefficient, scatter=2.0) for coefficient in (0.1, 0.001, 1e-9))
+    energies = [dissipated(response) for response in (rough, smooth, hardly)]
+    assert energies[0] > 30 * energies[1] > 0
+    assert abs(energies[2]) < 1e-4 * energies[0]
+    straight = [np.abs(response.angle - hardly.angle).max() for response in (rough, smooth)]
+    assert 50 < straight[0] / straight[1] < 200  # in proportion to the coefficient
