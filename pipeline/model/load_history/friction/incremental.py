@@ -173,11 +173,15 @@ def solve_path(drive: Drive, state: int, torques: Real, seeds: tuple[Real, Real,
     position_of_contact = np.argsort(order)  # of each contact in the system
     friction = friction_of(drive.sliders.acting, position_of_contact)
     torque_of_seeds, motion_of_seeds, force_of_seeds = seeds
-    path = _states(steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty((len(steps), n_disks)))
+    path = _states(
+        steps, np.empty((len(steps), n_motions)), np.empty((len(steps), n_contacts)), np.empty((len(steps), n_disks))
+    )
     unloaded = _states(np.zeros(1), np.zeros((1, n_motions)), np.zeros((1, n_contacts)), np.zeros((1, n_disks)))
     work, gap = workspace(system), np.ascontiguousarray(drive.gap[state, order])
     clearance = np.ascontiguousarray(drive.clearance_of_disks[state], dtype=float)
-    nodes = _states(torque_of_seeds, motion_of_seeds, force_of_seeds[:, order], np.zeros((len(torque_of_seeds), n_disks)))
+    nodes = _states(
+        torque_of_seeds, motion_of_seeds, force_of_seeds[:, order], np.zeros((len(torque_of_seeds), n_disks))
+    )
     progress = Progress(np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1), np.zeros(1), np.full(1, np.nan))
     while (
         unsolved := _follow(system, friction, work, steps, gap, clearance, nodes, unloaded, path, progress)
