@@ -9,12 +9,11 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
-from pipeline.figures.style import save
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawings import drawings
 from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
-from pipeline.report.layout.rendering import Picture
+from pipeline.report.layout.pictures import Picture, drawn_picture
 from pipeline.report.page import TableNote, report_page
 from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
@@ -87,11 +86,10 @@ def _frames(job: Job) -> Frames:
 
 def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
     """The figures, written into the stage's folder."""
-    pictures = {}
-    for drawing in drawings(frames):
-        stem = job.path(f"figures/{drawing.name}")
-        save(drawing.figure, stem)
-        pictures[drawing.name] = Picture(drawing.title, drawing.caption, stem.with_suffix(".svg").read_bytes())
+    pictures = {
+        drawing.name: drawn_picture(drawing.figure, drawing.title, drawing.caption, job.path(f"figures/{drawing.name}"))
+        for drawing in drawings(frames)
+    }
     if job.study.reduce.disk == "rigid":
         return pictures
     for suffix in ("png", "svg"):

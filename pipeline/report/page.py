@@ -13,7 +13,8 @@ from pipeline.report.chain.graph import BOX, StageNote, stage_graph
 from pipeline.report.drivers import base_samples, constant_metrics, driver_tables, drivers, first_drivers
 from pipeline.report.explorer.explorer import explored
 from pipeline.report.frames import DRAWN_CASES, Frames
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import Picture
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.results import Results
 from pipeline.report.samples.section import SamplesSection
 from pipeline.report.samples.tails import tail_lines

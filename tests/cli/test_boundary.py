@@ -104,12 +104,12 @@ def test_a_file_larger_than_the_limit(tmp_path: Path) -> None:
     assert "File too large; raise the limit" in line
 
 
-def test_a_full_disk(may_mount, tmp_path: Path) -> None:
+def test_a_full_disk_is_told_with_what_to_do(may_mount, tmp_path: Path) -> None:
     process = ran_sample_stage(str(tmp_path), mount=f"mount -t tmpfs -o size=32k x {tmp_path}")
     assert "No space left on device; free some space" in last_line(process, tmp_path)
 
 
-def test_a_read_only_disk(may_mount, tmp_path: Path) -> None:
+def test_a_read_only_disk_is_told_with_what_to_do(may_mount, tmp_path: Path) -> None:
     process = ran_sample_stage(str(tmp_path / "runs"), mount=f"mount -t tmpfs -o ro x {tmp_path}")
     assert "Read-only file system; work in a folder that can be written" in last_line(process, tmp_path)
 

@@ -17,8 +17,7 @@ from pipeline.checks.paper.tables import Tables
 from pipeline.checks.response import Condensed, solved
 from pipeline.config import Study
 from pipeline.engine.store import Output, write_atomic
-from pipeline.figures.style import save
-from pipeline.report.layout.rendering import Picture
+from pipeline.report.layout.pictures import drawn_picture
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 STUDY = "paper_tables"
@@ -61,8 +60,7 @@ def _figures(tables: Tables, published: Path, folder: Path) -> list[FigureOfPape
     statement_table = statements(tables, published / CONTACTS)
     figures = []
     for drawing in drawings(tables):
-        save(drawing.figure, folder / drawing.stem)
-        picture = Picture(drawing.title, drawing.caption, (folder / f"{drawing.stem}.svg").read_bytes())
+        picture = drawn_picture(drawing.figure, drawing.title, drawing.caption, folder / drawing.stem)
         of_drawing = [statement for statement in statement_table if statement.figure in drawing.numbers]
         figures.append(FigureOfPaper(" and ".join(drawing.numbers), picture, of_drawing))
     return figures

@@ -16,7 +16,8 @@ from pipeline.config import Study
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed
 from pipeline.report import inputs
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import Picture
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import NOTHING
 
 METRICS_OF_TABLE = (BACKLASH, LOST_MOTION, RIGIDITY)

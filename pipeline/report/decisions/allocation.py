@@ -13,8 +13,8 @@ from pipeline.decisions.allocation.results import allocation_rows, check_rows
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.samples.tradeoff import tradeoff_figure
-from pipeline.figures.style import save
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import Picture, drawn_pictures
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import NOTHING
 
 TEMPLATE = "decisions/allocation.html"
@@ -90,16 +90,14 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
 
 
 def _pictures(allocation: Allocation, folder: Path) -> dict[str, Picture]:
-    stem = folder / "figures" / "tradeoff"
-    stem.parent.mkdir(parents=True, exist_ok=True)
     choices = {"before": allocation.before, "equal": allocation.equal, "found": allocation.found}
     points = {CHOICES[name]: _point(choice) for name, choice in choices.items() if choice is not None}
-    save(tradeoff_figure(allocation.tradeoff, points, allocation.target), stem)
+    figure = tradeoff_figure(allocation.tradeoff, points, allocation.target)
     caption = (
         "The line is of the last linear model and was not checked; the points are load-solved units, with the "
         "intervals of their yields. To the right fewer units are bad."
     )
-    return {"tradeoff": Picture("Cost against yield", caption, stem.with_suffix(".svg").read_bytes())}
+    return drawn_pictures({"tradeoff": figure}, {"tradeoff": ("Cost against yield", caption)}, folder)
 
 
 def _point(choice: Choice) -> tuple[float, float, float, float]:

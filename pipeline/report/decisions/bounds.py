@@ -10,8 +10,8 @@ from pipeline.decisions.bounds.results import BOUNDS, CAPABILITY, CONTRIBUTIONS,
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS, PARAMETERS
 from pipeline.figures.samples.bounds import bounds_figure
-from pipeline.figures.style import save
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import Picture, drawn_picture
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import number, percent, percent_interval
 
 TEMPLATE = "decisions/bounds.html"
@@ -36,15 +36,13 @@ def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
 
 def _picture(bounds: pd.DataFrame, stacks: pd.DataFrame, folder: Path) -> Picture:
     """The figure, written into ``folder`` too."""
-    stem = folder / "figures" / "bounds"
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    save(bounds_figure(bounds, stacks), stem)
     caption = (
         "Of single units at each crank angle. Diamonds: worst cases over the tolerance box, of the play its largest "
         "and least from both sides. Bars: three standard deviations about the mean, of the full model and of the "
         "linear stack; where they part, the metric is no sum of errors."
     )
-    return Picture("Worst case, linear stack and Monte Carlo", caption, stem.with_suffix(".svg").read_bytes())
+    title, figure = "Worst case, linear stack and Monte Carlo", bounds_figure(bounds, stacks)
+    return drawn_picture(figure, title, caption, folder / "figures" / "bounds")
 
 
 def _bound(row: dict) -> tuple[str, str, str, str]:

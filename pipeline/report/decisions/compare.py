@@ -16,9 +16,9 @@ from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
 from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.figures.samples.overlay import overlay_figure
-from pipeline.figures.style import save
 from pipeline.model.metrics import Quantity, signed
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import Picture, drawn_pictures
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import NOTHING, SHARE, interval, number, percent
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 
@@ -137,9 +137,7 @@ def _index(value: float) -> str:
 def _pictures(a: ComparedRun, b: ComparedRun, metrics: Sequence[str], folder: Path) -> dict[str, Picture]:
     if a.study.samples.experiment == "cases" or not metrics:
         return {}
-    stem = folder / "figures" / "distributions"
-    stem.parent.mkdir(parents=True, exist_ok=True)
     runs = {f"A: {a.label}": a.units, f"B: {b.label}": b.units}
-    save(overlay_figure(runs, [run.study.limits.of_metrics for run in (a, b)], metrics), stem)
+    figure = overlay_figure(runs, [run.study.limits.of_metrics for run in (a, b)], metrics)
     caption = "Upright lines are the limits of each run. Values over the turn, as the limits count them."
-    return {"distributions": Picture("Distributions of both runs", caption, stem.with_suffix(".svg").read_bytes())}
+    return drawn_pictures({"distributions": figure}, {"distributions": ("Distributions of both runs", caption)}, folder)

@@ -1,9 +1,7 @@
 """Templates to pages that need nothing beside them."""
 
-import base64
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -14,20 +12,6 @@ REPORT = Path(__file__).parents[1]
 LAYOUT = REPORT / "layout"
 NUMBER_AND_UNIT = re.compile(r"(\d) (%|N m\b|mm\b|µm\b|MPa\b|arcmin\b)")
 """What a line must not break between."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure as it stands in the page: its title, caption, and SVG file."""
-
-    title: str
-    caption: str
-    svg: bytes
-
-    @property
-    def source(self) -> str:
-        """The file as an address that holds the file itself."""
-        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
 
 
 def rendered(template: str | Path, filters: Mapping[str, Callable[..., str]] | None = None, **values: object) -> str:

@@ -8,9 +8,9 @@ import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured.change import changes_figure, difference_figure
-from pipeline.figures.style import save
 from pipeline.identification.change.results import VERDICT_FILE, ChangeAnswer
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import drawn_pictures
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.unit.numbers import digits, interval
 
 TEMPLATE = "unit/change.html"
@@ -43,12 +43,7 @@ def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: P
     unnamed = change_answer.found.best.others
     shown_tables = [frame[frame["others"] == unnamed] for frame in (changes, positions)]
     figures = {"difference": difference_figure(cells), "changes": changes_figure(*shown_tables)}
-    (folder / "figures").mkdir(exist_ok=True)
-    pictures = {}
-    for name, figure in figures.items():
-        stem = folder / "figures" / name
-        save(figure, stem)
-        pictures[name] = Picture(*CAPTIONS[name], stem.with_suffix(".svg").read_bytes())
+    pictures = drawn_pictures(figures, CAPTIONS, folder)
     page = rendered(
         TEMPLATE,
         verdict=verdict,

@@ -9,11 +9,11 @@ import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured.unit import DESCRIBED, LEFT, loops_figure, torque_figure
-from pipeline.figures.style import save
 from pipeline.identification.described.description import Description, Number
 from pipeline.identification.described.results import TITLES, VERDICT_FILE
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import drawn_pictures
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.unit.facts import discrepancy_facts
 from pipeline.report.unit.numbers import digits, interval
 
@@ -40,12 +40,7 @@ def write_description_page(
     """
     cells = pd.read_parquet(folder / "description.parquet")
     figures = {"loops": loops_figure(cells, DESCRIBED), "torque": torque_figure(cells, LEFT)}
-    (folder / "figures").mkdir(exist_ok=True)
-    pictures = {}
-    for name, figure in figures.items():
-        stem = folder / "figures" / name
-        save(figure, stem)
-        pictures[name] = Picture(*CAPTIONS[name], stem.with_suffix(".svg").read_bytes())
+    pictures = drawn_pictures(figures, CAPTIONS, folder)
     errors = {TITLES[name].capitalize(): error for name, error in description.errors.items()} | dict(
         description.baselines
     )

@@ -12,13 +12,13 @@ import pandas as pd
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured.unit import MODELS, WRITTEN, candidates_figure, loops_figure, time_figure, torque_figure
-from pipeline.figures.style import save
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import Picture, drawn_pictures
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import counted
 from pipeline.report.unit.facts import (
     comparison_sentence,
@@ -97,13 +97,7 @@ def _pictures(findings_of_unit: Findings, folder: Path) -> dict[str, Picture]:
         "time": time_figure(cells),
         "candidates": candidates_figure(candidates, findings_of_unit.found.selection.base.rms),
     }
-    (folder / "figures").mkdir(exist_ok=True)
-    pictures = {}
-    for name, figure in figures.items():
-        stem = folder / "figures" / name
-        save(figure, stem)
-        pictures[name] = Picture(*CAPTIONS[name], stem.with_suffix(".svg").read_bytes())
-    return pictures
+    return drawn_pictures(figures, CAPTIONS, folder)
 
 
 def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS
 from pipeline.figures.measured.unit import quantiles_figure
-from pipeline.figures.style import save
 from pipeline.population.comparison import MetricComparison
 from pipeline.population.results import (
     candidate_frame,
@@ -21,7 +20,8 @@ from pipeline.population.results import (
     sentence,
 )
 from pipeline.population.tolerance_shift import Closing
-from pipeline.report.layout.rendering import Picture, rendered
+from pipeline.report.layout.pictures import drawn_picture
+from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import NOTHING
 from pipeline.report.unit.numbers import digits
 
@@ -42,16 +42,14 @@ def write_population_page(
         for metric, crank in zip(quantiles["metric"], quantiles["crank_deg"], strict=True)
     ]
     quantiles["unit"] = [METRICS[metric].unit for metric in quantiles["metric"]]
-    stem = folder / "figures" / "quantiles"
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    save(quantiles_figure(quantiles), stem)
     caption = (
         "Each dot is one probability, 5 % to 95 %. On the dashed line units and study are alike; beside it the units "
     )
-    picture = Picture(
+    picture = drawn_picture(
+        quantiles_figure(quantiles),
         "Quantiles of the units against the study",
         f"{caption}are larger or smaller, and steeper or flatter means more or less spread.",
-        stem.with_suffix(".svg").read_bytes(),
+        folder / "figures" / "quantiles",
     )
     page = rendered(
         TEMPLATE,

@@ -109,7 +109,7 @@ def test_an_implausible_unit_names_the_unit_that_would_fit(tmp_path, column, fac
     assert unit in faults["unit"].message
 
 
-def test_duplicate_files(tmp_path):
+def test_a_file_that_repeats_another_is_a_fault(tmp_path):
     item = measured((0.0,)).drop(columns="crank_deg")
     text = UNIT + '[[files]]\npath="a.csv"\ncrank_deg=0.0\n[[files]]\npath="b.csv"\ncrank_deg=90.0\n'
     faults, _ = judged(tmp_path, {"a.csv": item, "b.csv": item}, text)

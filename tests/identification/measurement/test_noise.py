@@ -132,7 +132,7 @@ def test_one_position_and_one_cycle_have_no_floor_but_a_scatter(tmp_path):
     assert noise.within_branch.value > 0
 
 
-def test_positions_that_differ(tmp_path):
+def test_positions_that_differ_scatter_more_than_repeats(tmp_path):
     table = measured(cycles=3, per_branch=400)
     wider = table.assign(angle_arcmin=table["angle_arcmin"] * (1 + 0.3 * (table["crank_deg"] == 90)))
     noise, _ = noise_of(tmp_path, wider)
@@ -163,7 +163,7 @@ where = {{ test_nr = [100, 101, 102] }}
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the measured drives are not at hand")
 @pytest.mark.parametrize(("name", "low", "high"), [("base_pccf_runin", 2.0, 9.0), ("conic_onyx_preload5", 2.0, 12.0)])
-def test_printed_drives(tmp_path, name, low, high):
+def test_noise_of_the_printed_drives_lies_where_their_repeats_do(tmp_path, name, low, high):
     files = enumerate(sorted((REAL / name).glob("*.csv.gz")))
     text = PRINTED + "".join(RAMPS.format(file=file, crank=90.0 * number) for number, file in files)
     measurement = Measurement.read(load_measured_unit(write_unit(tmp_path / name, {}, text), ROOT))

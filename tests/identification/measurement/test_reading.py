@@ -144,7 +144,7 @@ def test_a_revolution_is_one_in_every_unit(unit, turns):
     assert scale * turns * per_revolution[unit] + shift == pytest.approx(21600 * turns)
 
 
-def test_published_factors():
+def test_factors_of_units_are_the_published_ones():
     assert TorqueColumn(name="t", unit="lbf in").to_standard[0] == pytest.approx(4.4482216152605 * 0.0254)
     scale, shift = TemperatureColumn(name="t", unit="F").to_standard
     assert scale * 212 + shift == pytest.approx(100)

@@ -92,7 +92,7 @@ def test_yield_interval_has_at_least_its_level_for_every_outcome(truth):
 
 
 @pytest.mark.parametrize("sequence", [qmc.Sobol, qmc.LatinHypercube])
-def test_coverage_over_replicates(sequence):
+def test_intervals_cover_the_truth_over_replicates(sequence):
     """Eight randomisations of a smooth function whose mean, 90 % point and yield are known."""
     rng = np.random.default_rng(3)
     truth = {"mean": 2.0, "p95": stats.norm(2, np.sqrt(2)).ppf(0.95)}

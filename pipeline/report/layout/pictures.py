@@ -1,0 +1,38 @@
+"""Figures as files beside a page, and as pictures that stand in it."""
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from pipeline.figures.style import save
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as it stands in the page: its title, caption, and SVG file."""
+
+    title: str
+    caption: str
+    svg: bytes
+
+    @property
+    def source(self) -> str:
+        """The file as an address that holds the file itself."""
+        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
+
+
+def drawn_picture(figure: Figure, title: str, caption: str, stem: Path) -> Picture:
+    """The figure for a page, written as ``stem``.png and ``stem``.svg too."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    save(figure, stem)
+    return Picture(title, caption, stem.with_suffix(".svg").read_bytes())
+
+
+def drawn_pictures(
+    figures: Mapping[str, Figure], captions: Mapping[str, tuple[str, str]], folder: Path
+) -> dict[str, Picture]:
+    """Each figure by its name, with its title and caption, written into the folder's ``figures`` too."""
+    return {name: drawn_picture(figure, *captions[name], folder / "figures" / name) for name, figure in figures.items()}
