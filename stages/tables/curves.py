@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.engine.table import Column, Columns, Table
-from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN, BRANCHES
@@ -73,10 +72,9 @@ class Solved:
     def of(self, samples: np.ndarray) -> "Solved":
         """Of some of the samples alone, by their positions."""
         whole = self.response
-        states = Equilibria(**{name: values[samples] for name, values in vars(whole.equilibria).items()})
         of_samples = {name: getattr(whole, name)[samples] for name in ("angle", "play", "converged")}
         invalid = {name: reason[samples] for name, reason in self.invalid.items()}
-        response = replace(whole, equilibria=states, **of_samples)
+        response = replace(whole, equilibria=whole.equilibria[samples], **of_samples)
         return Solved(self.crank_deg, self.drive.some(samples), response, invalid)
 
 

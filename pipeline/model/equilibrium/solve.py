@@ -19,7 +19,9 @@ clearance is a compliance like the bodies' and leaves two motions fewer.
 Array order: (n_samples, n_torques, n_contacts or n_motions).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -71,6 +73,19 @@ class Equilibria:
     iterations: np.ndarray
     residual: Real
     converged: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence["Equilibria"], axis: int) -> "Equilibria":
+        """Samples (axis 0) or torques (axis 1) of all parts, one part after the other."""
+        return cls(**{name: np.concatenate([vars(part)[name] for part in parts], axis) for name in vars(parts[0])})
+
+    def __getitem__(self, place: Any) -> "Equilibria":
+        """Some samples, and torques, as of an array (n, n_torques)."""
+        return Equilibria(**{name: values[place] for name, values in vars(self).items()})
+
+    def __setitem__(self, place: Any, solved: "Equilibria") -> None:
+        for name, values in vars(self).items():
+            values[place] = vars(solved)[name]
 
 
 @algebraic_part

@@ -112,7 +112,7 @@ def _one_sense(drive: Drive, pose: Real, levels: Real, preloaded: bool) -> Equil
         start = _loosened(drive.reducer, without_clearance.motion[:, -1], without_clearance.force[:, -1], clearance)
     downward = preloaded or loose
     states = drive.equilibria(start, levels[::-1] if downward else levels)
-    return Equilibria(**{name: values[:, ::-1] for name, values in vars(states).items()}) if downward else states
+    return states[:, ::-1] if downward else states
 
 
 def _loosened(reducer: Reducer, motion: Real, force: Real, clearance: Real) -> Real:
@@ -157,15 +157,8 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
         coupled = rigid_play(drive.reducer, remaining.gap, remaining.bearing_clearance)
         for branch, sense, pose in zip(senses, (-1.0, 1.0), (coupled.pose_minus, coupled.pose_plus), strict=True):
             start = first_poses(remaining, pose, sense * torque[0])
-            repeated = remaining.equilibria(start, sense * torque)
-            for name, values in vars(branch).items():
-                values[hard] = getattr(repeated, name)
+            branch[hard] = remaining.equilibria(start, sense * torque)
     falling, rising = senses
-    states = Equilibria(
-        **{
-            name: np.concatenate([getattr(falling, name)[:, ::-1], getattr(rising, name)], axis=1)
-            for name in vars(falling)
-        }
-    )
+    states = Equilibria.joined((falling[:, ::-1], rising), axis=1)
     torques = np.concatenate([-torque[::-1], torque])
     return Backbone(torques, states.motion[..., drive.reducer.output_motion] + drive.twist(torques), states)

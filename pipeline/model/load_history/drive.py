@@ -220,6 +220,4 @@ class Drive:
             )
             for k, factor in enumerate(self.modulus)
         ]
-        return Equilibria(
-            **{name: np.concatenate([getattr(state, name) for state in states]) for name in vars(states[0])}
-        )
+        return Equilibria.joined(states, axis=0)

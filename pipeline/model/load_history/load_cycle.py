@@ -88,20 +88,12 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
             preloaded = play.preloaded
             limit = sense * LIMIT_TORQUE * cycle.rated_torque
             end = drive.some(preloaded).softened_equilibria(start[preloaded], np.array([limit]))
-            _put_end(senses[-1], preloaded, end)
+            senses[-1][preloaded, 0] = end[:, -1]
             lost = preloaded & ~senses[-1].converged[:, 0]
             if np.any(lost):
                 end = drive.some(lost).softened_equilibria(start[lost], np.array([levels[0], limit]))
-                _put_end(senses[-1], lost, end)
-    return Equilibria(
-        **{name: np.concatenate([getattr(branch, name) for branch in senses], axis=1) for name in vars(senses[0])}
-    )
-
-
-def _put_end(branch: Equilibria, samples: np.ndarray, solved: Equilibria) -> None:
-    """Make the last state of some of the samples, solved apart, the end of their branch."""
-    for name, values in vars(branch).items():
-        values[samples, 0] = getattr(solved, name)[:, -1]
+                senses[-1][lost, 0] = end[:, -1]
+    return Equilibria.joined(senses, axis=1)
 
 
 def _loaded(drive: Drive, start: Real, pose: Real, levels: Real) -> Equilibria:
@@ -116,21 +108,18 @@ def _loaded(drive: Drive, start: Real, pose: Real, levels: Real) -> Equilibria:
         leaning = first_poses(remaining, pose[failed], levels[-1])
         downward = remaining.softened_equilibria(leaning, levels[::-1])
         solved = np.all(downward.converged, axis=1)
-        for name, values in vars(states).items():
-            values[failed[solved]] = getattr(downward, name)[solved, ::-1]
+        states[failed[solved]] = downward[solved, ::-1]
     return states
 
 
 def _with_end(loaded_states: Equilibria, pose: Real) -> Equilibria:
     """The loaded states of one sense behind the force-free end of play."""
     n = len(pose)
-    ends = {
-        "motion": pose[:, None],
-        "force": np.zeros((n, 1, loaded_states.force.shape[2])),
-        "iterations": np.zeros((n, 1), np.int64),
-        "residual": np.zeros((n, 1)),
-        "converged": np.ones((n, 1), bool),
-    }
-    return Equilibria(
-        **{name: np.concatenate([end, getattr(loaded_states, name)], axis=1) for name, end in ends.items()}
+    end = Equilibria(
+        motion=pose[:, None],
+        force=np.zeros((n, 1, loaded_states.force.shape[2])),
+        iterations=np.zeros((n, 1), np.int64),
+        residual=np.zeros((n, 1)),
+        converged=np.ones((n, 1), bool),
     )
+    return Equilibria.joined((end, loaded_states), axis=1)
