@@ -21,7 +21,7 @@ from pipeline.config import load_study
 from pipeline.config.files.writing import toml_of
 from pipeline.engine.store import Output
 from pipeline.identification.identify import identify_measured
-from pipeline.identification.results import tables
+from pipeline.identification.results import corrected_design, tables
 from pipeline.identification.results.residual_signatures import (
     _Cells,
     _friction,
@@ -140,6 +140,18 @@ def test_settings_are_read_back_as_they_were_written() -> None:
 CRANKS = (0.0, 40.0, 95.0)
 FRICTION = 0.5
 EXAMPLE = "friction_example"
+
+
+@pytest.mark.parametrize("name", ["paper", "two_disks"])
+def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_unit(name: str) -> None:
+    study = load_study(name, settings.ROOT)
+    assert study.cycle.loaded_angles is not None
+    unit = SimpleNamespace(name="u", settings=SimpleNamespace(title="U"), dimensions=None, study=study)
+    rows = SimpleNamespace(cranks=np.array([0.0, 65.4545, 425.4545]))
+    identification = SimpleNamespace(measurement=SimpleNamespace(unit=unit, rows=rows))
+    written = tomllib.loads(corrected_design._study_text(identification, corrected_design.BEST))
+    assert written["cycle"]["crank_deg"] == [0.0, 65.4545]
+    assert "loaded_angles" not in written["cycle"]
 
 
 @pytest.fixture(scope="module")
