@@ -77,15 +77,17 @@ def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[
         try:
             draw = _Draw.model_validate({"draw": {name.replace("_K", "_um"): item for name, item in settings.items()}})
         except ValidationError as error:
-            found = problems_of(error, _Draw)
-            problems += [Mistake(p.key.replace("draw", key, 1).replace("_um", "_K"), p.found, p.allowed) for p in found]
+            mistakes = problems_of(error, _Draw)
+            problems += [
+                Mistake(p.key.replace("draw", key, 1).replace("_um", "_K"), p.found, p.allowed) for p in mistakes
+            ]
             continue
-        found = list(draw.draw.problems(key))
+        mistakes = list(draw.draw.problems(key))
         if draw.draw.in_disc:
-            found.append(
+            mistakes.append(
                 Mistake(f"{key}.distribution", draw.draw.name, "is of a point in a zone; take one with limits")
             )
-        problems += [Mistake(p.key.replace("_um", "_K"), p.found, p.allowed.replace("_um", "_K")) for p in found]
+        problems += [Mistake(p.key.replace("_um", "_K"), p.found, p.allowed.replace("_um", "_K")) for p in mistakes]
         read[part] = draw.draw
     return read, problems
 

@@ -22,7 +22,7 @@ LARGEST_AMOUNT = 1.5
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Probe:
     """One effect at the size that it would need alone.
 
     Attributes
@@ -55,25 +55,25 @@ def promising_pairs(
     Two sizes of at least zero are fitted linearly for every two effects, beside all that the base fits.
     """
     screening = Screening(fitter, cells, base, base.sigma)
-    looks = [look for name, promise in promises.items() for look in _looks(screening, effects[name], promise)]
+    probes = [probe for name, promise in promises.items() for probe in _probes(screening, effects[name], promise)]
     goal = screening.free(screening.left)
     ranked = []
-    for first_look, second in combinations(looks, 2):
-        if first_look.effect is not second.effect:
-            amounts = _amounts(first_look.change, second.change, goal)
-            goal_left = goal - amounts[0] * first_look.change - amounts[1] * second.change
-            ranked.append((float(goal_left @ goal_left), first_look, second, amounts))
+    for first_probe, second in combinations(probes, 2):
+        if first_probe.effect is not second.effect:
+            amounts = _amounts(first_probe.change, second.change, goal)
+            goal_left = goal - amounts[0] * first_probe.change - amounts[1] * second.change
+            ranked.append((float(goal_left @ goal_left), first_probe, second, amounts))
     best: dict[str, tuple[Model, Vector]] = {}
-    for _, first_look, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
-        model = Model((first_look.effect, second.effect))
-        start = replace(base.unknowns, shares=np.concatenate([first_look.at(amounts[0]), second.at(amounts[1])]))
+    for _, first_probe, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
+        model = Model((first_probe.effect, second.effect))
+        start = replace(base.unknowns, shares=np.concatenate([first_probe.at(amounts[0]), second.at(amounts[1])]))
         best.setdefault(model.name, (model, start))
         if len(best) == count:
             break
     return list(best.values())
 
 
-def _looks(screening: Screening, effect: Candidate, promise: Promise) -> list[_Look]:
+def _probes(screening: Screening, effect: Candidate, promise: Promise) -> list[_Probe]:
     """The effect at each of its starts, beside the base as it stands."""
     bounds = screening.fitter.problem.bounds(effect)
     evaluations = []
@@ -88,7 +88,7 @@ def _looks(screening: Screening, effect: Candidate, promise: Promise) -> list[_L
         change = screening.change(effect, shares)
         change = None if change is None else screening.free(change)
         if change is not None and change @ change > 0:
-            evaluations.append(_Look(effect, shares, zero, change))
+            evaluations.append(_Probe(effect, shares, zero, change))
     return evaluations
 
 

@@ -111,13 +111,13 @@ class Screening:
         zero = np.where(grows, -bounds[:, 0] / np.ptp(bounds, axis=1), 0.0)
         best_of_shape: dict[int, tuple[float, Real, Real]] = {}
         for shape, length in product(product(*(((0.0,) if growing else SHAPES) for growing in grows)), STEPS):
-            for sense, look in enumerate(self._looks(model, np.where(grows, zero, shape), grows, length)):
-                if sense not in best_of_shape or look[0] < best_of_shape[sense][0]:
-                    best_of_shape[sense] = look
+            for sense, probe in enumerate(self._probes(model, np.where(grows, zero, shape), grows, length)):
+                if sense not in best_of_shape or probe[0] < best_of_shape[sense][0]:
+                    best_of_shape[sense] = probe
         confirmed = []
         for _, shares, unknowns in best_of_shape.values():
-            looks = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
-            confirmed.append(min(looks, key=lambda candidate_start: candidate_start[0]))
+            probes = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
+            confirmed.append(min(probes, key=lambda candidate_start: candidate_start[0]))
         base = self.base.unknowns
         for ring_shape in _ring(zero, grows):
             start = replace(base, shares=np.concatenate([base.shares, ring_shape]))
@@ -143,10 +143,10 @@ class Screening:
             else np.inf
         )
 
-    def _looks(self, model: Model, shape: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
+    def _probes(self, model: Model, shape: Real, grows: Truth, length: float) -> list[tuple[float, Real, Real]]:
         """Misfit, shares of the effect's bounds and moves of the base's unknowns, by secants from ``shape``.
 
-        One look for each combination of the senses in which parameters can go: gaps that open and gaps that close are
+        One probe for each combination of the senses in which parameters can go: gaps that open and gaps that close are
         two effects.
         """
         base, sides = self.base.unknowns, []
@@ -208,7 +208,7 @@ class Screening:
 
         misfit_of = screening._of_ripple(effect)
 
-        def look(size: float, wave: float, phases: int) -> tuple[float, Vector]:
+        def probe(size: float, wave: float, phases: int) -> tuple[float, Vector]:
             neighbours = []
             for phase in 2 * np.pi * np.arange(phases) / phases:
                 values = np.array([size * np.cos(phase), size * np.sin(phase), wave])
@@ -217,12 +217,12 @@ class Screening:
                 neighbours.append((misfit_of(shares), start))
             return min(neighbours, key=lambda evaluation: evaluation[0])
 
-        coarse = [min(look(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]
-        looks = [look(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
-        misfit = np.array([np.inf, *(evaluation[0] for evaluation in looks), np.inf])
+        coarse = [min(probe(share * size, wave, 2)[0] for wave in waves[::COARSER]) for share in SIZES]
+        probes = [probe(SIZES[int(np.argmin(coarse))] * size, wave, WAVE_PHASES) for wave in waves]
+        misfit = np.array([np.inf, *(evaluation[0] for evaluation in probes), np.inf])
         is_minimum = (misfit[1:-1] <= misfit[:-2]) & (misfit[1:-1] < misfit[2:])
         best = sorted(
-            (evaluation for evaluation, minimum in zip(looks, is_minimum, strict=True) if minimum),
+            (evaluation for evaluation, minimum in zip(probes, is_minimum, strict=True) if minimum),
             key=lambda evaluation: evaluation[0],
         )[:PERIODS]
         fits = [self.fitter.fit(model, self.cells, start, PERIOD_STEPS, self.base) for _, start in best]
@@ -244,16 +244,16 @@ def _ring(zero: Real, grows: Truth) -> list[Real]:
 
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:
     """Promises of effects over the bases, misfits in shares of the first base's; of those that have an equilibrium."""
-    looks = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
+    screenings = [Screening(fitter, cells, base, bases[0].sigma) for base in bases if np.isfinite(base.cost)]
     promises = {}
     for effect in effects:
-        centre_looks = looks[:1] if effect.starts == PERIODIC else looks
+        screenings_of_effect = screenings[:1] if effect.starts == PERIODIC else screenings
         ranked = sorted(
-            (ranked_start for look in centre_looks for ranked_start in look.starts(effect)),
+            (ranked_start for screening in screenings_of_effect for ranked_start in screening.starts(effect)),
             key=lambda ranked_start: ranked_start[0],
         )
         if ranked:
             least_misfit = ranked[0][0]
             rivals = [start for misfit, start in ranked[:STARTS] if misfit <= RIVAL * least_misfit]
-            promises[effect.name] = Promise(least_misfit / looks[0].nothing, tuple(rivals))
+            promises[effect.name] = Promise(least_misfit / screenings[0].nothing, tuple(rivals))
     return promises

@@ -79,13 +79,13 @@ class Equilibria:
         """Samples (axis 0) or torques (axis 1) of all parts, one part after the other."""
         return cls(**{name: np.concatenate([vars(part)[name] for part in parts], axis) for name in vars(parts[0])})
 
-    def __getitem__(self, place: Any) -> "Equilibria":
+    def __getitem__(self, index: Any) -> "Equilibria":
         """Some samples, and torques, as of an array (n, n_torques)."""
-        return Equilibria(**{name: values[place] for name, values in vars(self).items()})
+        return Equilibria(**{name: values[index] for name, values in vars(self).items()})
 
-    def __setitem__(self, place: Any, solved: "Equilibria") -> None:
+    def __setitem__(self, index: Any, solved: "Equilibria") -> None:
         for name, values in vars(self).items():
-            values[place] = vars(solved)[name]
+            values[index] = vars(solved)[name]
 
 
 @algebraic_part
