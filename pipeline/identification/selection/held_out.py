@@ -25,6 +25,9 @@ Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
 STAGES = ("declared", "recalibrated", "after")
+SINGLE_GROUPS, FEWEST_FOLDS = 6, 3
+"""Positions (or cycles) up to which each is left out by itself; more are left out in so many lots, spread evenly over
+them, so that the time grows as the rows do."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,8 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
     Parameters
     ----------
     selection : on the cells ``visible`` (n_cells,); where these are not all, the others are held out. Else whole
-        positions are left out in turn, or whole cycles of a single position. One loop alone is predicted in sample.
+        positions are left out, or whole cycles of a single position (``splits_of``). One loop alone is predicted in
+        sample.
     nested : choose the model anew in every fold that has enough branches; else each fold refits the one chosen.
     """
     fitter = selector.fitter
@@ -125,13 +129,18 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
-    """Training and judged cells (n_cells,) of every fold; both are the same where nothing is held out."""
+    """Training and judged cells (n_cells,) of every fold; both are the same where nothing is held out.
+
+    A fold leaves out a position (or a cycle of a single one), or of more than ``SINGLE_GROUPS`` every third.
+    """
     group = groups(data, visible)
     if not np.all(visible):
         return [(visible, ~visible)]
-    if len(np.unique(group)) == 1:
+    numbers, rank = np.unique(group, return_inverse=True)
+    if len(numbers) == 1:
         return [(visible, visible)]
-    return [(group != number, group == number) for number in np.unique(group)]
+    lot = rank if len(numbers) <= SINGLE_GROUPS else rank % FEWEST_FOLDS
+    return [(lot != number, lot == number) for number in np.unique(lot)]
 
 
 def _fold(selector: Selector, selection: Selection, training: Truth, nested: bool) -> tuple[Fit, Fit, Fit]:

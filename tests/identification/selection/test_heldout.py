@@ -15,6 +15,7 @@ from pipeline.identification.selection.cross_validation import (
     block_losses,
     trial,
 )
+from pipeline.identification.selection.held_out import splits_of
 
 DATA = linear_data(positions=3, cells=6)
 TIGHT = (0.05, 0.2)
@@ -54,6 +55,19 @@ def dense(fitter, fit, prior, is_left_out):
     expected_losses = np.linalg.solve(np.diag(data.sigma[is_left_out] ** 2) + spread, residuals)
     assert len(current) == len(step)
     return residuals @ expected_losses / is_left_out.sum()
+
+
+@pytest.mark.parametrize(
+    ("positions", "lots"), [(2, [[0], [1]]), (6, [[k] for k in range(6)]), (7, [[0, 3, 6], [1, 4], [2, 5]])]
+)
+def test_many_positions_are_left_out_in_lots_that_hold_each_once(positions, lots):
+    data = linear_data(positions=positions, cells=6)
+    everything = np.ones(len(data), bool)
+    splits = splits_of(data, everything)
+    assert [np.unique(data.position[judged]).tolist() for _, judged in splits] == lots
+    assert all(np.array_equal(training, ~judged) for training, judged in splits)
+    first = data.position == 0
+    assert [mask.tolist() for mask in splits_of(data, first)[0]] == [first.tolist(), (~first).tolist()]
 
 
 @pytest.mark.parametrize("n_modes", [0, 2])
