@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Problem, limit_cases
 from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE
+from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, determined
 from pipeline.statistics.blocks import confidence_set, max_t
 
 Real = NDArray[np.float64]
@@ -98,10 +99,12 @@ class Judge:
 
     Attributes
     ----------
+    fitter : that fitted them.
     problem : whose cells and tolerances they are of.
     most_effects : that a description may have.
     """
 
+    fitter: Fitter
     problem: Problem
     most_effects: int
 
@@ -135,7 +138,7 @@ class Judge:
         best = self._best(survivors, trials, self.most_effects)
         claimed = best if best and trials[best].fit.model.n_effects <= MOST_NAMED else ""
         claimed = claimed or self._best(survivors, trials, MOST_NAMED)
-        members = self._members(best, survivors, trials, cells) if best else ()
+        members = self._members(best, survivors, trials, cells, selection.base.rms) if best else ()
         return replace(selection, survivors=survivors, best=best, claimed=claimed, members=members)
 
     def _best(self, survivors: Sequence[str], trials: Mapping[str, Trial], most_effects: int) -> str:
@@ -164,9 +167,12 @@ class Judge:
         return bool(of_use and (p[0] <= FAMILYWISE or not claimed))
 
     def _members(
-        self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth
+        self, best: str, survivors: Sequence[str], trials: Mapping[str, Trial], cells: Truth, base_rms: float
     ) -> tuple[str, ...]:
-        """The best and those of the confidence set whose predictions over the cells differ by less than the floor."""
+        """The best and those of the confidence set whose predictions over the cells differ by less than the floor.
+
+        A model beside its limit case is one of them where the data leave open how far from the limit it is.
+        """
         rivals = [name for name in survivors if trials[name].fit.model.n_effects == trials[best].fit.model.n_effects]
         data = self.problem.data
         _, block_start = np.unique(data.block[cells], return_index=True)
@@ -182,7 +188,13 @@ class Judge:
                 (is_member or misfit_excess < _alike(trials[best])) and np.sqrt(np.mean(standardised_difference**2)) < 1
             ):
                 members.append(name)
-        return tuple(name for name in members if _simplest(name) == name or _simplest(name) not in members)
+        return tuple(
+            name
+            for name in members
+            if _simplest(name) not in members
+            or _simplest(name) == name
+            or not determined(self.fitter, trials[name].fit, cells, base_rms)
+        )
 
 
 def stands_for(name: str, goal: str, trials: Mapping[str, Trial]) -> bool:

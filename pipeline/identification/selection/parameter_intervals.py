@@ -141,19 +141,42 @@ def _covariance(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float) -> Real
 def _form(fitter: Fitter, fit: Fit, hessian: Real, n_blocks: int, cells: Truth, base_rms: float) -> Real:
     """Covariance (n_unknowns, n_unknowns) by the form of the model.
 
-    A share FORM of its own size for what grows with an effect; and an error of any shape, alike in a branch and
-    independent between branches, of the size that a share FORM of all that is explained has, or less: most of it would
-    be left in the residual.
+    A share FORM of its own size for what grows with an effect; and an error of any shape (``form_variance``), as if the
+    data held all that priors do.
     """
-    data = fitter.problem.data
-    reduced_chi_square = np.mean(((data.angle - fit.predicted) / data.sigma)[cells] ** 2)
-    shape = min((FORM * base_rms) ** 2, max(float(reduced_chi_square), STRUCTURE**2) - 1)
-    covariance = shape * int(cells.sum()) / n_blocks * np.linalg.inv(hessian)
+    covariance = form_variance(fitter, fit, n_blocks, cells, base_rms) * np.linalg.inv(hessian)
     first_share = len(fit.unknowns.scales)
     for k, ((low, high), share) in enumerate(zip(fitter.bounds(fit.model), fit.unknowns.shares, strict=True)):
         if low <= 0 <= high:
             covariance[first_share + k, first_share + k] += (FORM * (share + low / (high - low))) ** 2
     return np.asarray(covariance, float)
+
+
+def form_variance(fitter: Fitter, fit: Fit, n_blocks: int, cells: Truth, explained_rms: float) -> float:
+    """How many times the noise moves a fit, the form of the model does, as a variance.
+
+    Of an error of any shape, alike in a branch and independent between branches, of the size that a share FORM of all
+    that is explained (``explained_rms`` [floors]) has, or less: most of it would be left in the residual.
+    """
+    data = fitter.problem.data
+    reduced_chi_square = np.mean(((data.angle - fit.predicted) / data.sigma)[cells] ** 2)
+    shape = min((FORM * explained_rms) ** 2, max(float(reduced_chi_square), STRUCTURE**2) - 1)
+    return float(shape * int(cells.sum()) / n_blocks)
+
+
+def determined(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float) -> bool:
+    """Whether no interval of an effect that has a limit case reaches an end of its parameter's bounds.
+
+    Else the data leave open how far from the limit it is.
+    """
+    low, high = _ends(fitter, fit, cells, base_rms)
+    start = 0
+    for effect in fit.model.effects:
+        columns = slice(start, start + len(effect.parameters))
+        start = columns.stop
+        if effect.limit_case and (np.any(low[columns] <= 0) or np.any(high[columns] >= 1)):
+            return False
+    return True
 
 
 def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int]:

@@ -11,8 +11,9 @@ from scipy.stats import chi2
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import SCALE_REACH, Fit
+from pipeline.identification.fitting.problem import Model
 from pipeline.identification.selection.cross_validation import Trial, trial
-from pipeline.identification.selection.parameter_intervals import score_steps, tails
+from pipeline.identification.selection.parameter_intervals import form_variance, score_steps, tails
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -97,14 +98,31 @@ def released(fitter: Fitter, candidate_trial: Trial, cells: Truth, stretch: floa
     return trial(fitter, fit, cells) if fit.sound and np.isfinite(fit.cost) else None
 
 
-def tolerance_share(fit: Fit) -> float:
+def tolerance_share(fitter: Fitter, fit: Fit, cells: Truth) -> float:
     """Share of the study's units whose tolerances lie as far from the usual unit as those fitted; 1 without any.
 
     Modes of the tolerances have unit variance, so their sum of squares is chi-square with as many degrees of freedom; a
-    fit only draws them towards zero.
+    fit only draws them towards zero. They take up what the form of the model misses too, of all of the declared model's
+    error that the fit explains: that widens what the modes of a unit may be fitted as.
     """
+    n_modes = len(fit.unknowns.modes)
+    if not n_modes:
+        return 1.0
+    _, hessian, n_blocks = score_steps(fitter, fit, cells)
+    step = np.linalg.inv(hessian)  # of the unknowns, by a slope of the sum of squares
+    of_data = hessian - np.diag(fitter.penalty(fit.unknowns) ** 2)
+    by_noise = (step @ of_data @ step)[-n_modes:, -n_modes:]
+    covariance = np.eye(n_modes) + form_variance(fitter, fit, n_blocks, cells, declared_rms(fitter, cells)) * by_noise
     modes = fit.unknowns.modes
-    return float(chi2.sf(np.sum(modes**2), len(modes))) if len(modes) else 1.0
+    return float(chi2.sf(modes @ np.linalg.solve(covariance, modes), n_modes))
+
+
+def declared_rms(fitter: Fitter, cells: Truth) -> float:
+    """Error of the declared model over ``cells`` (n_cells,), their offsets removed, in floors; nothing is fitted."""
+    data = fitter.problem.data
+    angle = fitter.predict(Model(), fitter.start(Model())).angle
+    error = (data.angle - angle - fitter.offsets(angle, cells, data.sigma)) / data.sigma
+    return float(np.sqrt(np.mean(error[cells] ** 2)))
 
 
 def implausible(numbers: Sequence[CalibratedNumber]) -> str:

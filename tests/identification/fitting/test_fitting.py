@@ -1,7 +1,6 @@
 """Fits: bounds and shares, offsets, scales and tolerances, and that nothing held out is looked at."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -22,7 +21,6 @@ from pipeline.identification.selection.recalibration import (
     calibrated_numbers,
     implausible,
     released,
-    tolerance_share,
 )
 from pipeline.model.effects import Conditions
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -176,12 +174,6 @@ def test_numbers_of_which_the_curve_shows_the_sum_alone_say_so(exact_unit):
     assert "its range alone holds it" in numbers[0].note
     assert numbers[1].note == "only a combination with output.roller_length_mm is determined"
     assert numbers[0].ci_high / numbers[0].ci_low > 0.8 * np.exp(np.ptp(exact_unit.scale_range[:, 0]))
-
-
-@pytest.mark.parametrize(("modes", "share"), [([0.0, 0.0], 1.0), ([3.0, 0.0], 0.0111), ([4.0, 4.0], 1.1e-7), ([], 1.0)])
-def test_sum_of_squares_of_the_modes_is_chi_square(exact_unit, modes, share):
-    fit = SimpleNamespace(unknowns=SimpleNamespace(modes=np.array(modes)))
-    assert tolerance_share(fit) == pytest.approx(share, rel=0.05)
 
 
 def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):

@@ -60,6 +60,16 @@ class LinearFitter:
     def centre(self, model, sample_like):
         return np.zeros(len(sample_like.flat))
 
+    def start(self, model):
+        """The declared drive: every unknown zero."""
+        return Vector(np.zeros(1), np.zeros(model.n_parameters), np.zeros(0))
+
+    def predict(self, model, unknowns):
+        return SimpleNamespace(angle=np.zeros(len(self.problem.data)))
+
+    def offsets(self, angle, cells, sigma):
+        return np.zeros(len(angle))
+
     def fit(self, model):
         """Least squares with the prior, as a ``Fit``."""
         data, width = self.problem.data, BOUNDS[1] - BOUNDS[0]

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, twins
-from pipeline.identification.selection import model_selection
+from pipeline.identification.selection import judgement, model_selection
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.judgement import ALIKE, FAMILYWISE, LEAST_GAIN, LEAST_SHARE, SET_LEVEL, Selection
 from pipeline.identification.selection.model_selection import Selector
@@ -26,6 +26,12 @@ LUCK = np.where(np.arange(BRANCHES * CYCLES) < 2, 10.0, 0.0)
 """Losses of two blocks: a model without them gains by chance."""
 
 
+@pytest.fixture(autouse=True)
+def parameters_known(monkeypatch):
+    """How far effects are from their limit cases, unless a test leaves it open."""
+    monkeypatch.setattr(judgement, "determined", lambda *_: True)
+
+
 def selector(cycles=CYCLES, most_effects=4, tolerated=(), refusal=MappingProxyType({})):
     """A selector that is asked to judge only."""
     data = SimpleNamespace(block=BLOCK, branch=BLOCK // cycles, sigma=np.full(len(BLOCK), SIGMA))
@@ -33,6 +39,7 @@ def selector(cycles=CYCLES, most_effects=4, tolerated=(), refusal=MappingProxyTy
     selector_made.problem = SimpleNamespace(data=data, within_tolerance=lambda model, _: model.name in tolerated)
     selector_made.most_effects = most_effects
     selector_made.testable = dict(candidates())
+    selector_made.fitter = None
     selector_made.why_no_claim = lambda candidate, *_: refusal.get(candidate.fit.model.name, "")
     return selector_made
 
@@ -167,7 +174,7 @@ def test_what_may_be_left_grows_with_what_was_explained(base):
 def members_of(best, losses, shifts=None, cycles=CYCLES):
     trials = trials_of(losses, shifts)
     survivors = sorted(trials, key=lambda name: trials[name].scores.mean())
-    return set(selector(cycles)._members(best, survivors, trials, EVERYTHING))
+    return set(selector(cycles)._members(best, survivors, trials, EVERYTHING, 3.0))
 
 
 def in_confidence_set(losses, cycles=CYCLES):
@@ -251,6 +258,13 @@ def test_an_effect_whose_simpler_form_does_as_well_is_no_alternative():
 def test_a_pair_whose_simpler_form_does_as_well_is_no_alternative():
     losses = {"coulomb+preload": 1.0, "preload+presliding": 0.99}
     assert members_of("coulomb+preload", losses) == {"coulomb+preload"}
+
+
+def test_a_model_whose_distance_from_its_limit_case_is_open_is_named_beside_it(monkeypatch):
+    monkeypatch.setattr(judgement, "determined", lambda *_: False)
+    losses = {"load_friction": 1.0, "directional_load_friction": 0.99, "preload": 1.0}
+    assert members_of("load_friction", losses) == set(losses)
+    assert members_of("load_friction", losses, {"directional_load_friction": 1.1}) == {"load_friction", "preload"}
 
 
 def test_only_models_of_as_many_effects_are_one_class():

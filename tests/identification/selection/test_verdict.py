@@ -148,7 +148,7 @@ def test_a_model_that_is_not_claimed_says_why():
 
 def unlikely(trial):
     """The trial with tolerances that no unit has."""
-    wide_end = replace(trial.fit.unknowns, modes=np.array([3.0, 3.0, 3.0]))
+    wide_end = replace(trial.fit.unknowns, modes=np.array([9.0, 9.0, 9.0]))
     return replace(
         trial, fit=replace(trial.fit, unknowns=wide_end, jacobian=np.pad(trial.fit.jacobian, ((0, 0), (0, 3))))
     )

@@ -64,8 +64,9 @@ class Verdict:
 
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
-    chosen, findings = selection.chosen, _beside(fitter, selection, cells)
-    possible = tolerance_share(chosen.fit) >= UNLIKELY
+    chosen = selection.chosen
+    share = tolerance_share(fitter, chosen.fit, cells)
+    possible, findings = share >= UNLIKELY, _beside(fitter, selection, cells, share)
     members = selection.members if possible else ()
     structured = chosen.rms > selection.limit or chosen.fit.model.n_effects > MOST_NAMED
     if structured:
@@ -92,10 +93,9 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     return Verdict(verdict, members, _traced(selection), parameters, numbers, tuple(findings), chosen.rms)
 
 
-def _beside(fitter: Fitter, selection: Selection, cells: Truth) -> list[str]:
-    """Findings beside the verdict: implausible tolerances, claims that are not supported, a refit that does as well."""
+def _beside(fitter: Fitter, selection: Selection, cells: Truth, share: float) -> list[str]:
+    """Findings beside the verdict: tolerances that a small ``share`` of units has, unsupported claims, other refits."""
     findings = []
-    share = tolerance_share(selection.chosen.fit)
     if share < UNLIKELY:
         findings.append(
             f"The tolerances that were not measured would have to lie where {share:.1g} of the study's units do"
