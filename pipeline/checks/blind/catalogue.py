@@ -159,7 +159,7 @@ def _study(base: Study, design: Design, name: str, scale: float, reduce: Mapping
     rng = np.random.default_rng([17, design.cycloid.pins])
     slots = 360 / CRANKS_A_DESIGN
     cranks = [round(slots * (k + float(rng.uniform(0.1, 0.9))), 1) for k in range(CRANKS_A_DESIGN)]
-    raw["cycle"] = {**raw["cycle"], "crank_deg": cranks}
+    raw["cycle"] = {key: value for key, value in raw["cycle"].items() if key != "loaded_angles"} | {"crank_deg": cranks}
     raw["samples"] = {**raw["samples"], "nominal_first": False, "count": 10**6}
     return {**raw, "title": f"Blind units of {name}", "design": name}
 
