@@ -84,6 +84,14 @@ def test_what_changed_is_named_with_its_sign_and_size(tmp_path, changes, words, 
     assert [change.kinds[0].name for change in result.named] == [kind]
 
 
+def test_the_interval_of_a_change_that_all_positions_agree_upon_holds_what_the_model_misses(tmp_path, monkeypatch):
+    monkeypatch.setitem(DRIVE, "ripple", 0.0)
+    change = pair(tmp_path, {"friction": 0.5}, mounting=0.0).found.named[0]
+    scatter = change.by_position.std(ddof=1)
+    assert abs(change.mean[0] - 0.3) > 4 * scatter  # positions alike do not say what play with soft ends adds
+    assert change.low[0] < 0.3 < change.high[0] < 0.36
+
+
 def test_where_nothing_changed_nothing_is_named(tmp_path):
     verdicts = [pair(tmp_path / str(seed), {}, seed=seed).found.verdict for seed in range(4)]
     assert verdicts.count(NOTHING) >= 3

@@ -15,11 +15,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.pairing import Pair
 from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
+from pipeline.identification.selection.parameter_intervals import FORM
 
 Real = NDArray[np.float64]
 
@@ -110,7 +112,8 @@ class Change:
     ----------
     kinds : what changes.
     by_position : (n_positions, n_kinds)
-    mean, low, high : (n_kinds,) with the 95 % interval of the scatter over positions; NaN with too few of them.
+    mean, low, high : (n_kinds,) with the 95 % interval of the scatter over positions and of the model's form; NaN with
+        too few positions.
     p : (n_kinds,) of no change, each kind by itself.
     without, held_out : at each position what is put into the drive: nothing, and the mean change of the others; with
         what mounting may have changed beside it, fitted there.
@@ -156,7 +159,7 @@ class Change:
 
     @property
     def likely(self) -> bool:
-        """Whether its interval, by itself, does not reach zero."""
+        """Whether the scatter over the positions, by itself, does not explain it."""
         return bool(np.all(self.p < 1 - CONFIDENCE))
 
     @property
@@ -185,7 +188,8 @@ def judged(
     low = high = p = np.full(len(kinds), np.nan)
     if n >= FEWEST_POSITIONS:
         spread = np.maximum(estimates.std(axis=0, ddof=1) / np.sqrt(n), 1e-12)
-        reach = student.ppf(0.5 + CONFIDENCE / 2, n - 1) * spread
+        quantile = 0.5 + CONFIDENCE / 2
+        reach = np.hypot(student.ppf(quantile, n - 1) * spread, norm.ppf(quantile) * FORM * np.abs(mean))
         low, high, p = mean - reach, mean + reach, 2 * student.sf(np.abs(mean) / spread, n - 1)
     error_without, held_out = [], []
     for model, single in zip(models, estimates, strict=True):
@@ -259,8 +263,8 @@ def compared(pairs: Sequence[Pair]) -> Comparison:
 
     Notes
     -----
-    All kinds are fitted to each position together, since mounting scatters each: those are named whose intervals do not
-    reach zero, all tests counted (Bonferroni), and that help where the others are free to differ. Where these loops do
+    All kinds are fitted to each position together, since mounting scatters each: those are named that the scatter does
+    not explain, all tests counted (Bonferroni), and that help where the others are free to differ. Where these loops do
     not part the kinds none does; then each is tried alone, and every one that is sure, all tests counted, is named,
     unless the best is better over the positions. A change that is likely by itself alone is told and not named: of
     eight tests at 5 % each one in seven pairs without a change has such a one.

@@ -28,7 +28,7 @@ CHANGES = Table(
         Column("title", "label", "", "of the number that differs"),
         Column("unit", "label", "", "of change and interval"),
         Column("change", "float64", "see unit", "mean over the positions, second state less first"),
-        Column("ci_low", "float64", "see unit", "lower end of the 95 % interval over positions; null: too few of them"),
+        Column("ci_low", "float64", "see unit", "lower end of the 95 % interval; null: too few positions"),
         Column("ci_high", "float64", "see unit", "upper end"),
         Column("p", "float64", "1", "of no change, this kind by itself"),
         Column("held_out_share", "float64", "1", "held-out rms of the difference, in that of no change"),
