@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from reducers import PAPER, SMALL, laws_of, reducer_at
+from reducers import PAPER, SMALL, laws_of, pins_in_holes, reducer_at
 
-from pipeline.config.mechanisms.pin_in_hole import PinInHole
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import nominal_reducer
 from pipeline.model.metrics.turn import RunningConditions, TurnReadings, turn_library
@@ -36,15 +35,7 @@ def test_sliding_at_the_pins_by_finite_differences_of_the_exact_motion(profile):
 
 
 def test_sliding_in_the_holes_by_finite_differences_of_the_exact_motion():
-    mechanism = PinInHole(
-        mechanism="pin_in_hole",
-        pins=6,
-        pin_radius_mm=0.6,
-        pin_circle_radius_mm=5.0,
-        pin_material="steel",
-        hole_clearance_um=0.0,
-        phase_deg=20.0,
-    )
+    mechanism = pins_in_holes(SMALL, 6, phase_deg=20.0)
     step, crank = 1e-6, 0.7
     reducer = nominal_reducer(SMALL, mechanism, crank)
     holes = reducer.contacts.hole >= 0

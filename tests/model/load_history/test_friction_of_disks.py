@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drives import LINEAR, drive_with
-from reducers import SMALL, STEEL, random_compliance
+from reducers import SMALL, STEEL, pins_in_holes, random_compliance
 
-from pipeline.config.mechanisms.pin_in_hole import PinInHole
 from pipeline.model.contact.friction_elements import pin_sliders
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
@@ -16,15 +15,7 @@ from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 
 RATED = 12000.0  # [N mm]
-OUTPUT = PinInHole(
-    mechanism="pin_in_hole",
-    pins=6,
-    pin_radius_mm=0.6,
-    pin_circle_radius_mm=5.0,
-    pin_material="steel",
-    hole_clearance_um=0.0,
-    phase_deg=23.0,
-)
+OUTPUT = pins_in_holes(SMALL, 6, phase_deg=23.0)
 
 
 def equal_disks(reducer):
