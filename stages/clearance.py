@@ -9,7 +9,7 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Chunk, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.geometry.rigid_backlash import RigidPlay, rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import UM_PER_MM

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.model.geometry.clearance import gaps
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.sampling import draw, replicates
 from pipeline.statistics import Estimate, distribution, pass_share

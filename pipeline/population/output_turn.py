@@ -22,7 +22,7 @@ from pipeline.model.geometry.clearance import after_turns
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.drawn_flank import deviation_table
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.response import respond
 from pipeline.model.turn.held_torque import bearing_force, held_forces
 from pipeline.model.units import ARCMIN

@@ -9,7 +9,7 @@ from reducers import PAPER, SMALL, errors_of, reducer_at
 
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.finite_rotation import exact_disk_play
-from pipeline.model.geometry.rigid_backlash import separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 from pipeline.model.metrics import Definitions

@@ -14,7 +14,7 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.study import Drivers
 from pipeline.model.geometry.clearance import gaps
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.sampling import draw, draw_mixed, error_groups, oval_shift
 from pipeline.statistics.variance_indices import variance_indices
 

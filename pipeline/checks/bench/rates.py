@@ -17,7 +17,7 @@ from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.geometry.rigid_backlash import RigidPlay, rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import RigidPlay, rigid_play
 from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw
 from stages import hysteresis

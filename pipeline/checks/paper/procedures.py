@@ -18,7 +18,7 @@ from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Bearing, Reducer
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NM_PER_NMM
 

@@ -14,7 +14,7 @@ from pipeline.checks.paper.tables import Tables
 from pipeline.config import Study
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.rigid_backlash import separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.sampling import draw
 

@@ -12,7 +12,7 @@ from pipeline.checks.verify.geometry import flank_distance
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real, disk_rotation
 from pipeline.model.geometry.flank_modification import FlankModification
-from pipeline.model.geometry.rigid_backlash import separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 CRANKS = 16
 """Crank angles of a turn at which distances are compared."""

@@ -12,7 +12,7 @@ from pipeline.config.designs.design import Design
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.geometry.rigid_backlash import general_play, separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
 
 SAMPLES = 6
 """Random units; each costs a search of some seconds."""

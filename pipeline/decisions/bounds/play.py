@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.decisions.bounds.box import Box, climbed
 from pipeline.decisions.bounds.largest_play import largest_play
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN, UM_PER_MM
 from pipeline.mounting import drive_of

@@ -8,7 +8,7 @@ from pipeline.model.equilibrium.loaded_start import loaded_poses
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
-from pipeline.model.geometry.rigid_backlash import rigid_play, separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play, separated_play
 from pipeline.model.load_history.drive import Drive
 
 NO_LOAD = 1e-5

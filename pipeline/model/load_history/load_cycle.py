@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.backbone import first_poses
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN as ARCMIN

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.rigid_backlash import ARM_FLOOR, rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR, rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.metrics import Definitions, LoopReadings
 from pipeline.model.units import ARCMIN, NMM_PER_NM

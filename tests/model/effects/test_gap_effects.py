@@ -10,7 +10,7 @@ from reducers import MICROMETRE, SMALL
 
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import gaps
-from pipeline.model.geometry.rigid_backlash import general_play, separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
 from pipeline.model.load_history.backbone import backbone
 
 

@@ -13,7 +13,7 @@ from pipeline.config.mechanisms.pin_in_hole import Bending, Bush
 from pipeline.model.contact.laws import Material
 from pipeline.model.elastic.beam import pin_flexibility
 from pipeline.model.geometry.contacts import OUTPUT
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 

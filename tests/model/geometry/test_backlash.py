@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from reducers import ARCMIN, PAPER, SMALL, reducer_at
 from scipy.optimize import linprog
 
-from pipeline.model.geometry import disc_program
-from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
+from pipeline.model.geometry.rigid_play import disc_program
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
 
 PLATES = pytest.mark.parametrize("floats", [False, True], ids=["rotates", "floats"])
 CRANK = 0.37

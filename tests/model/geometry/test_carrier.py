@@ -14,8 +14,8 @@ from pipeline.model.contact.line_laws import library
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
-from pipeline.model.geometry.rigid_backlash import general_play, rigid_play
-from pipeline.model.geometry.vertex_program import optimal_points
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play
+from pipeline.model.geometry.rigid_play.vertex_program import optimal_points
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 
 PROFILE = CycloidProfile(pins=40, pin_circle_radius=77.5, pin_radius=4.0, eccentricity=1.5)

@@ -10,7 +10,7 @@ from reducers import ARCMIN, MICROMETRE, PAPER, SMALL, errors_of, random_errors,
 
 from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps, gaps, pin_lobes
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
-from pipeline.model.geometry.rigid_backlash import separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 METHODS = {"exact": exact_gaps, "first_order": first_order_gaps}
 PROFILES = pytest.mark.parametrize("profile", [PAPER, SMALL], ids=["paper", "small"])

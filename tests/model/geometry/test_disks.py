@@ -13,7 +13,7 @@ from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
-from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.backbone import first_poses
 
 EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)

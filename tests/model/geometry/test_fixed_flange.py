@@ -12,7 +12,7 @@ from pipeline.config.designs.cycloid import Cycloid
 from pipeline.model.contact.friction_elements import pin_sliders
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.reducer import Bearing, with_fixed_flange
-from pipeline.model.geometry.rigid_backlash import general_play, rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.model.load_history.winkler import secant_compliance, winkler_readings
 from pipeline.model.metrics import Definitions

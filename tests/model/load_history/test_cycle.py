@@ -10,7 +10,7 @@ from reducers import ARCMIN, PAPER, SMALL, laws_of, random_compliance, random_er
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.reducer import Bearing
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions, library

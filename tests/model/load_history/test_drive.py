@@ -8,7 +8,7 @@ from drives import LINEAR, RATED, small_drive
 from reducers import MICROMETRE
 
 from pipeline.model.geometry.reducer import Bearing
-from pipeline.model.geometry.rigid_backlash import general_play, rigid_play, separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history import backbone as frictionless_curve
 from pipeline.model.load_history.backbone import NO_LOAD, backbone, first_poses, torque_levels
 

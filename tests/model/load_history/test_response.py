@@ -12,7 +12,7 @@ from reducers import MICROMETRE
 from pipeline.model.contact.friction_elements import load_slider, output_sliders, pin_sliders
 from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.reducer import Bearing
-from pipeline.model.geometry.rigid_backlash import general_play, rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play
 from pipeline.model.load_history.drive import Creep
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond

@@ -15,7 +15,7 @@ from pipeline.model.contact.friction_elements import load_slider, output_sliders
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.finite_rotation import exact_disk_play, gaps_after_rotation
-from pipeline.model.geometry.rigid_backlash import separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.model.load_history import validity
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond

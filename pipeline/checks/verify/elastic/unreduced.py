@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 from pipeline.checks.specimen import Specimen
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 
 BALANCED = 1e-11
 """Largest force left over on a freedom, over the largest load on one, at which a load step is solved."""

@@ -21,7 +21,7 @@ from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
-from pipeline.model.geometry.rigid_backlash import general_play, separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
 from pipeline.model.load_history.backbone import first_poses
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import MM_PER_UM

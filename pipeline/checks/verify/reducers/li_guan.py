@@ -13,7 +13,7 @@ from pipeline.config import Study, load_study
 from pipeline.model.equilibrium.solve import ElasticReducer, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.rigid_backlash import rigid_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.units import NMM_PER_NM
 
 ROOT = Path(__file__).parents[4]

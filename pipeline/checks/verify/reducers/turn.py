@@ -10,7 +10,7 @@ from pipeline.checks.specimen import Specimen
 from pipeline.checks.verify.findings import Finding, compared, relative, vanishing
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.geometry.rigid_backlash import separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 from pipeline.population.output_turn import PHASES, TurnedDisk
 from pipeline.sampling import draw
 
