@@ -7,13 +7,15 @@ import pandas as pd
 
 from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
+from pipeline.engine.forked import forked_calls
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
+from pipeline.figures.style import save
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawings import drawings
 from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
-from pipeline.report.layout.pictures import Picture, drawn_picture
+from pipeline.report.layout.pictures import Picture, written_picture
 from pipeline.report.page import TableNote, report_page
 from stages.aggregate import AGGREGATE
 from stages.clearance import CLEARANCE
@@ -86,10 +88,12 @@ def _frames(job: Job) -> Frames:
 
 def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
     """The figures, written into the stage's folder."""
-    pictures = {
-        drawing.name: drawn_picture(drawing.figure, drawing.title, drawing.caption, job.path(f"figures/{drawing.name}"))
-        for drawing in drawings(frames)
-    }
+    texts = {}
+    with forked_calls(job.jobs) as call:
+        for drawing in drawings(frames):
+            call(save, drawing.figure, job.path(f"figures/{drawing.name}"))
+            texts[drawing.name] = drawing.title, drawing.caption
+    pictures = {name: written_picture(*text, job.path(f"figures/{name}")) for name, text in texts.items()}
     if job.study.reduce.disk == "rigid":
         return pictures
     for suffix in ("png", "svg"):

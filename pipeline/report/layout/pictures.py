@@ -28,6 +28,11 @@ def drawn_picture(figure: Figure, title: str, caption: str, stem: Path) -> Pictu
     """The figure for a page, written as ``stem``.png and ``stem``.svg too."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     save(figure, stem)
+    return written_picture(title, caption, stem)
+
+
+def written_picture(title: str, caption: str, stem: Path) -> Picture:
+    """The figure for a page that was written as ``stem``.svg."""
     return Picture(title, caption, stem.with_suffix(".svg").read_bytes())
 
 
