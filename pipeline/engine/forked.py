@@ -13,6 +13,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
+PATIENCE = 60.0
+"""How long forks may still take when all calls are made [s]: each is work of tenths of a second. A fork can inherit
+a lock that no thread of its own will ever release."""
+
 
 class Call(Protocol):
     """Makes a call, here or in a fork."""
@@ -22,16 +26,18 @@ class Call(Protocol):
 
 
 @contextmanager
-def forked_calls(jobs: int) -> Iterator[Call]:
+def forked_calls(jobs: int, patience: float = PATIENCE) -> Iterator[Call]:
     """Within it calls are made in at most ``jobs`` processes, this one among them; after it all of them are finished.
 
-    A call that fails in a fork, or whose fork is ended from outside, is made once more here and tells its own error: it
-    must bear that. What it changes in memory is lost.
+    A call that fails in a fork, or whose fork is ended from outside or never ends, is made once more here and tells its
+    own error: it must bear that. What it changes in memory is lost.
 
     Parameters
     ----------
     jobs : int
         Processes; with one every call is made in this one.
+    patience : float
+        Time after which a fork that has not ended is killed [s].
     """
     forks: list[tuple[Any, Callable[..., None], tuple[Any, ...]]] = []
     most = jobs - 1 if sys.platform == "linux" else 0
@@ -42,6 +48,8 @@ def forked_calls(jobs: int) -> Iterator[Call]:
             process, function, arguments = fork
             if running and process.is_alive():
                 continue
+            process.join(patience)
+            process.kill()
             process.join()
             forks.remove(fork)
             if process.exitcode:

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,15 @@ def test_what_a_killed_fork_owed_is_done_here(tmp_path: Path) -> None:
         for number in range(2):
             call(die_in_a_fork, tmp_path / str(number))
     assert [(tmp_path / str(number)).read_text() for number in range(2)] == [str(HERE)] * 2
+
+
+@FORKS
+def test_what_a_fork_that_never_ends_owed_is_done_here(tmp_path: Path) -> None:
+    def hang_in_a_fork(path: Path) -> None:
+        if os.getpid() != HERE:
+            time.sleep(600)
+        write_process(path)
+
+    with forked_calls(2, patience=0.1) as call:
+        call(hang_in_a_fork, tmp_path / "file")
+    assert (tmp_path / "file").read_text() == str(HERE)
