@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from pipeline.model.compiled import algebraic_part
 from pipeline.model.geometry.cycloid_profile import Index, Real
@@ -37,12 +36,11 @@ def coupled_blocks(compliance: Real) -> Blocks:
     """Blocks of the contacts that a ``compliance`` (n_contacts, n_contacts) [mm/N] couples."""
     n, self_compliance = len(compliance), np.diag(compliance)
     coupled, elastic = compliance != 0.0, self_compliance > 0.0
-    one_body = not np.any(elastic) or np.any(np.all(coupled[:, elastic], axis=1))  # seen without a search
-    component = np.zeros(n, int) if one_body else connected_components(coupled, directed=False)[1]
+    component = _first_coupled(coupled)
     of_bodies = np.unique(component[elastic])
     if len(of_bodies) < 2:
         return Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance.copy())
-    rank = np.where(self_compliance == 0.0, n, component)  # components are numbered by their first contacts
+    rank = np.where(elastic, component, n)
     order = np.argsort(rank, kind="stable")
     bounds = np.concatenate([np.searchsorted(rank[order], of_bodies), [n]])
     ranges = np.column_stack([bounds[:-1], bounds[1:]])
@@ -51,6 +49,16 @@ def coupled_blocks(compliance: Real) -> Blocks:
         rows = order[start:end]
         block_values[start:end, : end - start] = compliance[np.ix_(rows, rows)]
     return Blocks(order, ranges, block_values, self_compliance[order])
+
+
+def _first_coupled(coupled: np.ndarray) -> Index:
+    """The first contact that each is ``coupled`` (n_contacts, n_contacts) to, by way of others too; itself if none."""
+    first = np.arange(len(coupled))
+    while True:
+        spread = np.minimum(np.where(coupled, first, len(first)).min(axis=1, initial=len(first)), first)
+        if np.array_equal(spread, first):
+            return first
+        first = spread
 
 
 class Part(NamedTuple):

@@ -106,12 +106,18 @@ def _close_penetrated(system, work):
 @algebraic_part
 def advance(system, length, work):
     """Add a share of the step to the active forces; a contact that would pull opens, and closes again if penetrated."""
-    force = work.force
+    force, opened = work.force, 0
     for b in range(count(work.active)):
         part = part_of(work.active, work, b)
-        active, miss = part.active, part.miss
-        for j in range(work.sizes[b, 0]):
-            force[active[j]] = max(force[active[j]] + length * miss[j], 0.0)
+        active, miss, n = part.active, part.miss, work.sizes[b, 0]
+        for j in range(n):
+            stepped = max(force[active[j]] + length * miss[j], 0.0)
+            force[active[j]] = stepped
+            opened += stepped == 0.0
+    if opened == 0:
+        return
+    for b in range(count(work.active)):
+        active = part_of(work.active, work, b).active
         for p in range(work.sizes[b, 0] - 1, -1, -1):
             if force[active[p]] == 0.0:
                 _deactivate(system, b, p, work)

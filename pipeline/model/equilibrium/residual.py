@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.model.compiled import algebraic_part, merged_part
-from pipeline.model.equilibrium.blocks import count, deflections_of, part_of
+from pipeline.model.equilibrium.blocks import count, deflections_of, moves, part_of
 from pipeline.model.equilibrium.return_mapping import resist
 from pipeline.model.geometry.cycloid_profile import Index, Real
 
@@ -17,6 +17,11 @@ EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
 """Place and bias of the exponent in a double (IEEE 754)."""
 FRACTION, ONE = (1 << 52) - 1, 1023 << 52
 """Parts of a binary number of 64 bits, and the bits of 1.0."""
+
+
+IDLE = 1e-6
+"""Share of the torque below which a body carries nothing: what is unbalanced of it is told as a share of that. A disk
+that others leave without load has a force of rounding alone, all of which is unbalanced."""
 
 
 class Friction(NamedTuple):
@@ -57,6 +62,7 @@ class System(NamedTuple):
     power: Real
     exponent: Real
     limit: Real
+    arm: Real  # (n_motions,) largest entry of contact_jacobian of a motion
     output: int  # motion on which the torque acts
     planar: bool  # whether bearings hold the disks' translations, which are the first motions
     bearings: int  # input bearings, one a disk
@@ -298,8 +304,8 @@ def misfit(system, work):
 
 @algebraic_part
 def imbalance(system, friction, torque, work):
-    """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms."""
-    force, balance, relative = work.force, work.balance, 0.0
+    """What is unbalanced of every rigid motion; returns the largest share of the sum of its terms, or of ``IDLE``."""
+    force, balance, relative, idle = work.force, work.balance, 0.0, IDLE * abs(torque) / system.arm[system.output]
     for d in range(balance.shape[0]):
         total = -torque if d == system.output else 0.0
         if system.planar and d < 2 * work.thrust.shape[0]:
@@ -307,6 +313,8 @@ def imbalance(system, friction, torque, work):
         scale = abs(total)
         row = system.contact_jacobian[d]
         for b in range(count(work.active)):
+            if not moves(work.active, system.moving[b], d):
+                continue
             active = part_of(work.active, work, b).active
             for j in range(work.sizes[b, 0]):
                 term = row[active[j]] * force[active[j]]
@@ -319,7 +327,7 @@ def imbalance(system, friction, torque, work):
                 total += term
                 scale += abs(term)
         balance[d] = total
-        relative = max(relative, abs(total) / max(scale, 1e-300))
+        relative = max(relative, abs(total) / max(scale, idle * system.arm[d], 1e-300))
     return relative
 
 

@@ -39,6 +39,10 @@ LARGEST_RISE = 2.5
 """Ratio of a load step's torque to the last one's, or its inverse, beyond which steps are put in between: contacts
 close and open one by one."""
 
+ROUNDED = 1e-15
+"""Share of the force that carries the torque at the longest arm below which a force is rounding: a disk that carries
+nothing touches with 1e-20 of it."""
+
 
 @dataclass(frozen=True)
 class ElasticReducer:
@@ -138,13 +142,13 @@ def _stations(torques, t):
 
 
 @algebraic_part
-def _keep(work, t, motion, force):
-    """Keep the solved step of a sample, and count the steps that have had its contacts."""
+def _keep(work, t, rounding, motion, force):
+    """Keep the solved step of a sample, forces of ``rounding`` as zero; count the steps that have had its contacts."""
     for d in range(motion.shape[1]):
         motion[t, d] = work.motion[d]
     n_changed = 0 if t > 0 else 1
     for i in range(force.shape[1]):
-        force[t, i] = work.force[i]
+        force[t, i] = work.force[i] if work.force[i] > rounding else 0.0
         if t > 0:
             n_changed += (force[t, i] > 0.0) != (force[t - 1, i] > 0.0)
     work.counts[0] = work.counts[0] + 1 if n_changed == 0 else 1
@@ -178,7 +182,7 @@ def _solve_batch(system, work, torques, gap, clearance, start, progress, motion,
             iterations[s, t] += n_updates
             if not residual[s, t] <= ACCEPTED:
                 return torque
-        _keep(work, t, motion[s], force[s])
+        _keep(work, t, ROUNDED * abs(torques[t]) / system.arm[system.output], motion[s], force[s])
         progress[1], progress[2] = t + 1, 0
     return None
 
@@ -193,7 +197,7 @@ def compile_solver() -> None:
     row, square, index = np.zeros(1), np.zeros((1, 1)), np.zeros(1, np.int64)
     system = System(
         *(square, square, row, np.zeros((1, 2), np.int64), index, np.zeros((1, 1), np.bool_)),
-        *(row, row, row, row, row),
+        *(row, row, row, row, row, row),
         output=0,
         planar=False,
         bearings=1,
@@ -225,6 +229,7 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
         np.repeat(np.arange(len(blocks.ranges)), np.diff(blocks.ranges)[:, 0]),
         np.array([np.any(jacobian[:, block_start:end], axis=1) for block_start, end in blocks.ranges]),
         *(ordered.linear, ordered.logarithmic, ordered.power, ordered.exponent, ordered.force_limit),
+        np.max(np.abs(jacobian), axis=1),
         reducer.output_motion - eliminated,
         reducer.centred and not linear,
         reducer.n_disks,
@@ -294,7 +299,7 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
         n_updates, residual[s, t] = solved_afresh(system, None, unsolved, ordered_gap[s], clearance[s], work)
         iterations[s, t] += n_updates
     if len(system.blocks) > 1:
-        force = force[..., np.argsort(order)]
+        force = np.take(force, np.argsort(order), axis=2)  # in C order, which an index with ... does not leave
     if linear:
         motion = np.concatenate([-force @ reducer.planar / bearing.stiffness, motion], axis=2)
     residual[~np.all(np.isfinite(gap), axis=1)] = np.inf

@@ -251,6 +251,30 @@ def test_perfect_disks_carry_equal_shares_and_turn_as_one_does_under_its_share(p
         np.testing.assert_allclose(thrust, np.repeat(isolated.thrust(part.force)[0], disks, axis=1), rtol=1e-8)
 
 
+@pytest.mark.parametrize("disks", [2, 3])
+def test_a_disk_that_carries_nothing_is_let_go_without_another_start(disks, monkeypatch):
+    """Its contacts touch with rounding alone, none of which is balanced: that is no imbalance of the reducer."""
+    monkeypatch.setattr("pipeline.model.equilibrium.solve.solved_afresh", lambda *_: pytest.fail("started again"))
+    _, reducer = reducer_at(SMALL, 0.3, disks)
+    gap = np.where(reducer.disk_of_contact == 0, 0.0, 0.05)[None]
+    compliance = blocks(reducer)
+    drive = drive_with(SMALL, reducer, LINEAR, laws_of_disks(SMALL, reducer), compliance, gap, np.zeros(1))
+    torques = np.array([300.0, 900.0, 2000.0])
+    start = first_poses(drive, separated_play(reducer, gap).pose_plus, torques[0])
+    last_rotation = reducer.motions.index(f"disk {disks - 1}_phi")
+    idle = reducer.disk_of_contact == disks - 1
+    for pressed_in in (1e-3, 2e-2):  # the last disk's deepest contact [mm], at the start
+        turned = start.copy()
+        arm = reducer.contact_jacobian[idle, last_rotation]
+        depth = reducer.contact_jacobian[idle] @ start[0] - gap[0, idle]
+        turned[0, last_rotation] += np.min(((pressed_in - depth) / arm)[arm > 0.1])
+        states = drive.equilibria(turned, torques)
+        assert np.all(states.converged)
+        assert np.all(states.force[0][:, reducer.disk_of_contact != 0] == 0)
+        carried = states.force[0] @ reducer.contact_jacobian[:, reducer.output_motion]
+        np.testing.assert_allclose(carried, torques, rtol=1e-9)
+
+
 LOOSE = [(2e-3, 1.0), (0.0, 1.5), (2e-3, 1.5)]
 """Clearance [mm] and exponent of every bearing."""
 
