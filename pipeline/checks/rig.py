@@ -93,13 +93,14 @@ def thinned(path: Path, crank_angles: Sequence[float]) -> tuple[pd.DataFrame, fl
 def table(folders: Sequence[Path]) -> pd.DataFrame:
     """Held-out rms [arcmin] of each unit by the file ``verdict.json`` of its folder, and the medians in the last row.
 
-    Columns: unit, verdict, what is claimed, the best description (claimed or not), and the three baselines.
+    Columns: unit, verdict, what is claimed, the best description (claimed or not), the same with what of its training
+    residual is expected to come again (the description alone where nothing is left), and the three baselines.
     """
     rows = []
     for folder in folders:
         verdict = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
         best = verdict["described"] or verdict["held_out_errors"]["after"]
-        errors = {"described": best} | verdict["baselines"]
+        errors = {"described": best, "carried": verdict["carried"] or best} | verdict["baselines"]
         words = {"unit": folder.name, "verdict": verdict["verdict"], "claimed": "+".join(verdict["named"])}
         rows.append(words | {title: round(error["rms_arcmin"], 1) for title, error in errors.items()})
     frame = pd.DataFrame(rows)

@@ -50,6 +50,8 @@ class Identification:
     errors : of these, by stage: declared, recalibrated, after.
     baselines : errors on the same cells of predictions that ask no reducer, by title.
     described : error of the model that describes best, where it is not the one that is claimed.
+    carried : of the same with what of its training residual is expected to come again; None where nothing structured is
+        left.
     could_hide : of an adequate unit, the size of each effect that would have shown.
     remainder : what the claimed model leaves on these cells, or the one that describes best.
     discrepancy : structure in what the claimed model, or the one that describes best, leaves of the cells fitted; None
@@ -68,6 +70,7 @@ class Identification:
     remainder: Remainder
     discrepancy: Discrepancy | None
     described: AngleError | None
+    carried: AngleError | None
     could_hide: tuple[DetectionLimit, ...]
 
     @property
@@ -112,6 +115,7 @@ def identify_measured(
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
     described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
+    carried = angle_error(data, cranks, folds.carried, folds.open_carried, folds.cells)
     structure_left = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
     cells = measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
@@ -136,5 +140,6 @@ def identify_measured(
         if verdict.verdict in (MOSTLY, UNEXPLAINED)
         else None,
         None if verdict.named and selection.description is selection.answer or not effects else described,
+        carried if verdict.verdict in (MOSTLY, UNEXPLAINED) and not folds.in_sample else None,
         limits,
     )

@@ -124,6 +124,7 @@ def _untested() -> dict[str, Any]:
         "remainder": None,
         "discrepancy": None,
         "described": None,
+        "carried": None,
         "written": None,
         "could_hide": [],
         "in_sample": False,
@@ -150,6 +151,7 @@ def _tested(findings_of_unit: Findings) -> dict[str, Any]:
         },
         "held_out_errors": {stage: asdict(error) for stage, error in identification.errors.items()},
         "described": asdict(identification.described) if identification.described else None,
+        "carried": _carried(identification),
         "could_hide": [asdict(limit) for limit in identification.could_hide],
         "baselines": {title: asdict(error) for title, error in identification.baselines.items()},
         "in_sample": identification.folds.in_sample,
@@ -169,6 +171,13 @@ def _tested(findings_of_unit: Findings) -> dict[str, Any]:
         },
         "not_testable": dict(identification.why_not),
     }
+
+
+def _carried(identification: Identification) -> dict[str, Any] | None:
+    """Error of the description with what is expected to come again, and the common share of what it misses."""
+    if identification.carried is None:
+        return None
+    return asdict(identification.carried) | {"common_share": identification.folds.common_share}
 
 
 def _calibrated(identification: Identification) -> dict[str, float]:

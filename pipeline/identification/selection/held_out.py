@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Data, Model
+from pipeline.identification.selection.carried_over import expected_misfit
 from pipeline.identification.selection.cross_validation import groups, precision_of
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS, Selection
 from pipeline.identification.selection.model_selection import Selector
-from pipeline.identification.selection.statements.remainder import position_scatter
+from pipeline.identification.selection.statements.remainder import position_scatter, senses
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -62,9 +63,11 @@ class Folds:
     declared, recalibrated : of the model as declared, and with its calibrated numbers refitted.
     best : with the effects that were chosen, claimed or not.
     described : with those that describe best, whether a claim could rest on them or not.
-    open_recalibrated, open_best, open_described : standard deviations that the training cells leave open, and by which
-        they scatter from position to position.
+    carried : of the description, with what of its training residual is expected to come again (``carried_over``).
+    open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
+        and by which they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
+    common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
     """
 
@@ -73,10 +76,13 @@ class Folds:
     recalibrated: Real
     best: Real
     described: Real
+    carried: Real
     open_recalibrated: Real
     open_best: Real
     open_described: Real
+    open_carried: Real
     models: tuple[str, ...]
+    common_share: float
     in_sample: bool = False
 
     def curves(self, claimed: bool) -> dict[str, tuple[Real, Real]]:
@@ -103,8 +109,8 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
     data = selector.problem.data
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared = np.full(len(data), np.nan)
-    predicted, left_open = np.full((3, len(data)), np.nan), np.full((3, len(data)), np.nan)
-    models = []
+    predicted, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
+    models, shares = [], []
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
         if len(splits) == 1:
@@ -120,12 +126,16 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
         for number, fit in enumerate(fits):
             predicted[number, judged_cells] = fit.predicted[judged_cells]
             left_open[number, judged_cells] = _unknown(fitter, fit, training)[judged_cells]
+        predicted[3, judged_cells], left_open[3, judged_cells], common_share = _carried(
+            fitter, fits[2], training, judged_cells
+        )
+        shares.append(common_share)
     cells = np.isfinite(declared + predicted.sum(axis=0))  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
-    refitted, best, described = predicted
-    open_refitted, open_best, open_described = left_open
-    open_angles = (open_refitted, open_best, open_described)
-    return Folds(cells, declared, refitted, best, described, *open_angles, tuple(models), in_sample)
+    refitted, best, described, carried = predicted
+    open_refitted, open_best, open_described, open_carried = left_open
+    angles = refitted, best, described, carried, open_refitted, open_best, open_described, open_carried
+    return Folds(cells, declared, *angles, tuple(models), float(np.mean(shares)), in_sample)
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
@@ -167,6 +177,20 @@ def _unknown(fitter: Fitter, fit: Fit, training: Truth) -> Real:
     scatter = position_scatter(data, fit.predicted, training)
     new = ~np.isin(data.position, data.position[training])
     return np.hypot(left_open, np.where(new, scatter.shown if scatter else 0.0, 0.0))
+
+
+def _carried(fitter: Fitter, fit: Fit, training: Truth, judged_cells: Truth) -> tuple[Real, Real, float]:
+    """A fit with the misfit that is expected to come again at the cells judged, and the common share of its variance.
+
+    Prediction and open standard deviation [arcmin] (n_judged,); what positions scatter by is in the expectation.
+    """
+    data = fitter.problem.data
+    residual = data.angle - fit.predicted
+    expected = expected_misfit(data.torque, senses(data), data.position, residual, data.sigma, training)
+    angle = fit.predicted + expected.mean
+    angle += fitter.offsets(angle, training, data.sigma)
+    left_open = np.hypot(_left_open(fitter, fit, training), expected.deviation)
+    return angle[judged_cells], left_open[judged_cells], expected.common_share
 
 
 def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:

@@ -49,12 +49,20 @@ def structure_facts(identification: Identification) -> list[tuple[str, str]]:
 
 
 def comparison_sentence(identification: Identification) -> str:
-    """Whether the model beats the best of the baselines."""
+    """Whether the model beats the best of the baselines, by itself and with what is expected to come again."""
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
-    ratio = identification.errors["after"].to_noise / best.to_noise
-    if ratio > 1:
-        return f"The model is behind the best of them, {title}, by a factor of {digits(ratio)} in noise floors."
-    return f"The model is ahead of the best of them, {title}, by a factor of {digits(1 / ratio)} in noise floors."
+    place, ratio = _place(identification.errors["after"], best)
+    sentence = f"The model is {place} the best of them, {title}, by a factor of {ratio} in noise floors"
+    if identification.carried is None:
+        return f"{sentence}."
+    place, ratio = _place(identification.carried, best)
+    return f"{sentence}; the best description with what is expected to come again is {place} it by {ratio}."
+
+
+def _place(error: AngleError, best: AngleError) -> tuple[str, str]:
+    """Ahead or behind, and by which factor."""
+    ratio = error.to_noise / best.to_noise
+    return ("behind", digits(ratio)) if ratio > 1 else ("ahead of", digits(1 / ratio))
 
 
 def data_sentence(identification: Identification) -> str:
@@ -111,11 +119,16 @@ def _scatter(remainder: Remainder) -> str:
 
 
 def other_errors(identification: Identification) -> dict[str, AngleError]:
-    """Errors that stand beside the model's: of the best description, where it is not claimed, and of the baselines."""
+    """Errors that stand beside the model's.
+
+    Of the best description, where it is not claimed; of it with what is expected to come again; of the baselines.
+    """
     name = identification.selection.description.fit.model.name
-    described = (
-        {f"best description, not claimed: {title_of(name)}": identification.described}
-        if identification.described
-        else {}
-    )
-    return {**described, **identification.baselines}
+    errors = {}
+    if identification.described:
+        errors[f"best description, not claimed: {title_of(name)}"] = identification.described
+    if identification.carried:
+        share = digits(100 * identification.folds.common_share, 2)
+        title = "best description with what of its training residual is expected to come again"
+        errors[f"{title} ({share} % of its variance common to all positions)"] = identification.carried
+    return {**errors, **identification.baselines}

@@ -33,13 +33,17 @@ def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
 
 
 def test_the_table_has_the_best_description_and_medians(tmp_path):
-    for name, described, rms_after in (("a", {"rms_arcmin": 3.0}, 9.0), ("b", None, 5.0)):
+    for name, described, carried, rms_after in (
+        ("a", {"rms_arcmin": 3.0}, {"rms_arcmin": 2.0}, 9.0),
+        ("b", None, None, 5.0),
+    ):
         folder = tmp_path / name
         folder.mkdir()
         baselines = {"replay": {"rms_arcmin": 4.0}}
-        content = {"verdict": "unexplained", "named": [], "described": described, "baselines": baselines}
-        content |= {"held_out_errors": {"after": {"rms_arcmin": rms_after}}}
+        content = {"verdict": "unexplained", "named": [], "described": described, "carried": carried}
+        content |= {"baselines": baselines, "held_out_errors": {"after": {"rms_arcmin": rms_after}}}
         (folder / "verdict.json").write_text(json.dumps(content))
     result = table([tmp_path / "a", tmp_path / "b"]).set_index("unit")
     assert result["described"].tolist() == [3.0, 5.0, 4.0]
+    assert result["carried"].tolist() == [2.0, 5.0, 3.5]
     assert result.loc["median", "replay"] == 4.0

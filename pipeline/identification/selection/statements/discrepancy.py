@@ -88,17 +88,17 @@ def discrepancy(
     """
     n = jacobian.shape[1]
     random_columns = np.zeros((len(residual), 0)) if random is None else random
-    states, means, noise, columns = _averaged(
+    states, means, noise, columns = averaged(
         torque, sense, position, residual, sigma, np.hstack([jacobian, random_columns])
     )
-    design = np.hstack([columns[:, :n], _offsets(states[2])])
+    design = np.hstack([columns[:, :n], offset_columns(states[2])])
     base = columns[:, n:] @ columns[:, n:].T + np.diag(noise**2 * (1 + JITTER))
     top, unit = float(np.max(np.abs(torque))), float(np.median(noise))
     scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     design = design / scale
 
     def covariance(logs: Real) -> tuple[Real, Real]:
-        shared, position_kernel = _kernels(states, np.exp(logs[2]) * top)
+        shared, position_kernel = kernels(states, states, np.exp(logs[2]) * top)
         sizes = unit**2 * np.exp(2 * logs[:2])
         return sizes[0] * shared, sizes[1] * position_kernel
 
@@ -113,7 +113,7 @@ def discrepancy(
     weights = cho_solve(factor, means - design @ amounts)
     common, predicted = shared @ weights, (shared + position_kernel) @ weights
     worst = int(np.argmax(np.abs(common)))
-    centred = means - _offsets(states[2]) @ np.linalg.lstsq(_offsets(states[2]), means, rcond=None)[0]
+    centred = means - offset_columns(states[2]) @ np.linalg.lstsq(offset_columns(states[2]), means, rcond=None)[0]
     sizes = unit * np.exp(best[:2])
     single_position = len(np.unique(states[2])) == 1
     return Discrepancy(
@@ -185,10 +185,13 @@ def restricted_likelihood(covariance: Real, design: Real, values: Real) -> float
     return float(-0.5 * (2 * np.sum(np.log(np.diag(factor[0]))) + size + residual @ cho_solve(factor, residual)))
 
 
-def _averaged(
+def averaged(
     torque: Real, sense: Real, position: Whole, residual: Real, sigma: Real, jacobian: Real
 ) -> tuple[tuple[Real, Real, Whole], Real, Real, Real]:
-    """Cells of one position, sense and interval of torque as one: place, residual, noise, columns."""
+    """Cells of one position, sense and interval of torque as one: place, residual, noise, columns.
+
+    A place is torque, sense and number of the position, each (n_places,), the numbers in the order of the positions.
+    """
     _, number = np.unique(position, return_inverse=True)
     edges = np.linspace(torque.min(), torque.max(), TORQUE_BINS + 1)
     interval = np.clip(np.searchsorted(edges, torque, side="right") - 1, 0, TORQUE_BINS - 1)
@@ -204,12 +207,13 @@ def _averaged(
     return mean_state, mean(residual), 1 / np.sqrt(total), columns
 
 
-def _offsets(position: Whole) -> Real:
+def offset_columns(position: Whole) -> Real:
+    """One column for the zero of each position (n, n_positions)."""
     return (position[:, None] == np.unique(position)).astype(float)
 
 
-def _kernels(coordinates: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:
-    """Correlation (n, n) of what all positions share, and of what each has by itself."""
-    torque, sense, position = coordinates
-    correlation = np.exp(-0.5 * ((torque[:, None] - torque) / reach) ** 2) * (sense[:, None] == sense)
-    return correlation, correlation * (position[:, None] == position)
+def kernels(places: tuple[Real, Real, Whole], others: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:
+    """Correlation (n_places, n_others) of what all positions share, and of what each has by itself."""
+    torque, sense, position = (np.asarray(part)[:, None] for part in places)
+    correlation = np.exp(-0.5 * ((torque - others[0]) / reach) ** 2) * (sense == others[1])
+    return correlation, correlation * (position == others[2])
