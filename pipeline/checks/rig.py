@@ -29,6 +29,7 @@ design = "printed_drive"
 study = "printed_drive"
 locked = "output"
 offset = "per_position"
+crank_angles = "unknown"
 as_measured = "unknown"
 
 [instrument]
@@ -73,7 +74,8 @@ def write_unit(state: Path, folder: Path) -> Path:
 def thinned(path: Path, crank_angles: Sequence[float]) -> tuple[pd.DataFrame, float]:
     """Rows of one lock position in the columns of a measured unit, and its crank angle [deg], none of ``crank_angles``.
 
-    The angle is the middle of POSITION times the ratio, as if the encoder kept its zero between the positions.
+    No angle is published. The one given tells the positions apart: the middle of POSITION times the ratio, as if the
+    encoder kept its zero between them.
     """
     raw = pd.read_csv(path)
     rows = raw[raw["test_nr"] >= FIRST_RAMP].iloc[::EVERY]

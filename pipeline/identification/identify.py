@@ -105,7 +105,7 @@ def identify_measured(
         return FaultyUnit(measurement, Verdict(FAULT), fault_statement(measurement.fatal))
     cranks = measurement.rows.cranks
     trained = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
-    fitter = Fitter(build_problem(measurement, condensed(unit.study, cranks.tolist()), trained))
+    fitter = Fitter(build_problem(measurement, condensed(unit.study, measurement.drive_cranks.tolist()), trained))
     data = fitter.problem.data
     selector = Selector(fitter, trained, MOST_EFFECTS if nested else MOST_NAMED)
     selection = selector.extended(selector.select(trained), trained)

@@ -119,8 +119,8 @@ def test_false_alarms_of_the_signatures_keep_their_level() -> None:
 def test_harmonics_that_the_positions_do_not_determine_are_named() -> None:
     reasons = {item.name: item.why_not for item in _over_the_crank(simulated(), 3)}
     assert reasons["crank_1_sine"] == ""
-    assert reasons["crank_2_cosine"] == "needs 5 crank positions, has 3"
-    assert reasons["crank_3_cosine"] == "needs 7 crank positions, has 3"
+    assert reasons["crank_2_cosine"] == "needs 5 crank positions of known angle, has 3"
+    assert reasons["crank_3_cosine"] == "needs 7 crank positions of known angle, has 3"
 
 
 def test_settings_are_read_back_as_they_were_written() -> None:
@@ -147,8 +147,8 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
     study = load_study(name, settings.ROOT)
     assert study.cycle.loaded_angles is not None
     unit = SimpleNamespace(name="u", settings=SimpleNamespace(title="U"), dimensions=None, study=study)
-    rows = SimpleNamespace(cranks=np.array([0.0, 65.4545, 425.4545]))
-    identification = SimpleNamespace(measurement=SimpleNamespace(unit=unit, rows=rows))
+    measurement = SimpleNamespace(unit=unit, drive_cranks=np.array([0.0, 65.4545, 425.4545]))
+    identification = SimpleNamespace(measurement=measurement)
     written = tomllib.loads(corrected_design._study_text(identification, corrected_design.BEST))
     assert written["cycle"]["crank_deg"] == [0.0, 65.4545]
     assert "loaded_angles" not in written["cycle"]

@@ -185,7 +185,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     keys = refitted(study.design)
     unit_dimensions = one_unit(study, unit.dimensions)
     sampled = draw(unit_dimensions, 0, 1) if unit.dimensions is not None else _usual(_population(study))
-    drives = _drives_of(study, keys, sampled, rows.cranks, compliances, conditions)
+    drives = _drives_of(study, keys, sampled, measurement.drive_cranks, compliances, conditions)
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))
@@ -258,9 +258,9 @@ def _reach(courses: Sequence[Course], trained: NDArray[np.int64]) -> float:
 
 
 def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], position: int, visible: Truth) -> Course:
-    unit, rows, cells, turns = measurement.unit, measurement.rows, measurement.cells, measurement.history
+    unit, cells, turns = measurement.unit, measurement.cells, measurement.history
     of_position = cells.position == position
-    crank, lobes = np.radians(rows.cranks[position]), unit.study.design.cycloid.lobes
+    crank, lobes = np.radians(measurement.drive_cranks[position]), unit.study.design.cycloid.lobes
     timed = bool(np.all(np.isfinite(cells.time_mean)))
     time = (
         cells.time_mean[of_position] - np.min(cells.time_mean[visible]) if timed else np.zeros(int(of_position.sum()))

@@ -30,7 +30,7 @@ def offered(measurement: Measurement, training: Truth) -> frozenset[str]:
     lobe_turns = max(np.ptp(angle[position == p]) for p in positions) * gear.lobes / ARCMIN
     if unit.settings.locked == "input" or lobe_turns < np.pi / gear.pins:
         present.add(STILL)
-    if len(positions) >= FEWEST_CRANKS:
+    if measurement.known_cranks and len(positions) >= FEWEST_CRANKS:
         present.add(CRANKS)
     if any(len(np.unique(cycle[position == p])) > 1 for p in positions):
         present.add(CYCLES)

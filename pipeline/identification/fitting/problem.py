@@ -200,7 +200,7 @@ class Problem:
     def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
         lacking = {
-            CRANKS: f"fewer than {FEWEST_CRANKS} crank positions to fit",
+            CRANKS: f"fewer than {FEWEST_CRANKS} crank positions of known angle to fit",
             CYCLES: "fewer than 2 cycles",
             TIME: "no time stamps",
             TEMPERATURE: "no temperature that varies",

@@ -157,6 +157,23 @@ class Measurement:
         """
         return training_rows(self.unit, self.rows)[self.cells.first_row]
 
+    @property
+    def known_cranks(self) -> int:
+        """Number of positions whose crank angle is known."""
+        return len(self.rows.cranks) if self.unit.settings.crank_angles == "measured" else 0
+
+    @property
+    def drive_cranks(self) -> Real:
+        """Crank angle at which the model of each position stands (n_positions,) [deg].
+
+        As measured. Angles that nobody knows predict no difference between positions, so that all stand as the first
+        one trained on.
+        """
+        cranks = self.rows.cranks
+        if self.known_cranks:
+            return cranks
+        return np.full(len(cranks), cranks[self.cells.position[self.training_cells][0]])
+
     def over_cells(self, values: Real) -> Real:
         """Means (n_cells,) of values of the rows (n_rows,)."""
         usable_rows = np.flatnonzero(self.usable)

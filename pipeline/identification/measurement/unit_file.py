@@ -73,7 +73,11 @@ class Generic(Section):
 
 
 class UnitSettings(Section):
-    """A file unit.toml: of a drive with a design, its study and dimensions, or of a ``generic`` one."""
+    """A file unit.toml: of a drive with a design, its study and dimensions, or of a ``generic`` one.
+
+    `crank_angles` says whether `crank_deg` was measured from the drawing's zero; of "unknown" ones it tells positions
+    apart and no more.
+    """
 
     title: Text
     source: str = ""
@@ -82,6 +86,7 @@ class UnitSettings(Section):
     generic: Generic | None = None
     locked: Literal["input", "output"]
     offset: Literal["per_position", "common"]
+    crank_angles: Literal["measured", "unknown"] = "measured"
     as_measured: Text | None = None
     instrument: InstrumentSection = InstrumentSection()
     environment: Environment = Environment()

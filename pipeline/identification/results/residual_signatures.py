@@ -90,7 +90,7 @@ def signatures(measurement: Measurement, data: Data, predicted: Real) -> tuple[S
         *_friction(signature_cells),
         *_play(signature_cells),
         _rigidity(signature_cells),
-        *_over_the_crank(signature_cells, len(measurement.rows.cranks)),
+        *_over_the_crank(signature_cells, measurement.known_cranks),
         *_over_the_angle(signature_cells),
         *_over_time(signature_cells),
         _over_temperature(signature_cells),
@@ -221,9 +221,8 @@ def _over_the_crank(cells: _Cells, n_positions: int) -> list[Signature]:
         for name, wave in (("cosine", np.cos(order * cells.crank)), ("sine", np.sin(order * cells.crank))):
             key, title = f"crank_{order}_{name}", f"play over the crank angle, harmonic {order}, {name}"
             if n_positions < needed_positions:
-                signatures.append(
-                    not_testable(key, title, "arcmin", f"needs {needed_positions} crank positions, has {n_positions}")
-                )
+                reason = f"needs {needed_positions} crank positions of known angle, has {n_positions}"
+                signatures.append(not_testable(key, title, "arcmin", reason))
                 continue
             quadrature = np.sin(order * cells.crank) if name == "cosine" else np.cos(order * cells.crank)
             columns = np.column_stack([step * wave, step * quadrature, step, cells.falling])

@@ -55,7 +55,7 @@ def written_study(identification: Identification, path: Path) -> WrittenStudy:
     clearance = assembly.bearing_clearance(study.design, sample.bearing_clearance)
     angle = np.full(len(problem.data), np.nan)
     for position, compliance in enumerate(problem.compliances):
-        crank = float(identification.measurement.rows.cranks[position])
+        crank = float(identification.measurement.drive_cranks[position])
         drive = drive_of(study, crank, factor * compliance, assembly.errors(sample), clearance)
         angle[problem.data.position == position] = problem.forward.read(drive, position, Instrument()).angle
     angle += Fitter(problem).offsets(angle, np.ones(len(angle), bool), problem.data.sigma)

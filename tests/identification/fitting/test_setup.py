@@ -5,13 +5,14 @@ import pytest
 from measured_bench import measured, write_unit
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
+from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.offered import rate_changes
 from pipeline.identification.fitting.parameters import mapped
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.model.effects.effect import CYCLES, RATE, STILL, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TIME
 
 
 @pytest.mark.parametrize("locked", ["input", "output"])
@@ -74,3 +75,18 @@ def test_time_constants_lie_within_what_the_record_resolves(name, record, tmp_pa
         (_, value) = mapped(fitter.bounds(model), unknowns.like(unknowns.flat).shares)
         assert low <= value * (1 + 1e-9)
         assert value <= high * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("angles", ["measured", "unknown"])
+def test_crank_angles_that_nobody_knows_predict_no_difference_between_positions(angles, tmp_path, condensed):
+    bench = Bench(cranks=(0.0, 40.0, 95.0), known=False, more=f'crank_angles = "{angles}"')
+    unit = load_measured_unit(make_unit(tmp_path / "u", {}, bench, condensed), ROOT)
+    measurement = Measurement.read(unit)
+    problem = build_problem(measurement, condensed(unit.study, measurement.drive_cranks.tolist()))
+    fitter = Fitter(problem)
+    angle = fitter.predict(Model(), fitter.start(Model())).angle
+    positions = [angle[problem.data.position == number] for number in range(3)]
+    differences = [np.std(curve[:50] - positions[0][:50]) for curve in positions[1:]]
+    assert (max(differences) > 0.05) == (angles == "measured")
+    assert (min(differences) < 0.02) == (angles == "unknown")  # cells of noisy torques lie a little apart
+    assert (CRANKS in problem.offered) == (angles == "measured")
