@@ -124,12 +124,16 @@ def source_hashes(module: str) -> dict[str, str]:
     packages = {*OWN_PACKAGES, module.partition(".")[0]}
     hashes: dict[str, str] = {}
     seen_modules: set[str] = set()
+    single_files: set[str] = set()
+    entry_points = importlib.metadata.entry_points()
     waiting = [module]
     while waiting:
         name = waiting.pop()
         if name in seen_modules or name in NO_EFFECT or name.partition(".")[0] not in packages:
             continue
         seen_modules.add(name)
+        if name.rpartition(".")[0] in single_files:  # a thing in a module, no module
+            continue
         root, path = _locate(name)
         if path is not None:
             hashes[path.relative_to(root).as_posix()], imports = _source(path, path.stat().st_mtime_ns, name)
@@ -137,11 +141,13 @@ def source_hashes(module: str) -> dict[str, str]:
                 data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
                 if name in FOUND_BY_FILE:
-                    registered = [entry.module for entry in importlib.metadata.entry_points(group=FOUND_BY_FILE[name])]
+                    registered = [entry.module for entry in entry_points.select(group=FOUND_BY_FILE[name])]
                     packages |= {module.partition(".")[0] for module in registered}
                     files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
                     waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + registered
-            waiting += imports
+            else:
+                single_files.add(name)
+            waiting += reversed(imports)  # a module before the things in it
             waiting.append(name.rpartition(".")[0])
     if not hashes:
         raise TypeError(f"module {module}: no source file found")
