@@ -123,7 +123,7 @@ def loop_columns(study: Study, solution: Solved) -> dict[str, np.ndarray]:
     """What the table of loops says of every sample at one crank angle, (n,) each."""
     drive, response = solution.drive, solution.response
     states = response.equilibria
-    peak = np.max(drive.laws_of_states.peak_pressure(states.force), axis=(1, 2))
+    peak = np.max(drive.laws_of_states.peak_pressure(np.max(states.force, axis=1, keepdims=True)), axis=(1, 2))
     shares = torque_shares(drive, response, assembly.definitions(study))
     readings = replace(loop_readings(response, peak, assembly.definitions(study)), load_share=shares.max(axis=(1, 2)))
     return {

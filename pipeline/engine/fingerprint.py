@@ -36,6 +36,10 @@ FOUND_BY_FILE = {
 register more."""
 
 
+BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
+"""Where statements hold others."""
+
+
 @dataclass(frozen=True)
 class Fingerprint:
     """All that the result of a stage depends on; the number of jobs and the size of a chunk are not in it.
@@ -169,40 +173,54 @@ def _locate(name: str) -> tuple[Path, Path | None]:
 @cache
 def _source(path: Path, _modified: int, name: str) -> tuple[str, tuple[str, ...]]:
     """Hash of what a file does, and the names it imports; remembered until the file is modified."""
-    tree = _Effective().visit(ast.parse(path.read_bytes()))
+    tree, imports = ast.parse(path.read_bytes()), list[str]()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(_imported(tree, package))
+    _strip(tree, package, imports)
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(imports)
 
 
-class _Effective(ast.NodeTransformer):
-    """Removes what has no effect on a result: docstrings, and imports for type checkers only."""
+def _strip(node: Any, package: str, imports: list[str]) -> None:
+    """Take out what has no effect on a result, docstrings and imports for type checkers only, and list the imports.
 
-    def _without_docstring(self, node: Any) -> Any:
-        statement = node.body[0] if node.body else None
-        if (
-            isinstance(statement, ast.Expr)
-            and isinstance(statement.value, ast.Constant)
-            and isinstance(statement.value.value, str)
-        ):
-            node.body = node.body[1:]
-        return self.generic_visit(node)
-
-    visit_Module = visit_ClassDef = visit_FunctionDef = visit_AsyncFunctionDef = _without_docstring
-
-    def visit_If(self, node: ast.If) -> Any:
-        checkers_only = ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING") and not node.orelse
-        return None if checkers_only else self.generic_visit(node)
+    Statements alone are gone through, not the expressions in them, which are most of a file.
+    """
+    if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _is_text(node.body[:1]):
+        del node.body[0]
+    for block in (getattr(node, name, []) for name in BLOCKS):
+        if not isinstance(block, list):  # a lambda's body
+            continue
+        block[:] = [statement for statement in block if not _for_checkers(statement)]
+        for statement in block:
+            imports += _imported(statement, package)
+            _strip(statement, package, imports)
 
 
-def _imported(tree: ast.AST, package: str) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            parent_package = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-            base = ".".join([*parent_package, *([node.module] if node.module else [])])
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+def _is_text(statements: list[Any]) -> bool:
+    return any(
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Constant)
+        and isinstance(statement.value.value, str)
+        for statement in statements
+    )
+
+
+def _for_checkers(statement: Any) -> bool:
+    return (
+        isinstance(statement, ast.If)
+        and ast.unparse(statement.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        and not statement.orelse
+    )
+
+
+def _imported(statement: Any, package: str) -> Iterator[str]:
+    """What a statement imports, the module and the names of it."""
+    if isinstance(statement, ast.Import):
+        yield from (alias.name for alias in statement.names)
+    elif isinstance(statement, ast.ImportFrom):
+        parent_package = package.split(".")[: len(package.split(".")) - statement.level + 1] if statement.level else []
+        base = ".".join([*parent_package, *([statement.module] if statement.module else [])])
+        yield base
+        yield from (f"{base}.{alias.name}" for alias in statement.names)
 
 
 _NONE = object()
