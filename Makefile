@@ -70,8 +70,8 @@ population: $(VENV)/installed  ## hold many measured units against a study: make
 	$(PIPELINE) population --units $(or $(UNITS),$(error say which units: make population UNITS=<file>)) --study $(STUDY) \
 		$(JOBS_OPTION)
 
-blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60
-	$(PIPELINE) blind $(if $(CASES),--cases $(CASES)) $(JOBS_OPTION)
+blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60 FIRST=0
+	$(PIPELINE) blind $(if $(CASES),--cases $(CASES)) $(if $(FIRST),--first $(FIRST)) $(JOBS_OPTION)
 
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest

@@ -127,10 +127,11 @@ def run_blind(options: argparse.Namespace) -> None:
     """Test the identification on generated units."""
     cases = FULL_RUN if options.cases is None else options.cases
     seed = SEED if options.seed is None else options.seed
-    for name, value, lowest in (("cases", cases, 1), ("jobs", options.jobs, 1), ("seed", seed, 0)):
+    limits = ("cases", cases, 1), ("first", options.first, 0), ("jobs", options.jobs, 1), ("seed", seed, 0)
+    for name, value, lowest in limits:
         if value < lowest:
             raise InputError(f"--{name} = {value}; must be at least {lowest}")
-    rows = blind(cases, seed, options.jobs, settings.ROOT, settings.RUNS)
+    rows = blind(range(options.first, options.first + cases), seed, options.jobs, settings.ROOT, settings.RUNS)
     folder = settings.RUNS / "blind"
     write_reports(rows, folder)
     print((folder / "rates.csv").read_text(encoding="utf-8"), end="")

@@ -160,6 +160,7 @@ def _measured(command: Commands) -> None:
         "blind", "measured.run_blind", "test the identification on generated units whose truth it cannot read"
     )
     testing.add_argument("--cases", type=int, help="default: the full run")
+    testing.add_argument("--first", type=int, default=0, help="number of the first case; default: 0")
     testing.add_argument("--seed", type=int, help="of the units")
     testing.add_argument("--jobs", type=int, default=2, help="processes; default: 2")
 

@@ -11,17 +11,18 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from pipeline import assembly
+from pipeline import assembly, cli
 from pipeline.checks.blind import generate as generating
 from pipeline.checks.blind import run
 from pipeline.checks.blind.bench import draw_bench
-from pipeline.checks.blind.catalogue import OFF, PLAUSIBLE, UNCERTAIN, catalogue, condense
+from pipeline.checks.blind.catalogue import CRANKS_A_DESIGN, OFF, PLAUSIBLE, UNCERTAIN, catalogue, condense
 from pipeline.checks.blind.effect_size import amplitude_of, problem_of
 from pipeline.checks.blind.generate import FULL, MEASURING_UM, NONE, RIGID, Maker, generate, kind_of, simulator_of
 from pipeline.checks.blind.outside_effects import OUTSIDE
 from pipeline.checks.blind.rates import lower_bound, rates
 from pipeline.checks.blind.report import write_reports
 from pipeline.checks.blind.true_unit import UnsoundError, true_unit
+from pipeline.cli import settings
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.fitter import Fitter
@@ -240,7 +241,7 @@ def test_two_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     monkeypatch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in OFFERED})
     monkeypatch.setattr(run, "catalogue", lambda root: smallest.reducers)
     monkeypatch.setattr(run, "condense", lambda reducers, folder, jobs: smallest.condensed)
-    rows = run.blind(2, 8, 1, ROOT, tmp_path)
+    rows = run.blind(range(2), 8, 1, ROOT, tmp_path)
     table = pd.read_csv(tmp_path / "blind" / "cases.csv")
     contract = "case truth size_over_noise verdict named class_size correct oracle_separates rms_declared_arcmin"
     columns = "rms_recalibrated_arcmin rms_after_arcmin noise_floor_arcmin seconds"
@@ -248,8 +249,29 @@ def test_two_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     assert list(table["case"]) == [0, 1]
     assert table["rms_recalibrated_arcmin"].notna().all()
     monkeypatch.setattr(run, "one_case", lambda *_: pytest.fail("a finished case was solved again"))
-    assert [row.truth for row in run.blind(2, 8, 1, ROOT, tmp_path)] == [row.truth for row in rows]
+    assert [row.truth for row in run.blind(range(2), 8, 1, ROOT, tmp_path)] == [row.truth for row in rows]
     assert {rate.name for rate in rates(rows)} >= {"no effect: none named"}
+
+
+def test_every_reducer_of_the_catalogue_is_drawn_at_its_own_crank_angles():
+    for reducer in catalogue(ROOT):
+        for study in (reducer.model, reducer.truth, reducer.rigid_model, reducer.rigid_truth):
+            assert len(set(study.cycle.crank_deg)) == CRANKS_A_DESIGN
+            assert study.cycle.loaded_angles is None
+
+
+def test_the_command_starts_at_the_case_it_is_told_and_writes_its_rates(smallest, tmp_path, monkeypatch, capsys):
+    case = next(number for number in range(100) if kind_of(number) == NONE and simulator_of(number) == RIGID)
+    monkeypatch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in OFFERED})
+    monkeypatch.setattr(
+        run, "condense", lambda reducers, *_: {name.name: smallest.condensed["holes_19"] for name in reducers}
+    )
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    assert cli.main(["blind", "--cases", "1", "--first", str(case), "--jobs", "1"]) == 0
+    assert "no effect: none named" in capsys.readouterr().out
+    assert [row.case for row in run.read_rows(tmp_path / "blind" / "cases.csv")] == [case]
+    assert cli.main(["blind", "--cases", "1", "--first", "-1"]) == 2
+    assert "--first = -1; must be at least 0" in capsys.readouterr().err
 
 
 def test_a_row_depends_on_every_source_and_on_the_catalogues_studies(smallest, monkeypatch):
@@ -276,7 +298,7 @@ def test_unit_whose_identification_fails_keeps_its_row_with_the_reason(smallest,
         raise ArithmeticError(f'no force, "{unit.folder.name}",\nnot anywhere')
 
     monkeypatch.setattr(run, "identify", failing)
-    rows = run.blind(2, 8, 1, ROOT, tmp_path)
+    rows = run.blind(range(2), 8, 1, ROOT, tmp_path)
     assert [(row.verdict, row.correct) for row in rows] == [("failed", False)] * 2
     kept_items = list(run.read_rows(tmp_path / "blind" / "cases.csv"))
     assert kept_items[1].reason == 'ArithmeticError: no force, "0001",\nnot anywhere'

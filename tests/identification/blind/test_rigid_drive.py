@@ -83,6 +83,7 @@ VALUES = {
     "bearing_clearance": (5.0,),
     "coulomb": (0.8,),
     "creep": (0.01, 20.0),
+    "directional_load_friction": (0.2, 0.08),
     "eccentricity_error": (4.0,),
     "encoder_eccentricity": (60.0, -90.0),
     "flank_wear": (6.0,),
@@ -117,7 +118,7 @@ def twins():
     )
 
 
-OFTEN = ("load_friction", "pin_circle_error", "preload", "creep")
+OFTEN = ("directional_load_friction", "load_friction", "pin_circle_error", "preload", "creep")
 
 
 @pytest.mark.parametrize(
@@ -159,6 +160,19 @@ def test_friction_keeps_what_its_limits_say():
     angle, carried_torque = train.walked(straight, torque)
     assert carried_torque == pytest.approx([900 / 1.1, 900 / 1.1, 900 / 1.1, 500 / 0.9, -900 / 1.1])
     assert angle == pytest.approx(1e-6 * carried_torque)
+    sided = replace(train, drive_friction=0.15, backdrive_friction=0.05)
+    _, carried_torque = sided.walked(straight, torque)
+    assert carried_torque == pytest.approx([900 / 1.25, 900 / 1.25, 900 / 1.25, 500 / 0.85, -900 / 1.25])
+
+
+def test_friction_in_proportion_to_the_load_stays_beside_bristles():
+    """Bristles next to nothing leave the walk without them."""
+    sided = Train(friction=100.0, load_friction=0.1, drive_friction=0.15, backdrive_friction=0.05)
+    torque = np.array([1000.0, 900.0, 750.0, 400.0, -1000.0, -700.0, -200.0, 300.0])
+    straight = Curve(np.linspace(-2e3, 2e3, 40), np.linspace(-2e-1, 2e-1, 40))
+    _, reference = sided.walked(straight, torque)
+    _, carried_torque = replace(sided, bristles=1e-3, reach=1e-6).walked(straight, torque)
+    assert carried_torque == pytest.approx(reference, abs=0.5)
 
 
 def test_what_its_bench_reads_has_the_noise_that_is_asked_for():

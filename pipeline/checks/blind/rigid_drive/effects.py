@@ -113,6 +113,9 @@ EFFECTS: Mapping[str, Effect] = {
     "bearing_clearance": Effect(_loose),
     "coulomb": Effect(train=lambda values: {"friction": NMM_PER_NM * values[0]}),
     "creep": Effect(train=lambda values: {"creep": RAD_PER_ARCMIN / NMM_PER_NM * values[0], "creep_time": values[1]}),
+    "directional_load_friction": Effect(
+        train=lambda values: {"drive_friction": values[0], "backdrive_friction": values[1]}
+    ),
     "eccentricity_error": Effect(_eccentric),
     "flank_wear": Effect(_worn),
     "load_friction": Effect(train=lambda values: {"load_friction": values[0]}),

@@ -32,6 +32,7 @@ class Train:
     ----------
     friction : constant, of either sense [N mm].
     load_friction : friction over the torque carried [1].
+    drive_friction, backdrive_friction : the same beside it while the output turns with the torque on it, and against.
     bristles, reach : friction that yields first [N mm], and the rotation over which it is raised [rad].
     twist : in series [rad/(N mm)].
     soft_twist, knee : of a cubic spring in series: torque / knee = x + x^3, twist = soft_twist knee x.
@@ -40,6 +41,8 @@ class Train:
 
     friction: float = 0.0
     load_friction: float = 0.0
+    drive_friction: float = 0.0
+    backdrive_friction: float = 0.0
     bristles: float = 0.0
     reach: float = 1.0
     twist: float = 0.0
@@ -85,10 +88,17 @@ class Train:
     def _least(self, load: float) -> float:
         """Least torque that the drive may carry under a load: what exceeds it by all friction is that load."""
         net_load = load - self.friction
-        return net_load / (1 + self.load_friction) if net_load > 0 else net_load / (1 - self.load_friction)
+        if net_load > 0:
+            return net_load / (1 + self.load_friction + self.drive_friction)
+        return net_load / (1 - self.load_friction - self.backdrive_friction)
+
+    def _loaded(self, torque: float, raised: float) -> float:
+        """Torque carried and its friction, the share ``raised`` of it, which rises with the rotation (-1 to 1)."""
+        one_way = self.drive_friction if raised * torque > 0 else self.backdrive_friction
+        return torque + abs(torque) * (self.load_friction + one_way) * raised
 
     def _yielding(self, curve: Curve, torque: Real) -> tuple[Real, Real]:
-        """As ``walked`` with bristles: at every step the torque carried balances load and friction."""
+        """As ``walked`` with bristles: at every step the torque carried balances load and all friction."""
         top = float(np.max(np.abs(curve.torque)))
         torques = np.linspace(-top, top, TABLE)
         angles = curve.at(torques) + self.twisted(torques)
@@ -99,10 +109,10 @@ class Train:
         for k, load in enumerate(torque):
 
             def excess(trial_torque: float, load: float = load, anchors: Real = anchors) -> float:
-                deflection = np.interp(trial_torque, torques, angles) - anchors
-                return trial_torque + float(np.sum(limits * np.clip(deflection / reaches, -1, 1))) - load
+                raised = np.clip((np.interp(trial_torque, torques, angles) - anchors) / reaches, -1, 1)
+                return self._loaded(trial_torque, raised[-1]) + float(np.sum(limits * raised)) - load
 
-            largest_force = float(limits.sum()) + 1.0
+            largest_force = float(limits.sum()) + 1.0 + abs(load)
             carried_torque[k] = brentq(excess, load - largest_force, load + largest_force, xtol=1e-6 * top)
             spring_angle = np.interp(carried_torque[k], torques, angles)
             anchors = np.clip(anchors, spring_angle - reaches, spring_angle + reaches)
