@@ -5,7 +5,7 @@ exist twice, compiled by itself and within its caller, and which of the two runs
 was compiled or read from the cache in this process: their sums may be ordered differently, so the last bits may differ.
 
 The compiler's cache knows the file of the entry point alone: it stands in a folder named by the sources of the whole
-package, so that a changed part is never left out.
+package, and of other packages that bring parts, so that a changed part is never left out.
 
 A part that is called at one place may be merged into its caller before that is compiled, not after: it is not compiled
 by itself then. Parts that look at the types of their arguments cannot; a caller without the algebra has none in them.
@@ -16,7 +16,9 @@ wait for it. Compiled twice at once it would take either of them as long as both
 Divisions are numpy's: by zero they give infinities. Python's, which raise, keep loops from being vectorised.
 """
 
-from collections.abc import Callable
+import importlib.metadata
+import importlib.util
+from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -26,7 +28,22 @@ from filelock import FileLock
 from numba import njit
 
 PACKAGE = Path(__file__).parent
-SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(PACKAGE.rglob("*.py")))).hexdigest()[:12]
+FROM_OUTSIDE = "cycloid_contact_laws"
+"""Group of the entry points of packages that bring parts: contact laws of other forms."""
+
+
+def _sources() -> Iterator[Path]:
+    """Files that compiled code is made from: this package's, and those of registered ones."""
+    yield from sorted(PACKAGE.rglob("*.py"))
+    modules = {entry.module.partition(".")[0] for entry in importlib.metadata.entry_points(group=FROM_OUTSIDE)}
+    for spec in filter(None, map(importlib.util.find_spec, sorted(modules))):
+        for folder in spec.submodule_search_locations or ():
+            yield from sorted(Path(folder).rglob("*.py"))
+        if spec.origin and not spec.submodule_search_locations:
+            yield Path(spec.origin)
+
+
+SOURCES = sha256(b"".join(path.read_bytes() for path in _sources())).hexdigest()[:12]
 CACHE = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__") / f"compiled-{SOURCES}"  # type: ignore[attr-defined]
 numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 

@@ -64,6 +64,34 @@ LAW = ContactLaw(
     between_flats=lambda sides, radius, depth: linear(sides[0], 3e-5),
 )
 """
+ROUGH = """
+from dataclasses import replace
+import numpy as np
+from pipeline.model.contact.further_term import FurtherTerm
+from pipeline.model.contact.line_laws import ContactLaw
+from pipeline.model.contact.line_laws.linear import linear_law
+class Asperities(FurtherTerm):
+    __slots__ = ()
+    COLUMNS = {"height_mm": ("mm", "of the asperities"), "force_N": ("N", "that bends the law")}
+    @staticmethod
+    def form(numbers, force):
+        return numbers[0] * np.log1p(force / numbers[1])
+    @staticmethod
+    def slope(numbers, force):
+        return numbers[0] / (numbers[1] + force)
+    @staticmethod
+    def energy(numbers, force):
+        return numbers[0] * ((numbers[1] + force) * np.log1p(force / numbers[1]) - force)
+def asperities(contact, force):
+    zero = np.zeros_like(contact.radius)
+    return replace(linear_law(np.inf).on_solid(contact, 1.0), further=Asperities.of(zero + 4e-4, zero + force))
+LAW = ContactLaw(
+    name="rough", title="asperities", source="Greenwood and Williamson, 1966", further=Asperities,
+    on_mesh=lambda contact, radius, patch: asperities(contact, 3.0),
+    on_solid=lambda contact, radius: asperities(contact, 3.0),
+    between_flats=lambda sides, radius, depth: asperities(sides[0], 5.0),
+)
+"""
 ARCSINE = """
 from typing import Literal
 import numpy as np
@@ -150,8 +178,16 @@ from pathlib import Path
 from pipeline import cli
 from pipeline.cli import settings
 settings.RUNS = Path(sys.argv[1])
-sys.exit(cli.main(["run", "report", "--study", sys.argv[2], "--jobs", "1"]))
+sys.exit(cli.main(["run", *sys.argv[3:], "--study", sys.argv[2], "--jobs", "1"]))
 """
+RUN_WITHOUT_COMPILING_AHEAD = (
+    """
+from pipeline.cli import running
+running.solver_is_compiled = lambda: True
+"""
+    + RUN
+)
+"""What is compiled ahead is the solver of laws without a further term."""
 
 
 def install(folder: Path, module: str, source: str, entry: str, group: str) -> None:
@@ -220,7 +256,7 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
     study = folder / "winding.toml"
     study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
-    process = in_a_process(RUN, folder, runs, study)
+    process = in_a_process(RUN, folder, runs, study, "report")
     assert process.returncode == 0, process.stderr
     aggregate = runs / "winding" / "aggregate"
     metrics = pd.read_parquet(aggregate / "metrics.parquet")
@@ -237,10 +273,10 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     assert re.search(r"Difference in angle between \+12 and -12", page)
 
 
-def test_a_contact_law_of_another_package_runs_in_a_study_and_is_told(folder: Path) -> None:
+def test_a_contact_law_of_another_package_is_known_and_told(folder: Path) -> None:
     text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
     study = folder / "springy.toml"
-    study.write_text(text.replace("keep_contacts = [0]", 'keep_contacts = "all"').replace('"hertz"', '"hooke"'))
+    study.write_text(text.replace('"hertz"', '"hooke"'))
     with pytest.raises(InputError, match="springs.law = \"hooke\"; must be 'hertz' or 'linear' or 'palmgren'"):
         load_study(study, ROOT)
     laws.cache_clear()
@@ -249,11 +285,27 @@ def test_a_contact_law_of_another_package_runs_in_a_study_and_is_told(folder: Pa
     assert "springs_of_hooke.py" not in source_hashes("stages.sample")
     springy = load_study(study, ROOT)
     assert law_fact(springy) == "linear springs (Hooke, 1678)"
-    contacts = run_study(springy, folder)["hysteresis"].read("contacts")
-    local, force = (np.asarray(contacts[name]) for name in ("local_um", "force_N"))
-    compliance = np.where(np.asarray(contacts["contact"]) < springy.design.cycloid.pins, 2e-2, 3e-2)  # [um/N]
-    assert np.count_nonzero(force > 1) > 100
-    np.testing.assert_allclose(local, compliance * force, rtol=1e-12)
+
+
+def test_a_contact_law_of_another_form_is_compiled_and_runs_in_a_study(folder: Path, runs: Path) -> None:
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
+    study = folder / "asperous.toml"
+    study.write_text(text.replace("keep_contacts = [0]", 'keep_contacts = "all"').replace('"hertz"', '"rough"'))
+    install(folder, "roughness_of_flanks", ROUGH, "rough = LAW", LAWS)
+    process = in_a_process(RUN_WITHOUT_COMPILING_AHEAD, folder, runs, study, "hysteresis")
+    assert process.returncode == 0, process.stderr
+    status = pd.read_parquet(runs / "asperous" / "hysteresis" / "status.parquet")
+    assert set(status["status"]) == {"ok"}
+    contacts = pd.read_parquet(runs / "asperous" / "hysteresis" / "contacts.parquet")
+    pins = load_study(ROOT / "data/studies/quick.toml", ROOT).design.cycloid.pins
+    bend = np.where(contacts["contact"] < pins, 3.0, 5.0)  # [N]
+    loaded = contacts["force_N"] > 1
+    assert np.count_nonzero(loaded) > 100
+    local = 0.4 * np.log1p(contacts["force_N"] / bend)  # [um]
+    np.testing.assert_allclose(contacts["local_um"][loaded], local[loaded], rtol=1e-12)
+    coefficients = pd.read_parquet(runs / "asperous" / "springs" / "coefficients.parquet")
+    assert set(coefficients["rough_height_mm"]) == {4e-4}
+    assert set(coefficients["rough_force_N"]) == {3.0, 5.0}
 
 
 def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Path, runs: Path) -> None:
@@ -322,12 +374,12 @@ def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Pa
     with pytest.raises(InputError, match="mechanism = \"dogs\"; must be one of 'carrier', 'direct', 'pin_in_hole', "):
         load_study(with_dogs(folder, 15.0, 5.0), ROOT)
     install(folder, "coupling_of_dogs", DOGS, "dogs = MECHANISM", MECHANISMS)
-    refusal = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0))
+    refusal = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0), "report")
     assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refusal.stderr
     plays = []
     for clearance, final_stage in ((5.0, "clearance"), (15.0, "report")):
         study = with_dogs(folder, 15.0, clearance)
-        process = in_a_process(RUN.replace("report", final_stage), folder, runs, study)
+        process = in_a_process(RUN, folder, runs, study, final_stage)
         assert process.returncode == 0, process.stderr
         run = runs / study.stem
         plays.append(pd.read_parquet(run / "clearance" / "kinematic.parquet")["backlash_arcmin"].to_numpy())

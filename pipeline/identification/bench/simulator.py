@@ -141,8 +141,7 @@ class Forward:
             drive.reducer.contact_jacobian.tobytes(),
             drive.gap.tobytes(),
             drive.bearing_clearance.tobytes(),
-            drive.laws.linear.tobytes(),
-            drive.laws.power.tobytes(),
+            drive.laws.content,
             float(drive.compliance[0, 0]),
             drive.bearing,
         )

@@ -20,6 +20,7 @@ from pipeline.identification.fitting.plausible_range import LAWS, plausible_rang
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.model.contact.laws import scaled
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import PIN
@@ -80,9 +81,7 @@ def one_unit(study: Study, dimensions: object) -> Study:
 def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
     """The drive with the local deflections of its pins and of its output's contacts scaled."""
     factor = np.where(drive.reducer.contacts.kind == PIN, pins, output)
-    laws = drive.laws
-    scaled = {name: factor * getattr(laws, name) for name in ("linear", "logarithmic", "power")}
-    return replace(drive, laws=replace(laws, **scaled), known=drive.gap_of_errors)
+    return replace(drive, laws=scaled(drive.laws, factor), known=drive.gap_of_errors)
 
 
 def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
@@ -138,17 +137,17 @@ def _drives_of(
 
     @lru_cache(maxsize=64)
     def with_numbers(numbers: tuple[float, ...]) -> tuple[Drive, ...]:
-        scaled = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
-        factor = softness(scaled.design) / softness(study.design)
+        refined = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
+        factor = softness(refined.design) / softness(study.design)
         placed_alike = not np.any(placing & (np.array(numbers) != 1.0))
         built = (
             drive_of(
-                scaled,
+                refined,
                 float(crank),
                 factor * compliance,
                 _repeated(errors, len(position.cycle)),
                 assembly.bearing_clearance(
-                    scaled.design, np.repeat(sampled.bearing_clearance, len(position.cycle), axis=0)
+                    refined.design, np.repeat(sampled.bearing_clearance, len(position.cycle), axis=0)
                 ),
                 reducer=assembly.reducer(study.design, float(crank)) if placed_alike else None,
             )

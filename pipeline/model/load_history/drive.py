@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.model.contact.friction_elements import Sliders
-from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.contact.laws import ContactLaws, stiffened
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
@@ -127,23 +127,8 @@ class Drive:
 
     @cached_property
     def laws_of_states(self) -> ContactLaws:
-        """Laws of the contacts with each state's modulus, (n, 1, n_contacts) each; where that is 1, the laws.
-
-        At a force that is larger by the factor of the modulus a contact deflects as much. Where a stiffness is stated,
-        a law that is linear, it is left as it is.
-        """
-        if self.modulus is None:
-            return self.laws
-        factor, laws = self.modulus[:, None, None], self.laws
-        stated = (laws.logarithmic == 0) & (laws.power == 0)
-        return ContactLaws(
-            linear=np.where(stated, laws.linear, (laws.linear + laws.logarithmic * np.log(factor)) / factor),
-            logarithmic=laws.logarithmic / factor,
-            power=laws.power / factor**laws.exponent,
-            exponent=laws.exponent + np.zeros_like(factor),
-            force_limit=laws.force_limit * factor,
-            pressure=laws.pressure * np.sqrt(factor),
-        )
+        """Laws of the contacts with each state's modulus, (n, 1, n_contacts) each; where that is 1, the laws."""
+        return self.laws if self.modulus is None else stiffened(self.laws, self.modulus[:, None, None])
 
     def elastic_deflection(self, force: Real) -> Real:
         """What the elastic bodies give way at each contact (n, n_torques, n_contacts) [mm] under forces [N] there."""
@@ -210,7 +195,7 @@ class Drive:
             solve(
                 replace(
                     self.elastic,
-                    laws=ContactLaws(**{name: values[k, 0] for name, values in vars(self.laws_of_states).items()}),
+                    laws=stiffened(self.laws, np.full(len(self.laws), factor)),
                     compliance=self.compliance / factor,
                 ),
                 self.gap[k : k + 1],
