@@ -153,7 +153,6 @@ def solved_chunks(
     scratch: Path,
     jobs: int,
     backend: Backend,
-    code: str = "",
 ) -> Generator[SolvedChunk]:
     """Solve chunks and yield each as it finishes, in no order.
 
@@ -170,8 +169,7 @@ def solved_chunks(
     jobs : int
         Processes; with one (or one chunk) everything happens in this process.
     backend : Backend
-    code : str
-        Hash of the sources and libraries, which workers elsewhere must share.
+        Any but "dask", whose workers ``cluster.solved_on_cluster`` asks.
 
     Raises
     ------
@@ -184,11 +182,6 @@ def solved_chunks(
         with threadpool_limits(1):
             for start, stop in chunks:
                 yield solve_chunk(stage, Value(shared), read(start, stop))
-        return
-    if backend.name == "dask":
-        from pipeline.engine.cluster import solved_on_cluster  # which builds on this module
-
-        yield from solved_on_cluster(stage, shared, chunks, read, code)
         return
     handle = _handle(shared, scratch, backend)
     waiting = iter(chunks)

@@ -12,6 +12,7 @@ from typing import Any
 
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache
+from pipeline.engine.cluster import solved_on_cluster
 from pipeline.engine.fingerprint import Fingerprint, fingerprint
 from pipeline.engine.lock import locked
 from pipeline.engine.parallel import Backend, parts_of, solved_chunks
@@ -296,9 +297,11 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
         for start, stop in set(bounds) - set(unfinished):
             line.advance(stop - start, work.finished[start]["failed"])
         shared = stage.prepare(job) if unfinished else None
-        with closing(
-            solved_chunks(stage, shared, unfinished, read, work.folder, resources.jobs, resources.backend, code)
-        ) as results:
+        if unfinished and resources.backend.name == "dask":
+            solved = solved_on_cluster(stage, shared, unfinished, read, code)
+        else:
+            solved = solved_chunks(stage, shared, unfinished, read, work.folder, resources.jobs, resources.backend)
+        with closing(solved) as results:
             for part in results:
                 work.write_chunk(part.start, part.parts, part.failed)
                 line.advance(part.stop - part.start, part.failed)

@@ -16,8 +16,13 @@ wait for it. Compiled twice at once it would take either of them as long as both
 Divisions are numpy's: by zero they give infinities. Python's, which raise, keep loops from being vectorised.
 """
 
+import atexit
 import importlib.metadata
 import importlib.util
+import os
+import shutil
+import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
@@ -44,7 +49,29 @@ def _sources() -> Iterator[Path]:
 
 
 SOURCES = sha256(b"".join(path.read_bytes() for path in _sources())).hexdigest()[:12]
-CACHE = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__") / f"compiled-{SOURCES}"  # type: ignore[attr-defined]
+
+
+def _writable(folder: Path) -> Path:
+    """The folder, or where it cannot be written one that lasts as long as this process and its workers."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        pass
+    else:
+        if os.access(folder, os.W_OK):
+            return folder
+    instead = Path(tempfile.mkdtemp(prefix="cycloid-compiled-"))
+    atexit.register(shutil.rmtree, instead, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(instead)  # of processes that this one starts
+    print(
+        f"{folder} cannot be written: code is compiled anew in every run, which takes some 20 s; "
+        "set NUMBA_CACHE_DIR to a folder that can",
+        file=sys.stderr,
+    )
+    return instead
+
+
+CACHE = _writable(Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__") / f"compiled-{SOURCES}")  # type: ignore[attr-defined]
 numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 
 ALGEBRA = {"reassoc", "contract", "nsz", "arcp"}

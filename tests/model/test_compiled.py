@@ -6,6 +6,23 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
+ENTRIES = """
+import sys
+from pathlib import Path
+from numba.core.caching import NullCache
+from numba.core.dispatcher import Dispatcher
+from pipeline import cli
+from pipeline.cli import running, settings
+settings.RUNS = Path(sys.argv[1])
+running.solver_is_compiled = lambda: True
+for study in sys.argv[2:]:
+    assert cli.main(["run", "hysteresis", "--study", study, "--jobs", "1"]) == 0
+modules = [module for name, module in sys.modules.items() if name.startswith("pipeline.model")]
+compiled = {value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)}
+for entry in compiled:
+    if not isinstance(entry._cache, NullCache):
+        print(entry.__name__, len(entry.signatures))
+"""
 SCRIPT = """
 import numpy as np
 from pipeline.model.load_history import rayleigh
@@ -23,3 +40,36 @@ def test_processes_that_start_at_once_compile_a_loop_once(tmp_path: Path) -> Non
     printed = [process.communicate()[0].rsplit(maxsplit=1) for process in started]
     assert [twist for twist, _ in printed] == ["[0.0, 2.0, 1.75]"] * 3
     assert sorted(int(misses) for _, misses in printed) == [0, 0, 1]
+
+
+def test_a_loop_is_compiled_once_however_many_samples_studies_have(tmp_path: Path) -> None:
+    """Two numbers of samples, gaps exact and of first order: no array comes in another layout."""
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("[reduce]", '[reduce]\ndisk = "rigid"')
+    studies = []
+    for method, count in (("exact", 2), ("exact", 3), ("first_order", 2)):
+        studies.append(tmp_path / f"{method}_{count}.toml")
+        study = text.replace("count = 50", f"count = {count}").replace('method = "exact"', f'method = "{method}"')
+        studies[-1].write_text(study)
+    command = [sys.executable, "-c", ENTRIES, tmp_path / "runs", *studies]
+    process = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": str(ROOT)}, cwd=ROOT, capture_output=True, text=True
+    )
+    assert process.returncode == 0, process.stderr
+    signatures = {name: int(number) for name, number in map(str.split, process.stdout.splitlines())}
+    assert {"_solve_batch", "_first_order_gaps", "pin_distances", "_rotation_ends"} <= set(signatures)
+    assert {name: number for name, number in signatures.items() if number > 1} == {}
+    assert signatures["_solve_batch"] == signatures["_first_order_gaps"] == 1
+
+
+def test_where_the_cache_cannot_be_written_it_lasts_as_long_as_the_process(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file"), "PYTHONPATH": str(ROOT)}
+    program = "import os; from pipeline.model import compiled; print(compiled.CACHE, os.environ['NUMBA_CACHE_DIR'])"
+    process = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    cache, of_workers = process.stdout.split()
+    assert cache == of_workers
+    assert not Path(cache).exists()
+    assert f"{tmp_path}/file/compiled-" in process.stderr
+    assert "set NUMBA_CACHE_DIR to a folder that can" in process.stderr

@@ -144,18 +144,22 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
     lobe_before, lobe_behind = pin_lobes(profile, reducer)
     at_root = np.isclose(pins.phase, 0.0, atol=1e-9)
     met_flank = np.where(pins.phase < 0, lobe_before, lobe_behind)
+    lobe, radial_error, tangential_error, radius_error, eccentricity = map(
+        np.ascontiguousarray,
+        (errors.lobe, errors.pin_radial, errors.pin_tangential, errors.pin_radius, errors.eccentricity),
+    )
     gap = _first_order_gaps(
         DISK_READINGS[disk_reading],
-        errors.lobe,
+        lobe,
         np.where(at_root, lobe_before, met_flank),
         np.where(at_root, lobe_behind, met_flank),
         np.ones(len(radial_part)) if disk_reading == "normal" else -radial_part,
-        errors.pin_radial,
+        radial_error,
         radial_part,
-        errors.pin_tangential,
+        tangential_error,
         tangential_part,
-        errors.pin_radius,
-        errors.eccentricity,
+        radius_error,
+        eccentricity,
         eccentric,
     )
     gap += pins.arm * _lobe_turns(profile, errors)[:, met_flank]

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reducers import ARCMIN, MICROMETRE, PAPER, SMALL, errors_of, random_errors, reducer_at
 
-from pipeline.model.geometry.clearance import Errors, exact_gaps, first_order_gaps, gaps, pin_lobes
+from pipeline.model.geometry.clearance import Errors, _first_order_gaps, exact_gaps, first_order_gaps, gaps, pin_lobes
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
@@ -151,6 +151,18 @@ def test_first_order_misses_a_second_order_away_from_the_roots(profile, reading)
         misses.append(np.abs(difference[:, off_root]).max())
     assert misses[0] < 0.1e-3
     assert misses[0] / misses[1] == pytest.approx(100, rel=0.05)
+
+
+def test_gaps_of_first_order_are_compiled_for_one_layout_of_the_errors():
+    reducer = reducer_at(PAPER, 0.3)
+    errors = errors_of(PAPER, reducer, 4)
+    packed = first_order_gaps(PAPER, reducer, errors, "normal")
+    compiled = set(_first_order_gaps.signatures)
+    every_second = Errors(**{name: np.repeat(values, 2, axis=0)[::2] for name, values in vars(errors).items()})
+    turned = Errors(**{name: np.asfortranarray(values) for name, values in vars(errors).items()})
+    for strided in (every_second, turned):
+        np.testing.assert_array_equal(first_order_gaps(PAPER, reducer, strided, "normal"), packed)
+    assert set(_first_order_gaps.signatures) == compiled
 
 
 def test_first_order_fails_in_the_roots_where_the_pin_lies_close_to_the_evolute():

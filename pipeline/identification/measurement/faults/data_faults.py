@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +12,11 @@ from pipeline.identification.measurement.faults.branch_faults import branch_faul
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
 from pipeline.identification.measurement.faults.shape_faults import columns_exchanged, largest_span, standing_out
+from pipeline.identification.measurement.measured_rows import MeasuredRows
 from pipeline.identification.measurement.repeatability import mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_file import UnitFile
-
-if TYPE_CHECKING:
-    from pipeline.identification.measurement.measurement import Measurement
 
 Truth = NDArray[np.bool_]
 
@@ -32,7 +29,7 @@ TURNING_SHARE = 0.1
 """Crank angles in rows from which the crank was not locked: a loop has tens of rows at the least."""
 
 
-def data_faults(measurement: Measurement) -> list[Fault]:
+def data_faults(measurement: MeasuredRows) -> list[Fault]:
     """All faults of the data; those that rest on numbers are looked for only if there are any."""
     unit, rows, good = measurement.unit, measurement.rows, measurement.numeric
     faults = [*_missing_columns(rows), *_not_numbers(rows)]
@@ -52,7 +49,7 @@ def data_faults(measurement: Measurement) -> list[Fault]:
     return faults
 
 
-def _standing_out(measurement: Measurement) -> Iterator[Fault]:
+def _standing_out(measurement: MeasuredRows) -> Iterator[Fault]:
     repeats = measurement.repeatability.repeats.value
     for position, distance, largest in standing_out(mean_loops(measurement.branches, measurement.cells), repeats):
         yield Fault(

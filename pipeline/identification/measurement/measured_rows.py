@@ -1,0 +1,115 @@
+"""What follows from the rows of a measured unit: which may be fitted, their branches, cells and noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement import row_filters
+from pipeline.identification.measurement.branches import BranchBlocks, find_blocks
+from pipeline.identification.measurement.cells import Cells, cells
+from pipeline.identification.measurement.load_history import History, history
+from pipeline.identification.measurement.repeatability import Noise, measured_noise, restricted
+from pipeline.identification.measurement.rows import Rows, fitted_rows
+from pipeline.identification.measurement.scatter import smallest_step, torque_noise
+from pipeline.identification.measurement.unit_file import UnitFile
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRows:
+    """A unit's rows and what follows from them; each part is computed once, when it is first asked for.
+
+    Branches, cells and what rests on them can be computed only of data without a fatal fault.
+
+    Attributes
+    ----------
+    unit : the file unit.toml.
+    rows : of all its data files.
+    """
+
+    unit: UnitFile
+    rows: Rows
+
+    @cached_property
+    def torque_noise(self) -> float:
+        """Standard deviation of the torque of a row that may be fitted [N m]; 0 if unknown."""
+        runs = [run for *_, run in self.rows.runs() if self.fitted[run.start]]
+        return torque_noise(self.rows, self.unit.settings.instrument, runs)
+
+    @cached_property
+    def fitted(self) -> Truth:
+        """Rows (n_rows,) that noise and limits are of: what unit.toml holds out is none of them."""
+        return fitted_rows(self.unit, self.rows)
+
+    @cached_property
+    def angle_step(self) -> float:
+        """Smallest step of the angle in these rows [arcmin], and at least the declared one; 0 if unknown."""
+        return max(smallest_step(self.rows.angle[self.fitted]), self._resolution)
+
+    @cached_property
+    def numeric(self) -> Truth:
+        """Rows (n_rows,) whose quantities are numbers."""
+        return row_filters.numeric(self.rows)
+
+    @cached_property
+    def saturated(self) -> Truth:
+        """Rows (n_rows,) whose torque is cut off."""
+        return row_filters.saturated(self.rows, self.unit.settings.instrument, self.torque_noise)
+
+    @cached_property
+    def spikes(self) -> Truth:
+        """Rows (n_rows,) at which the encoder jumps."""
+        smallest_jump = max(self.angle_step, self.unit.settings.instrument.angle_noise_arcmin or 0.0)
+        return row_filters.spikes(self.rows, smallest_jump, self.torque_noise)
+
+    @cached_property
+    def clipped(self) -> Truth:
+        """Rows (n_rows,) whose angle stands at the end of the instrument's range."""
+        return row_filters.clipped(self.rows, self.angle_step)
+
+    @cached_property
+    def usable(self) -> Truth:
+        """Rows (n_rows,) that may be fitted: numbers, not cut off, no jumps, not at rest before the first load."""
+        at_rest = row_filters.at_rest(self.rows, self.unit.settings.instrument, self.torque_noise)
+        return self.numeric & ~self.saturated & ~self.clipped & ~self.spikes & ~at_rest
+
+    @cached_property
+    def branches(self) -> BranchBlocks:
+        """Monotone branches of every cycle."""
+        return find_blocks(self.rows, self.usable, self.torque_noise, self.fitted)
+
+    @cached_property
+    def cells(self) -> Cells:
+        """Usable rows averaged over neighbouring torques of a branch."""
+        return cells(self.rows, self.usable, self.branches)
+
+    @cached_property
+    def history(self) -> History:
+        """Turning torques of each position."""
+        return history(self.rows, self.branches)
+
+    @cached_property
+    def repeatability(self) -> Noise:
+        """Noise of the cells."""
+        return measured_noise(self.branches, self.cells, self.torque_noise, self._resolution)
+
+    def noise_of(self, visible: Truth) -> Noise:
+        """Noise of some cells (n_cells,), whole branches, from their rows alone."""
+        if np.all(visible):
+            return self.repeatability
+        blocks, restricted_cells = restricted(self.branches, self.cells, visible)
+        pairs = {(position, cycle) for position, cycle in zip(blocks.position, blocks.cycle, strict=True)}
+        runs = [run for position, cycle, run in self.rows.runs() if (position, cycle) in pairs]
+        scatter = torque_noise(self.rows, self.unit.settings.instrument, runs)
+        return measured_noise(blocks, restricted_cells, scatter, self._resolution)
+
+    @property
+    def _resolution(self) -> float:
+        """Declared step of the angle [arcmin]; 0 if unknown."""
+        return self.unit.settings.instrument.angle_resolution_arcmin or 0.0
