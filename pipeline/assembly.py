@@ -102,8 +102,8 @@ def _of_disks(values: np.ndarray, sampled: "SampledErrors") -> np.ndarray:
 
 
 def _pins_off_holes(pins: np.ndarray, holes: np.ndarray) -> np.ndarray:
-    """Way of each output pin against its hole, in the shape of the holes'; none where there are no holes."""
-    return (pins[:, None] if holes.ndim > pins.ndim else pins) - holes if holes.shape[-1] else holes
+    """Way of each output pin against its hole, in the shape of the holes'; none of holes in which no pins are."""
+    return (pins[:, None] if holes.ndim > pins.ndim else pins) - holes if holes.shape[-1] == pins.shape[-1] else holes
 
 
 def bearing_clearance(design: Design, deviation_um: Real) -> Real:

@@ -75,7 +75,7 @@ HOLES = Table(
         SAMPLE_COLUMN,
         DISK_COLUMN,
         Column(
-            "hole", "int32", "1", "hole of the disk, by the output pin in it; a disk without such holes has no rows"
+            "hole", "int32", "1", "hole of the disk, by the output pin or crank in it; a disk without has no rows"
         ),
         *_columns("holes"),
     ),
@@ -150,6 +150,8 @@ SAMPLE = Stage(
         "design.output.contacts",
         "design.output.interfaces",
         "design.output.pins_in_holes",
+        "design.output.holes_in_disk",
+        "design.output.carries_disks",
         "design.output.has_bushes",
         "design.operation",
         "design.thermal",

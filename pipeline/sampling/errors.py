@@ -34,7 +34,8 @@ class _Errors:
     bore_runout_amplitude, bore_runout_phase : (n_samples,) [um] and [rad], counterclockwise in the disk's frame.
     roller_diameter : (n_samples, n_rollers) [um], in the order of the output's contacts; with bushes, less what their
         bores are larger, and more by what the pins under them are thicker.
-    hole_diameter : (n_samples, n_disks n_holes) [um], in the order of the output's contacts, disk after disk.
+    hole_diameter : (n_samples, n_disks n_holes) [um], in the order of output pins or cranks, disk after disk; with the
+        clearances of the cranks' bearings.
     output_pin_position_amplitude, output_pin_position_phase : (n_samples, n_output_contacts) [um] and [rad].
     hole_position_amplitude, hole_position_phase : (n_samples, n_disks n_holes) [um] and [rad].
     pin_roundness_2_amplitude, pin_roundness_2_phase : (n_samples, n_pins) [um] and [rad]; as well of order 3.

@@ -1,6 +1,7 @@
 """An RV reducer through the whole chain, and what a study, a unit and the tails of it refuse."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,12 @@ from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
 from pipeline.model.metrics import Quantity
+from pipeline.mounting import drive_of
 from pipeline.population.tails import tails_of
 from pipeline.report.inputs import reducer_facts
+from pipeline.sampling import draw
 from stages.chain import STAGES
+from stages.sample import columns_of_errors, errors_of_columns
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 ROOT = Path(__file__).parents[2]
@@ -57,6 +61,39 @@ def test_a_study_of_a_carrier_runs_and_its_contacts_are_in_balance(tmp_path, nam
     kinematic = pd.DataFrame(outputs["clearance"].read("kinematic"))
     rigid = metrics.merge(kinematic, on=["sample", "crank_deg"])["backlash_arcmin"]
     np.testing.assert_allclose(metrics["clearance_backlash_arcmin"], rigid, rtol=1e-6)
+
+
+def test_each_crank_has_a_bearing_clearance_of_its_own():
+    """Equal ones are the clearance of all bearings alike, to the last digits; drawn ones open their rollers."""
+    fixed = {"distribution": "fixed", "value_um": 7.0}
+    alike = small_study("rv_two_disks", tolerances={"crank_bearing_clearance": fixed})
+    together = small_study("rv_two_disks", tolerances={"bearing_clearance": fixed})
+    uniform = {"distribution": "uniform", "lower_um": 0.0, "upper_um": 6.0}
+    own = small_study("rv_two_disks", tolerances={"crank_bearing_clearance": uniform})
+    gap = {}
+    for name, study in {"alike": alike, "together": together, "own": own}.items():
+        sampled = draw(study, 0, 3)
+        loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+        gap[name] = drive_of(study, 37.0, None, assembly.errors(sampled), loose).gap
+    np.testing.assert_allclose(gap["alike"], gap["together"], atol=1e-17)
+    reducer = assembly.reducer(own.design, 37.0)
+    tight = replace(assembly.errors(sampled), hole_diameter=np.zeros((3, 2, own.design.output.cranks)))
+    clearance = sampled.crank_bearing_clearance.reshape(3, 2, -1)
+    assert np.all(clearance[0] == 0)  # the nominal unit
+    assert len(np.unique(clearance[1:])) == clearance[1:].size
+    contacts = reducer.contacts
+    expected = 1e-3 * clearance[:, reducer.disk_of_contact, contacts.hole] * (contacts.hole >= 0)
+    np.testing.assert_allclose(gap["own"] - drive_of(own, 37.0, None, tight, loose).gap, expected, atol=1e-15)
+    read_back = errors_of_columns(columns_of_errors(sampled, 0, 1))
+    np.testing.assert_array_equal(read_back.crank_bearing_clearance, sampled.crank_bearing_clearance)
+    with pytest.raises(InputError, match="crank_bearing_clearance; acts on nothing: it needs cranks in the disks"):
+        parse_study(
+            tomllib.loads((ROOT / "data/studies/quick.toml").read_text(encoding="utf-8"))
+            | {"tolerances": {"crank_bearing_clearance": uniform}},
+            "quick",
+            "quick.toml",
+            lambda design: load_design(design, ROOT),
+        )
 
 
 @pytest.mark.parametrize(("name", "disks", "torque"), [("rv", 1, 200.0), ("rv_two_disks", 2, 400.0)])

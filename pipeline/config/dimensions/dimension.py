@@ -53,8 +53,8 @@ LOBES = Elements(
 ROLLERS = Elements("roller", lambda design: design.output.contacts, None)
 OUTPUT_PINS = Elements("output_pin", lambda design: design.output.contacts, None, listed_with="roller")
 """Pins of the flange in holes of the disks, which are all that such an output's contacts have."""
-HOLES = Elements("hole", lambda design: design.output.pins_in_holes, None)
-"""Holes of a disk, each about one output pin."""
+HOLES = Elements("hole", lambda design: design.output.holes_in_disk, None)
+"""Holes of a disk, each about one output pin or the eccentric of one crank."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,7 @@ class Need:
 
 
 PINS_IN_HOLES = Need(lambda design: design.output.pins_in_holes > 0, 'pins in holes, mechanism = "pin_in_hole"')
+CRANKS = Need(lambda design: design.output.carries_disks, 'cranks in the disks, mechanism = "carrier"')
 BUSHES = Need(lambda design: design.output.has_bushes, "bushes on the output pins, [output.bush]")
 
 

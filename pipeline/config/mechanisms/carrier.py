@@ -74,6 +74,11 @@ class Carrier(OutputMechanism):
         return self.cranks * (self.bearing_rollers + 2)
 
     @property
+    def holes_in_disk(self) -> int:
+        """One for each crank."""
+        return self.cranks
+
+    @property
     def contact_radius_mm(self) -> float:
         """Radius of the hole in which the rollers run."""
         return self.bearing_radius_mm

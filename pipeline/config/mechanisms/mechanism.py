@@ -192,6 +192,11 @@ class OutputMechanism(Section):
         """Pins of the flange that reach into holes of the disks, one for each output contact; 0 without any."""
         return 0
 
+    @property
+    def holes_in_disk(self) -> int:
+        """Holes of a disk that have errors of their own; an output contact in one names it (``Contacts.hole``)."""
+        return self.pins_in_holes
+
     def hole_radius(self, eccentricity: float) -> float:
         """Radius of the holes about these pins [mm]; asked where there are some.
 

@@ -40,8 +40,8 @@ class Errors:
         of the lobes' height, counterclockwise positive.
     bore_runout : (n, 2) way of the flank's centre from the bore's in the disk's frame, of every disk alike.
     eccentric_phase : (n,) or (n, n_disks) way of the eccentric's centre around the crank, counterclockwise positive.
-    hole_diameter : (n, n_outputs) or (n, n_disks, n_outputs) of the hole about each output contact, larger positive.
-    pin_off_hole : (n, n_outputs) or (n, n_disks, n_outputs) complex, way of each output pin's axis from its true place
+    hole_diameter : (n, n_holes) or (n, n_disks, n_holes) of holes about output pins or cranks, larger positive.
+    pin_off_hole : (n, n_holes) or (n, n_disks, n_holes) complex, way of each output pin's axis from its true place
         against that of its hole, in the frame that turns with the output.
     pin_roundness : (n, n_pins, 2) complex, waves of order 2 and 3 around each pin: its radius in the direction theta is
         larger by the real part of the first times exp(2 i theta) and of the second times exp(3 i theta).
@@ -237,11 +237,11 @@ def output_gaps(contacts: Contacts, eccentricity: float, errors: Errors, roller_
 
 
 def hole_gaps(contacts: Contacts, disk: DiskPose, errors: Errors, method: str) -> Real:
-    """What errors of holes and of the output pins' places add to the gaps (n, n_output_contacts) [mm].
+    """What errors of holes and of the output pins' places add to the gaps (n, n_contacts) [mm].
 
     Parameters
     ----------
-    contacts : of the disk with the output, pins in its holes.
+    contacts : of the disk with the output, in its holes.
     disk : where it stands.
     errors : of the disk.
     method : ``"exact"`` or ``"first_order"``.
@@ -252,13 +252,14 @@ def hole_gaps(contacts: Contacts, disk: DiskPose, errors: Errors, method: str) -
     against the hole it is |e u - v|, to first order e - u.v. The normal turns by some v/e, which changes arms to second
     order and is left out.
     """
-    travel = errors.pin_off_hole * np.exp(1j * disk.rotation) * np.conj(contacts.normal)
+    hole = contacts.hole
+    travel = errors.pin_off_hole[:, hole] * np.exp(1j * disk.rotation) * np.conj(contacts.normal)
     if method == "exact":
         radius = np.hypot(disk.eccentricity + errors.eccentricity, errors.eccentric_phase)[:, None]
         farther_travel = radius - np.abs(radius - travel)
     else:
         farther_travel = travel.real
-    return farther_travel + 0.5 * errors.hole_diameter
+    return farther_travel + 0.5 * errors.hole_diameter[:, hole]
 
 
 def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
@@ -346,7 +347,8 @@ def gaps(
         of_disk = replace(errors.of_disk(number), roller_diameter=diameters)
         contacts = reducer.contacts.some(rows)
         gap = output_gaps(contacts, profile.eccentricity, of_disk, roller_reading)
-        if len(rows) and (np.any(of_disk.pin_off_hole) or np.any(of_disk.hole_diameter)):
-            gap = gap + hole_gaps(contacts, reducer.disks[number], of_disk, method)
+        in_hole = np.flatnonzero(contacts.hole >= 0)
+        if len(in_hole) and (np.any(of_disk.pin_off_hole) or np.any(of_disk.hole_diameter)):
+            gap[:, in_hole] += hole_gaps(contacts.some(in_hole), reducer.disks[number], of_disk, method)
         parts.append(gap)
     return np.hstack(parts)

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from drives import drive_with
 from reducers import STEEL
+from scipy.optimize import linprog
 
 from pipeline.config.mechanisms.carrier import Carrier, FirstStage
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.model.contact.laws import LineContact, concatenated
 from pipeline.model.contact.line_laws import library
+from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import CycloidProfile
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
@@ -73,6 +75,33 @@ def test_the_ratio_follows_from_the_columns(cranks):
     np.testing.assert_allclose(reducer.contact_jacobian @ motion, -sun, atol=1e-10)  # all stay closed
     np.testing.assert_allclose(1 / motion[reducer.output_motion], 1 + PLANET * 40 / SUN, rtol=1e-10)
     np.testing.assert_allclose(motion[4:] / motion[3], -LOBES, rtol=1e-10)
+
+
+@pytest.mark.parametrize("disks", [1, 2])
+@pytest.mark.parametrize("cranks", [2, 3])
+def test_the_play_of_crank_bearings_is_that_of_circles_in_holes_that_roll_about_the_pitch_point(cranks, disks):
+    """Pins without gaps leave disk k the rotation d_k about its pitch point, e N from the axis.
+
+    The hole of crank j moves by d_k i (c_j - e Z u), the eccentric in it by phi i (c_j + (1 + z1/z2) e u): of the
+    carrier's angles phi for which their difference stays in the ring of rollers the largest, two numbers a disk.
+    """
+    reducer = nominal_reducer(PROFILE, carrier(cranks), CRANK, disks=disks)
+    clearance = 1e-3 * np.random.default_rng(8).uniform(2.0, 10.0, (5, disks, cranks))
+    zero = Errors.zero(PROFILE.pins, PROFILE.lobes, cranks, n=5)
+    errors = replace(zero, hole_diameter=2 * clearance, roller_diameter=np.zeros((5, cranks * (16 + 2))))
+    gap = gaps(PROFILE, reducer, errors, method="exact", disk_reading="radial", roller_reading="half_diameter")
+    play = rigid_play(reducer, gap, np.full(5, 1.5)).backlash
+    np.testing.assert_allclose(general_play(reducer, gap, np.full(5, 1.5)).backlash, play, rtol=1e-9)
+    for sample in range(5):
+        ends = []
+        for k, pose in enumerate(reducer.disks):
+            centre = carrier(cranks).centres() * np.exp(1j * pose.rotation)
+            way = 1j * np.array([centre + (1 + SUN / PLANET) * pose.eccentric, -centre + LOBES * pose.eccentric])
+            direction = np.exp(1j * (pose.rotation + 2 * np.pi * np.arange(16) / 16))
+            closing = np.real(np.conj(direction)[:, None, None] * way).transpose(2, 0, 1).reshape(-1, 2)
+            room = np.repeat(clearance[sample, k], 16)
+            ends.append([-linprog([s, 0], closing, room, bounds=(None, None)).fun for s in (-1, 1)])
+        np.testing.assert_allclose(play[sample], np.min(ends, axis=0).sum(), rtol=1e-8)
 
 
 @pytest.mark.parametrize("cranks", [2, 3])
