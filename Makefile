@@ -64,7 +64,7 @@ rig: $(VENV)/installed  ## identify all states of the printed drive's rig, besid
 
 changed: $(VENV)/installed  ## say what changed between two measurements of one drive: make changed A=before B=after
 	$(PIPELINE) changed --before $(or $(A),$(error say which units: make changed A=<folder> B=<folder>)) \
-		--after $(or $(B),$(error say which units: make changed A=<folder> B=<folder>))
+		--after $(or $(B),$(error say which units: make changed A=<folder> B=<folder>)) $(if $(ALSO),--also $(ALSO))
 
 population: $(VENV)/installed  ## hold many measured units against a study: make population UNITS=units.csv STUDY=paper
 	$(PIPELINE) population --units $(or $(UNITS),$(error say which units: make population UNITS=<file>)) --study $(STUDY) \

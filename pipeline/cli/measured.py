@@ -84,17 +84,26 @@ def describe_generic(measurement: Measurement) -> None:
 
 def compare_states(options: argparse.Namespace) -> None:
     """Say what changed between two measurements of one drive."""
-    state_before, state_after = (
-        Measurement.read(load_measured_unit(name, settings.ROOT)) for name in (options.before, options.after)
+    state_before, state_after, *others = (
+        Measurement.read(load_measured_unit(name, settings.ROOT))
+        for name in (options.before, options.after, *options.also)
     )
-    print("\n".join([*state_before.summary, *state_after.summary]), flush=True)
-    answers = answer(state_before, state_after)
+    print("\n".join(line for state in (state_before, state_after, *others) for line in state.summary), flush=True)
+    answers = answer(state_before, state_after, others)
     folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     change_results.write(answers, folder)
     write_change_page(answers, folder, settings.shown(folder))
     print(
         "\n".join(
-            filter(None, [f"{answers.found.verdict}: {answers.sentence}", answers.pattern_sentence, answers.advice])
+            filter(
+                None,
+                [
+                    f"{answers.found.verdict}: {answers.sentence}",
+                    answers.limits_sentence,
+                    answers.pattern_sentence,
+                    answers.advice,
+                ],
+            )
         )
     )
     print(f"report: {settings.shown(folder / 'report.html')}")

@@ -148,6 +148,9 @@ def _measured(command: Commands) -> None:
         changing.add_argument(
             f"--{state}", required=True, help="folder with a unit.toml, or the name of one, as for identify"
         )
+    changing.add_argument(
+        "--also", nargs="*", default=[], help="further states of the drive, which tell how far mounting scatters"
+    )
 
     comparing = command(
         "population", "measured.compare_population", "hold many measured units against the distributions of a study"

@@ -103,6 +103,24 @@ def test_two_changes_are_named_together(tmp_path):
     assert result.verdict == CHANGED
 
 
+def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
+    cranks = CRANKS[:3]
+    state_before = drive_measured(tmp_path / "before", {}, 0.04, 1, cranks)
+    state_after = drive_measured(tmp_path / "after", {"friction": 0.5}, 0.04, 1001, cranks)
+    further = [drive_measured(tmp_path / str(seed), {}, 0.04, seed, cranks) for seed in (2001, 3001, 4001)]
+    alone, result = answer(state_before, state_after), answer(state_before, state_after, further)
+    assert not alone.found.named
+    assert [change.words for change in result.found.named] == ["friction grows"]
+    assert result.found.named[0].freedom == 8
+    assert "could hide" in alone.limits_sentence
+    assert "scatter over the positions of 2 states (2 degrees of freedom)" in alone.limits_sentence
+    limits = [change.detectable[0] for change in alone.found.beside]
+    assert all(limit > abs(change.mean[0]) for limit, change in zip(limits, alone.found.beside, strict=True))
+    lacking = drive_measured(tmp_path / "lacking", {}, 0.04, 5001, CRANKS[:2])
+    with pytest.raises(InputError, match="lacking: nothing to compare at 140 deg"):
+        answer(state_before, state_after, [lacking])
+
+
 def test_a_torque_that_reads_another_zero_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(DRIVE, "ripple", 0.2)  # a ripple shifts with the torque and drops out of no difference
     result = pair(tmp_path, {"zero": 0.8}, mounting=0.0).found
@@ -221,4 +239,4 @@ def test_the_known_interventions_have_their_class_and_sign(rig):
     assert words("split_pccf_runin", "split_pccf_reassembled") == []
     assert words("conic_onyx_2pre", "conic_onyx_3pre") == []
     assert words("conic_onyx_3pre", "conic_onyx_4pre") == []
-    assert answer(rig("conic_onyx_1pre"), rig("conic_onyx_1pre", again=True)).found.verdict == NOTHING
+    assert answer(rig("conic_onyx_1pre"), rig("conic_onyx_1pre", repeat=True)).found.verdict == NOTHING

@@ -20,6 +20,7 @@ from scipy.stats import t as student
 
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.pairing import Pair
+from pipeline.identification.change.scatter import scatter
 from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
 from pipeline.identification.selection.parameter_intervals import FORM
 
@@ -115,9 +116,12 @@ class Change:
     mean, low, high : (n_kinds,) with the 95 % interval of the scatter over positions and of the model's form; NaN with
         too few positions.
     p : (n_kinds,) of no change, each kind by itself.
+    detectable : (n_kinds,) size that would have been sure with a chance of 95 %; NaN with too few positions.
+    freedom : degrees of freedom that the scatter is known with; 0 with too few positions.
     without, held_out : at each position what is put into the drive: nothing, and the mean change of the others; with
         what mounting may have changed beside it, fitted there.
     models : of the positions.
+    other_states : (n_others, n_positions, n_kinds) changes of further states, which tell the scatter too.
     others : whether all other kinds are "equal" in both states, or "free" at each position.
     """
 
@@ -127,9 +131,12 @@ class Change:
     low: Real
     high: Real
     p: Real
+    detectable: Real
+    freedom: int
     without: tuple[Mapping[Kind, float], ...]
     held_out: tuple[Mapping[Kind, float], ...]
     models: Sequence[JointModel]
+    other_states: Real
     others: str
 
     @cached_property
@@ -171,58 +178,80 @@ class Change:
 def judged(
     models: Sequence[JointModel],
     kinds: tuple[Kind, ...],
+    estimates: Real,
+    other_states: Real,
     mounted: tuple[Kind, ...] = (),
-    known_change: Real | None = None,
 ) -> Change:
     """A change of some kinds over all positions.
 
     Parameters
     ----------
+    estimates, other_states : (n_positions, n_kinds) and (n_others, n_positions, n_kinds) changes from the first state.
     mounted : kinds that are fitted to each position beside it.
-    known_change : (n_positions, n_kinds) estimates, if there are any already.
     """
-    estimates = known_change
-    if estimates is None:
-        estimates = np.array([[model.estimated(kinds)[kind] for kind in kinds] for model in models])
     n, mean = len(models), estimates.mean(axis=0)
-    low = high = p = np.full(len(kinds), np.nan)
+    low = high = p = detectable = np.full(len(kinds), np.nan)
+    freedom = 0
     if n >= FEWEST_POSITIONS:
-        spread = np.maximum(estimates.std(axis=0, ddof=1) / np.sqrt(n), 1e-12)
-        quantile = 0.5 + CONFIDENCE / 2
-        reach = np.hypot(student.ppf(quantile, n - 1) * spread, norm.ppf(quantile) * FORM * np.abs(mean))
-        low, high, p = mean - reach, mean + reach, 2 * student.sf(np.abs(mean) / spread, n - 1)
+        spread = scatter(estimates, other_states)
+        freedom, quantile = spread.freedom, 0.5 + CONFIDENCE / 2
+        reach = np.hypot(student.ppf(quantile, freedom) * spread.error, norm.ppf(quantile) * FORM * np.abs(mean))
+        low, high, p = mean - reach, mean + reach, spread.p(mean)
+        detectable = spread.detectable(FAMILYWISE / TRIED)
     error_without, held_out = [], []
     for model, single in zip(models, estimates, strict=True):
         rest_of_set = (estimates.sum(axis=0) - single) / (n - 1) if n > 1 else single
         error_without.append(model.mounted(mounted, {}))
         held_out.append(model.mounted(mounted, dict(zip(kinds, rest_of_set.tolist(), strict=True))))
     return Change(
-        kinds, estimates, mean, low, high, p, tuple(error_without), tuple(held_out), models, FREE if mounted else EQUAL
+        *(kinds, estimates, mean, low, high, p, detectable, freedom, tuple(error_without), tuple(held_out)),
+        *(models, other_states, FREE if mounted else EQUAL),
     )
 
 
-def _beside_mounting(models: Sequence[JointModel]) -> tuple[Change, ...]:
-    """Each kind of change, all others as mounting makes them differ."""
-    by_kind = [model.estimated(KINDS) for model in models]
-    estimates = np.array([[results[kind] for kind in KINDS] for results in by_kind])
-    return tuple(
-        judged(
-            models,
-            (kind,),
-            tuple(counterpart for counterpart in KINDS if counterpart is not kind),
-            estimates[:, k : k + 1],
+@dataclass(frozen=True)
+class _States:
+    """Positions of the second state and of further ones, each held against the first."""
+
+    models: tuple[JointModel, ...]
+    others: tuple[tuple[JointModel, ...], ...]
+
+    def alone(self, kind: Kind) -> Change:
+        """A kind of change, all others equal in both states."""
+        return judged(self.models, (kind,), *self._estimates((kind,)))
+
+    def beside_mounting(self) -> tuple[Change, ...]:
+        """Each kind of change, all others as mounting makes them differ."""
+        estimates, other_states = self._estimates(KINDS)
+        return tuple(
+            judged(
+                self.models,
+                (kind,),
+                estimates[:, k : k + 1],
+                other_states[:, :, k : k + 1],
+                tuple(counterpart for counterpart in KINDS if counterpart is not kind),
+            )
+            for k, kind in enumerate(KINDS)
         )
-        for k, kind in enumerate(KINDS)
-    )
 
+    def joined(self, changes: Sequence[Change]) -> tuple[Change, ...]:
+        """Changes as one, all kinds beside them as mounting makes them differ; nothing of none."""
+        if len(changes) < 2:
+            return tuple(changes)
+        kinds = tuple(kind for change in changes for kind in change.kinds)
+        other_kinds = tuple(kind for kind in KINDS if kind not in kinds)
+        estimates = np.hstack([change.by_position for change in changes])
+        other_states = np.concatenate([change.other_states for change in changes], axis=2)
+        return (judged(self.models, kinds, estimates, other_states, other_kinds),)
 
-def _joined(models: Sequence[JointModel], changes: Sequence[Change]) -> tuple[Change, ...]:
-    """Changes as one, all kinds beside them as mounting makes them differ; nothing of none."""
-    if len(changes) < 2:
-        return tuple(changes)
-    kinds = tuple(kind for change in changes for kind in change.kinds)
-    other_kinds = tuple(kind for kind in KINDS if kind not in kinds)
-    return (judged(models, kinds, other_kinds, np.hstack([change.by_position for change in changes])),)
+    def _estimates(self, kinds: tuple[Kind, ...]) -> tuple[Real, Real]:
+        """Of the second state (n_positions, n_kinds), and of the others (n_others, n_positions, n_kinds)."""
+        tables = []
+        for models in (self.models, *self.others):
+            by_kind = [model.estimated(kinds) for model in models]
+            tables.append([[changes[kind] for kind in kinds] for changes in by_kind])
+        values = np.array(tables)
+        return values[0], values[1:]
 
 
 @dataclass(frozen=True)
@@ -258,8 +287,13 @@ class Comparison:
         )
 
 
-def compared(pairs: Sequence[Pair]) -> Comparison:
+def compared(pairs: Sequence[Pair], others: Sequence[Sequence[Pair]] = ()) -> Comparison:
     """What changed between the states of some positions.
+
+    Parameters
+    ----------
+    others : of further states of the drive, the same positions held against the first state: they tell the scatter of
+        mounting with more degrees of freedom.
 
     Notes
     -----
@@ -269,16 +303,20 @@ def compared(pairs: Sequence[Pair]) -> Comparison:
     unless the best is better over the positions. A change that is likely by itself alone is told and not named: of
     eight tests at 5 % each one in seven pairs without a change has such a one.
     """
-    models = tuple(JointModel.of(pair) for pair in pairs)
-    singles = tuple(judged(models, (kind,)) for kind in KINDS)
+    states = _States(
+        tuple(JointModel.of(pair) for pair in pairs),
+        tuple(tuple(JointModel.of(pair) for pair in state_pairs) for state_pairs in others),
+    )
+    models = states.models
+    singles = tuple(states.alone(kind) for kind in KINDS)
     base_errors = np.array([model.error({}) for model in models])
     if len(models) < FEWEST_POSITIONS:
         return Comparison(models, singles, (), (), (), NOTHING, base_errors)
-    mounting_errors = _beside_mounting(models)
+    mounting_errors = states.beside_mounting()
     parted = [change for change in mounting_errors if change.useful and change.sure]
-    likely = _joined(models, [change for change in mounting_errors if change.useful and change.likely])
+    likely = states.joined([change for change in mounting_errors if change.useful and change.likely])
     likely = likely or _best_of([change for change in singles if change.useful and change.likely])
-    named_changes = _joined(models, parted) or _best_of([change for change in singles if change.useful and change.sure])
+    named_changes = states.joined(parted) or _best_of([change for change in singles if change.useful and change.sure])
     nearest = () if named_changes else likely
     return Comparison(
         models, singles, mounting_errors, named_changes, nearest, CHANGED if named_changes else NOTHING, base_errors

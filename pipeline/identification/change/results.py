@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ from pipeline.engine.store import write_atomic, write_json
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import FEWEST_POSITIONS, Change, Comparison, compared
-from pipeline.identification.change.pairing import State, pairs
+from pipeline.identification.change.kinds import KINDS
+from pipeline.identification.change.pairing import Pair, State, pairs
 from pipeline.identification.change.pattern import Pattern, pattern
 from pipeline.identification.measurement.measurement import Measurement
 
@@ -31,6 +32,8 @@ CHANGES = Table(
         Column("ci_low", "float64", "see unit", "lower end of the 95 % interval; null: too few positions"),
         Column("ci_high", "float64", "see unit", "upper end"),
         Column("p", "float64", "1", "of no change, this kind by itself"),
+        Column("detectable", "float64", "see unit", "size that would have been sure with a chance of 95 %"),
+        Column("freedom", "int32", "1", "degrees of freedom that the scatter over the positions is known with"),
         Column("held_out_share", "float64", "1", "held-out rms of the difference, in that of no change"),
         Column("named", "bool", "", "whether the verdict names it"),
     ),
@@ -72,12 +75,14 @@ class ChangeAnswer:
     before, after : states.
     found : comparison over the positions of both.
     positions : whether they kept their pattern.
+    others : further states, which tell how far mounting scatters.
     """
 
     before: State
     after: State
     found: Comparison
     positions: Pattern
+    others: tuple[State, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -105,6 +110,19 @@ class ChangeAnswer:
         return f"{differ}, and nothing that is alike at all {count} positions explains a tenth of it."
 
     @property
+    def limits_sentence(self) -> str:
+        """What could hide, where nothing is named and the scatter over the positions is known."""
+        limits = () if self.found.named else detection_limits(self.found)
+        if not limits:
+            return ""
+        sizes = ", ".join(limits)
+        states, freedom = 2 + len(self.others), self.found.best.freedom
+        return (
+            f"What could hide: a change smaller than {sizes}, which would have been sure with a chance of 95 % by the "
+            f"scatter over the positions of {states} states ({freedom} degrees of freedom)."
+        )
+
+    @property
     def pattern_sentence(self) -> str:
         """Whether the positions kept what is their own."""
         share = self.positions
@@ -128,32 +146,65 @@ class ChangeAnswer:
             return "; ".join(f"{kind.title}: {kind.told_apart_by}" for kind in dict.fromkeys(kinds)) + "."
         if not kinds:
             return (
-                "More crank positions: the interval narrows with their number. Mounted again without any change "
-                "they show what mounting alone does."
+                "More crank positions: the interval narrows with their number. Further states of the drive, or the "
+                "same mounted again, tell what mounting alone does: name them too (make changed A= B= ALSO=)."
             )
         return ""
 
 
-def answer(measurement_before: Measurement, measurement_after: Measurement) -> ChangeAnswer:
+def detection_limits(comparison: Comparison) -> tuple[str, ...]:
+    """By kind the change that would have been sure with a chance of 95 %; nothing with too few positions.
+
+    Of the two tests of a kind, others equal or free, the one that shows the smaller change.
+    """
+    if not comparison.beside:
+        return ()
+    limits = []
+    for kind, single, beside in zip(KINDS, comparison.singles, comparison.beside, strict=True):
+        scale, unit = (100, "%") if kind.unit == "1" else (1, kind.unit)
+        limit = scale * min(float(single.detectable[0]), float(beside.detectable[0]))
+        limits.append(f"{limit:.2g} {unit} of {kind.title.removesuffix(', as a share')}")
+    return tuple(limits)
+
+
+def answer(
+    measurement_before: Measurement, measurement_after: Measurement, others: Sequence[Measurement] = ()
+) -> ChangeAnswer:
     """What changed between two measurements of one drive.
+
+    Parameters
+    ----------
+    others : further states of the drive, which tell how far mounting scatters.
 
     Raises
     ------
-    InputError : a measurement has a fatal fault, or the two have nothing in common.
+    InputError : a measurement has a fatal fault, or they have nothing in common, or another one lacks a position.
     """
-    faults = [
-        f"{measurement.unit.name}: {fault.line}"
-        for measurement in (measurement_before, measurement_after)
-        for fault in measurement.fatal
-    ]
-    ends = [measurement.unit.settings.locked for measurement in (measurement_before, measurement_after)]
-    if ends[0] != ends[1]:
-        faults.append(f'locked = "{ends[0]}" and "{ends[1]}"; two measurements are compared with one end locked')
+    measurements = (measurement_before, measurement_after, *others)
+    faults = [f"{measurement.unit.name}: {fault.line}" for measurement in measurements for fault in measurement.fatal]
+    ends = [measurement.unit.settings.locked for measurement in measurements]
+    if len(set(ends)) > 1:
+        ends_text = " and ".join(f'"{end}"' for end in ends)
+        faults.append(f"locked = {ends_text}; measurements are compared with one end locked")
     if faults:
         raise InputError(faults)
-    states = State.of(measurement_before), State.of(measurement_after)
-    results = pairs(*states)
-    return ChangeAnswer(*states, compared(results), pattern(*states, [pair.crank_deg for pair in results]))
+    first, second, *further = (State.of(measurement) for measurement in measurements)
+    results = pairs(first, second)
+    cranks = [pair.crank_deg for pair in results]
+    found = compared(results, [_at(cranks, first, state) for state in further])
+    return ChangeAnswer(first, second, found, pattern(first, second, cranks), tuple(further))
+
+
+def _at(cranks: Sequence[float], first: State, state: State) -> list[Pair]:
+    """The pairs of a further state at crank angles [deg]."""
+    by_crank = {pair.crank_deg: pair for pair in pairs(first, state)}
+    lacking = [f"{crank:g}" for crank in cranks if crank not in by_crank]
+    if lacking:
+        raise InputError(
+            f"{state.measurement.unit.name}: nothing to compare at {', '.join(lacking)} deg; a further state tells the "
+            "scatter where it has every position of the two, or leave it out"
+        )
+    return [by_crank[crank] for crank in cranks]
 
 
 def write(change_answer: ChangeAnswer, folder: Path) -> None:
@@ -179,11 +230,13 @@ def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:
         "advice": change_answer.advice,
         "named": [_told(change) for change in identification.named],
         "near": [_told(change) for change in identification.near],
+        "could_hide": [] if identification.named else list(detection_limits(identification)),
+        "others": [state.measurement.unit.name for state in change_answer.others],
         "positions_deg": [model.pair.crank_deg for model in identification.models],
         "drives": [asdict(model.drive) for model in identification.models],
         "data_faults": {
             state.measurement.unit.name: [asdict(fault) for fault in state.measurement.faults]
-            for state in (change_answer.before, change_answer.after)
+            for state in (change_answer.before, change_answer.after, *change_answer.others)
         },
     }
 
@@ -215,6 +268,8 @@ def change_rows(comparison: Comparison) -> Columns:
         "ci_low": np.array([change.low[0] for change in changes]),
         "ci_high": np.array([change.high[0] for change in changes]),
         "p": np.array([change.p[0] for change in changes]),
+        "detectable": np.array([change.detectable[0] for change in changes]),
+        "freedom": np.array([change.freedom for change in changes], np.int32),
         "held_out_share": np.array([change.gain for change in changes]),
         "named": np.array([(change.kinds[0].name, change.others) in named_keys for change in changes]),
     }

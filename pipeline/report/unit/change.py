@@ -47,6 +47,7 @@ def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: P
     page = rendered(
         TEMPLATE,
         verdict=verdict,
+        limits=change_answer.limits_sentence,
         titles=[state.measurement.unit.settings.title for state in (change_answer.before, change_answer.after)],
         changes=[_change(row) for row in changes.to_dict("records")],
         positions=_errors(change_answer),
@@ -76,6 +77,7 @@ def _change(row: dict) -> dict[str, str | bool]:
         "value": digits(scale * row["change"]),
         "interval": interval(scale * row["ci_low"], scale * row["ci_high"]),
         "p": digits(row["p"], 2),
+        "detectable": digits(scale * row["detectable"], 2),
         "share": digits(100 * row["held_out_share"], 2),
         "named": row["named"],
         "others": row["others"],
