@@ -66,8 +66,11 @@ class LinearFitter(Fitter):
         angle = np.where(in_positions, self.design @ flat, np.nan)
         return Prediction(angle, influence * in_positions[:, None], np.zeros(len(data)), True)
 
-    def _change(self, model, current, base_unknowns, reducer, positions):
-        return self.predict(model, base_unknowns, positions).angle - reducer.angle
+    def drives(self, model, unknowns, positions=None):
+        return {}, None
+
+    def _change(self, model, base, moved_unknowns, prediction, positions):
+        return self.predict(model, moved_unknowns, positions).angle - prediction.angle
 
 
 def stood(fitter: LinearFitter, model: Model, unknowns, sigma) -> Fit:

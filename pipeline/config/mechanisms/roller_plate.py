@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from math import hypot
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -158,11 +159,9 @@ class RollerPlate(OutputMechanism):
 
     def _slide(self, interface: int, bodies: tuple[str, str], direction: complex, centre: complex) -> Contacts:
         """Rollers of one tongue in its slot: faces 0 and 1 at +-h, ends 0 and 1 at +-x, stations from outside."""
-        grids = np.meshgrid([0, 1], [0, 1], np.arange(self.stations), indexing="ij")
-        face, end, station = (grid.ravel() for grid in grids)
+        (face, end, station), labels = _places(bodies, self.stations)
         side, reach = 1 - 2 * face, (1 - 2 * end) * self.stations_mm[station]
         normal: Complex = 1j * direction * side
-        places = zip(face, end, station, strict=True)
         n = len(side)
         return Contacts(
             kind=np.full(n, OUTPUT),
@@ -173,7 +172,7 @@ class RollerPlate(OutputMechanism):
             end=end,
             station=station,
             hole=np.full(n, -1),
-            label=np.array([f"{'-'.join(bodies)} face {'+-'[f]} end {'+-'[e]} roller {s}" for f, e, s in places]),
+            label=labels,
             gap=np.zeros(n),
             two_sided=np.ones(n, bool),
             per_eccentricity=np.zeros(n),
@@ -224,6 +223,15 @@ class RollerPlate(OutputMechanism):
             direction = (outer - inner) / abs(outer - inner) if len(row) > 1 else outer / abs(outer)
             point = outer + direction * 1.6 * self.roller_radius_mm
             yield RowLabel(point, direction, f"{numbers[row].min()}–{numbers[row].max()}", part)
+
+
+@lru_cache(maxsize=64)
+def _places(bodies: tuple[str, str], stations: int) -> tuple[tuple[Index, ...], Index]:
+    """Face, end and station (n,) of the rollers between two bodies, and their labels."""
+    grids = np.meshgrid([0, 1], [0, 1], np.arange(stations), indexing="ij")
+    places = tuple(grid.ravel() for grid in grids)
+    names = [f"{'-'.join(bodies)} face {'+-'[f]} end {'+-'[e]} roller {s}" for f, e, s in zip(*places, strict=True)]
+    return places, np.array(names)
 
 
 MECHANISM = RollerPlate

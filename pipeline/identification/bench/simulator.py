@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
-from pipeline.model.load_history.cell_means import means
+from pipeline.model.load_history.cell_means import means, means_along
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
 from pipeline.model.load_history.friction.output_path import Ripple, output_path
@@ -178,8 +178,9 @@ class Forward:
     ) -> tuple[LoadPath, bool]:
         """The way with friction through turns (n_turns,) and cells (n_cells, n_edges) [N mm]; whether it is sound."""
         nodes, sound = curve.torque, True
-        path = LoadPath(np.empty(len(edges)), np.empty(len(edges)), np.empty(len(edges)), torque.copy())
-        repeated_torque = np.arange(len(torque) - 1)
+        mean, slope, at_turns = np.empty((2, len(edges))), np.empty((2, len(edges))), torque.copy()
+        path = LoadPath(mean[0], slope[0], mean[1], at_turns)
+        repeated_torque, sense = np.arange(len(torque) - 1), np.where(np.diff(torque) > 0, 1, -1)
         if drive.sliders.at_contacts and drive.lean:
             return path, False  # not solved together
         if drive.sliders.at_contacts:
@@ -198,14 +199,11 @@ class Forward:
                 sliders = drive.sliders.of_scaled_load(leaning)
                 corners, turns = output_path(torque, leaning * stiffer * nodes, elastic_angle, sliders, ripple)
                 corners[2] /= leaning
-            for leg in np.flatnonzero(course.state == state):
-                part = corners[:, turns[repeated_torque[leg]] : turns[repeated_torque[leg] + 1] + 1]
-                x, output_angle, carried_torque = part if torque[leg + 1] > torque[leg] else part[:, ::-1]
-                cells = course.leg == leg
-                path.at_turns[leg : leg + 2] = part[2, [0, -1]]
-                if np.any(cells):
-                    path.angle[cells], path.slope[cells] = means(edges[cells], x, output_angle)
-                    path.carried[cells], _ = means(edges[cells], x, carried_torque)
+            followed = course.state == state
+            ends = np.column_stack([turns[repeated_torque], turns[repeated_torque + 1], sense])
+            at_turns[1:][followed] = corners[2, ends[followed, 1]]
+            at_turns[:-1][followed] = corners[2, ends[followed, 0]]
+            means_along(edges, course.leg, corners, ends, followed, mean, slope)
         return path, sound
 
     def influence(self, drive: Drive, position: int, carried_torque: Real, modes: Real) -> Real:

@@ -24,6 +24,7 @@ from pipeline.model.contact.laws import scaled
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import PIN
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.drive import Drive
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors as SampledErrors
@@ -42,6 +43,8 @@ GAP_FIELDS = ("kind", "gap", "two_sided", "per_eccentricity")
 """Of a contact: what its gap is made of beside the flank and the errors."""
 TRIAL = 1.01
 """Factor of a calibrated number by which it is seen whether contacts move with it."""
+KEPT_SCALES = 64
+"""Factors of the calibrated numbers of which the drives of all positions are kept."""
 RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 
@@ -96,13 +99,10 @@ def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
 
 
 def _same_gaps(drive: Drive, known_drive: Drive) -> bool:
-    """Whether two drives at one crank angle differ in nothing that gaps are made of."""
+    """Whether two drives with the same errors at one crank angle differ in nothing that gaps are made of."""
     contacts, counterparts = drive.reducer.contacts, known_drive.reducer.contacts
-    errors = zip(vars(drive.errors).values(), vars(known_drive.errors).values(), strict=True)
-    return (
-        drive.profile == known_drive.profile
-        and all(np.array_equal(getattr(contacts, name), getattr(counterparts, name)) for name in GAP_FIELDS)
-        and all(np.array_equal(values, counterparts) for values, counterparts in errors)
+    return drive.profile == known_drive.profile and all(
+        np.array_equal(getattr(contacts, name), getattr(counterparts, name)) for name in GAP_FIELDS
     )
 
 
@@ -130,41 +130,43 @@ def _drives_of(
     cranks: Real,
     compliances: Sequence[Real],
     conditions: Sequence[Conditions],
-) -> Callable[[tuple[float, ...]], tuple[Drive, ...]]:
-    """Drives, one per position, at factors of the numbers at ``keys`` and of the two force laws; made once each."""
-    errors, declared = assembly.errors(sampled), (1.0,) * len(keys)
-    placing = np.array([_places(study.design, key, float(cranks[0])) for key in keys], bool)
+) -> Callable[[tuple[float, ...], int], Drive]:
+    """Drive of a position at factors of the numbers at ``keys`` and of the two force laws; made once each."""
+    declared = (1.0,) * len(keys)
+    placing = [_places(study.design, key, float(cranks[0])) for key in keys]
+    counts = [len(position.cycle) for position in conditions]
+    errors = [_repeated(assembly.errors(sampled), count) for count in counts]
+    clearances = [np.repeat(sampled.bearing_clearance, count, axis=0) for count in counts]
+    kept_drives = KEPT_SCALES * len(cranks)
 
-    @lru_cache(maxsize=64)
-    def with_numbers(numbers: tuple[float, ...]) -> tuple[Drive, ...]:
-        refined = study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
-        factor = softness(refined.design) / softness(study.design)
-        placed_alike = not np.any(placing & (np.array(numbers) != 1.0))
-        built = (
-            drive_of(
-                refined,
-                float(crank),
-                factor * compliance,
-                _repeated(errors, len(position.cycle)),
-                assembly.bearing_clearance(
-                    refined.design, np.repeat(sampled.bearing_clearance, len(position.cycle), axis=0)
-                ),
-                reducer=assembly.reducer(study.design, float(crank)) if placed_alike else None,
-            )
-            for crank, compliance, position in zip(cranks, compliances, conditions, strict=True)
+    @lru_cache(maxsize=KEPT_SCALES)
+    def scaled_study(numbers: tuple[float, ...]) -> Study:
+        return study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
+
+    @lru_cache(maxsize=kept_drives)
+    def reducer(placing_numbers: tuple[float, ...], position: int) -> Reducer:
+        return assembly.reducer(scaled_study(placing_numbers).design, float(cranks[position]))
+
+    @lru_cache(maxsize=kept_drives)
+    def with_numbers(numbers: tuple[float, ...], position: int) -> Drive:
+        refined = scaled_study(numbers)
+        drive = drive_of(
+            refined,
+            float(cranks[position]),
+            softness(refined.design) / softness(study.design) * compliances[position],
+            errors[position],
+            assembly.bearing_clearance(refined.design, clearances[position]),
+            reducer=reducer(
+                tuple(number if places else 1.0 for number, places in zip(numbers, placing, strict=True)), position
+            ),
         )
-        if numbers == declared:
-            return tuple(_with_gaps(drive) for drive in built)
-        return tuple(
-            _with_gaps(drive, known_drive) for drive, known_drive in zip(built, with_numbers(declared), strict=True)
-        )
+        return _with_gaps(drive, None if numbers == declared else with_numbers(declared, position))
 
-    @lru_cache(maxsize=256)
-    def drives(scales: tuple[float, ...]) -> tuple[Drive, ...]:
-        laws = scales[len(keys) :]
-        return tuple(_with_laws(drive, *laws) for drive in with_numbers(scales[: len(keys)]))
+    @lru_cache(maxsize=4 * kept_drives)
+    def drive(scales: tuple[float, ...], position: int) -> Drive:
+        return _with_laws(with_numbers(scales[: len(keys)], position), *scales[len(keys) :])
 
-    return drives
+    return drive
 
 
 def build_problem(measurement: Measurement, compliances: Sequence[Real], visible: Truth | None = None) -> Problem:
@@ -191,7 +193,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     stateless = Forward([course.without_states() for course in courses], nmm, reach)
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
     by_state = Forward(courses, nmm, reach)
-    nominal = first_states(drives((1.0,) * ranges.shape[1]))
+    nominal = first_states([drives((1.0,) * ranges.shape[1], position) for position in range(len(rows.cranks))])
     population = [drive.with_errors(_population_errors(unit, nominal)).gap for drive in nominal]
     influences = tuple(stateless.backbone(drive).influence[0] for drive in nominal)
 

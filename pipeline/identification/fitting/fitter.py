@@ -8,7 +8,7 @@ more for each parameter of friction and of the instrument.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,17 +50,20 @@ class Fitter:
         """Bounds of all parameters of a model."""
         return [pair for effect in model.effects for pair in self.problem.bounds(effect)]
 
-    def drives(self, model: Model, unknowns: Vector) -> tuple[list[Drive], Instrument]:
-        """Drives and instrument at the unknowns."""
-        problem = self.problem
-        declared = problem.drives(tuple(np.exp(unknowns.scales)))
-        if not model.by_state:
-            declared = first_states(declared)
+    def drives(
+        self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None
+    ) -> tuple[Mapping[int, Drive], Instrument]:
+        """Drives by position, of some or all, and instrument at the unknowns."""
+        problem, scales = self.problem, tuple(np.exp(unknowns.scales))
+        numbers = self.positions if positions is None else positions
+        declared = [problem.drives(scales, position) for position in numbers]
         shifted = [
-            drive.shifted(unknowns.modes @ position_modes) if len(position_modes) else drive
-            for drive, position_modes in zip(declared, problem.modes, strict=True)
+            drive.shifted(unknowns.modes @ problem.modes[position]) if problem.n_modes else drive
+            for position, drive in zip(numbers, declared if model.by_state else first_states(declared), strict=True)
         ]
-        return model.put(shifted, problem.conditions, mapped(self.bounds(model), unknowns.shares).tolist())
+        conditions = [problem.conditions[position] for position in numbers]
+        put, instrument = model.put(shifted, conditions, mapped(self.bounds(model), unknowns.shares).tolist())
+        return dict(zip(numbers, put, strict=True)), instrument
 
     def predict(
         self, model: Model, unknowns: Vector, positions: Sequence[int] | None = None, modes: bool = False
@@ -68,7 +71,7 @@ class Fitter:
         """Prediction at the unknowns; the influence of the modes where it is asked for."""
         problem, data = self.problem, self.problem.data
         forward = self.forward(model)
-        drives, instrument = self.drives(model, unknowns)
+        drives, instrument = self.drives(model, unknowns, positions)
         angle, carried_torque = np.full(len(data), np.nan), np.full(len(data), np.nan)
         influence = np.zeros((len(data), problem.n_modes))
         sound = True
@@ -88,15 +91,20 @@ class Fitter:
         return self.problem.forward_by_state if model.by_state else self.problem.forward
 
     def _change(
-        self, model: Model, unknowns: Vector, base_unknowns: Vector, prediction: Prediction, positions: Sequence[int]
+        self,
+        model: Model,
+        base: tuple[Mapping[int, Drive], Instrument],
+        moved_unknowns: Vector,
+        prediction: Prediction,
+        positions: Sequence[int],
     ) -> Real:
-        """Change of the angle (n_cells,) [arcmin] from ``unknowns``, where it is known, to ``base_unknowns``.
+        """Change of the angle (n_cells,) [arcmin] from drives and instrument, where it is known, to ``moved_unknowns``.
 
         To first order from the forces there; predicted anew where friction or the instrument changes, or where a ripple
         answers what the angle does.
         """
-        drives, instrument = self.drives(model, unknowns)
-        moved_drives, moved_instrument = self.drives(model, base_unknowns)
+        drives, instrument = base
+        moved_drives, moved_instrument = self.drives(model, moved_unknowns, positions)
         change = np.full(len(prediction.angle), np.nan)
         for position in positions:
             of_position = self.problem.data.position == position
@@ -106,7 +114,7 @@ class Fitter:
                     drives[position], moved_drives[position], position, prediction.carried[of_position]
                 )
             if angle_change is None:
-                return self.predict(model, base_unknowns, positions).angle - prediction.angle
+                return self.predict(model, moved_unknowns, positions).angle - prediction.angle
             change[of_position] = angle_change
         return change
 
@@ -191,11 +199,12 @@ class Fitter:
             else None
         )
         columns = [] if usable is None else [usable[1][:, k] for k in range(first_share)]
+        base = self.drives(model, unknowns, positions)
         for k in range(len(columns), first_share + len(unknowns.shares)):
             flat = unknowns.flat
             step = -STEP if k >= first_share and flat[k] > 0.5 else STEP
             flat[k] += step
-            columns.append(self._change(model, unknowns, unknowns.like(flat), prediction, positions) / step)
+            columns.append(self._change(model, base, unknowns.like(flat), prediction, positions) / step)
         raw = np.column_stack([*columns, prediction.influence]) if columns else prediction.influence
         jacobian = self.centred(np.nan_to_num(raw), weight)
         return jacobian, (unknowns.scales if usable is None else usable[0], jacobian)

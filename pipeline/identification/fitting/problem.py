@@ -91,7 +91,7 @@ class Problem:
     trained_on : the same problem of other training cells.
     forward : predictions on their courses, all legs in a drive's first state.
     forward_by_state : predictions with every cycle in its own state.
-    drives : of the declared unit at scale factors (n_scales,), one per position.
+    drives : of the declared unit at scale factors (n_scales,) and the number of a position.
     calibrated : keys of the design's calibrated numbers, whose scales come first.
     scale_range : (2, n_scales) logarithms of the factors between which each scale is plausible; scales after those of
         the calibrated numbers are of the force laws of pins and output.
@@ -108,7 +108,7 @@ class Problem:
     trained_on: Callable[[NDArray[np.bool_]], Problem]
     forward: Forward
     forward_by_state: Forward
-    drives: Callable[[tuple[float, ...]], tuple[Drive, ...]]
+    drives: Callable[[tuple[float, ...], int], Drive]
     calibrated: tuple[str, ...]
     scale_range: Real
     modes: tuple[Real, ...]
@@ -153,7 +153,7 @@ class Problem:
     @cached_property
     def nominal(self) -> tuple[Drive, ...]:
         """Declared drives."""
-        return self.drives((1.0,) * len(self.scale_spread))
+        return tuple(self.drives((1.0,) * len(self.scale_spread), position) for position in range(len(self.modes)))
 
     @property
     def scale_spread(self) -> Real:

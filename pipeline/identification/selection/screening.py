@@ -177,7 +177,7 @@ class Screening:
     def _of_ripple(self, effect: Candidate) -> Callable[[Real], float]:
         """As ``_at`` over one position, by shares of the effect's bounds: its drive and its backbone are made once."""
         fitter, base, data = self.fitter, self.base.unknowns, self.fitter.problem.data
-        drives, instrument = fitter.drives(self.base.model, base)
+        drives, instrument = fitter.drives(self.base.model, base, self.positions)
         forward, bounds, (position,) = fitter.forward(self.base.model), fitter.problem.bounds(effect), self.positions
         inside, pulled = data.position == position, self._pulled(base.flat)
 

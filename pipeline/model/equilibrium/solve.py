@@ -21,6 +21,7 @@ Array order: (n_samples, n_torques, n_contacts or n_motions).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,16 @@ class ElasticReducer:
     bearing: Bearing
     laws: ContactLaws
     compliance: Real
+
+    @cached_property
+    def full_system(self) -> tuple[System, Index]:
+        """``system_of`` the reducer with all its motions, and the order (n_contacts,) of the contacts."""
+        return system_of(self)
+
+    @cached_property
+    def reduced_system(self) -> tuple[System, Index]:
+        """The same (n_contacts,) without the disks' translations, of linear bearings without clearance."""
+        return system_of(self, linear=True)
 
 
 @dataclass(frozen=True)
@@ -289,7 +300,7 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
     eliminated = 2 * reducer.n_disks if linear else 0
     n, n_contacts = gap.shape
     shape, n_motions = (n, len(torque)), len(reducer.motions) - eliminated
-    system, order = system_of(elastic, linear)
+    system, order = elastic.reduced_system if linear else elastic.full_system
     motion, force = np.empty((*shape, n_motions)), np.empty((*shape, n_contacts))
     iterations, residual = np.empty(shape, np.int64), np.empty(shape)
     work, steps = workspace(system), np.ascontiguousarray(torque, dtype=float)

@@ -7,7 +7,7 @@ first body against it, so its penetration is ``contact_jacobian @ q - gap`` for 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -205,6 +205,13 @@ def disk_poses(profile: CycloidProfile, crank: float, count: int) -> tuple[DiskP
     )
 
 
+@lru_cache(maxsize=64)
+def _on_pins(profile: CycloidProfile, crank: float, count: int) -> tuple[tuple[DiskPose, ...], tuple[Contacts, ...]]:
+    """``disk_poses`` and the contacts of the pins with each disk; kept, since many reducers differ in their output."""
+    poses = disk_poses(profile, crank, count)
+    return poses, tuple(_labelled(pin_list(pose), pose) for pose in poses)
+
+
 def _labelled(contacts: Contacts, disk: DiskPose) -> Contacts:
     """The contacts of a disk, its name in their labels where it is one of several."""
     if disk.body == DISK:
@@ -219,10 +226,9 @@ def nominal_reducer(
 
     ``fixed`` is the body that is held, ``"housing"`` or the output's ``"flange"``.
     """
-    poses = disk_poses(profile, crank, disks)
+    poses, on_pins = _on_pins(profile, crank, disks)
     behind_disks = output.contacts_behind(poses[0])
-    of_disks = [_labelled(part(pose), pose) for part in (pin_list, output.contacts_of) for pose in poses]
-    contacts = joined([*of_disks, behind_disks])
+    contacts = joined([*on_pins, *(_labelled(output.contacts_of(pose), pose) for pose in poses), behind_disks])
     output_motions = dict.fromkeys(motion for pose in poses for motion in output.motions_of(pose))
     planar = [f"{pose.body}_{axis}" for pose in poses for axis in "xy"]
     motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *output_motions)

@@ -1,6 +1,7 @@
 """The frictionless curve of a drive: what it turns by at torques of both senses, from the ends of its play."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Backbone:
     angle: Real
     states: Equilibria
 
-    @property
+    @cached_property
     def influence(self) -> Real:
         """d angle / d gap (n, n_nodes, n_contacts) [rad/mm].
 
@@ -59,11 +60,11 @@ class Backbone:
         carry, times the slope of these over the torque.
         """
         force = self.states.force
-        closings = [
-            of_drive.gap[:, None] + force @ of_drive.compliance + of_drive.laws.deflection(force)
-            for of_drive in (neighbour, drive)
-        ]
-        change = np.sum(self._over_torque(force) * (closings[0] - closings[1]), axis=2)
+        loaded = np.nonzero(force > 0)
+        closings = [of_drive.gap[:, None] + force @ of_drive.compliance for of_drive in (neighbour, drive)]
+        for of_drive, closing in zip((neighbour, drive), closings, strict=True):
+            closing[loaded] += of_drive.laws[loaded[-1]].deflection(force[loaded])
+        change = np.sum(self.influence * (closings[0] - closings[1]), axis=2)
         thrust = drive.reducer.thrust(force)
         bearing_depths = [
             of_drive.bearing.depth(thrust) + of_drive.clearance_of_disks[:, None] for of_drive in (neighbour, drive)

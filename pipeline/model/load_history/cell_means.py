@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.model.compiled import entry, part
-from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.cycloid_profile import Index, Real
 
 APART = 1e-6
 """Share of the curve's range below which a stretch is a point."""
@@ -22,32 +22,65 @@ def _corner(x, position):
     return low
 
 
-@entry
-def _means(edges, x, y, mean, slope):
-    """See ``means``."""
-    n = x.shape[0]
-    area, rise = np.zeros(n), np.empty(n - 1)
-    for j in range(n - 1):
+@part
+def _integrate(x, y, area, rise):
+    """Area below the polyline up to each corner, and the rise of each segment."""
+    area[0] = 0.0
+    for j in range(x.shape[0] - 1):
         width = max(x[j + 1] - x[j], 1e-12)
         rise[j] = (y[j + 1] - y[j]) / width
         area[j + 1] = area[j] + 0.5 * width * (y[j + 1] + y[j])
+
+
+@part
+def _of_cell(edges, x, y, area, rise, smallest_step):
+    """Mean and slope over one cell."""
+    total, value, area_before, first_value, first_rise = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(edges.shape[0]):
+        j = _corner(x, edges[k])
+        distance = edges[k] - x[j]
+        value_here = y[j] + rise[j] * distance
+        area_here = area[j] + distance * (y[j] + 0.5 * rise[j] * distance)
+        if k == 0:
+            first_value, first_rise = value_here, rise[j]
+        else:
+            step = edges[k] - edges[k - 1]
+            total += (area_here - area_before) / step if step > smallest_step else 0.5 * (value_here + value)
+        value, area_before = value_here, area_here
+    cell_width = edges[-1] - edges[0]
+    slope = (value - first_value) / cell_width if cell_width > smallest_step else first_rise
+    return total / (edges.shape[0] - 1), slope
+
+
+@entry
+def _means(edges, x, y, mean, slope):
+    """See ``means``."""
+    area, rise = np.empty(x.shape[0]), np.empty(x.shape[0] - 1)
+    _integrate(x, y, area, rise)
     smallest_step = APART * (x[-1] - x[0])
     for cell in range(edges.shape[0]):
-        total, value, area_before, first_value, first_rise = 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(edges.shape[1]):
-            j = _corner(x, edges[cell, k])
-            distance = edges[cell, k] - x[j]
-            value_here = y[j] + rise[j] * distance
-            area_here = area[j] + distance * (y[j] + 0.5 * rise[j] * distance)
-            if k == 0:
-                first_value, first_rise = value_here, rise[j]
-            else:
-                step = edges[cell, k] - edges[cell, k - 1]
-                total += (area_here - area_before) / step if step > smallest_step else 0.5 * (value_here + value)
-            value, area_before = value_here, area_here
-        cell_width = edges[cell, -1] - edges[cell, 0]
-        mean[cell] = total / (edges.shape[1] - 1)
-        slope[cell] = (value - first_value) / cell_width if cell_width > smallest_step else first_rise
+        mean[cell], slope[cell] = _of_cell(edges[cell], x, y, area, rise, smallest_step)
+
+
+@entry
+def _means_along(edges, leg, corners, ends, followed, mean, slope):
+    """See ``means_along``."""
+    longest = 1 + np.max(ends[:, 1] - ends[:, 0])
+    abscissa, ordinate, area, rise = np.empty(longest), np.empty(longest), np.empty(longest), np.empty(longest)
+    for number in range(ends.shape[0]):
+        first, last, sense = ends[number, 0], ends[number, 1], ends[number, 2]
+        n = last - first + 1
+        x, y = abscissa[:n], ordinate[:n]
+        for i in range(n if followed[number] else 0):
+            x[i] = corners[0, first + i if sense > 0 else last - i]
+        smallest_step = APART * (x[-1] - x[0])
+        for row in range(1, corners.shape[0] if followed[number] else 0):
+            for i in range(n):
+                y[i] = corners[row, first + i if sense > 0 else last - i]
+            _integrate(x, y, area, rise)
+            for cell in range(edges.shape[0]):
+                if leg[cell] == number:
+                    mean[row - 1, cell], slope[row - 1, cell] = _of_cell(edges[cell], x, y, area, rise, smallest_step)
 
 
 def means(edges: Real, x: Real, y: Real) -> tuple[Real, Real]:
@@ -66,3 +99,18 @@ def means(edges: Real, x: Real, y: Real) -> tuple[Real, Real]:
     mean, slope = np.empty(len(edges)), np.empty(len(edges))
     _means(np.ascontiguousarray(edges), np.ascontiguousarray(x), np.ascontiguousarray(y), mean, slope)
     return mean, slope
+
+
+def means_along(edges: Real, leg: Index, corners: Real, ends: Index, followed: Index, mean: Real, slope: Real) -> None:
+    """Means and slopes, as ``means``, over the cells of a path that turns back: each on its own leg of it.
+
+    Parameters
+    ----------
+    edges : (n_cells, n_edges) ascending edges of the parts of each cell.
+    leg : (n_cells,) leg of the path on which each cell lies.
+    corners : (1 + n_values, n_corners) abscissa of the path and values along it.
+    ends : (n_legs, 3) first and last corner of each leg; 1 where its abscissa rises, -1 where it falls.
+    followed : (n_legs,) whether its cells are wanted.
+    mean, slope : (n_values, n_cells), of which the cells wanted are filled.
+    """
+    _means_along(np.ascontiguousarray(edges), leg, np.ascontiguousarray(corners), ends, followed, mean, slope)

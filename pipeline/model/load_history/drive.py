@@ -175,7 +175,7 @@ class Drive:
         """The drive with other errors."""
         return replace(self, errors=errors, known=None)
 
-    @property
+    @cached_property
     def elastic(self) -> ElasticReducer:
         """The reducer on its springs, their modulus the drawing's."""
         return ElasticReducer(self.reducer, self.bearing, self.laws, self.compliance)

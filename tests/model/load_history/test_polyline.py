@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pipeline.model.load_history.cell_means import means
+from pipeline.model.load_history.cell_means import means, means_along
 
 X = np.array([-3.0, -1.0, -0.5, 0.0, 2.0, 5.0])
 Y = np.array([-1.0, -0.8, 0.3, 0.3, 2.0, 2.5])
@@ -48,3 +48,20 @@ def test_a_jump_counts_on_both_sides_of_its_place():
     result, slope = means(np.array([[-0.5, 0.5], [-0.25, 0.75], [-0.9, -0.1]]), x, y)
     np.testing.assert_allclose(result, [1.0, 1.5, 0.0], atol=1e-11)
     np.testing.assert_allclose(slope, [2.0, 2.0, 0.0], atol=1e-11)
+
+
+def test_cells_of_a_path_that_turns_back_are_those_of_each_leg_by_itself():
+    """A leg that falls is read from its end; cells of a leg that is not followed are left alone."""
+    x = np.array([0.0, 0.7, 2.0, 1.1, -1.5, -0.4, 1.8])
+    corners = np.array([x, x**3, np.cos(x)])
+    ends = np.array([[0, 2, 1], [2, 4, -1], [4, 6, 1]])
+    edges = np.array([[0.1, 0.5, 1.9], [-1.2, 0.3, 0.9], [-0.2, 0.0, 1.95], [0.2, 0.3, 0.3]])
+    leg = np.array([0, 1, 1, 2])
+    mean, slope = np.full((2, 4), 9.0), np.full((2, 4), 9.0)
+    means_along(edges, leg, corners, ends, np.array([True, True, False]), mean, slope)
+    for cell, sides in enumerate([slice(0, 3), slice(4, 1, -1), slice(4, 1, -1)]):
+        for row in (0, 1):
+            expected = means(edges[cell : cell + 1], corners[0, sides], corners[1 + row, sides])
+            assert (mean[row, cell], slope[row, cell]) == (expected[0][0], expected[1][0])
+    assert np.all(mean[:, 3] == 9.0)
+    assert np.all(slope[:, 3] == 9.0)
