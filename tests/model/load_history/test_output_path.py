@@ -15,9 +15,6 @@ ANGLES = np.sign(NODES) * (PLAY + 1e-5 * np.abs(NODES) ** 0.9)
 TURNS = np.array([900.0, -900.0, 900.0, -300.0, 500.0, -900.0, 900.0])
 COARSE = np.linspace(-1000.0, 1000.0, 8), np.linspace(-0.01, 0.01, 8)
 """A backbone with no torque in the middle of a segment."""
-TURNS = np.array([900.0, -900.0, 900.0, -300.0, 500.0, -900.0, 900.0])
-COARSE = np.linspace(-1000.0, 1000.0, 8), np.linspace(-0.01, 0.01, 8)
-"""A backbone with no torque in the middle of a segment."""
 PRELOADED = np.array([-1500.0, -530.0, 530.0, 1500.0]), np.array([-0.05, -0.0033, 0.0033, 0.05])
 """A backbone so stiff at low torques that limits fall faster there than a soft slider is turned round."""
 ANGLE_STEPS = 40_000
@@ -119,6 +116,18 @@ def test_a_ripple_that_throws_the_output_back_makes_the_angle_jump():
         assert np.all(np.diff(torque) >= 0)
         assert np.all(np.diff(angle) >= 0)
         assert np.any((np.diff(torque) == 0) & (np.diff(angle) > 0.5 * 2 * np.pi / THROWING.waves))
+
+
+def test_the_output_is_thrown_back_at_the_peaks_of_the_torque():
+    """Of a linear reducer these are where its stiffness is the ripple's slope downwards."""
+    nodes, angles = np.linspace(-1000.0, 1000.0, 8), np.linspace(-0.01, 0.01, 8)
+    stiffness, steepest = 1e5, 1.25e5
+    ripple = Ripple(steepest / 5e3, 5e3, 0.3)
+    torque, angle, _ = output_path(TURNS[:1], nodes, angles, NONE, ripple).corners
+    jumps = np.flatnonzero((np.diff(torque) == 0) & (np.diff(angle) > 1e-5))
+    phase = np.mod(ripple.waves * angle[jumps] + ripple.phase, 2 * np.pi)
+    assert len(jumps) >= 4
+    np.testing.assert_allclose(phase, np.arccos(-stiffness / steepest), atol=1e-9)
 
 
 def test_corners_in_a_ripple_obey_their_torque():
