@@ -74,9 +74,7 @@ HOLES = Table(
     (
         SAMPLE_COLUMN,
         DISK_COLUMN,
-        Column(
-            "hole", "int32", "1", "hole of the disk, by the output pin or crank in it; a disk without has no rows"
-        ),
+        Column("hole", "int32", "1", "hole of the disk, by the output pin or crank in it; a disk without has no rows"),
         *_columns("holes"),
     ),
 )

@@ -8,7 +8,15 @@ from scipy.stats import t as student
 
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection import parameter_intervals
-from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, _positive, intervals, unsupported
+from pipeline.identification.selection.parameter_intervals import (
+    CONFIDENCE,
+    FORM,
+    STRUCTURE,
+    _positive,
+    determined,
+    intervals,
+    unsupported,
+)
 
 COULOMB = Model((candidates()["coulomb"],))
 
@@ -125,3 +133,44 @@ def test_an_effect_that_was_tested_against_its_absence_may_have_a_size_that_is_o
     low, high = _positive([(0.0, 5.0), (0.0, 5.0), (-5.0, 5.0)], shares, ends)
     np.testing.assert_allclose(low, [0.1, 0.2 * np.exp(-2), -0.1])
     np.testing.assert_allclose(high, [0.3, 0.2 * np.exp(2), 1.1])
+
+
+def refitted_ends(fitter, fit, rng, resamples=2000):
+    """Ends of the intervals, as shares of the bounds: every resample of the branches and the prior is fitted anew."""
+    data = fitter.problem.data
+    rows, k = fit.jacobian / fit.sigma[:, None], fit.jacobian.shape[1]
+    start = -BOUNDS[0] / (BOUNDS[1] - BOUNDS[0])
+    optima = []
+    for _ in range(resamples):
+        drawn = rng.integers(0, BLOCKS, BLOCKS)
+        cells = (data.branch[:, None] == drawn).nonzero()
+        order = cells[0][np.argsort(cells[1], kind="stable")]
+        stacked = np.vstack([rows[order], np.eye(1, k)])
+        right = np.append((data.angle / fit.sigma)[order], rng.standard_normal())
+        optima.append(start + np.linalg.lstsq(stacked, right, rcond=None)[0][1:])
+    widening = student.ppf(0.5 * (1 + CONFIDENCE), BLOCKS - 1) / norm.ppf(0.5 * (1 + CONFIDENCE))
+    low, high = np.percentile(optima, [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)], axis=0)
+    middle = np.median(optima, axis=0)
+    return fit.unknowns.shares - widening * (middle - low), fit.unknowns.shares + widening * (high - middle)
+
+
+@pytest.mark.parametrize("truth", [(1.0, 2.0), (5.8, 1.0), (1.0, 5.8), (-3.95, 1.0), (1.0, -3.2), (5.2, 1.0)])
+def test_an_effect_is_determined_where_no_refit_of_resampled_branches_reaches_a_bound(truth, monkeypatch):
+    """Presliding has a limit case; a bound that the interval of Coulomb friction reaches decides nothing."""
+    monkeypatch.setattr(parameter_intervals, "FORM", 0.0)
+    presliding = Model((candidates()["presliding"],))
+    fitter = fitter_at(list(truth), noise=3.0, effects=2)
+    fit = fitter.fit(presliding)
+    low, high = refitted_ends(fitter, fit, np.random.default_rng(5))
+    margin = np.minimum(low, 1 - high)
+    assert np.abs(margin).min() > 0.1 * (high - low).max()  # of the bootstrap's own error
+    assert determined(fitter, fit, EVERYTHING, 0.0) == bool(np.all(margin > 0))
+
+
+@pytest.mark.parametrize(
+    ("truth", "known"), [((5.99, 1.0, 2.0), True), ((1.0, 5.99, 2.0), False), ((1.0, 2.0, -3.99), False)]
+)
+def test_only_effects_with_a_limit_case_must_be_determined(truth, known):
+    fitter = fitter_at(list(truth), effects=3)
+    fit = fitter.fit(Model((candidates()["coulomb"], candidates()["presliding"])))
+    assert determined(fitter, fit, EVERYTHING, 0.0) is known
