@@ -7,7 +7,7 @@ NO_PYTHON := found no Python 3.11 to 3.14 with its module venv (on Debian: apt-g
 	if it has another name, say make PYTHON=<name>
 STUDY ?= paper
 VENV := .venv
-STAGES := sample clearance springs reduce hysteresis drivers tails aggregate report
+STAGES := $(shell sed -n 's/^UPSTREAM = (\(.*\))/\1, report/p' stages/chain.py | tr 'A-Z' 'a-z' | tr -d ',')
 PLAIN_STAGES := $(filter-out tails,$(STAGES))
 PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))

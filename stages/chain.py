@@ -6,9 +6,11 @@ from stages.clearance import CLEARANCE
 from stages.drivers import DRIVERS
 from stages.hysteresis import HYSTERESIS
 from stages.reduce import REDUCE
-from stages.report import REPORT
+from stages.report import report_of
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
 from stages.tails import TAILS
 
-STAGES: tuple[Stage, ...] = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, TAILS, AGGREGATE, REPORT)
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, TAILS, AGGREGATE)
+REPORT = report_of(UPSTREAM)
+STAGES: tuple[Stage, ...] = (*UPSTREAM, REPORT)

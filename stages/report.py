@@ -1,6 +1,7 @@
 """Stage 6: the report, one HTML page that needs nothing beside it, and its figures."""
 
 import importlib.metadata
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -17,18 +18,10 @@ from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
 from pipeline.report.layout.pictures import Picture, written_picture
 from pipeline.report.page import TableNote, report_page
-from stages.aggregate import AGGREGATE
-from stages.clearance import CLEARANCE
-from stages.drivers import DRIVERS
-from stages.hysteresis import HYSTERESIS
-from stages.reduce import MESH_FILE, REDUCE
-from stages.sample import SAMPLE
-from stages.springs import SPRINGS
+from stages.reduce import MESH_FILE
 from stages.tables.curves import CONTACTS
 from stages.tables.running import TURN_CONTACTS
-from stages.tails import TAILS
 
-UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, TAILS, AGGREGATE)
 BAND_SAMPLES = 2000
 """Samples that a band of the figures is drawn from: more change it by less than its line's width."""
 BAND_ROWS = 2_000_000
@@ -110,10 +103,10 @@ def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
     return pictures
 
 
-def _notes(job: Job) -> list[TableNote]:
+def _notes(job: Job, upstream: tuple[Stage, ...]) -> list[TableNote]:
     """What the page says of every table of the run."""
     notes = []
-    for stage in UPSTREAM:
+    for stage in upstream:
         for table in stage.tables:
             entry = job.inputs[stage.name].record["tables"][table.name]
             file_name, _, _ = entry["files"][0]["name"].partition("/")  # one file, or a folder of parts
@@ -122,40 +115,43 @@ def _notes(job: Job) -> list[TableNote]:
     return notes
 
 
-def _stages(job: Job) -> list[StageNote]:
+def _stages(job: Job, upstream: tuple[Stage, ...]) -> list[StageNote]:
     """What the page says of every stage before it."""
-    return [StageNote.of(stage.name, stage.reads, job.inputs[stage.name].record) for stage in UPSTREAM]
+    return [StageNote.of(stage.name, stage.reads, job.inputs[stage.name].record) for stage in upstream]
 
 
-def _run(job: Job) -> Tables:
+def _run(upstream: tuple[Stage, ...], job: Job) -> Tables:
     frames = _frames(job)
     versions = package_versions() | {name: importlib.metadata.version(name) for name in PRINTED_WITH}
-    page = report_page(frames, _pictures(job, frames), _notes(job), _stages(job), versions)
+    page = report_page(frames, _pictures(job, frames), _notes(job, upstream), _stages(job, upstream), versions)
     job.path("report.html").write_text(page, encoding="utf-8")
     return {}
 
 
 NO_TABLES: tuple[Table, ...] = ()
 
-REPORT = Stage(
-    name="report",
-    reads=tuple(stage.name for stage in UPSTREAM),
-    sections=(
-        "title",
-        "description",
-        "design",
-        "samples",
-        "cases",
-        "tolerances",
-        "clearance",
-        "springs",
-        "reduce",
-        "cycle",
-        "metrics",
-        "limits",
-        "drivers",
-    ),
-    tables=NO_TABLES,
-    module="stages.report",
-    run=_run,
-)
+
+def report_of(upstream: tuple[Stage, ...]) -> Stage:
+    """The stage that tells of all ``upstream`` ones, in their order."""
+    return Stage(
+        name="report",
+        reads=tuple(stage.name for stage in upstream),
+        sections=(
+            "title",
+            "description",
+            "design",
+            "samples",
+            "cases",
+            "tolerances",
+            "clearance",
+            "springs",
+            "reduce",
+            "cycle",
+            "metrics",
+            "limits",
+            "drivers",
+        ),
+        tables=NO_TABLES,
+        module="stages.chain",  # every stage is a source of what the page says of it
+        run=partial(_run, upstream),
+    )

@@ -15,11 +15,10 @@ from pipeline.engine.stage import Job, Sections
 from pipeline.engine.store import Output
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import HEADLINES
-from pipeline.report.layout import pictures
 from pipeline.report.layout.wording import interval, percent_interval, plain
 from pipeline.report.turn.section import TurnSection
 from stages import report
-from stages.chain import STAGES
+from stages.chain import REPORT, STAGES
 
 
 def test_the_section_of_the_turn_says_what_the_study_lacks(frames) -> None:
@@ -173,13 +172,13 @@ def test_shares_of_the_variance_are_told_as_far_as_they_are_determined(frames):
 
 def job(page_outputs: dict[str, Output], folder: Path) -> Job:
     """What the engine gives to the stage, writing into another folder."""
-    sections = Sections(tiny_study("tiny"), (*report.REPORT.sections, "name"))
-    inputs = {name: page_outputs[name] for name in report.REPORT.reads}
+    sections = Sections(tiny_study("tiny"), (*REPORT.sections, "name"))
+    inputs = {name: page_outputs[name] for name in REPORT.reads}
     return Job(sections, 1, folder, inputs, Cache(folder / "cache", ""))
 
 
 def test_same_run_gives_the_same_bytes(page_outputs, tmp_path):
-    assert report.REPORT.run(job(page_outputs, tmp_path)) == {}
+    assert REPORT.run(job(page_outputs, tmp_path)) == {}
     report_folder = page_outputs["report"].folder
     for name in page_outputs["report"].record["files"]:
         assert (tmp_path / name).read_bytes() == (report_folder / name).read_bytes(), name
@@ -197,6 +196,6 @@ def test_only_the_first_samples_are_read_for_bands(page_outputs, tmp_path, monke
 
     monkeypatch.setattr(report, "BAND_SAMPLES", 5)
     monkeypatch.setattr(report, "drawings", noted)
-    monkeypatch.setattr(pictures, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
-    report.REPORT.run(job(page_outputs, tmp_path))
+    monkeypatch.setattr(report, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
+    REPORT.run(job(page_outputs, tmp_path))
     assert sum("The band is over the first 5 samples." in caption for caption in captions) == 3
