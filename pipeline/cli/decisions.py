@@ -20,7 +20,7 @@ from pipeline.decisions.fresh_units import Angles, fresh_yields
 from pipeline.decisions.reweighting import moved_tolerances, reweighted
 from pipeline.decisions.run_comparison import ComparedRun, differences, differing_inputs, driver_changes
 from pipeline.engine.cache import Cache
-from pipeline.engine.progress import Line
+from pipeline.engine.progress import Line, say
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
@@ -74,7 +74,8 @@ def allocate_tolerances(options: argparse.Namespace) -> None:
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
     trial = draw(tails.population(study, TRIAL), 0, TRIAL)
     rough = partial(prediction.rough_metrics, study, springs(shared, trial))
-    allocation = allocate(study, options.target, options.units, partial(_loaded, shared), rough, condensed.jobs)
+    tell = partial(say, "allocate")
+    allocation = allocate(study, options.target, options.units, partial(_loaded, shared), rough, condensed.jobs, tell)
     folder = settings.RUNS / "allocate" / study.name
     allocation_results.write_tables(allocation, folder)
     file = f"{allocation_results.study_name(study)}.toml"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, priced_tolerances, scaled
-from pipeline.decisions.allocation.search import TRUST, Rough, Search
+from pipeline.decisions.allocation.search import TRUST, Rough, Search, Tell
 from pipeline.decisions.fresh_units import Solve
 from pipeline.errors import InputError
 from pipeline.statistics import Estimate
@@ -69,13 +69,16 @@ class Allocation:
     solved: int
 
 
-def allocate(study: Study, target: float, units: int, solve: Solve, rough: Rough, jobs: int = 1) -> Allocation:
+def allocate(
+    study: Study, target: float, units: int, solve: Solve, rough: Rough, jobs: int = 1, tell: Tell = lambda line: None
+) -> Allocation:
     """The cheapest tolerances of a study at the yield ``target`` against all its limits.
 
     Parameters
     ----------
     units : load-solved in each round and in each check.
     solve, rough : metrics of units under load, and of a cheap model in which they are nearly linear.
+    tell : is told what rounds and checks gave.
 
     Raises
     ------
@@ -89,9 +92,9 @@ def allocate(study: Study, target: float, units: int, solve: Solve, rough: Rough
     """
     priced, unmoved = priced_tolerances(study)
     single = tuple((k,) for k in range(len(priced)))
-    search = Search(study, priced, single, units, solve, rough, jobs)
+    search = Search(study, priced, single, units, solve, rough, jobs, tell)
     scale, model, counted = _aimed(search, target)
-    equal_scaling = Search(study, priced, (tuple(range(len(priced))),), units, solve, rough, jobs)
+    equal_scaling = Search(study, priced, (tuple(range(len(priced))),), units, solve, rough, jobs, tell)
     sets = 2 * (REAIMS + 1)
     try:
         equal_scale = equal_scaling.spread(_aimed(equal_scaling, target)[0])

@@ -14,7 +14,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from pipeline.config.studies.study import Study
+from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, scaled
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
@@ -26,6 +26,8 @@ from pipeline.statistics import Estimate
 
 Real = NDArray[np.float64]
 Rough = Callable[[Errors], Angles]
+Tell = Callable[[str], None]
+"""Is told in a line what a round or a check gave."""
 
 TRUST = 1.8
 """Factor by which a scale may change in one round."""
@@ -54,6 +56,7 @@ class Search:
     solve: Solve
     rough: Rough
     jobs: int
+    tell: Tell
 
     @property
     def names(self) -> list[str]:
@@ -97,7 +100,9 @@ class Search:
     def check(self, scale: Real, start: int) -> dict[str, Estimate]:
         """Yields at scales (n_priced,) by the units from ``start`` on."""
         at_scale = scaled(self.study, self.names, scale)
-        return fresh_yields(at_scale, self.study.samples.count + start, self.units, self.solve, self.jobs)
+        yields = fresh_yields(at_scale, self.study.samples.count + start, self.units, self.solve, self.jobs)
+        self.tell(f"{100 * yields[ALL_LIMITS].value:.1f} % of {self.units} fresh units at cost {self.cost(scale):.3g}")
+        return yields
 
     def linear(self, scale: Real, start: int) -> LinearUnits:
         """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
@@ -131,6 +136,9 @@ class Search:
             floor, ceiling = np.maximum(low, scale / TRUST), np.minimum(high, scale * TRUST)
             best = cheapest(units, self.costs(), aim, floor, ceiling)
             change = float(np.max(np.abs(np.log(best.scale / scale))))
+            cost = self.cost(self.spread(best.scale))
+            yielded = 100 * units.passed(units.scale)
+            self.tell(f"round {rounds}: {yielded:.1f} % of {len(units.value)} units, by them to cost {cost:.3g}")
             scale = best.scale
             if change < SETTLED:
                 break

@@ -24,12 +24,12 @@ def loaded_poses(elastic: ElasticReducer, gap: Real, pose: Real, torque: float) 
     scale = np.where(rotates, 1 / np.abs(jacobian).max(), 1.0)
     load = np.zeros(len(scale))
     load[reducer.output_motion] = torque
+    force = np.zeros_like(gap)
     for k, slack in enumerate(gap - pose @ jacobian.T):
         stopping = np.flatnonzero(slack < TOUCHING)
-        force = np.zeros(len(slack))
         if len(stopping):
-            force[stopping], _ = nnls((jacobian[stopping] * scale).T, load * scale)
-        carries = force > 0
-        depth = elastic.laws.deflection(force) + elastic.compliance @ force
-        start[k] += np.linalg.lstsq(jacobian[carries], depth[carries], rcond=None)[0]
+            force[k, stopping], _ = nnls((jacobian[stopping] * scale).T, load * scale)
+    depth = elastic.laws.deflection(force) + force @ elastic.compliance
+    for k, carries in enumerate(force > 0):
+        start[k] += np.linalg.lstsq(jacobian[carries], depth[k, carries], rcond=None)[0]
     return start

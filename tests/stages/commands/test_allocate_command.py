@@ -53,7 +53,10 @@ def test_an_allocation_is_cheaper_than_scaling_alike_and_runs(
     limits = re.sub(r"backlash_arcmin = \S+", "backlash_arcmin = 2.25", QUICK).replace("rigid_angles", "# rigid_angles")
     study = written(tmp_path, limits.replace("levels_per_branch", "rigid_angles = 3\nlevels_per_branch") + COSTS)
     assert cli.main(["allocate", "--study", study, "--yield", "0.85", "--units", "200", "--jobs", "1"]) == 0
-    assert "cheaper" in capsys.readouterr().out
+    told = capsys.readouterr()
+    assert "cheaper" in told.out
+    for progress in ("allocate  round 1: ", " fresh units at cost "):  # of minutes, where units are slow
+        assert progress in told.err
     folder = own_runs / "allocate" / "priced"
     table = pd.read_parquet(folder / "allocation.parquet").set_index("dimension")
     check = pd.read_csv(folder / "check.csv").set_index(["tolerances", "metric"])
