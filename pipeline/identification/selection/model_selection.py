@@ -24,7 +24,7 @@ Truth = NDArray[np.bool_]
 SHORTLIST = 6
 """Effects that are fitted in full, the best after a few steps."""
 NEAR = 1.5
-"""Further ones are fitted where their misfit is within this ratio of the best."""
+"""Further ones, and further starts, are fitted where their misfit is within this ratio of the best."""
 FAR = 3.0
 """The first steps alone are taken of those whose misfit is beyond this ratio of the best."""
 FIRST_ITERATIONS = 3
@@ -38,6 +38,9 @@ MORE_LOOKED = 4
 """Effects that take those steps beyond the number wanted."""
 FURTHER_STARTS = 2
 """Starts of the calibrated numbers within their ranges, beyond the declared one."""
+APART = 0.5
+"""Standard deviations of the priors from which a fit from a further start is not on its way to where one ended already.
+"""
 FAR_FROM_DECLARED = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 MOST_EFFECTS = 4
@@ -117,7 +120,12 @@ class Selector(Judge):
         for share in np.random.default_rng(SEED).uniform(size=(FURTHER_STARTS, len(low))):
             if base.rms <= STRUCTURE or not len(low):
                 break
-            refit = self.fitter.fit(Model(), cells, replace(start, scales=low + share * (high - low)))
+            further_start = replace(start, scales=low + share * (high - low))
+            refit = self.fitter.fit(Model(), cells, further_start, FIRST_ITERATIONS)
+            distance = np.abs(refit.unknowns.scales - base.fit.unknowns.scales) / self.problem.scale_spread
+            if np.all(distance < APART) or refit.cost > NEAR * base.fit.cost:
+                continue
+            refit = self.fitter.fit(Model(), cells, refit.unknowns, base_fit=refit)
             if refit.sound and refit.cost < base.fit.cost:
                 base = self.trial(refit, cells)
         return base

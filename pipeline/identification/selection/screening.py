@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.least_squares import Descent
 from pipeline.identification.fitting.parameters import Fit, Vector, mapped
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.model.load_history.load_cycle import ARCMIN
@@ -30,16 +31,18 @@ STARTS = 3
 """Most starts from which an effect is fitted: senses of its parameters, and bases."""
 RIVAL = 3.0
 """Misfit of a further start in that of the best beyond which it is left out."""
-RADII, PHASES = (0.05, 0.15, 0.35), 8
-"""Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase."""
+RADII, PHASES, BEST_DIRECTIONS = (0.15, 0.05, 0.35), 8, 2
+"""Where an effect is looked at besides, in shares of its bounds: it bends with its size, and with its phase. At the
+first distance in all phases, at the others in the best two, or in both senses of one parameter."""
 PERIODIC = "periods"
 """Starts of an effect that has a period; looked at beside the first base alone, since there are many of them."""
 WAVE_STEP, WAVE_PHASES = 0.75, 5
 """Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each."""
 SIZES, COARSER = (0.75, 1.0, 1.3, 1.6, 2.0), 5
 """Sizes of a ripple, in those that the residual asks; so many times fewer periods tell which is nearest."""
-PERIODS, PERIOD_STEPS = 6, 3
-"""The best of them, and steps of the fits that tell which are true."""
+PERIODS, PERIOD_STEPS = 6, (1, 2)
+"""The best of them, and steps of the fits that tell which are true: of all, and further ones of as many as there are
+starts."""
 
 
 @dataclass(frozen=True)
@@ -118,11 +121,23 @@ class Screening:
         for _, shares, unknowns in best_of_shape.values():
             probes = [(self._at(model, start), start) for start in self._beside(shares, unknowns)]
             confirmed.append(min(probes, key=lambda candidate_start: candidate_start[0]))
-        base = self.base.unknowns
-        for ring_shape in _ring(zero, grows):
-            start = replace(base, shares=np.concatenate([base.shares, ring_shape]))
-            confirmed.append((self._at(model, start), start))
+        confirmed += self._directional_starts(model, zero, grows)
         return [candidate_start for candidate_start in confirmed if np.isfinite(candidate_start[0])]
+
+    def _directional_starts(self, model: Model, zero: Real, grows: Truth) -> list[tuple[float, Vector]]:
+        """Starts about no effect: in all directions at the first distance, in the best of them at the others."""
+        directions, (first_distance, *distances) = _directions(zero, grows), RADII
+        starts = [self._start_at(model, zero + first_distance * direction) for direction in directions]
+        ranks = np.argsort([misfit for misfit, _ in starts], kind="stable")[:BEST_DIRECTIONS]
+        return starts + [
+            self._start_at(model, zero + distance * directions[k]) for k in ranks for distance in distances
+        ]
+
+    def _start_at(self, model: Model, shares: Real) -> tuple[float, Vector]:
+        """Misfit and start of an effect at shares of its bounds beside the base; infinite where they are beyond."""
+        base = self.base.unknowns
+        start = replace(base, shares=np.concatenate([base.shares, shares]))
+        return self._at(model, start) if np.all((shares > 0) & (shares < 1)) else np.inf, start
 
     def _beside(self, shares: Real, scale_step: Real) -> list[Vector]:
         """The effect beside the base as it stands, and as it would move."""
@@ -225,21 +240,25 @@ class Screening:
             (evaluation for evaluation, minimum in zip(probes, is_minimum, strict=True) if minimum),
             key=lambda evaluation: evaluation[0],
         )[:PERIODS]
-        fits = [self.fitter.fit(model, self.cells, start, PERIOD_STEPS, self.base) for _, start in best]
-        return [(self._at(model, fit.unknowns), fit.unknowns) for fit in fits if fit.sound]
+        as_fitted = np.array([base.scales, base.scales])  # with a ripple each derivative by them is many predictions
+        starts = [replace(start, reach=as_fitted) for _, start in best]
+        descents = [Descent(self.fitter, model, self.cells, start, self.base) for start in starts]
+        descents = [descent for descent in descents if np.isfinite(descent.cost)]
+        for steps, count in zip(PERIOD_STEPS, (PERIODS, STARTS), strict=True):
+            descents = sorted(descents, key=lambda descent: descent.in_noise)[:count]
+            for descent in descents:
+                descent.run(steps)
+        fitted = [replace(descent.now, reach=base.reach) for descent in descents if descent.at.sound]
+        return [(self._at(model, unknowns), unknowns) for unknowns in fitted]
 
 
-def _ring(zero: Real, grows: Truth) -> list[Real]:
-    """Shares of the bounds (n_parameters,) about no effect: in both senses of one parameter, in phases of two."""
+def _directions(zero: Real, grows: Truth) -> list[Real]:
+    """Directions (n_parameters,) from no effect: both senses of one parameter, phases of two; none of other effects."""
     if not np.all(grows & (zero > 0)) or len(grows) > 2:
         return []
-    directions = np.exp(2j * np.pi * np.arange(PHASES) / PHASES) if len(grows) == 2 else np.array([1, -1])
-    places = [
-        zero + radius * np.array([direction.real, direction.imag][: len(grows)])
-        for radius in RADII
-        for direction in directions
-    ]
-    return [point for point in places if np.all((point > 0) & (point < 1))]
+    if len(grows) == 1:
+        return [np.array([1.0]), np.array([-1.0])]
+    return [np.array([np.cos(phase), np.sin(phase)]) for phase in 2 * np.pi * np.arange(PHASES) / PHASES]
 
 
 def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequence[Candidate]) -> dict[str, Promise]:

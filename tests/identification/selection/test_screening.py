@@ -1,6 +1,7 @@
 """What effects promise before they are fitted: the one that is there, where it starts, and those that are not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,10 +9,18 @@ from linear_unit import LinearFitter, linear_data, model_of
 from synthetic_unit import CRANKS, Bench, exactly_known, make_unit, problem_of
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import mapped
+from pipeline.identification.fitting.parameters import Vector, mapped
 from pipeline.identification.fitting.problem import Model, candidates
 from pipeline.identification.selection.model_selection import Selector
-from pipeline.identification.selection.screening import REACH, STEPS, Screening, screened
+from pipeline.identification.selection.screening import (
+    BEST_DIRECTIONS,
+    PHASES,
+    RADII,
+    REACH,
+    STEPS,
+    Screening,
+    screened,
+)
 
 TWO, THREE = Bench(), Bench(cranks=CRANKS)
 UNITS = {
@@ -127,3 +136,23 @@ def test_a_ripple_over_one_position_is_looked_at_as_any_effect(tmp_path, condens
     for shares in (np.array([0.6, 0.45, 0.3]), np.array([0.5, 0.7, 0.8])):
         start = replace(base.unknowns, shares=shares)
         assert look._of_ripple(effect)(shares) == look._at(Model((effect,)), start)
+
+
+def test_an_effect_is_looked_at_in_all_directions_and_further_in_the_best_two():
+    """A quadratic misfit is least towards one phase; shares beyond the bounds are not looked at."""
+    looked, goal = [], np.array([0.9, 0.1])
+
+    def misfit(model, start):
+        looked.append(start.shares)
+        return float(np.sum((start.shares - goal) ** 2))
+
+    base = SimpleNamespace(unknowns=Vector(np.zeros(0), np.zeros(0), np.zeros(0)))
+    screening = SimpleNamespace(base=base, _at=misfit)
+    screening._start_at = lambda model, shares: Screening._start_at(screening, model, shares)
+    grows, zero = np.ones(2, bool), np.full(2, 0.5)
+    starts = Screening._directional_starts(screening, None, zero, grows)
+    assert len(looked) == PHASES + BEST_DIRECTIONS * (len(RADII) - 1)
+    step = min(starts, key=lambda start: start[0])[1].shares - zero
+    np.testing.assert_allclose(step, 0.35 * np.array([1.0, -1.0]) / np.sqrt(2))
+    one_sided = Screening._directional_starts(screening, None, np.array([0.1]), np.ones(1, bool))
+    assert [np.isfinite(cost) for cost, _ in one_sided] == [True, False, True, True, True, False]

@@ -311,3 +311,34 @@ def test_the_best_four_are_always_fitted_and_others_that_promise_a_tenth_of_what
     base = SimpleNamespace(model=Model(), cost=10.0)
     Selector.fits(selector, base, np.ones(1, bool), promises, 3)
     assert "".join(dict.fromkeys(candidate)) == fitted
+
+
+@pytest.mark.parametrize(
+    ("scale", "costs", "followed", "taken"),
+    [
+        (0.02, (9.0, 9.0), [False, False], 10.0),  # on its way to where the first fit ended
+        (0.3, (16.0, 5.0), [False, False], 10.0),  # far behind after its first steps
+        (0.3, (14.0, 5.0), [True, False], 5.0),  # the second leads where the first did
+        (0.3, (14.0, 11.0), [True, True], 10.0),
+    ],
+)
+def test_further_starts_are_followed_where_they_lead_elsewhere_and_not_far_behind(scale, costs, followed, taken):
+    spread, iterations = np.array([0.1]), []
+
+    def fit(model, cells, start, steps=None, **_):
+        if start.scales[0] == 0.0:
+            return SimpleNamespace(unknowns=start, cost=10.0, sound=True)
+        iterations.append(steps)
+        place = replace(start, scales=np.array([scale]))
+        return SimpleNamespace(unknowns=place, cost=costs[0 if steps else 1], sound=True)
+
+    problem = SimpleNamespace(scale_range=np.array([[-0.2], [0.2]]), scale_spread=spread)
+    start = Vector(np.zeros(1), np.zeros(0), np.zeros(0), problem.scale_range)
+    selector = SimpleNamespace(
+        fitter=SimpleNamespace(fit=fit, start=lambda _: start),
+        problem=problem,
+        trial=lambda fit, _: SimpleNamespace(fit=fit, rms=fit.cost),
+    )
+    assert Selector.recalibrated(selector, EVERYTHING).fit.cost == taken
+    first = model_selection.FIRST_ITERATIONS
+    assert iterations == [steps for further in followed for steps in ([first, None] if further else [first])]
