@@ -15,6 +15,7 @@ from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotatio
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
 from pipeline.model.load_history.backbone import first_poses
+from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 
 EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
 CASES = pytest.mark.parametrize(
@@ -328,3 +329,20 @@ def test_each_disk_leans_on_its_own_bearing_by_its_law(exponent):
     moment = SMALL.eccentricity * np.abs(np.sum(thrust.imag, axis=1))
     np.testing.assert_allclose(moment, torques / SMALL.lobes, rtol=1e-8)
     assert np.ptp(np.abs(thrust[1])) > 0.02 * np.max(np.abs(thrust[1]))
+
+
+def test_units_of_three_disks_on_loose_bearings_all_find_equilibrium():
+    """Where a disk carries nothing its bearing and its one contact balance in rounding: six of these had no state."""
+    _, reducer = reducer_at(SMALL, 0.3, 3)
+    rng = np.random.default_rng(3)
+    gap = np.abs(rng.normal(2e-3, 1e-3, (60, len(reducer.contacts))))
+    clearance = rng.uniform(1e-3, 6e-3, (60, 3))
+    springs = Bearing(LINEAR.stiffness, 1.5), laws_of_disks(SMALL, reducer), blocks(reducer)
+    drive = drive_with(SMALL, reducer, *springs, gap, clearance)
+    cycle = LoadCycle.evenly(12000.0, 0, 1.0, (0.03, 0.5, 1.0))
+    states = solve_cycle(drive, cycle)
+    assert np.all(states.converged)
+    carried = states.force @ reducer.contact_jacobian[:, reducer.output_motion]
+    np.testing.assert_allclose(carried, np.broadcast_to(cycle.state_torque, carried.shape), atol=1e-5)
+    disks = np.arange(3) == reducer.disk_of_contact[:, None]
+    assert np.any((states.force @ disks)[:, cycle.state_torque != 0] == 0)  # else the case is another one
