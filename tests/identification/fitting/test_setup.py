@@ -82,6 +82,7 @@ def test_crank_angles_that_nobody_knows_predict_no_difference_between_positions(
     bench = Bench(cranks=(0.0, 40.0, 95.0), known=False, more=f'crank_angles = "{angles}"')
     unit = load_measured_unit(make_unit(tmp_path / "u", {}, bench, condensed), ROOT)
     measurement = Measurement.read(unit)
+    np.testing.assert_array_equal(measurement.drive_cranks, (0.0, 40.0, 95.0) if angles == "measured" else (0.0,) * 3)
     problem = build_problem(measurement, condensed(unit.study, measurement.drive_cranks.tolist()))
     fitter = Fitter(problem)
     angle = fitter.predict(Model(), fitter.start(Model())).angle

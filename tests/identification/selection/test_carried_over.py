@@ -1,10 +1,14 @@
 """What of a misfit is expected to come again, against drawn processes and the covariance of their values."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from linear_unit import LinearFitter, linear_data, model_of
 
 from pipeline.identification.selection import carried_over
 from pipeline.identification.selection.carried_over import expected_misfit
+from pipeline.identification.selection.held_out import _carried
 
 N_POSITIONS = 6
 LEVELS = np.linspace(-12, 12, 16)
@@ -95,3 +99,24 @@ def test_cells_that_are_held_out_are_not_read():
     noise = np.where(training, SIGMA, np.nan)
     reference = expected_misfit(TORQUE, SENSE, POSITION, misfit, SIGMA, training)
     assert np.array_equal(expected_misfit(TORQUE, SENSE, POSITION, stretched, noise, training).mean, reference.mean)
+
+
+def test_a_held_out_position_gets_half_of_what_the_trained_one_misses_about_a_zero_of_its_own():
+    """The second position has the first one's misfit at the upper half of its torques, five arcmin off."""
+    data = linear_data(positions=2, cycles=2, branches=2, cells=40)
+    rising = np.linspace(-12, 12, 40)
+    torque = np.concatenate([np.tile([rising, -rising], (2, 1)), np.tile([6 + rising / 2, 6 - rising / 2], (2, 1))])
+    misfit = 0.5 * torque.ravel() + 4 * np.sin(torque.ravel() / 4)
+    design = np.random.default_rng(5).normal(size=(len(data), 1))
+    trained = np.equal(data.position, 0)
+    angle = 0.5 * design[:, 0] + misfit + np.where(trained, 0.0, 5.0)
+    data = replace(data, torque=torque.ravel(), angle=angle)
+    fitter = LinearFitter(data, design)
+    fit = fitter.fit(model_of(1), trained, fitter.start(model_of(1), [0.4]))
+    prediction, left_open, share = _carried(fitter, fit, trained, ~trained)
+    error = data.angle[~trained] - prediction
+    assert abs(np.mean(error)) < 1e-9
+    assert share == pytest.approx(0.5, abs=0.01)
+    unaided = (data.angle - fit.predicted)[~trained]
+    assert np.std(error) / np.std(unaided) == pytest.approx(0.5, abs=0.1)
+    assert 0.3 < np.sqrt(np.mean(error**2) / np.mean(left_open**2)) < 3
