@@ -142,7 +142,7 @@ class Forward:
             drive.gap.tobytes(),
             drive.bearing_clearance.tobytes(),
             drive.laws.content,
-            float(drive.compliance[0, 0]),
+            drive.compliance.tobytes(),
             drive.bearing,
         )
         if key not in self._kept:

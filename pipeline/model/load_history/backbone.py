@@ -14,7 +14,8 @@ from pipeline.model.load_history.drive import Drive
 
 NO_LOAD = 1e-5
 """Share of the rated torque that stands for the limit of no torque on either side of the play: its twist is below 1e-4
-arcmin; at smaller ones the force on a bearing with clearance drowns in the rounding of the clearance."""
+arcmin. The residual that rounding leaves grows as the torque falls, wherever a state is come down from: 1e-12 here, at
+1e-7 up to 2e-9 on a bearing with 12 um of clearance, where 3 of 80 states are lost, at 1e-8 3e-8 (12 of 80)."""
 
 
 @dataclass(frozen=True)
