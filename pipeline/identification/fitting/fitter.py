@@ -24,7 +24,7 @@ Truth = NDArray[np.bool_]
 
 STEP = 2e-4
 """Step of the finite differences, as a share of a parameter's bounds."""
-SCALES_MOVED = 0.05
+SCALES_MOVED = 0.15
 """Change of a scale's logarithm up to which derivatives by the scales are kept."""
 ITERATIONS = 15
 """Least-squares steps of a fit unless the caller asks for others."""

@@ -127,12 +127,15 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
         declared[judged_cells] = (declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma))[
             judged_cells
         ]
+        distinct_fits = {id(fit): fit for fit in fits}
+        open_of_fit = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
         for number, fit in enumerate(fits):
             predicted[number, judged_cells] = fit.predicted[judged_cells]
-            left_open[number, judged_cells] = _unknown(fitter, fit, training)[judged_cells]
-        predicted[3, judged_cells], left_open[3, judged_cells], common_share = _carried(
-            fitter, fits[2], training, judged_cells
-        )
+            deviation = _unknown(fitter.problem.data, fit, training, open_of_fit[id(fit)])
+            left_open[number, judged_cells] = deviation[judged_cells]
+        angle, deviation, common_share = _carried(fitter, fits[2], training)
+        predicted[3, judged_cells] = angle[judged_cells]
+        left_open[3, judged_cells] = np.hypot(open_of_fit[id(fits[2])], deviation)[judged_cells]
         shares.append(common_share)
     cells = np.isfinite(declared + predicted.sum(axis=0))  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
@@ -173,30 +176,28 @@ def _fold(selector: Selector, selection: Selection, training: Truth, nested: boo
     return base, chosen, selector.refitted(selection.description.fit.model, training, base)
 
 
-def _unknown(fitter: Fitter, fit: Fit, training: Truth) -> Real:
+def _unknown(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
     """Standard deviation [arcmin] (n_cells,) of what a fit cannot know of other cells, beside their noise.
 
-    What the training cells leave open of the fit; and where a whole position is predicted, the scatter between those
-    that were trained on, if it shows among them.
+    What the training cells leave open of the fit (n_cells,); and where a whole position is predicted, the scatter
+    between those that were trained on, if it shows among them.
     """
-    data, left_open = fitter.problem.data, _left_open(fitter, fit, training)
     scatter = position_scatter(data, fit.predicted, training)
     new = ~np.isin(data.position, data.position[training])
     return np.hypot(left_open, np.where(new, scatter.shown if scatter else 0.0, 0.0))
 
 
-def _carried(fitter: Fitter, fit: Fit, training: Truth, judged_cells: Truth) -> tuple[Real, Real, float]:
-    """A fit with the misfit that is expected to come again at the cells judged, and the common share of its variance.
+def _carried(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:
+    """A fit with the misfit that is expected to come again at other cells, and the common share of its variance.
 
-    Prediction and open standard deviation [arcmin] (n_judged,); what positions scatter by is in the expectation.
+    Prediction and standard deviation [arcmin] (n_cells,) of that misfit, what positions scatter by included.
     """
     data = fitter.problem.data
     residual = data.angle - fit.predicted
     expected = expected_misfit(data.torque, senses(data), data.position, residual, data.sigma, training)
     angle = fit.predicted + expected.mean
     angle += fitter.offsets(angle, training, data.sigma)
-    left_open = np.hypot(_left_open(fitter, fit, training), expected.deviation)
-    return angle[judged_cells], left_open[judged_cells], expected.common_share
+    return angle, expected.deviation, expected.common_share
 
 
 def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
