@@ -34,6 +34,7 @@ from pipeline.identification.results.residual_signatures import (
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
+from pipeline.report.unit.facts import comparison_sentence, other_errors
 from pipeline.report.unit.remainder_cards import remainder_cards
 from pipeline.statistics.curve_scatter import CurveScatter
 
@@ -231,6 +232,30 @@ def test_a_unit_that_is_mostly_explained_says_what_is_left_of_it() -> None:
     assert [card[1] for card in cards] == ["85%", "22.0", "14.0", "18.0", "19.0"]
     assert "noise floor of 2.00 arcmin" in cards[1][3]
     assert cards[-1][3] == "line"
+
+
+def test_the_page_says_which_prediction_is_ahead() -> None:
+    errors = {
+        name: AngleError(floors, 2 * floors, {}, floors, 1.0, 10) for name, floors in (("replay", 4.0), ("line", 8.0))
+    }
+    identification = SimpleNamespace(
+        baselines=errors,
+        errors={"after": AngleError(5.0, 9.0, {}, 5.0, 1.0, 10)},
+        carried=AngleError(2.0, 3.0, {}, 2.0, 1.0, 10),
+        described=None,
+        folds=SimpleNamespace(common_share=0.5),
+        selection=SimpleNamespace(description=SimpleNamespace(fit=SimpleNamespace(model=SimpleNamespace(name="")))),
+    )
+    sentence = comparison_sentence(identification)
+    assert "The model is behind the best of them, replay, by a factor of 1.25" in sentence
+    assert "with what is expected to come again is ahead of it by 2.00" in sentence
+    (title, error), *others = other_errors(identification).items()
+    assert "50 % of its variance common" in title
+    assert error is identification.carried
+    assert dict(others) == errors
+    identification.carried = None
+    assert comparison_sentence(identification).endswith("by a factor of 1.25 in noise floors.")
+    assert other_errors(identification) == errors
 
 
 def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: Path) -> None:

@@ -46,7 +46,7 @@ class Row:
     ----------
     correct : none: no effect named; one: it is in a class of at most three; two: both named together, or a class or
         single name that holds one of them; outside: unexplained, or adequate where it is smaller than ``VISIBLE``.
-    both : of two effects, whether both are named together.
+    both : of two effects, whether both are named together, alone or in a class of at most three.
     nearest, nearest_floors : other effect that comes nearest to the true one in the oracle's eyes, and how near.
     parameter_covered : whether the true parameters of the effect lie in their intervals.
     parameters : of the named effects, each with its interval and, where it was there, its true value.
@@ -159,7 +159,7 @@ def _row(
         if isinstance(identification, Identification)
         else float("nan"),
         parameter_covered=_covered(identification, truth) if kind == ONE else None,
-        both=true in parts if kind == TWO else None,
+        both=has_both(true, parts) if kind == TWO else None,
         nearest=nearest,
         nearest_floors=distances.get(nearest, float("nan")),
         structure=verdict.structure,
@@ -186,6 +186,11 @@ def is_correct(
     if not 0 < len(named_sets) <= LARGEST_CLASS:
         return False
     return any(effect_set <= true for effect_set in named_sets)
+
+
+def has_both(true: frozenset[str], named_sets: Sequence[frozenset[str]]) -> bool:
+    """Whether two effects are named together in a class that is no larger than one may be."""
+    return true in named_sets and len(named_sets) <= LARGEST_CLASS
 
 
 def _covered(identification: Identification | FaultyUnit, truth: Mapping[str, Any]) -> bool | None:

@@ -237,6 +237,14 @@ def test_what_counts_as_right():
     assert not run.is_correct("outside", 2, outside_path, named_sets, "equivalent")
 
 
+def test_a_class_too_large_to_be_right_has_not_both_effects_of_a_pair():
+    true = frozenset({"coulomb", "preload"})
+    others = [frozenset({"coulomb", name}) for name in ("ovality_3", "pin_circle_error", "pin_radius_error")]
+    assert run.has_both(true, [true, *others[:2]])
+    assert not run.has_both(true, [true, *others])
+    assert not run.has_both(true, others[:2])
+
+
 def test_two_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     monkeypatch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in OFFERED})
     monkeypatch.setattr(run, "catalogue", lambda root: smallest.reducers)
