@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE
 from pipeline.figures.labels import METRICS
 from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames, case_label
@@ -22,6 +22,8 @@ from pipeline.report.layout.wording import (
 )
 
 STATISTICS = ("mean", "std", "p05", "p95")
+CRANK_DECIMALS = 2
+"""Of crank angles [degrees] in tables."""
 FAILURES_SHOWN = 20
 """Failures that the page lists."""
 
@@ -148,6 +150,17 @@ class Results:
         return percent_interval(*expected) if np.isfinite(expected).all() and self.frames.over == "worst" else ""
 
     @cached_property
+    def too_few_angles(self) -> str:
+        """Why nothing is told of twice as many crank angles, and what it takes; empty where it is told."""
+        angles = self.frames.units.iloc[0]["n_angles"]
+        if self.frames.over != "worst" or angles >= ANGLES_TO_CONTINUE:
+            return ""
+        return (
+            f"{counted(int(angles), 'crank angle is', 'crank angles are')} too few to tell how far more of them would "
+            f"move it: that takes {ANGLES_TO_CONTINUE} or more evenly over the turn"
+        )
+
+    @cached_property
     def doubled(self) -> list[str]:
         """How far the mean worst values would move with twice as many crank angles, one phrase each."""
         phrases = []
@@ -176,7 +189,7 @@ class Results:
                         interval(low, high, METRICS[metric]),
                     )
                 )
-            rows.append((plain(crank), cells))
+            rows.append((plain(round(crank, CRANK_DECIMALS)), cells))
         return rows
 
     @property
@@ -184,7 +197,7 @@ class Results:
         """Label, crank angle and reason of the first loops without a result."""
         failed = pd.concat([self.frames.failed, self.frames.doubtful]).head(FAILURES_SHOWN)
         return [
-            (case_label(self.frames.study, int(sample)), plain(crank), str(reason))
+            (case_label(self.frames.study, int(sample)), plain(round(crank, CRANK_DECIMALS)), str(reason))
             for sample, crank, reason in zip(failed["sample"], failed["crank_deg"], failed["status"], strict=True)
         ]
 

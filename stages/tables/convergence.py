@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from pipeline.config.studies.study import ALL_LIMITS, Study
+from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE, Study
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
@@ -14,7 +14,7 @@ from stages.tables.turn import Turn
 
 STRIDES = (8, 4, 2, 1)
 """Every so many of the crank angles: how the worst value moves as they double."""
-FEWEST_ANGLES = 3
+FEWEST_ANGLES = ANGLES_TO_CONTINUE // 4
 """Crank angles that a worst is looked at from at least, to see how it moves."""
 
 CONVERGENCE = Table(

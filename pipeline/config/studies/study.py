@@ -142,6 +142,8 @@ class Metrics(Section):
     confidence: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
 
 
+ANGLES_TO_CONTINUE = 12
+"""Crank angles evenly over the turn whose half and quarter, three, tell how a worst value moves as they double."""
 ALL_LIMITS = "all_limits"
 """Name of the yield against all limits together."""
 

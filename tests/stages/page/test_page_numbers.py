@@ -141,6 +141,13 @@ def test_paths_of_the_page_are_read_by_pandas(page, page_runs):
         assert len(pd.read_parquet(page_runs / "tiny" / path)) == int(rows.replace(",", ""))
 
 
+def test_few_crank_angles_do_not_tell_what_more_would_leave_and_the_page_says_so(page, frames):
+    assert frames.units["n_angles"].iloc[0] == 2
+    told = "a worst of few angles flatters, and 2 crank angles are too few to tell how far more of them would move it"
+    assert f"{told}: that takes 12 or more evenly over the turn" in page
+    assert "with twice as many it would be" not in page
+
+
 def test_few_samples_leave_indices_and_bounds_undetermined_and_say_why(page, frames):
     assert not np.isfinite(frames.distributions["ci_high"]).all()
     assert "Shares of the variance are not determined" in page
