@@ -113,10 +113,10 @@ def test_a_held_out_position_gets_half_of_what_the_trained_one_misses_about_a_ze
     data = replace(data, torque=torque.ravel(), angle=angle)
     fitter = LinearFitter(data, design)
     fit = fitter.fit(model_of(1), trained, fitter.start(model_of(1), [0.4]))
-    prediction, left_open, share = _carried(fitter, fit, trained, ~trained)
-    error = data.angle[~trained] - prediction
+    prediction, deviation, share = _carried(fitter, fit, trained)
+    error = (data.angle - prediction)[~trained]
     assert abs(np.mean(error)) < 1e-9
     assert share == pytest.approx(0.5, abs=0.01)
     unaided = (data.angle - fit.predicted)[~trained]
     assert np.std(error) / np.std(unaided) == pytest.approx(0.5, abs=0.1)
-    assert 0.3 < np.sqrt(np.mean(error**2) / np.mean(left_open**2)) < 3
+    assert 0.3 < np.sqrt(np.mean(error**2) / np.mean(deviation[~trained] ** 2)) < 3
