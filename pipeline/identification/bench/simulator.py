@@ -30,6 +30,8 @@ PATH_LEVELS = 11
 """The same where friction at the contacts is followed step by step, which costs a hundred times as much."""
 BEYOND = 1.05
 """Reach of the backbone over the largest torque measured: friction may keep more in the reducer than is read."""
+KEPT_CURVES = 130
+"""Backbones that are kept for each position: those of a fit on its way."""
 REPEATED = 0.01
 """Share of the range of torque within which two turns are the same: friction then repeats its last loop."""
 UNSOUND, UNSOUND_SHARE = 1e-3, 0.05
@@ -146,7 +148,7 @@ class Forward:
             drive.bearing,
         )
         if key not in self._kept:
-            if len(self._kept) > 400:
+            if len(self._kept) > KEPT_CURVES * len(self.courses):
                 self._kept.clear()
             self._kept[key] = backbone(drive.without_twist, self.shares)
         return self._kept[key]
