@@ -130,10 +130,11 @@ def further(term, i, force):
     return term.deflection(force)[i], term.compliance(force)[i]
 
 
+# Inlined before it is compiled: as a function its code would depend on which entry points were read from the cache.
 OPTIONS: Any = {"fastmath": ALGEBRA, **INLINED, **BORROWED}
 
 
-@overload(further, jit_options=OPTIONS)
+@overload(further, jit_options=OPTIONS, inline="always")
 def _compiled_further(term, i, force):
     if isinstance(term, types.NoneType):
         return lambda term, i, force: (0.0, 0.0)
