@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
-from pipeline.engine.forked import forked_calls
+from pipeline.engine.processes.forked import forked_calls
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.style import save

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.config import Study
-from pipeline.engine.cluster import dask_cluster
+from pipeline.engine.processes.cluster import dask_cluster
 from pipeline.engine.runner import Resources
 from pipeline.errors import InputError
 

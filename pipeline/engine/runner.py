@@ -12,10 +12,10 @@ from typing import Any
 
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache
-from pipeline.engine.cluster import solved_on_cluster
 from pipeline.engine.fingerprint import Fingerprint, fingerprint
 from pipeline.engine.lock import locked
-from pipeline.engine.parallel import Backend, parts_of, solved_chunks
+from pipeline.engine.processes.cluster import solved_on_cluster
+from pipeline.engine.processes.parallel import Backend, parts_of, solved_chunks
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
 from pipeline.engine.store import RECORD, Output, blamed
 from pipeline.engine.work import Work

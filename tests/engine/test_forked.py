@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.engine.forked import forked_calls
+from pipeline.engine.processes.forked import forked_calls
 
 FORKS = pytest.mark.skipif(sys.platform != "linux", reason="only Linux forks safely")
 HERE = os.getpid()

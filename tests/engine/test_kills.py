@@ -12,7 +12,7 @@ import psutil
 import pytest
 from toy_study import STAGES, Toy
 
-from pipeline.engine.parallel import ChunkError
+from pipeline.engine.processes.parallel import ChunkError
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.store import Output
 

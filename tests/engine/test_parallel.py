@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from toy_study import ADD, Trouble
 
-from pipeline.engine import parallel
-from pipeline.engine.parallel import Backend, Dumped, Value, solve_chunk, solved_chunks
+from pipeline.engine.processes import parallel
+from pipeline.engine.processes.parallel import Backend, Dumped, Value, solve_chunk, solved_chunks
 from pipeline.engine.stage import Chunk
 
 SHARED = {"powers": np.array([1.0]), "slope": 1.0, "trouble": Trouble()}

@@ -18,8 +18,6 @@ EXPONENT_BITS, EXPONENT_BIAS = 52, 1023
 """Place and bias of the exponent in a double (IEEE 754)."""
 FRACTION, ONE = (1 << 52) - 1, 1023 << 52
 """Parts of a binary number of 64 bits, and the bits of 1.0."""
-
-
 IDLE = 1e-6
 """Share of the torque below which a body carries nothing: what is unbalanced of it is told as a share of that. A disk
 that others leave without load has a force of rounding alone, all of which is unbalanced."""

@@ -271,13 +271,8 @@ def _with_pins_turned(disk: DiskPose, errors: Errors) -> Errors:
     """
     if not np.any(errors.eccentric_phase):
         return errors
-    travel = np.conj(disk.pins.centre / np.abs(disk.pins.centre)) * -1j * np.exp(1j * disk.crank)
-    radial_part, tangential_part = (
-        np.multiply.outer(errors.eccentric_phase, part) for part in (travel.real, travel.imag)
-    )
-    return replace(
-        errors, pin_radial=errors.pin_radial + radial_part, pin_tangential=errors.pin_tangential + tangential_part
-    )
+    direction = np.conj(disk.pins.centre / np.abs(disk.pins.centre)) * -1j * np.exp(1j * disk.crank)
+    return _with_pins_moved(errors, np.multiply.outer(errors.eccentric_phase, direction))
 
 
 def _with_pins_off_centre(disk: DiskPose, errors: Errors) -> Errors:
@@ -292,6 +287,11 @@ def _with_pins_off_centre(disk: DiskPose, errors: Errors) -> Errors:
         return errors
     centre_shift = (errors.bore_runout[:, 0] + 1j * errors.bore_runout[:, 1]) * np.exp(1j * disk.rotation)
     travel = -np.multiply.outer(centre_shift, np.conj(disk.pins.centre / np.abs(disk.pins.centre)))
+    return _with_pins_moved(errors, travel)
+
+
+def _with_pins_moved(errors: Errors, travel: Complex) -> Errors:
+    """The errors with the pins moved too, outward and counterclockwise (n, n_pins) [mm]."""
     return replace(
         errors, pin_radial=errors.pin_radial + travel.real, pin_tangential=errors.pin_tangential + travel.imag
     )
