@@ -60,15 +60,15 @@ def _writable(folder: Path) -> Path:
     else:
         if os.access(folder, os.W_OK):
             return folder
-    instead = Path(tempfile.mkdtemp(prefix="cycloid-compiled-"))
-    atexit.register(shutil.rmtree, instead, ignore_errors=True)
-    os.environ["NUMBA_CACHE_DIR"] = str(instead)  # of processes that this one starts
+    temporary = Path(tempfile.mkdtemp(prefix="cycloid-compiled-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(temporary)  # of processes that this one starts: they find the same folder in it
     print(
         f"{folder} cannot be written: code is compiled anew in every run, which takes some 20 s; "
         "set NUMBA_CACHE_DIR to a folder that can",
         file=sys.stderr,
     )
-    return instead
+    return temporary / folder.name
 
 
 CACHE = _writable(Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__") / f"compiled-{SOURCES}")  # type: ignore[attr-defined]

@@ -121,6 +121,15 @@ def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
         answer(state_before, state_after, [lacking])
 
 
+def test_a_state_that_is_named_twice_is_refused(tmp_path):
+    """The scatter would seem to be known better by it: four copies of two states name a change that is not there."""
+    state_before, state_after = (drive_measured(tmp_path / name, {}, 0.04, 1, CRANKS[:3]) for name in "ab")
+    repeat = Measurement.read(load_measured_unit(tmp_path / "b" / ".." / "b", ROOT))
+    for second, others in ((state_after, [repeat]), (state_after, [state_before]), (state_before, [])):
+        with pytest.raises(InputError, match="[ab]: named 2 times; each state counts once"):
+            answer(state_before, second, others)
+
+
 def test_a_torque_that_reads_another_zero_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(DRIVE, "ripple", 0.2)  # a ripple shifts with the torque and drops out of no difference
     result = pair(tmp_path, {"zero": 0.8}, mounting=0.0).found

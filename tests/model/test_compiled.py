@@ -64,12 +64,13 @@ def test_a_loop_is_compiled_once_however_many_samples_studies_have(tmp_path: Pat
 def test_where_the_cache_cannot_be_written_it_lasts_as_long_as_the_process(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file"), "PYTHONPATH": str(ROOT)}
-    program = "import os; from pipeline.model import compiled; print(compiled.CACHE, os.environ['NUMBA_CACHE_DIR'])"
+    program = "from pipeline.model.compiled import CACHE; print(CACHE, flush=True)"
+    worker = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {program!r}], check=True)"
     process = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", f"{program}; {worker}"], env=environment, capture_output=True, text=True, check=True
     )
-    cache, of_workers = process.stdout.split()
-    assert cache == of_workers
-    assert not Path(cache).exists()
+    cache, of_worker = process.stdout.split()
+    assert cache == of_worker
+    assert not Path(cache).parent.exists()
     assert f"{tmp_path}/file/compiled-" in process.stderr
     assert "set NUMBA_CACHE_DIR to a folder that can" in process.stderr

@@ -87,22 +87,22 @@ class Row:
 
 
 def blind(cases: Sequence[int], seed: int, jobs: int, root: Path, runs: Path) -> list[Row]:
-    """Rows of some cases, by their numbers; those that cases.csv has of the same seed and sources are kept."""
+    """Rows of some cases, by their numbers; cases.csv keeps all that it has of the same seed and sources."""
     folder = runs / "blind"
     reducers = catalogue(root)
     maker = Maker(reducers, condense(reducers, folder / "condensed", jobs), folder, root, seed)
     table, code = folder / "cases.csv", source_hash(reducers)
-    rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code and row.case in cases}
+    rows = {row.case: row for row in read_rows(table) if row.seed == seed and row.code == code}
     remaining = [case for case in cases if case not in rows]
     with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
         rows_solved = Parallel(return_as="generator_unordered")(
             delayed(one_case)(maker, case, code) for case in remaining
         )
-        for row in rows_solved:
+        for count, row in enumerate(rows_solved, len(cases) - len(remaining) + 1):
             rows[row.case] = row
             write_rows(table, [rows[case] for case in sorted(rows)])
-            progress.say("blind", f"{len(rows)} of {len(cases)}", f"{row.truth}: {row.verdict} {row.named}")
-    return [rows[case] for case in sorted(rows)]
+            progress.say("blind", f"{count} of {len(cases)}", f"{row.truth}: {row.verdict} {row.named}")
+    return [rows[case] for case in cases]
 
 
 def one_case(maker: Maker, case: int, code: str) -> Row:

@@ -178,10 +178,17 @@ def answer(
 
     Raises
     ------
-    InputError : a measurement has a fatal fault, or they have nothing in common, or another one lacks a position.
+    InputError : a measurement has a fatal fault or is named twice, or they have nothing in common, or a further one
+        lacks a position.
     """
     measurements = (measurement_before, measurement_after, *others)
     faults = [f"{measurement.unit.name}: {fault.line}" for measurement in measurements for fault in measurement.fatal]
+    folders = [measurement.unit.folder.resolve() for measurement in measurements]
+    faults += [
+        f"{folder.name}: named {folders.count(folder)} times; each state counts once: name another one, or leave it out"
+        for folder in dict.fromkeys(folders)
+        if folders.count(folder) > 1
+    ]
     ends = [measurement.unit.settings.locked for measurement in measurements]
     if len(set(ends)) > 1:
         ends_text = " and ".join(f'"{end}"' for end in ends)

@@ -234,8 +234,8 @@ def concatenated(laws: list[ContactLaws]) -> ContactLaws:
 
 def no_laws() -> ContactLaws:
     """The laws of no contacts."""
-    none = np.zeros(0)
-    return ContactLaws(none, none, none, none, none, none)
+    empty = np.zeros(0)
+    return ContactLaws(empty, empty, empty, empty, empty, empty)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -259,6 +259,16 @@ def test_two_cases_end_to_end_and_resumed(smallest, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "one_case", lambda *_: pytest.fail("a finished case was solved again"))
     assert [row.truth for row in run.blind(range(2), 8, 1, ROOT, tmp_path)] == [row.truth for row in rows]
     assert {rate.name for rate in rates(rows)} >= {"no effect: none named"}
+
+
+def test_cases_of_another_range_stay_in_the_table(smallest, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "catalogue", lambda root: smallest.reducers)
+    monkeypatch.setattr(run, "condense", lambda reducers, folder, jobs: smallest.condensed)
+    row = run.Row(**{**dict.fromkeys([field.name for field in fields(run.Row)], 0), "seed": 8})
+    monkeypatch.setattr(run, "one_case", lambda maker, case, code: replace(row, case=case, code=code))
+    assert [row.case for row in run.blind(range(3), 8, 1, ROOT, tmp_path)] == [0, 1, 2]
+    assert [row.case for row in run.blind(range(2, 5), 8, 1, ROOT, tmp_path)] == [2, 3, 4]
+    assert [row.case for row in run.read_rows(tmp_path / "blind" / "cases.csv")] == [0, 1, 2, 3, 4]
 
 
 def test_every_reducer_of_the_catalogue_is_drawn_at_its_own_crank_angles():
