@@ -2,7 +2,8 @@
 
 Before, refitted and after come from one procedure. In each fold everything is estimated anew from the training cells
 alone: calibrated numbers, tolerances, effects. Of the cells left out nothing is used but the zero of the angle, where
-every position has its own.
+every position has its own; and, where folds of all cells choose the model anew, which models come near the best over
+all of them: a fold chooses among those (``CONTENDING``).
 """
 
 from __future__ import annotations

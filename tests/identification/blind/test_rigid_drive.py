@@ -166,9 +166,9 @@ def test_friction_keeps_what_its_limits_say():
 
 
 def test_friction_in_proportion_to_the_load_stays_beside_bristles():
-    """Bristles next to nothing leave the walk without them."""
+    """Bristles next to nothing leave the walk without them, at no load too."""
     sided = Train(friction=100.0, load_friction=0.1, drive_friction=0.15, backdrive_friction=0.05)
-    torque = np.array([1000.0, 900.0, 750.0, 400.0, -1000.0, -700.0, -200.0, 300.0])
+    torque = np.array([1000.0, 900.0, 750.0, 400.0, 0.0, -10.0, -1000.0, -700.0, -200.0, 0.0, 300.0])
     straight = Curve(np.linspace(-2e3, 2e3, 40), np.linspace(-2e-1, 2e-1, 40))
     _, reference = sided.walked(straight, torque)
     _, carried_torque = replace(sided, bristles=1e-3, reach=1e-6).walked(straight, torque)

@@ -105,6 +105,7 @@ class Train:
         shares = np.linspace(FIRST_REACH, LAST_REACH, BRISTLES)
         limits = np.append(np.full(BRISTLES, self.bristles / BRISTLES), self.friction)
         reaches = np.append(shares * self.reach, ABRUPT)
+        steepest = self.load_friction + max(self.drive_friction, self.backdrive_friction)
         carried_torque, anchors = np.empty(len(torque)), np.full(len(limits), np.interp(0.0, torques, angles))
         for k, load in enumerate(torque):
 
@@ -112,8 +113,8 @@ class Train:
                 raised = np.clip((np.interp(trial_torque, torques, angles) - anchors) / reaches, -1, 1)
                 return self._loaded(trial_torque, raised[-1]) + float(np.sum(limits * raised)) - load
 
-            largest_force = float(limits.sum()) + 1.0 + abs(load)
-            carried_torque[k] = brentq(excess, load - largest_force, load + largest_force, xtol=1e-6 * top)
+            largest = (abs(load) + float(limits.sum())) / (1 - steepest) + 1.0  # what all friction holds under the load
+            carried_torque[k] = brentq(excess, -largest, largest, xtol=1e-6 * top)
             spring_angle = np.interp(carried_torque[k], torques, angles)
             anchors = np.clip(anchors, spring_angle - reaches, spring_angle + reaches)
         return curve.at(carried_torque) + self.twisted(carried_torque), carried_torque
