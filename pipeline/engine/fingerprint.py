@@ -187,8 +187,6 @@ def _strip(node: Any, package: str, imports: list[str]) -> None:
     if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _is_text(node.body[:1]):
         del node.body[0]
     for block in (getattr(node, name, []) for name in BLOCKS):
-        if not isinstance(block, list):  # a lambda's body
-            continue
         block[:] = [statement for statement in block if not _for_checkers(statement)]
         for statement in block:
             imports += _imported(statement, package)

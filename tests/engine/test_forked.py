@@ -43,10 +43,11 @@ def test_a_fork_writes_while_this_process_goes_on_and_all_is_written_after(tmp_p
 
 
 @FORKS
-def test_what_fails_in_a_fork_tells_its_own_error(tmp_path: Path) -> None:
+def test_what_fails_in_a_fork_tells_its_own_error_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(FileNotFoundError, match="missing"), forked_calls(2) as call:  # noqa: PT012
         call((tmp_path / "missing" / "file").write_text, "text")
         call(write_process, tmp_path / "other")
+    assert capfd.readouterr().err == ""
 
 
 @FORKS

@@ -25,6 +25,14 @@ class Call(Protocol):
         """Call the function with the arguments."""
 
 
+def _quietly(function: Callable[..., None], *arguments: Any) -> None:
+    """Make a call in a fork; whatever stops it is told where the call is made once more."""
+    try:
+        function(*arguments)
+    except (Exception, KeyboardInterrupt):
+        sys.exit(1)
+
+
 @contextmanager
 def forked_calls(jobs: int, patience: float = PATIENCE) -> Iterator[Call]:
     """Within it calls are made in at most ``jobs`` processes, this one among them; after it all of them are finished.
@@ -60,7 +68,7 @@ def forked_calls(jobs: int, patience: float = PATIENCE) -> Iterator[Call]:
         if len(forks) >= most:
             function(*arguments)
             return
-        process = multiprocessing.get_context("fork").Process(target=function, args=arguments, daemon=True)
+        process = multiprocessing.get_context("fork").Process(target=_quietly, args=(function, *arguments), daemon=True)
         with warnings.catch_warnings():  # Python 3.12 warns of threads: those of BLAS, which are made for forks
             warnings.simplefilter("ignore", DeprecationWarning)
             process.start()
