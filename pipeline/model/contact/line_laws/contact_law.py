@@ -4,11 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
+from pipeline.model.compiled import FROM_OUTSIDE
 from pipeline.model.contact.further_term import FurtherTerm
 from pipeline.model.contact.laws import ContactLaws, LineContact
 from pipeline.model.registry import declarations
 
-ENTRY_POINTS = "cycloid_contact_laws"
+ENTRY_POINTS = FROM_OUTSIDE
 """Group in which an installed package registers laws of its own."""
 
 
