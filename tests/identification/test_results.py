@@ -7,6 +7,7 @@ import tomllib
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pandas as pd
@@ -34,7 +35,7 @@ from pipeline.identification.results.residual_signatures import (
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
-from pipeline.report.unit.facts import comparison_sentence, other_errors
+from pipeline.report.unit.facts import comparison_sentence, other_errors, rows_facts
 from pipeline.report.unit.remainder_cards import remainder_cards
 from pipeline.statistics.curve_scatter import CurveScatter
 
@@ -232,6 +233,22 @@ def test_a_unit_that_is_mostly_explained_says_what_is_left_of_it() -> None:
     assert [card[1] for card in cards] == ["85%", "22.0", "14.0", "18.0", "19.0"]
     assert "noise floor of 2.00 arcmin" in cards[1][3]
     assert cards[-1][3] == "line"
+
+
+@pytest.mark.parametrize(
+    ("angles", "cranks", "words"),
+    [
+        ("unknown", [0.0, 60.0], "0° and 60°, which only tell the positions apart: the angles are not known"),
+        ("measured", [0.0, 60.0], "0° and 60°"),
+        ("measured", [], "–"),  # of files that have none
+    ],
+)
+def test_the_page_says_whether_crank_angles_are_known(angles: str, cranks: list[float], words: str) -> None:
+    rows = MagicMock(cranks=np.array(cranks), files=["data.csv"])
+    rows.__len__.return_value = 3
+    unit = SimpleNamespace(settings=SimpleNamespace(crank_angles=angles))
+    measurement = SimpleNamespace(rows=rows, unit=unit, known_cranks=len(cranks) if angles == "measured" else 0)
+    assert dict(rows_facts(SimpleNamespace(measurement=measurement)))["Crank angles"] == words
 
 
 def test_the_page_says_which_prediction_is_ahead() -> None:

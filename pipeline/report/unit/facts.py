@@ -77,11 +77,11 @@ def data_sentence(identification: Identification) -> str:
 def rows_facts(identification: Identification | FaultyUnit) -> list[tuple[str, str]]:
     """What was read."""
     rows = identification.measurement.rows
-    unknown = ", which only tell the positions apart: the angles are not known"
-    known = "" if identification.measurement.known_cranks else unknown
+    unknown = identification.measurement.unit.settings.crank_angles == "unknown"
+    note = ", which only tell the positions apart: the angles are not known" if unknown else ""
     return [
         ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
-        ("Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()]) + known),
+        ("Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()]) + note),
     ]
 
 
