@@ -2,8 +2,8 @@
 
 Before, refitted and after come from one procedure. In each fold everything is estimated anew from the training cells
 alone: calibrated numbers, tolerances, effects. Of the cells left out nothing is used but the zero of the angle, where
-every position has its own; and, where folds of all cells choose the model anew, which models come near the best over
-all of them: a fold chooses among those (``CONTENDING``).
+every position has its own; and, where folds of all cells choose the model anew, which models were fitted in full over
+all of them: a fold chooses among those.
 """
 
 from __future__ import annotations
@@ -30,10 +30,6 @@ STAGES = ("declared", "recalibrated", "after")
 SINGLE_GROUPS, FEWEST_FOLDS = 6, 3
 """Positions (or cycles) up to which each is left out by itself; more are left out in so many lots, spread evenly over
 them, so that the time grows as the rows do."""
-
-CONTENDING = 3.0
-"""Held-out rms in that of the best model up to which a model is tried in the folds too: three positions of four do not
-make a model the best that all of them leave so far behind."""
 
 
 @dataclass(frozen=True)
@@ -166,9 +162,7 @@ def _fold(selector: Selector, selection: Selection, training: Truth, nested: boo
     fitter, data = selector.fitter, selector.problem.data
     trainable = len(np.unique(data.block[training])) >= FEWEST_BLOCKS
     if selection.best and nested and trainable:
-        least_rms = min(trial.rms for trial in selection.trials.values())
-        contenders = [name for name, trial in selection.trials.items() if trial.rms <= CONTENDING * least_rms]
-        inner = selector.select(training, contenders)
+        inner = selector.select(training, tuple(selection.trials))
         return inner.base.fit, inner.answer.fit, inner.description.fit
     base = fitter.fit(Model(), training, fitter.start(Model()))
     chosen = selector.refitted(selection.answer.fit.model, training, base)

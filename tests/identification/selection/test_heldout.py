@@ -1,7 +1,6 @@
 """Losses of cells that a fit has not seen: identities of the Gaussian distribution on a linear unit."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from pipeline.identification.selection.cross_validation import (
     block_losses,
     trial,
 )
-from pipeline.identification.selection.held_out import _fold, splits_of
+from pipeline.identification.selection.held_out import splits_of
 
 DATA = linear_data(positions=3, cells=6)
 TIGHT = (0.05, 0.2)
@@ -125,16 +124,3 @@ def test_losses_of_the_true_model_are_one_and_those_of_too_small_a_model_are_not
     right, wrong = np.mean(result, axis=0)
     assert right == pytest.approx(1.0, abs=0.05)
     assert wrong > 4.0
-
-
-def test_a_fold_tries_the_models_that_come_near_the_best_over_all_cells():
-    trials = {name: SimpleNamespace(rms=rms) for name, rms in [("a", 1.0), ("b", 2.9), ("c", 3.1)]}
-    everything, tried = np.ones(len(DATA), bool), []
-
-    def select(_, names):
-        tried.extend(names)
-        return SimpleNamespace(**dict.fromkeys(["base", "answer", "description"], SimpleNamespace(fit=None)))
-
-    selector = SimpleNamespace(fitter=None, problem=SimpleNamespace(data=DATA), select=select)
-    assert _fold(selector, SimpleNamespace(best="a", trials=trials), everything, True) == (None, None, None)
-    assert tried == ["a", "b"]
