@@ -14,7 +14,7 @@ settings.register_profile("alike", deadline=None, derandomize=True, suppress_hea
 settings.load_profile("alike")  # the same examples everywhere, however slow the machine
 
 BEGUN_FIRST = (
-    "test_effects_of_designs",  # compiles the equilibrium and the path of friction, while another process is at
+    "test_effects_of_designs",  # compiles the equilibrium and the path of friction, while others are at
     *("test_clearance", "test_damage", "test_boundary", "test_kills", "test_dask", "test_intervals"),  # these
     *("test_blind", "test_random_designs", "test_registered", "test_verify", "test_turn", "test_carrier_chain"),
     *("test_results", "test_page_agrees", "test_recovery", "test_holes_chain", "test_chain", "test_page_numbers"),
@@ -27,7 +27,7 @@ BEGUN_FIRST = (
         "test_fitting",
     ),
 )
-"""Files of more than seven seconds: none of them is begun last, when the other process would wait for it."""
+"""Files of more than seven seconds: none of them is begun last, when the other processes would wait for it."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
