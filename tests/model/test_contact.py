@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from asperities import Asperities
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from pipeline.model.contact.further_term import FurtherTerm
 from pipeline.model.contact.laws import (
     ContactLaws,
     LineContact,
@@ -47,25 +47,6 @@ def roller_laws(length=2.6):
 
 def palmgren(interfaces, resistance, length=1.0):
     return palmgren_laws(LineContact(np.array([0.8]), length, STRESS, STRESS), interfaces, resistance)
-
-
-class Asperities(FurtherTerm):
-    """Heights of asperities that fall off exponentially: s ln(1 + F/F0) (Greenwood and Williamson 1966)."""
-
-    __slots__ = ()
-    COLUMNS = {"height_mm": ("mm", "of the asperities"), "force_N": ("N", "that bends the law")}
-
-    @staticmethod
-    def form(numbers, force):
-        return numbers[0] * np.log1p(force / numbers[1])
-
-    @staticmethod
-    def slope(numbers, force):
-        return numbers[0] / (numbers[1] + force)
-
-    @staticmethod
-    def energy(numbers, force):
-        return numbers[0] * ((numbers[1] + force) * np.log1p(force / numbers[1]) - force)
 
 
 def rough(laws, height, force):

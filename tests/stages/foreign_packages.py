@@ -1,5 +1,9 @@
 """Modules that strangers might write: one effect, metric, law, distribution, dimension, mechanism of their own."""
 
+from pathlib import Path
+
+import asperities
+
 RUBBER = """
 from dataclasses import replace
 from pipeline.model.effects import Effect, Parameter
@@ -34,24 +38,12 @@ LAW = ContactLaw(
     between_flats=lambda sides, radius, depth: linear(sides[0], 3e-5),
 )
 """
-ROUGH = """
+ROUGH = (
+    Path(asperities.__file__).read_text()
+    + """
 from dataclasses import replace
-import numpy as np
-from pipeline.model.contact.further_term import FurtherTerm
 from pipeline.model.contact.line_laws import ContactLaw
 from pipeline.model.contact.line_laws.linear import linear_law
-class Asperities(FurtherTerm):
-    __slots__ = ()
-    COLUMNS = {"height_mm": ("mm", "of the asperities"), "force_N": ("N", "that bends the law")}
-    @staticmethod
-    def form(numbers, force):
-        return numbers[0] * np.log1p(force / numbers[1])
-    @staticmethod
-    def slope(numbers, force):
-        return numbers[0] / (numbers[1] + force)
-    @staticmethod
-    def energy(numbers, force):
-        return numbers[0] * ((numbers[1] + force) * np.log1p(force / numbers[1]) - force)
 def asperities(contact, force):
     zero = np.zeros_like(contact.radius)
     return replace(linear_law(np.inf).on_solid(contact, 1.0), further=Asperities.of(zero + 4e-4, zero + force))
@@ -62,6 +54,7 @@ LAW = ContactLaw(
     between_flats=lambda sides, radius, depth: asperities(sides[0], 5.0),
 )
 """
+)
 ARCSINE = """
 from typing import Literal
 import numpy as np

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.contacts import Contacts, DiskPose
-from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real, pin_lobes
 from pipeline.model.geometry.deviating_distances import deviating_distances
 from pipeline.model.geometry.drawn_flank import deviation_table, material_off
 from pipeline.model.geometry.flank_modification import NOMINAL
@@ -115,17 +115,6 @@ def _lobe_turns(profile: CycloidProfile, errors: Errors) -> Real:
     return errors.lobe_pitch / (profile.pin_circle_radius - profile.pin_radius)
 
 
-def pin_lobes(profile: CycloidProfile, reducer: DiskPose | Reducer) -> tuple[np.ndarray, np.ndarray]:
-    """The lobes on the two sides of the valley in which each pin lies, (n_pins,) each.
-
-    The first has phases beta < 0 (counterclockwise of the root), the second beta > 0. Lobes are numbered
-    clockwise, lobe 0 from the root at angle 0 of the disk frame.
-    """
-    valley = np.rint(-(reducer.pins.flank_parameter + reducer.pins.phase / profile.lobes) / profile.lobe_pitch)
-    valley = valley.astype(np.int64)
-    return (valley - 1) % profile.lobes, valley % profile.lobes
-
-
 def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Errors, disk_reading: str) -> Real:
     """Gaps of the pins to first order in the errors, (n, n_pins) [mm].
 
@@ -141,7 +130,7 @@ def first_order_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, error
     radial_part = np.real(np.conj(pins.normal) * radial)
     tangential_part = np.real(np.conj(pins.normal) * 1j * radial)
     eccentric = np.real(np.conj(pins.normal) * np.exp(1j * reducer.crank))
-    lobe_before, lobe_behind = pin_lobes(profile, reducer)
+    lobe_before, lobe_behind = pin_lobes(profile, reducer.pins)
     at_root = np.isclose(pins.phase, 0.0, atol=1e-9)
     met_flank = np.where(pins.phase < 0, lobe_before, lobe_behind)
     lobe, radial_error, tangential_error, radius_error, eccentricity = map(
@@ -197,7 +186,7 @@ def exact_gaps(profile: CycloidProfile, reducer: DiskPose | Reducer, errors: Err
     ``normal`` it is the parallel of the drawn flank.
     """
     pins, flank = reducer.pins, profile.generating
-    lobe_before, lobe_behind = pin_lobes(profile, reducer)
+    lobe_before, lobe_behind = pin_lobes(profile, reducer.pins)
     nominal = valleys(profile, reducer.crank)
     reading = DISK_READINGS[disk_reading]
     shares = (0.0, reading) if disk_reading == "normal" else (reading, 0.0)

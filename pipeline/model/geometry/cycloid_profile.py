@@ -173,3 +173,14 @@ def pin_contacts(profile: CycloidProfile, crank: float) -> PinContacts:
         flank_parameter=psi,
         flank_curvature=profile.generating.flank_curvature(beta),
     )
+
+
+def pin_lobes(profile: CycloidProfile, pins: PinContacts) -> tuple[Index, Index]:
+    """The lobes on the two sides of the valley in which each pin lies, (n_pins,) each.
+
+    The first has phases beta < 0 (counterclockwise of the root), the second beta > 0. Lobes are numbered
+    clockwise, lobe 0 from the root at angle 0 of the disk frame.
+    """
+    valley = np.rint(-(pins.flank_parameter + pins.phase / profile.lobes) / profile.lobe_pitch)
+    valley = valley.astype(np.int64)
+    return (valley - 1) % profile.lobes, valley % profile.lobes

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reducers import ARCMIN, MICROMETRE, PAPER, SMALL, errors_of, random_errors, reducer_at
 
-from pipeline.model.geometry.clearance import Errors, _first_order_gaps, exact_gaps, first_order_gaps, gaps, pin_lobes
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
+from pipeline.model.geometry.clearance import Errors, _first_order_gaps, exact_gaps, first_order_gaps, gaps
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation, pin_lobes
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
 
 METHODS = {"exact": exact_gaps, "first_order": first_order_gaps}
@@ -104,7 +104,7 @@ def dense_scan_gaps(profile, crank, errors, reading):
     half = 1.25**2 / 2 * profile.lobe_pitch
     factor = {"radial": 1.0, "radial_on_diameter": 0.5, "normal": 1.0}[reading]
     best = np.full(centre.shape, np.inf)
-    for lobes, side in zip(pin_lobes(profile, reducer_at(profile, crank)), (1, -1), strict=True):
+    for lobes, side in zip(pin_lobes(profile, reducer_at(profile, crank).pins), (1, -1), strict=True):
         offset = factor * errors.lobe[:, lobes]
         circle = profile.pin_circle_radius - (0 * offset if reading == "normal" else offset)
         radius = profile.pin_radius + (offset if reading == "normal" else 0 * offset)
@@ -295,7 +295,7 @@ def test_turning_crank_and_errors_by_pin_pitches_turns_the_gaps(pitches, crank, 
 def test_each_pin_stands_between_the_two_lobes_at_its_sides(profile):
     for crank in (0.3, 2.0, 40.0):
         reducer = reducer_at(profile, crank)
-        lobe_before, lobe_behind = pin_lobes(profile, reducer)
+        lobe_before, lobe_behind = pin_lobes(profile, reducer.pins)
         psi = reducer.pins.centre - profile.eccentricity * np.exp(1j * crank)
         turn = (
             np.angle(psi) - disk_rotation(profile, crank)
