@@ -185,6 +185,11 @@ def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int
     Raises
     ------
     LinAlgError : if the Hessian with its priors is singular.
+
+    Source
+    ------
+    Scores of n branches of a fit sum to what its priors pull: their resampled variance is (n - 1)/n of that of new
+    branches. Widened by n/(n - 1), Cameron, Gelbach, Miller, Review of Economics and Statistics 90 (2008) 414.
     """
     data = fitter.problem.data
     penalty = fitter.penalty(fit.unknowns)
@@ -196,12 +201,13 @@ def score_steps(fitter: Fitter, fit: Fit, cells: Truth) -> tuple[Real, Real, int
     for b in range(n_blocks):
         block_rows = rows[block == b]
         products[b, :, :k], products[b, :, k] = block_rows.T @ block_rows, block_rows.T @ misfit[block == b]
-    resamples = n_blocks * resampled_means(products, RESAMPLES, SEED)
-    resamples[:, :, k] += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
-    total = products[:, :, :k].sum(axis=0)
+    total, score = products[:, :, :k].sum(axis=0), products[:, :, k].sum(axis=0)
+    resampled_scores = n_blocks * resampled_means(products[:, :, k], RESAMPLES, SEED)
+    widened = score + (resampled_scores - score) * np.sqrt(n_blocks / max(n_blocks - 1, 1))
+    widened += penalty * np.random.default_rng(SEED).standard_normal((RESAMPLES, k))
     hessian = total + np.diag(penalty**2) + 1e-9 * np.trace(total) / max(k, 1) * np.eye(k)
     pull = penalty**2 * (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns))
-    steps = np.linalg.solve(hessian, (resamples[:, :, k] - pull).T).T
+    steps = np.linalg.solve(hessian, (widened - pull).T).T
     return steps, hessian, n_blocks
 
 
@@ -209,10 +215,12 @@ def tails(steps: Real, n_blocks: int) -> Real:
     """How far resampled optima reach down and up (2, n_unknowns), in the confidence of intervals.
 
     About the median step, which is not zero where a bound or the last steps of the fit hold it; of few branches widened
-    as Student's t is over the normal distribution.
+    as Student's t is over the normal distribution. The k-th least of R resamples stands at the level k/(R + 1),
+    Davison, Hinkley, Bootstrap Methods and Their Application (1997), section 2.4.
     """
     ends = 50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)
-    return np.abs(np.percentile(steps - np.median(steps, axis=0), ends, axis=0)) * _student(n_blocks)
+    from_median = steps - np.median(steps, axis=0)
+    return np.abs(np.percentile(from_median, ends, axis=0, method="weibull")) * _student(n_blocks)
 
 
 def _student(n_blocks: int) -> float:
