@@ -15,6 +15,7 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from pipeline.engine.stage import Stage
+from pipeline.registry import KINDS
 
 PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
 """Libraries whose version may change a number."""
@@ -24,18 +25,8 @@ TEMPLATES = (".html", ".css", ".js")
 """Files beside the modules of a package that are sources too."""
 NO_EFFECT = ("pipeline.engine.progress", "pipeline.config.designs.effects", "pipeline.config.designs.contact_laws")
 """Modules that no value depends on: they show progress, or refuse settings."""
-FOUND_BY_FILE = {
-    "pipeline.config.dimensions": "cycloid_dimensions",
-    "pipeline.config.distributions": "cycloid_distributions",
-    "pipeline.config.mechanisms": "cycloid_output_mechanisms",
-    "pipeline.model.contact.line_laws": "cycloid_contact_laws",
-    "pipeline.model.effects": "cycloid_effects",
-    "pipeline.model.metrics": "cycloid_metrics",
-}
-"""Packages that import whatever modules lie in them and in their rooms, and the group of entry points in which others
-register more."""
-
-
+GROUPS = {kind.package: kind.group for kind in KINDS}
+"""Packages that import whatever modules lie in them and in their rooms, and the entry points of others' modules."""
 BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
 """Where statements hold others."""
 
@@ -144,8 +135,8 @@ def source_hashes(module: str) -> dict[str, str]:
             if path.name == "__init__.py":  # templates and style sheets of a package
                 data = (file for file in sorted(path.parent.iterdir()) if file.suffix in TEMPLATES)
                 hashes |= {f.relative_to(root).as_posix(): hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
-                if name in FOUND_BY_FILE:
-                    registered = [entry.module for entry in entry_points.select(group=FOUND_BY_FILE[name])]
+                if name in GROUPS:
+                    registered = [entry.module for entry in entry_points.select(group=GROUPS[name])]
                     packages |= {module.partition(".")[0] for module in registered}
                     files = sorted(file.relative_to(path.parent) for file in path.parent.rglob("*.py"))
                     waiting += [".".join((name, *file.with_suffix("").parts)) for file in files] + registered

@@ -32,15 +32,15 @@ import numba
 from filelock import FileLock
 from numba import njit
 
+from pipeline.registry import CONTACT_LAWS
+
 PACKAGE = Path(__file__).parent
-FROM_OUTSIDE = "cycloid_contact_laws"
-"""Group of the entry points of packages that bring parts: contact laws of other forms."""
 
 
 def _sources() -> Iterator[Path]:
     """Files that compiled code is made from: this package's, and those of registered ones."""
     yield from sorted(PACKAGE.rglob("*.py"))
-    modules = {entry.module.partition(".")[0] for entry in importlib.metadata.entry_points(group=FROM_OUTSIDE)}
+    modules = {entry.module.partition(".")[0] for entry in importlib.metadata.entry_points(group=CONTACT_LAWS.group)}
     for spec in filter(None, map(importlib.util.find_spec, sorted(modules))):
         for folder in spec.submodule_search_locations or ():
             yield from sorted(Path(folder).rglob("*.py"))

@@ -18,17 +18,21 @@ from small_study import ROOT, run_study, small_study
 
 from pipeline.config import load_study
 from pipeline.config.designs.effects import effect_problems
-from pipeline.config.dimensions.dimension import ENTRY_POINTS as DIMENSIONS
-from pipeline.config.distributions.distribution import ENTRY_POINTS as DISTRIBUTIONS
-from pipeline.config.mechanisms.mechanism import ENTRY_POINTS as MECHANISMS
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.errors import InputError
 from pipeline.identification.fitting.problem import candidates
 from pipeline.model.contact.line_laws import library as laws
-from pipeline.model.contact.line_laws.contact_law import ENTRY_POINTS as LAWS
 from pipeline.model.effects import library
-from pipeline.model.effects.effect import ENTRY_POINTS as EFFECTS
-from pipeline.model.metrics.metric import ENTRY_POINTS as METRICS
+from pipeline.registry import (
+    CONTACT_LAWS,
+    DIMENSIONS,
+    DISTRIBUTIONS,
+    EFFECTS,
+    METRICS,
+    OUTPUT_MECHANISMS,
+    TURN_METRICS,
+    Kind,
+)
 from pipeline.report.inputs import law_fact
 
 DRAW = """
@@ -62,18 +66,17 @@ running.solver_is_compiled = lambda: True
 """What is compiled ahead is the solver of laws without a further term."""
 
 
-def install(folder: Path, module: str, source: str, entry: str, group: str) -> None:
-    """Lay a package of one module into the folder as an installer would, with its entry point ``name = object``."""
+def install(folder: Path, module: str, source: str, name: str, kind: Kind) -> None:
+    """Lay a package of one module into the folder as an installer would, with the entry point of what it declares."""
     (folder / f"{module}.py").write_text(source)
     info = folder / f"{module}-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
-    name, _, declared = entry.partition(" = ")
-    (info / "entry_points.txt").write_text(f"[{group}]\n{name} = {module}:{declared}\n")
+    (info / "entry_points.txt").write_text(f"[{kind.group}]\n{name} = {module}:{kind.attribute}\n")
 
 
 def install_rubber(folder: Path, name: str) -> None:
-    install(folder, f"rubber_of_{name}", RUBBER.format(name=name), f"{name} = EFFECT", EFFECTS)
+    install(folder, f"rubber_of_{name}", RUBBER.format(name=name), name, EFFECTS)
 
 
 def in_a_process(program: str, folder: Path, *arguments: Path | str) -> subprocess.CompletedProcess[str]:
@@ -123,7 +126,7 @@ def test_the_library_of_the_project_needs_no_registration(folder: Path) -> None:
 
 
 def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Path, runs: Path) -> None:
-    install(folder, "windup_of_a_loop", WINDUP.format(), "windup = METRIC", METRICS)
+    install(folder, "windup_of_a_loop", WINDUP.format(), "windup", METRICS)
     text = (ROOT / "data/studies/quick.toml").read_text()
     text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
     study = folder / "winding.toml"
@@ -145,6 +148,11 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     assert re.search(r"Difference in angle between \+12 and -12", page)
 
 
+def test_a_metric_of_the_turn_of_another_package_is_a_source(folder: Path) -> None:
+    install(folder, "sway_over_a_turn", "TURN_METRIC = None", "sway", TURN_METRICS)
+    assert "sway_over_a_turn.py" in source_hashes("stages.aggregate")
+
+
 def test_a_contact_law_of_another_package_is_known_and_told(folder: Path) -> None:
     text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
     study = folder / "springy.toml"
@@ -152,7 +160,7 @@ def test_a_contact_law_of_another_package_is_known_and_told(folder: Path) -> Non
     with pytest.raises(InputError, match="springs.law = \"hooke\"; must be 'hertz' or 'linear' or 'palmgren'"):
         load_study(study, ROOT)
     laws.cache_clear()
-    install(folder, "springs_of_hooke", LINEAR, "hooke = LAW", LAWS)
+    install(folder, "springs_of_hooke", LINEAR, "hooke", CONTACT_LAWS)
     assert "springs_of_hooke.py" in source_hashes("stages.springs")
     assert "springs_of_hooke.py" not in source_hashes("stages.sample")
     springy = load_study(study, ROOT)
@@ -163,7 +171,7 @@ def test_a_contact_law_of_another_form_is_compiled_and_runs_in_a_study(folder: P
     text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
     study = folder / "asperous.toml"
     study.write_text(text.replace("keep_contacts = [0]", 'keep_contacts = "all"').replace('"hertz"', '"rough"'))
-    install(folder, "roughness_of_flanks", ROUGH, "rough = LAW", LAWS)
+    install(folder, "roughness_of_flanks", ROUGH, "rough", CONTACT_LAWS)
     process = in_a_process(RUN_WITHOUT_COMPILING_AHEAD, folder, runs, study, "hysteresis")
     assert process.returncode == 0, process.stderr
     status = pd.read_parquet(runs / "asperous" / "hysteresis" / "status.parquet")
@@ -187,7 +195,7 @@ def test_a_distribution_of_another_package_is_checked_drawn_and_told(folder: Pat
     study.write_text("[tolerances.pin_tangential]".join((head, tail.replace('"normal"', '"arcsine"', 1))))
     with pytest.raises(InputError, match=r"(?s)tolerances.pin_tangential.distribution.*arcsine"):
         load_study(study, ROOT)
-    install(folder, "arcsine_of_a_chatter", ARCSINE + "DISTRIBUTION = Arcsine", "arcsine = DISTRIBUTION", DISTRIBUTIONS)
+    install(folder, "arcsine_of_a_chatter", ARCSINE + "DISTRIBUTION = Arcsine", "arcsine", DISTRIBUTIONS)
     process = in_a_process(DRAW, folder, runs, study, "arcsine_of_a_chatter.py")
     assert process.returncode == 0, process.stderr
     assert "title='tangential pin position', distribution='arcsine'" in process.stdout
@@ -207,7 +215,7 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
     study.write_text(clamped)
     with pytest.raises(InputError, match="tolerances.ovality_4"):
         load_study(study, ROOT)
-    install(folder, "chuck_of_four_jaws", FOUR_LOBED, "ovality_4 = DIMENSION", DIMENSIONS)
+    install(folder, "chuck_of_four_jaws", FOUR_LOBED, "ovality_4", DIMENSIONS)
     process = in_a_process(DRAW, folder, runs, study, "chuck_of_four_jaws.py")
     assert process.returncode == 0, process.stderr
     assert "title='four-lobed ovality of pin circle', distribution='uniform', lower='1', upper='3'" in process.stdout
@@ -223,7 +231,7 @@ def test_a_dimension_of_another_package_is_drawn_acts_and_is_told(folder: Path, 
 
 
 def test_a_dimension_that_acts_on_nothing_is_refused(folder: Path) -> None:
-    install(folder, "colour_of_a_disk", IDLE, "colour = DIMENSION", DIMENSIONS)
+    install(folder, "colour_of_a_disk", IDLE, "colour", DIMENSIONS)
     process = in_a_process("import pipeline.sampling", folder)
     assert "dimension colour acts on nothing; give it a shift, or a gap in the model" in process.stderr
 
@@ -245,7 +253,7 @@ def with_dogs(folder: Path, radius: float, clearance: float) -> Path:
 def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Path, runs: Path) -> None:
     with pytest.raises(InputError, match="mechanism = \"dogs\"; must be one of 'carrier', 'direct', 'pin_in_hole', "):
         load_study(with_dogs(folder, 15.0, 5.0), ROOT)
-    install(folder, "coupling_of_dogs", DOGS, "dogs = MECHANISM", MECHANISMS)
+    install(folder, "coupling_of_dogs", DOGS, "dogs", OUTPUT_MECHANISMS)
     refusal = in_a_process(RUN, folder, runs, with_dogs(folder, 3.0, 5.0), "report")
     assert "output.radius_mm = 3.0; must be > 3 mm, the bore" in refusal.stderr
     plays = []

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.designs.design import Design
-from pipeline.model.registry import declarations
+from pipeline.registry import DIMENSIONS
 
 Real = NDArray[np.float64]
-ENTRY_POINTS = "cycloid_dimensions"
-"""Group in which an installed package registers dimensions of its own."""
 REDUCER, DISKS = "reducer", "disks"
 """Tables of what a reducer and each of its disks have once; the first has the numbers of disk 0, too."""
 
@@ -172,6 +170,6 @@ class Dimension:
 
 @cache
 def dimension_library() -> Mapping[str, Dimension]:
-    """All dimensions by name and rank: the files beside this one and what packages register as ``ENTRY_POINTS``."""
-    dimensions = declarations("pipeline.config.dimensions", "DIMENSION", ENTRY_POINTS)
+    """All dimensions by name and rank: the files beside this one and what packages register."""
+    dimensions = DIMENSIONS.declarations()
     return dict(sorted(dimensions.items(), key=lambda item: item[1].rank))

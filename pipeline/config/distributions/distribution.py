@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.files.section import Micrometres, Millimetres, Mistake, Section
-from pipeline.model.registry import declarations
+from pipeline.registry import DISTRIBUTIONS
 
 Real = NDArray[np.float64]
-ENTRY_POINTS = "cycloid_distributions"
-"""Group in which an installed package registers distributions of its own."""
 
 
 class Distribution(Section):
@@ -129,5 +127,5 @@ class Spread(Distribution):
 
 @cache
 def library() -> Mapping[str, type[Distribution]]:
-    """All distributions by name: the files beside this one and what packages register as ``ENTRY_POINTS``."""
-    return declarations("pipeline.config.distributions", "DISTRIBUTION", ENTRY_POINTS)
+    """All distributions by name: the files beside this one and what packages register."""
+    return DISTRIBUTIONS.declarations()

@@ -16,15 +16,13 @@ from pipeline.model.contact.laws import ContactLaws, Material, no_laws
 from pipeline.model.geometry.contacts import Contacts, DiskPose, no_contacts
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 from pipeline.model.geometry.reducer import Bearing
-from pipeline.model.registry import declarations
+from pipeline.registry import OUTPUT_MECHANISMS
 
 if TYPE_CHECKING:
     from pipeline.config.designs.cycloid import Cycloid
     from pipeline.config.designs.design import Disk
     from pipeline.model.contact.line_laws import ContactLaw
 
-ENTRY_POINTS = "cycloid_output_mechanisms"
-"""Group in which an installed package registers mechanisms of its own."""
 
 
 @dataclass(frozen=True)
@@ -231,5 +229,5 @@ class OutputMechanism(Section):
 
 @cache
 def library() -> Mapping[str, type[OutputMechanism]]:
-    """All mechanisms by name: the files beside this one and what packages register as ``ENTRY_POINTS``."""
-    return declarations("pipeline.config.mechanisms", "MECHANISM", ENTRY_POINTS)
+    """All mechanisms by name: the files beside this one and what packages register."""
+    return OUTPUT_MECHANISMS.declarations()

@@ -9,14 +9,12 @@ import numpy as np
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.model.registry import declarations
+from pipeline.registry import EFFECTS
 
 CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE = "cranks", "cycles", "time", "temperature", "still", "rate"
 """What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
 varies, a crank that stays within half a pitch of the pins, a rate of the torque that changes (or a dwell)."""
 
-ENTRY_POINTS = "cycloid_effects"
-"""Group in which an installed package registers effects of its own (name = "module:EFFECT")."""
 LARGEST_CLEARANCE = 1 / 3
 """Clearance that an effect may give, over the eccentricity."""
 LARGEST_INTERFERENCE = 1 / 30
@@ -122,11 +120,11 @@ def largest_twist(drive: Drive) -> float:
 
 @cache
 def library() -> Mapping[str, Effect]:
-    """All effects by name: the files of the rooms, and what installed packages register as ``ENTRY_POINTS``; sorted.
+    """All effects by name: the files of the rooms, and what installed packages register; sorted.
 
     Raises
     ------
     ValueError
         If a registered effect has the name of another one.
     """
-    return dict(sorted(declarations("pipeline.model.effects", "EFFECT", ENTRY_POINTS).items()))
+    return dict(sorted(EFFECTS.declarations().items()))

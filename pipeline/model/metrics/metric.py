@@ -8,11 +8,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.model.registry import declarations
+from pipeline.registry import METRICS
 
 Real = NDArray[np.float64]
-ENTRY_POINTS = "cycloid_metrics"
-"""Group in which an installed package registers metrics of its own."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +144,6 @@ def signed(value: float, decimals: int) -> str:
 
 @cache
 def library() -> Mapping[str, Metric]:
-    """All metrics by name, in their order: the files beside this one and what packages register as ``ENTRY_POINTS``."""
-    metrics = declarations("pipeline.model.metrics", "METRIC", ENTRY_POINTS)
+    """All metrics by name, in their order: the files beside this one and what packages register."""
+    metrics = METRICS.declarations()
     return dict(sorted(metrics.items(), key=lambda item: item[1].rank))

@@ -4,13 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from pipeline.model.compiled import FROM_OUTSIDE
 from pipeline.model.contact.further_term import FurtherTerm
 from pipeline.model.contact.laws import ContactLaws, LineContact
-from pipeline.model.registry import declarations
-
-ENTRY_POINTS = FROM_OUTSIDE
-"""Group in which an installed package registers laws of its own."""
+from pipeline.registry import CONTACT_LAWS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +45,8 @@ def law_of(name: str, stiffness: float | None) -> ContactLaw:
 
 @cache
 def library() -> Mapping[str, ContactLaw]:
-    """All laws by name: the files beside this one and what packages register as ``ENTRY_POINTS``."""
-    return declarations("pipeline.model.contact.line_laws", "LAW", ENTRY_POINTS)
+    """All laws by name: the files beside this one and what packages register."""
+    return CONTACT_LAWS.declarations()
 
 
 def declared(term: FurtherTerm | None) -> FurtherTerm | None:
@@ -62,5 +58,7 @@ def declared(term: FurtherTerm | None) -> FurtherTerm | None:
         If none does: no table has its numbers, and no other process would find the code that is compiled for it.
     """
     if term is not None and not any(law.further is type(term) for law in library().values()):
-        raise ValueError(f"no contact law declares {type(term).__name__}; register one of the group {ENTRY_POINTS}")
+        raise ValueError(
+            f"no contact law declares {type(term).__name__}; register one of the group {CONTACT_LAWS.group}"
+        )
     return term

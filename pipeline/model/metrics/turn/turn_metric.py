@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.model.metrics.metric import Limited, Real
-from pipeline.model.registry import declarations
+from pipeline.registry import TURN_METRICS
 
-ENTRY_POINTS = "cycloid_turn_metrics"
-"""Group in which an installed package registers metrics of a turn of its own."""
 FEWEST_ANGLES = 8
 """Crank angles, evenly over the turn, from which a peak to peak says anything of it."""
 
@@ -138,6 +136,6 @@ def peak_to_peak(angle: Real) -> Real:
 
 @cache
 def turn_library() -> Mapping[str, TurnMetric]:
-    """All metrics of a turn by name, in their order: the files beside this one and registered ``ENTRY_POINTS``."""
-    metrics = declarations("pipeline.model.metrics.turn", "TURN_METRIC", ENTRY_POINTS)
+    """All metrics of a turn by name, in their order: the files beside this one and what packages register."""
+    metrics = TURN_METRICS.declarations()
     return dict(sorted(metrics.items(), key=lambda item: item[1].rank))

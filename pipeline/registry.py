@@ -1,0 +1,53 @@
+"""What is declared one file each: the kinds of it, found in the files of a package and in what others register."""
+
+import importlib
+import importlib.metadata
+import pkgutil
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of thing that is declared one file each.
+
+    Attributes
+    ----------
+    package : dotted name; its files and those of its rooms declare one each. A file whose name begins with an
+        underscore declares nothing, nor does one without the object.
+    attribute : the object of a file, "EFFECT".
+    group : of entry points, in which another package registers one from outside (name = "module:EFFECT").
+    """
+
+    package: str
+    attribute: str
+    group: str
+
+    def declarations(self) -> dict[str, Any]:
+        """The object of every file and of every entry point, by its ``name``.
+
+        Raises
+        ------
+        ValueError
+            If a registered object has the name of another one.
+        """
+        paths = importlib.import_module(self.package).__path__
+        names = sorted(file.name for file in pkgutil.walk_packages(paths, f"{self.package}."))
+        modules = [importlib.import_module(name) for name in names if not name.rpartition(".")[2].startswith("_")]
+        objects = {declared.name: declared for module in modules if (declared := getattr(module, self.attribute, None))}
+        for entry in sorted(importlib.metadata.entry_points(group=self.group), key=lambda entry: entry.name):
+            declared = entry.load()
+            if declared.name in objects:
+                raise ValueError(f"{entry.value}: {declared.name} is declared already; give it another name")
+            objects[declared.name] = declared
+        return objects
+
+
+CONTACT_LAWS = Kind("pipeline.model.contact.line_laws", "LAW", "cycloid_contact_laws")
+DIMENSIONS = Kind("pipeline.config.dimensions", "DIMENSION", "cycloid_dimensions")
+DISTRIBUTIONS = Kind("pipeline.config.distributions", "DISTRIBUTION", "cycloid_distributions")
+EFFECTS = Kind("pipeline.model.effects", "EFFECT", "cycloid_effects")
+METRICS = Kind("pipeline.model.metrics", "METRIC", "cycloid_metrics")
+OUTPUT_MECHANISMS = Kind("pipeline.config.mechanisms", "MECHANISM", "cycloid_output_mechanisms")
+TURN_METRICS = Kind("pipeline.model.metrics.turn", "TURN_METRIC", "cycloid_turn_metrics")
+KINDS = (CONTACT_LAWS, DIMENSIONS, DISTRIBUTIONS, EFFECTS, METRICS, OUTPUT_MECHANISMS, TURN_METRICS)
