@@ -13,7 +13,7 @@ from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, 
 from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
 from pipeline.identification.measurement.faults.shape_faults import columns_exchanged, largest_span, standing_out
 from pipeline.identification.measurement.measured_rows import MeasuredRows
-from pipeline.identification.measurement.repeatability import mean_loops
+from pipeline.identification.measurement.repeated_branches import mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_file import UnitFile

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.designs.design import Design
-from pipeline.identification.measurement.repeatability import Loop, loop_distance
+from pipeline.identification.measurement.repeated_branches import Loop, loop_distance
 from pipeline.model.units import ARCMIN
 
 Real = NDArray[np.float64]

@@ -1,0 +1,146 @@
+"""Branches that repeat each other: their angles held against each other at equal torque."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.branches import BranchBlocks
+from pipeline.identification.measurement.cells import Cells
+
+Real = NDArray[np.float64]
+
+STEEP = 3.0
+"""Slopes beyond this multiple of a branch's chord are left out of repeats: in the play and on the steps of a cogging
+motor the difference of two repeats is the noise of the torque times the slope, not that of the angle."""
+SURE = 3.0
+"""Standard deviations of a difference of two cells that a step must exceed the steep slope by: where cells are narrow,
+noise alone looks steep, and to leave out what is noisy would make the noise too low."""
+FEWEST_CELLS = 3
+"""Cells of a branch that a line between neighbours needs."""
+
+
+class Branch(NamedTuple):
+    """Cells of a block.
+
+    Attributes
+    ----------
+    torque : (n,) ascending [N m].
+    angle : (n,) [arcmin].
+    blur : scatter of a cell's angle by that of its rows [arcmin].
+    """
+
+    torque: Real
+    angle: Real
+    blur: float
+
+
+def branch_of(cells: Cells, block: int) -> Branch:
+    """The cells of a block."""
+    block_cells = np.flatnonzero(cells.block == block)
+    block_cells = block_cells[np.argsort(cells.torque_mean[block_cells], kind="stable")]
+    finite_scatter = cells.angle_spread[block_cells] / np.sqrt(np.maximum(cells.count[block_cells], 1))
+    finite_scatter = finite_scatter[np.isfinite(finite_scatter)]
+    return Branch(
+        cells.torque_mean[block_cells],
+        cells.angle_mean[block_cells],
+        float(np.median(finite_scatter)) if finite_scatter.size else 0.0,
+    )
+
+
+def mean_branch(branches: list[Branch]) -> Branch:
+    """Mean angle over the repeats of a branch, at the torques of the first that all of them reach."""
+    measured = [branch for branch in branches if branch.torque.size]
+    if not measured:
+        return Branch(np.empty(0), np.empty(0), 0.0)
+    low, high = (
+        max(repeated_branch.torque[0] for repeated_branch in measured),
+        min(repeated_branch.torque[-1] for repeated_branch in measured),
+    )
+    torque = measured[0].torque
+    torque = torque[(torque >= low) & (torque <= high)]
+    angle = (
+        np.mean(
+            [np.interp(torque, repeated_branch.torque, repeated_branch.angle) for repeated_branch in measured], axis=0
+        )
+        if torque.size
+        else torque
+    )
+    return Branch(
+        torque, angle, float(np.mean([repeated_branch.blur for repeated_branch in measured]) / np.sqrt(len(measured)))
+    )
+
+
+Loop = dict[int, Branch]
+"""Mean branches of a position by their kind."""
+
+
+def mean_loops(blocks: BranchBlocks, cells: Cells) -> list[Loop]:
+    """The branches of each position averaged over all cycles, but for its first branch."""
+    loops: list[Loop] = []
+    for position in np.unique(blocks.position):
+        kinds: dict[int, list[int]] = {}
+        for block in np.flatnonzero(blocks.position == position)[1:]:
+            kinds.setdefault(int(blocks.kind[block]), []).append(block)
+        loops.append({kind: mean_branch([branch_of(cells, b) for b in members]) for kind, members in kinds.items()})
+    return loops
+
+
+def loop_distance(loop: Loop, second: Loop) -> float:
+    """Rms difference [arcmin] of two mean loops, their offset removed; NaN where they have nothing in common."""
+    differences = loop_differences(loop, second)
+    return float(np.sqrt(np.mean(np.concatenate(differences) ** 2))) if differences else np.nan
+
+
+def loop_differences(loop: Loop, second: Loop) -> list[Real]:
+    """Differences [arcmin] of two mean loops, a list entry per kind of branch that both have, their offset removed."""
+    return centred([angle_difference(loop[kind], second[kind]) for kind in loop if kind in second])
+
+
+def angle_difference(branch: Branch, second: Branch) -> Real:
+    """Angle of `second` less `branch` [arcmin] at the torques of `branch` that both reach, steep places left out."""
+    if min(branch.torque.size, second.torque.size) < FEWEST_CELLS:
+        return np.empty(0)
+    is_comparable = _even(second, branch.torque) & ~_steep(branch)
+    second_angle, variance = _interpolated(second, branch.torque)
+    return ((second_angle - branch.angle) * np.sqrt(2 / (1 + variance)))[is_comparable]
+
+
+def _even(branch: Branch, level: Real) -> NDArray[np.bool_]:
+    """Torques that a branch reaches and where it is not steep."""
+    torque = branch.torque
+    steep = _steep(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
+    return (level >= torque[0]) & (level <= torque[-1]) & ~steep
+
+
+def _interpolated(branch: Branch, level: Real) -> tuple[Real, Real]:
+    """Angle of a branch at torques, and its variance in that of a cell: two of them share in it."""
+    torque, angle = branch.torque, branch.angle
+    upper = np.clip(np.searchsorted(torque, level), 1, torque.size - 1)
+    share = np.clip((level - torque[upper - 1]) / np.maximum(torque[upper] - torque[upper - 1], 1e-300), 0, 1)
+    return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
+
+
+def on_nodes(branch: Branch | None, torque: Real) -> tuple[Real, Real]:
+    """Angle and variance of a branch at torques; NaN where it does not reach or is steep."""
+    if branch is None or branch.torque.size < FEWEST_CELLS:
+        return np.full(len(torque), np.nan), np.ones(len(torque))
+    angle, variance = _interpolated(branch, torque)
+    return np.where(_even(branch, torque), angle, np.nan), variance
+
+
+def _steep(branch: Branch) -> NDArray[np.bool_]:
+    """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch, and not by its noise."""
+    torque, angle = branch.torque, branch.angle
+    rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.blur, np.abs(np.diff(torque))
+    steep = rise * np.ptp(torque) > STEEP * np.ptp(angle) * run
+    return np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
+
+
+def centred(differences: list[Real]) -> list[Real]:
+    """The differences of one pair of loops less their common mean: the offset of the pair."""
+    nonempty = [values for values in differences if values.size]
+    offset = np.mean(np.concatenate(nonempty)) if nonempty else 0.0
+    return [values - offset for values in nonempty]
