@@ -49,5 +49,15 @@ DISTRIBUTIONS = Kind("pipeline.config.distributions", "DISTRIBUTION", "cycloid_d
 EFFECTS = Kind("pipeline.model.effects", "EFFECT", "cycloid_effects")
 METRICS = Kind("pipeline.model.metrics", "METRIC", "cycloid_metrics")
 OUTPUT_MECHANISMS = Kind("pipeline.config.mechanisms", "MECHANISM", "cycloid_output_mechanisms")
+REPORT_SECTIONS = Kind("pipeline.report.sections", "SECTION", "cycloid_report_sections")
 TURN_METRICS = Kind("pipeline.model.metrics.turn", "TURN_METRIC", "cycloid_turn_metrics")
-KINDS = (CONTACT_LAWS, DIMENSIONS, DISTRIBUTIONS, EFFECTS, METRICS, OUTPUT_MECHANISMS, TURN_METRICS)
+KINDS = (
+    CONTACT_LAWS,
+    DIMENSIONS,
+    DISTRIBUTIONS,
+    EFFECTS,
+    METRICS,
+    OUTPUT_MECHANISMS,
+    REPORT_SECTIONS,
+    TURN_METRICS,
+)

@@ -13,11 +13,12 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.figures.style import save
 from pipeline.report.chain.graph import StageNote
-from pipeline.report.drawings import drawings
 from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
 from pipeline.report.layout.pictures import Picture, written_picture
-from pipeline.report.page import TableNote, report_page
+from pipeline.report.page import report_page
+from pipeline.report.sections import Page, drawings, library
+from pipeline.report.sections.section import TableNote
 from stages.reduce import MESH_FILE
 from stages.tables.curves import CONTACTS
 from stages.tables.running import TURN_CONTACTS
@@ -76,6 +77,7 @@ def _frames(job: Job) -> Frames:
         turn_contacts=_kept(job, TURN_CONTACTS, drawn_set),
         laws=_table(job, "springs", "laws"),
         mesh=size,
+        tables={name: _table(job, *name.split("/")) for section in library().values() for name in section.tables},
     )
 
 
@@ -123,8 +125,8 @@ def _stages(job: Job, upstream: tuple[Stage, ...]) -> list[StageNote]:
 def _run(upstream: tuple[Stage, ...], job: Job) -> Tables:
     frames = _frames(job)
     versions = package_versions() | {name: importlib.metadata.version(name) for name in PRINTED_WITH}
-    page = report_page(frames, _pictures(job, frames), _notes(job, upstream), _stages(job, upstream), versions)
-    job.path("report.html").write_text(page, encoding="utf-8")
+    page = Page(frames, _pictures(job, frames), _notes(job, upstream), _stages(job, upstream), versions)
+    job.path("report.html").write_text(report_page(page), encoding="utf-8")
     return {}
 
 

@@ -1,8 +1,17 @@
-"""What the report knows of a figure."""
+"""What the report knows of a figure, and which rows and words figures share."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
+
+from pipeline.config.designs.design import Design
+from pipeline.figures.loads.hysteresis import centred
+from pipeline.figures.spread import spread_frame
+from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import counted
 
 
 @dataclass(frozen=True)
@@ -13,3 +22,41 @@ class Drawing:
     title: str
     caption: str
     figure: Figure
+
+
+def disk_words(design: Design) -> str:
+    """Which disk a figure shows, where there are several."""
+    return ", disk 0 of several" if design.disk.count > 1 else ""
+
+
+def band_sentence(frames: Frames, spread: object) -> str:
+    """Which samples the band is of."""
+    if spread is None:
+        return ""
+    subset = frames.curves["sample"].iloc[-1] + 1 < frames.study.samples.rows
+    return f" The band is over {'the first ' if subset else ''}{counted(len(frames.band), 'sample')}."
+
+
+def loop_traces(frames: Frames) -> dict[str, pd.DataFrame]:
+    """Loop of each drawn sample at the crank angle of the figures, by its label."""
+    curves = frames.at_crank(frames.curves)
+    return {label: curves[curves["sample"] == sample] for label, sample in frames.drawn.items()}
+
+
+def loop_spreads(frames: Frames, *columns: str) -> Mapping[str, pd.DataFrame] | None:
+    """Spread over the samples on the two branches that span all torques, by column; None of a single sample.
+
+    Angles count from the middle of each loop's width at zero torque.
+    """
+    if len(frames.band) < 2:
+        return None
+    steps = len(frames.of_band(frames.curves, "torque_Nm")[0])
+    branch = np.asarray(frames.curves["branch"].iloc[:steps])
+    torque = frames.curves["torque_Nm"].to_numpy()[:steps]
+    spanning = (branch == "loading+") | (branch == "loading-")
+    spreads = {}
+    for name in columns:
+        values = frames.of_band(frames.curves, name)
+        values = centred(values, branch, torque) if name == "angle_arcmin" else values
+        spreads[name] = spread_frame(values[:, spanning], branch=branch[spanning], torque_Nm=torque[spanning])
+    return spreads

@@ -1,6 +1,7 @@
 """What a report is made of: the study and its tables, and which of their rows the figures draw."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +36,7 @@ class Frames:
     turn_contacts : of ``hysteresis``: the contacts of the drawn samples over the turn, as far as they were kept.
     laws : of ``springs``.
     mesh : number of triangles and of nodes of the disk; None of a rigid one.
+    tables : by "stage/table", whole: those that sections read beyond these.
     """
 
     study: Study
@@ -55,6 +57,7 @@ class Frames:
     turn_contacts: pd.DataFrame
     laws: pd.DataFrame
     mesh: tuple[int, int] | None
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     @property
     def listed(self) -> bool:

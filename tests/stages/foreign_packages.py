@@ -1,4 +1,4 @@
-"""Modules that strangers might write: one effect, metric, law, distribution, dimension, mechanism of their own."""
+"""Modules that strangers might write: one effect, metric, law, distribution, ... of their own."""
 
 from pathlib import Path
 
@@ -121,4 +121,25 @@ MECHANISM = Dogs
 IDLE = """
 from pipeline.config.dimensions import Dimension
 DIMENSION = Dimension(name="colour", title="colour", sign="dark", meaning="of the disk", rank=120, draw_columns=(12,))
+"""
+PLAY = """
+from matplotlib.figure import Figure
+from pipeline.report.drawing import Drawing
+from pipeline.report.sections import Section
+KINEMATIC = "clearance/kinematic"
+def drawings(frames):
+    figure = Figure()
+    figure.subplots().plot(frames.tables[KINEMATIC]["crank_deg"], frames.tables[KINEMATIC]["backlash_arcmin"], "o")
+    yield Drawing("rigid_play", "Play of rigid bodies", "Of every sample.", figure)
+SECTION = Section(
+    name="play", title="Play <rigid>", rank=75, tables=(KINEMATIC,), drawings=drawings,
+    template='''{% from "macros.html" import figure with context %}
+<p>{{ rows|counted("row") }}, at most {{ "%.6f"|format(most) }} arcmin.</p>
+{{ figure("rigid_play") }}
+''',
+    values=lambda page: {
+        "rows": len(page.frames.tables[KINEMATIC]), "most": page.frames.tables[KINEMATIC]["backlash_arcmin"].max(),
+    },
+    applies=lambda frames: not frames.listed,
+)
 """

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from foreign_packages import ARCSINE, DOGS, FOUR_LOBED, IDLE, LINEAR, ROUGH, RUBBER, WINDUP
+from foreign_packages import ARCSINE, DOGS, FOUR_LOBED, IDLE, LINEAR, PLAY, ROUGH, RUBBER, WINDUP
 from scipy import stats
 from small_study import ROOT, run_study, small_study
 
@@ -30,6 +30,7 @@ from pipeline.registry import (
     EFFECTS,
     METRICS,
     OUTPUT_MECHANISMS,
+    REPORT_SECTIONS,
     TURN_METRICS,
     Kind,
 )
@@ -274,3 +275,27 @@ def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Pa
     page = (run / "report" / "report.html").read_text()
     for words in ("four dogs 15\u00a0mm off the axis", "Forces on the dogs", "Dogs are round."):
         assert words.replace("\u00a0", " ") in page.replace("\u00a0", " ")
+
+
+def test_a_section_of_another_package_stands_on_the_page(folder: Path, runs: Path) -> None:
+    assert "play_of_rigid_bodies.py" not in source_hashes("stages.chain")
+    install(folder, "play_of_rigid_bodies", PLAY, "play", REPORT_SECTIONS)
+    assert "play_of_rigid_bodies.py" in source_hashes("stages.chain")
+    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
+    study = folder / "played.toml"
+    study.write_text(text)
+    process = in_a_process(RUN, folder, runs, study, "report")
+    assert process.returncode == 0, process.stderr
+    kinematic = pd.read_parquet(runs / "played" / "clearance" / "kinematic.parquet")
+    page = (runs / "played" / "report" / "report.html").read_text().replace("\u00a0", " ")
+    contents = re.findall(r'<li><a href="#(\w+)">([^<]*)</a></li>', page)
+    assert [name for name, _ in contents] == re.findall(r'<section id="(\w+)">', page)
+    position = contents.index(("play", "Play &lt;rigid&gt;"))
+    assert [contents[position - 1][0], contents[position + 1][0]] == ["load", "curve"]
+    section = page.partition('<section id="play">')[2].partition("</section>")[0]
+    assert "<h2>Play &lt;rigid&gt;</h2>" in section
+    assert f"{len(kinematic):,} rows, at most {kinematic['backlash_arcmin'].max():.6f} arcmin." in section
+    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\. ", page)]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert re.search(r"<b>Figure \d+\. Play of rigid bodies\.</b> Of every sample\.", section)
+    assert (runs / "played" / "report" / "figures" / "rigid_play.png").stat().st_size > 1000

@@ -23,7 +23,7 @@ from pipeline.figures.spread import spread_frame
 from pipeline.figures.style import ALARM, save
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions, library, signed
-from pipeline.report.drawings import flank_outline
+from pipeline.report.sections.reducer.study import flank_outline
 from stages.clearance import contact_columns
 
 ROOT = Path(__file__).parents[2]

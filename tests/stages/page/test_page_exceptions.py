@@ -12,8 +12,8 @@ from pipeline.engine.runner import Resources, run
 from pipeline.figures.labels import METRICS
 from pipeline.report.cases import case_rows
 from pipeline.report.chain.graph import BOX, GAP, stage_graph
-from pipeline.report.drawings import drawings
 from pipeline.report.frames import Frames
+from pipeline.report.sections import drawings
 from pipeline.report.validity import overloaded, ranges
 from stages.chain import STAGES
 
@@ -67,8 +67,8 @@ def test_report_of_a_study_without_any_result(frames):
         "reducer",
         "spring_laws",
         "clearances",
-        "hysteresis",
         "bearing",
+        "hysteresis",
     ]
 
 

@@ -10,6 +10,7 @@ from pipeline.config import Study, load_design, parse_study
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.frames import Frames
 from pipeline.report.page import report_page
+from pipeline.report.sections import Page
 
 ROOT = Path(__file__).parents[3]
 
@@ -69,7 +70,7 @@ STAGES_RUN = [
 
 def written(frames: Frames) -> str:
     """The page without pictures."""
-    return report_page(frames, {}, [], STAGES_RUN, {"numpy": "2"}).replace("\u00a0", " ")
+    return report_page(Page(frames, {}, [], STAGES_RUN, {"numpy": "2"})).replace("\u00a0", " ")
 
 
 def cells(page: str, heading: str) -> list[str]:

@@ -1,0 +1,99 @@
+"""The reducer and the settings of the study."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.config.designs.design import Design
+from pipeline.figures.parts.flank import nominal_gap_figure
+from pipeline.figures.parts.reducer import reducer_figure
+from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
+from pipeline.report import inputs
+from pipeline.report.cases import ROWS_SHOWN
+from pipeline.report.drawing import Drawing
+from pipeline.report.flank import flank_fact, nominal_gap_curve, nominal_gaps
+from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import plain
+from pipeline.report.sections.section import Page, Section
+
+FLANK_POINTS_PER_LOBE = 48
+"""Points of the drawn flank: its polygon is off by less than a line."""
+
+
+def _values(page: Page) -> Mapping[str, object]:
+    study = page.frames.study
+    cases = inputs.case_columns(study.cases)
+    return {
+        "reducer_facts": inputs.reducer_facts(study.design),
+        "study_facts": inputs.study_facts(page.frames),
+        "tolerance_rows": inputs.tolerance_rows(study.tolerances),
+        "zero_tolerances": inputs.zero_tolerances(study.tolerances),
+        "case_titles": [inputs.PARAMETERS[name] for name in cases],
+        "case_inputs": [(case.label, inputs.case_cells(case, cases)) for case in study.cases[:ROWS_SHOWN]],
+    }
+
+
+def _drawings(frames: Frames) -> Iterator[Drawing]:
+    yield _reducer(frames)
+    if frames.study.design.flank is not None:
+        yield _flank(frames)
+
+
+def flank_outline(design: Design, crank_deg: float) -> np.ndarray:
+    """Closed outline of the disk in the housing frame (n_points,) [mm], x + iy; its points are equally far apart."""
+    cycloid = design.cycloid
+    profile = CycloidProfile(cycloid.pins, cycloid.pin_circle_radius_mm, cycloid.pin_radius_mm, cycloid.eccentricity_mm)
+    crank = np.radians(crank_deg)
+    fine = np.linspace(0, profile.lobe_pitch, 50 * FLANK_POINTS_PER_LOBE)
+    length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(profile.flank(fine))))])
+    lobe = np.interp(np.linspace(0, length[-1], FLANK_POINTS_PER_LOBE, endpoint=False), length, fine)
+    psi = np.append((lobe + profile.lobe_pitch * np.arange(profile.lobes)[:, None]).ravel(), 2 * np.pi)
+    return profile.flank(psi) * np.exp(1j * disk_rotation(profile, crank)) + profile.eccentricity * np.exp(1j * crank)
+
+
+def _reducer(frames: Frames) -> Drawing:
+    design, crank = frames.study.design, frames.crank_deg
+    reducer, words = assembly.reducer(design, crank), design.output.words
+    panels = [
+        (panel, flank_outline(design, float(np.degrees(disk.crank))))
+        for disk, numbers in zip(reducer.disks, reducer.output_rows, strict=True)
+        for panel in design.output.panels(disk, reducer.contacts.some(numbers), numbers)
+    ]
+    return Drawing(
+        "reducer",
+        f"Numbers of pins and {words.contact}s",
+        f"Pins are counted clockwise from the direction of the eccentric at crank angle 0. {words.drawing}",
+        reducer_figure(
+            frames.at_crank(frames.contacts),
+            [outline for _, outline in panels] or [flank_outline(design, crank)],
+            crank,
+            design.cycloid.pin_radius_mm,
+            [panel for panel, _ in panels],
+        ),
+    )
+
+
+def _flank(frames: Frames) -> Drawing:
+    design = frames.study.design
+    measured = design.flank.measured if design.flank else None
+    lobes_differ = measured is not None and len(measured.deviation_um) > 1
+    return Drawing(
+        "flank",
+        "Gap of the drawn flank",
+        f"What the drawn flank leaves to nominal pins before any take-up, {flank_fact(design)}; crank angle of the "
+        f"pins {plain(frames.crank_deg)}°. First order fails at the roots, where the centre of curvature of the flank "
+        "is close to the pin's.",
+        nominal_gap_figure(nominal_gap_curve(design), nominal_gaps(design, frames.crank_deg), lobes_differ),
+    )
+
+
+SECTION = Section(
+    name="study",
+    title="Reducer and study",
+    rank=60,
+    template=Path(__file__).with_suffix(".html"),
+    values=_values,
+    drawings=_drawings,
+)

@@ -1,0 +1,1 @@
+"""What a reader looks up: definitions, limits of the model, numbers of the design, tables and versions."""

@@ -1,0 +1,105 @@
+"""What a section of the report declares, what it is told, and the library of all."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+
+from pipeline.registry import REPORT_SECTIONS
+from pipeline.report.chain.graph import StageNote
+from pipeline.report.drawing import Drawing
+from pipeline.report.explorer.explorer import explored
+from pipeline.report.frames import Frames
+from pipeline.report.layout.pictures import Picture
+from pipeline.report.results import Results
+
+
+@dataclass(frozen=True)
+class TableNote:
+    """One table of the run: where it lies, what a row is, how many there are, and its columns."""
+
+    path: str
+    row_per: str
+    rows: int
+    columns: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """What the page of a study is made from.
+
+    Attributes
+    ----------
+    frames : the study and its tables.
+    pictures : by the name of their drawing; the page leaves out what is not there.
+    tables : the tables of the run.
+    stages : the stages that it rests on, upstream ones first.
+    versions : package -> version.
+    """
+
+    frames: Frames
+    pictures: Mapping[str, Picture]
+    tables: Sequence[TableNote]
+    stages: Sequence[StageNote]
+    versions: Mapping[str, str]
+
+    @cached_property
+    def results(self) -> Results:
+        """The results as text."""
+        return Results(self.frames)
+
+    @cached_property
+    def explorer(self) -> Mapping[str, object]:
+        """What the script of the single units draws; empty without their figure."""
+        return explored(self.frames) if "units" in self.pictures else {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A section of the report, with its place among the others.
+
+    Attributes
+    ----------
+    name : its anchor in the page.
+    title : its heading, and its entry in the contents.
+    rank : its place; sections stand in ascending order.
+    template : what stands below the heading, in Jinja's language, or the file that holds it. It is told ``study``,
+        ``frames``, ``results``, ``pictures``, ``level`` [%] of the intervals, and ``values``; figures come from
+        ``macros.html``.
+    values : what else the template is told, by name.
+    applies : whether the page has the section at all.
+    drawings : its figures, one after the other, so that each can be written and forgotten.
+    tables : "stage/table" of those tables that it reads, whole, from ``Frames.tables``.
+    """
+
+    name: str
+    title: str
+    rank: int
+    template: str | Path
+    values: Callable[[Page], Mapping[str, object]] = lambda page: {}
+    applies: Callable[[Frames], bool] = lambda frames: True
+    drawings: Callable[[Frames], Iterable[Drawing]] = lambda frames: ()
+    tables: tuple[str, ...] = ()
+
+    @property
+    def source(self) -> str:
+        """The template itself."""
+        return self.template if isinstance(self.template, str) else self.template.read_text(encoding="utf-8")
+
+
+@cache
+def library() -> Mapping[str, Section]:
+    """All sections by name, in their order: the files beside this one and what packages register."""
+    sections = REPORT_SECTIONS.declarations()
+    return dict(sorted(sections.items(), key=lambda item: item[1].rank))
+
+
+def sections_of(frames: Frames) -> list[Section]:
+    """The sections of a study's page, in their order."""
+    return [section for section in library().values() if section.applies(frames)]
+
+
+def drawings(frames: Frames) -> Iterable[Drawing]:
+    """All figures that the frames have rows for, one after the other."""
+    for section in sections_of(frames):
+        yield from section.drawings(frames)
