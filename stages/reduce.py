@@ -11,9 +11,6 @@ from pipeline import assembly, elastic
 from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.figures.parts.mesh import mesh_figure
-from pipeline.figures.parts.vtk import write_vtk
-from pipeline.figures.style import save
 from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
@@ -41,6 +38,8 @@ CONTACTS = Table(
 
 def _write_mesh(study: Study, disk: ElasticBody, reducer: Reducer, folder: Path) -> None:
     """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
+    from pipeline.figures.parts.vtk import write_vtk
+
     patches = elastic.disk_patches(study, disk, reducer)
     pin = int(np.argmax(np.abs(reducer.disks[0].pins.arm)))
     displacement = UM_PER_MM * disk.nodal_displacement(patches, np.eye(len(patches))[pin])
@@ -100,14 +99,19 @@ def _run(job: Job) -> Tables:
     for name in (MESH_FILE, "mesh.vtu"):
         job.path(name).write_bytes((drawn_disk / name).read_bytes())
     np.savez(job.path(COMPLIANCE_FILE), **matrices)
-    with np.load(drawn_disk / MESH_FILE) as mesh:
-        save(
-            mesh_figure(
-                mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"], mesh["hole_points"]
-            ),
-            job.path("mesh"),
-        )
+    _draw_mesh(drawn_disk / MESH_FILE, job.path("mesh"))
     return {"contacts": _contact_rows(study, reducers, matrices)}
+
+
+def _draw_mesh(file: Path, stem: Path) -> None:
+    from pipeline.figures.parts.mesh import mesh_figure  # seconds of imports, which no other command waits for
+    from pipeline.figures.style import save
+
+    with np.load(file) as mesh:
+        figure = mesh_figure(
+            mesh["nodes"], mesh["triangles"], mesh["patch_points"], mesh["displacement"], mesh["hole_points"]
+        )
+    save(figure, stem)
 
 
 def _rigid(job: Job, study: Study) -> Tables:

@@ -11,7 +11,6 @@ from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.processes.forked import forked_calls
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
-from pipeline.figures.style import save
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
@@ -83,6 +82,8 @@ def _frames(job: Job) -> Frames:
 
 def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
     """The figures, written into the stage's folder."""
+    from pipeline.figures.style import save  # a plotting library, which commands of other stages do not wait for
+
     texts = {}
     with forked_calls(job.jobs) as call:
         for drawing in drawings(frames):

@@ -24,7 +24,7 @@ from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
 from pipeline.engine.runner import Resources
 from pipeline.engine.store import Output, write_json
 from pipeline.model.equilibrium.solve import compile_solver, solver_is_compiled
-from pipeline.report.samples.section import yield_estimate
+from pipeline.report.samples.known_yield import yield_estimate
 from pipeline.statistics import Estimate
 from pipeline.statistics.sample_size import next_units
 from stages.aggregate import AGGREGATE

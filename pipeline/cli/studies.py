@@ -18,7 +18,7 @@ from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.report.samples.section import needed_sentences, yield_estimate
+from pipeline.report.samples.known_yield import needed_sentences, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.sample import SAMPLED, errors_of_columns

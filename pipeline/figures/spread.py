@@ -1,4 +1,4 @@
-"""The spread over samples as a frame that figures draw as a band."""
+"""Loops of several samples laid upon each other, and their spread as a frame that figures draw as a band."""
 
 import numpy as np
 import pandas as pd
@@ -22,3 +22,15 @@ def spread_frame(values: NDArray[np.float64], **keys: NDArray) -> pd.DataFrame:
     """
     low, middle, high = np.quantile(values, [LOW, 0.5, HIGH], axis=0, method="median_unbiased")
     return pd.DataFrame({**keys, "low": low, "middle": middle, "high": high})
+
+
+def centred(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Loops (n, n_steps) about the middle of their width at zero torque, where a bench puts its zero.
+
+    Parameters
+    ----------
+    angle : (n, n_steps) [arcmin]
+    branch, torque : (n_steps,) names of the cycle's branches and [N m].
+    """
+    ends = [np.flatnonzero((branch == name) & (torque == 0))[0] for name in ("unloading+", "unloading-")]
+    return angle - angle[:, ends].mean(axis=1, keepdims=True)

@@ -1,17 +1,21 @@
 """What the report knows of a figure, and which rows and words figures share."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pipeline.config.designs.design import Design
-from pipeline.figures.loads.hysteresis import centred
-from pipeline.figures.spread import spread_frame
+from pipeline.figures.spread import centred, spread_frame
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import counted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)

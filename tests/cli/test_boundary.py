@@ -58,6 +58,16 @@ def test_help_imports_no_library() -> None:
     assert not set(HEAVY) & set(modules.split())
 
 
+def test_a_command_of_stages_draws_with_a_library_that_it_imports_when_it_draws() -> None:
+    """It took as long to import as all stages but the mechanics."""
+    script = "import sys, pipeline.cli.studies\nprint(*sys.modules)"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    process = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert not {"matplotlib", "meshio"} & set(process.stdout.split())
+
+
 def test_every_command_has_its_action() -> None:
     import importlib
 

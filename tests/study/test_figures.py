@@ -12,14 +12,14 @@ from pipeline import assembly
 from pipeline.config import load_design
 from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.figures.loads.clearances import pin_clearances_figure
-from pipeline.figures.loads.hysteresis import bearing_figure, centred, hysteresis_figure
+from pipeline.figures.loads.hysteresis import bearing_figure, hysteresis_figure
 from pipeline.figures.loads.pins import dead_zones_figure, output_loads_figure, pin_loads_figure
 from pipeline.figures.loads.springs import spring_laws_figure
 from pipeline.figures.parts.mesh import mesh_figure
 from pipeline.figures.parts.reducer import reducer_figure
 from pipeline.figures.samples.distributions import crank_figure, distributions_figure
 from pipeline.figures.samples.sensitivity import sensitivity_figure
-from pipeline.figures.spread import spread_frame
+from pipeline.figures.spread import centred, spread_frame
 from pipeline.figures.style import ALARM, save
 from pipeline.model.load_history.loop_readings import curve_readings
 from pipeline.model.metrics import Definitions, library, signed

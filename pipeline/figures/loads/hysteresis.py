@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from pipeline.figures.spread import centred
 from pipeline.figures.style import (
     ACCENT_LIGHT,
     INK,
@@ -24,18 +24,6 @@ ZOOM = 3.0
 SMALLEST_MARK = 0.08
 """Share of the axis that a width must have for its arrow to be drawn."""
 BEHIND_TEXT = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
-
-
-def centred(angle: NDArray[np.float64], branch: NDArray, torque: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Loops (n, n_steps) about the middle of their width at zero torque, where a bench puts its zero.
-
-    Parameters
-    ----------
-    angle : (n, n_steps) [arcmin]
-    branch, torque : (n_steps,) names of the cycle's branches and [N m].
-    """
-    ends = [np.flatnonzero((branch == name) & (torque == 0))[0] for name in ("unloading+", "unloading-")]
-    return angle - angle[:, ends].mean(axis=1, keepdims=True)
 
 
 @styled

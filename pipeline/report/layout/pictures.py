@@ -1,13 +1,15 @@
 """Figures as files beside a page, and as pictures that stand in it."""
 
+from __future__ import annotations
+
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
-
-from pipeline.figures.style import save
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class Picture:
 
 def drawn_picture(figure: Figure, title: str, caption: str, stem: Path) -> Picture:
     """The figure for a page, written as ``stem``.png and ``stem``.svg too."""
+    from pipeline.figures.style import save  # what only shows pictures does not wait for a plotting library
+
     stem.parent.mkdir(parents=True, exist_ok=True)
     save(figure, stem)
     return written_picture(title, caption, stem)

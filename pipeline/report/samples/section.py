@@ -3,44 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import pandas as pd
-
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.samples.sample_convergence import sample_convergence_figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import counted, percent_interval, plain
+from pipeline.report.samples.known_yield import needed_units, yield_estimate
 from pipeline.statistics import Estimate
 from pipeline.statistics.sample_size import units_for_yield
-
-HALF_WIDTHS = (0.02, 0.01, 0.005, 0.001)
-"""Of the interval of a yield."""
-
-
-def yield_estimate(distributions: pd.DataFrame, turn_value: str) -> Estimate | None:
-    """Yield against all limits with its interval; None where no unit tells it.
-
-    Parameters
-    ----------
-    distributions : table of ``aggregate``.
-    turn_value : what the limits hold for: ``worst``, ``mean`` or ``best``.
-    """
-    key = {"metric": ALL_LIMITS, "over": turn_value, "statistic": "yield"}
-    rows = distributions[(distributions[list(key)] == pd.Series(key)).all(axis=1)]
-    for row in rows.itertuples():
-        return Estimate(float(row.value), float(row.ci_low), float(row.ci_high), int(row.n))
-    return None
-
-
-def needed_units(estimate: Estimate, confidence: float) -> list[tuple[float, int]]:
-    """Half width of the interval of a yield, and the independent units that know it so well."""
-    return [(width, units_for_yield(estimate.value, width, confidence)) for width in HALF_WIDTHS]
-
-
-def needed_sentences(estimate: Estimate, confidence: float) -> Iterator[str]:
-    """The same as lines of a summary."""
-    for width, units in needed_units(estimate, confidence):
-        yield f"for +-{100 * width:g} % on the yield against all limits take {units:,} independent units"
 
 
 @dataclass(frozen=True)

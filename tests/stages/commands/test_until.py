@@ -16,7 +16,8 @@ from pipeline.config.studies.study import Until
 from pipeline.engine import runner
 from pipeline.engine.store import Output
 from pipeline.errors import InputError
-from pipeline.report.samples.section import SamplesSection, needed_units
+from pipeline.report.samples.known_yield import needed_units
+from pipeline.report.samples.section import SamplesSection
 from pipeline.statistics.sample_size import next_units
 
 BATCH, HALF_WIDTH = 8, 0.12
