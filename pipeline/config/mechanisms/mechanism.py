@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from pipeline.model.contact.line_laws import ContactLaw
 
 
-
 @dataclass(frozen=True)
 class Words:
     """What the report calls things.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,16 @@ class NoiseEstimate:
 
 UNKNOWN = NoiseEstimate(np.nan, np.nan, np.nan, 0, 0)
 """Where nothing determines it."""
+
+
+def scaled(estimate: NoiseEstimate, factor: float) -> NoiseEstimate:
+    """The estimate times a factor, with its interval."""
+    return replace(
+        estimate,
+        value=factor * estimate.value,
+        ci_low=factor * estimate.ci_low,
+        ci_high=factor * estimate.ci_high,
+    )
 
 
 def rms(groups: list[Real], divisor: float) -> NoiseEstimate:

@@ -10,21 +10,28 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
 
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
-from pipeline.identification.measurement.estimate import UNKNOWN, NoiseEstimate, pooled, rms, robust
+from pipeline.identification.measurement.estimate import UNKNOWN, NoiseEstimate, pooled, rms, robust, scaled
 from pipeline.identification.measurement.repeated_branches import (
     FEWEST_CELLS,
+    NO_BRANCH,
+    Branch,
     angle_difference,
     branch_of,
     centred,
     loop_differences,
     mean_loops,
     on_nodes,
+    steep_cells,
 )
 
 Real = NDArray[np.float64]
+
+SHARED = 0.05
+"""Chance at which repeats without anything in common are taken to have something."""
 
 
 class Floor(NamedTuple):
@@ -44,17 +51,20 @@ class Noise:
         pair of cycles removed, over sqrt 2 [arcmin]. Drift and run-in between cycles are in it.
     random : the same less what all positions have in common from cycle to cycle, and what goes with the temperature:
         run-in, creep and thermal growth are effects and no noise. From two positions on.
+    shared : whether what `random` lacks of `repeats` is more than chance: else `repeats` are the better known of the
+        two, since what all positions might share takes up to nine tenths of the differences.
     within_branch : scatter of a cell about the line through its neighbours [arcmin], robust; no drift is in it, and no
         noise that neighbours share.
     between_positions : as `repeats`, between the mean loops of neighbouring positions; not divided by anything that the
         crank angle explains.
-    row_scatter_arcmin : rms of the angle of rows about the line of their cell [arcmin].
+    row_scatter_arcmin : rms of the angle of rows about the line of their cell [arcmin], of cells that are not steep.
     torque_noise_Nm : of a row, declared or estimated.
     resolution_arcmin : standard deviation of a uniform error within a step of the angle; 0 where no step is declared.
     """
 
     repeats: NoiseEstimate
     random: NoiseEstimate
+    shared: bool
     within_branch: NoiseEstimate
     between_positions: NoiseEstimate
     row_scatter_arcmin: float
@@ -65,7 +75,7 @@ class Noise:
     def floor(self) -> Floor:
         """The noise floor, the one that errors are counted in: what is known best, and no less than the resolution."""
         for estimate, words in (
-            (self.random, "scatter of repeats beyond what all positions have in common"),
+            (self.random if self.shared else UNKNOWN, "scatter of repeats beyond what all positions have in common"),
             (self.repeats, "scatter of repeats"),
             (self.within_branch, "scatter within a branch"),
         ):
@@ -84,14 +94,27 @@ def measured_noise(blocks: BranchBlocks, cells: Cells, torque_noise: float, reso
     The first branch of a position starts from a state that nobody knows and is left out of repeats. Branches are
     compared by their kind (sense and first torque), at the torques of the earlier one, by linear interpolation.
     """
-    count = np.maximum(cells.count - 2, 0)
+    even = ~steep_cells(cells)
+    count = np.maximum(cells.count - 2, 0) * even
     row_variance = np.sum(count * cells.angle_spread**2) / np.sum(count) if count.any() else np.nan
+    row_scatter = float(np.sqrt(row_variance))
+    random, shared = _random(blocks, cells)
+
+    def of_all_cells(estimate: NoiseEstimate) -> NoiseEstimate:
+        """The estimate from cells that are not steep for all: independent noise of rows goes with their number."""
+        if not (np.isfinite(row_scatter) and estimate.value > 0):
+            return estimate
+        share, usual_share = float(np.mean(1 / cells.count[even])), float(np.mean(1 / cells.count))
+        of_rows = min(row_scatter**2 * share / estimate.value**2, 1.0)
+        return scaled(estimate, float(np.sqrt(1 + of_rows * (usual_share / share - 1))))
+
     return Noise(
-        repeats=rms(_repeats(blocks, cells), np.sqrt(2)),
-        random=_random(blocks, cells),
+        repeats=of_all_cells(rms(_repeats(blocks, cells), np.sqrt(2))),
+        random=of_all_cells(random),
+        shared=shared,
         within_branch=robust(_from_neighbours(cells)),
         between_positions=rms(_positions_apart(blocks, cells), np.sqrt(2)),
-        row_scatter_arcmin=float(np.sqrt(row_variance)),
+        row_scatter_arcmin=row_scatter,
         torque_noise_Nm=torque_noise,
         resolution_arcmin=resolution / float(np.sqrt(12)),
     )
@@ -136,71 +159,99 @@ def _positions_apart(blocks: BranchBlocks, cells: Cells) -> list[Real]:
     ]
 
 
-def _random(blocks: BranchBlocks, cells: Cells) -> NoiseEstimate:
-    """Repeats less what cycle number and temperature explain of their differences at equal torque."""
-    pairs = _pairs(blocks, cells)
-    if len({position for position, _ in pairs}) < 2:
-        return UNKNOWN
-    keys = sorted(pairs)
-    difference = np.array([pairs[key][0] for key in keys])
-    is_finite = np.isfinite(difference)
-    in_all_pairs = np.all(is_finite, axis=0)  # offsets of pairs over other torques would not compare
-    difference -= np.nanmean(
-        difference[:, in_all_pairs if np.any(in_all_pairs) else slice(None)], axis=1, keepdims=True
+class Loops(NamedTuple):
+    """Cycles of all positions at the torques of the longest branch of every kind.
+
+    Attributes
+    ----------
+    position, cycle : (n_loops,)
+    angle : (n_loops, n_nodes) [arcmin] less its mean over the nodes that all loops reach; NaN where a loop does not
+        reach or is steep.
+    variance : (n_loops, n_nodes) of the angle, in that of a cell.
+    temperature : (n_loops,) [deg C]; NaN where not measured.
+    centred : nodes of the mean.
+    """
+
+    position: Real
+    cycle: Real
+    angle: Real
+    variance: Real
+    temperature: Real
+    centred: int
+
+
+def _random(blocks: BranchBlocks, cells: Cells) -> tuple[NoiseEstimate, bool]:
+    """Scatter of loops beyond what position, cycle and temperature explain at equal torque; whether the last two do.
+
+    A two-way layout of positions and cycles at every torque; an analysis of variance tells chance from what is shared.
+    """
+    loops = _loops(blocks, cells)
+    if loops.centred < 2 or len(np.unique(loops.position)) < 2:
+        return UNKNOWN, False
+    of_position, of_cycle = (
+        (number[:, None] == np.unique(number)).astype(float) for number in (loops.position, loops.cycle)
     )
-    warmed = np.array([pairs[key][1] for key in keys])
-    cycle_before = np.array([cycle for _, cycle in keys])
-    design = (cycle_before[:, None] == np.unique(cycle_before)).astype(float)
-    if np.all(np.isfinite(warmed)) and np.ptp(warmed) > 0:
-        design = np.column_stack([design, warmed / np.ptp(warmed)])
-    random_part, free = np.full_like(difference, np.nan), np.full_like(difference, np.nan)
+    shared = [of_cycle]
+    if np.all(np.isfinite(loops.temperature)) and np.ptp(loops.temperature) > 0:
+        shared.append(loops.temperature[:, None] / np.ptp(loops.temperature))
+    position_squares, position_expected = _unexplained(loops, of_position)
+    squares, expected = _unexplained(loops, np.hstack([of_position, *shared]))
+    free, shared_free = expected.sum(), position_expected.sum() - expected.sum()
+    if min(free, shared_free) < 1 or not squares.sum() > 0:
+        return UNKNOWN, False
+    ratio = (position_squares.sum() - squares.sum()) / shared_free / (squares.sum() / free)
+    used = expected > 0
+    return pooled(squares[used], expected[used], 1.0), bool(f_distribution.sf(ratio, shared_free, free) < SHARED)
+
+
+def _unexplained(loops: Loops, columns: Real) -> tuple[Real, Real]:
+    """What ``columns`` (n_loops, n_columns) leave of the angle at each node.
+
+    Returns
+    -------
+    squares : (n_loops,) sum of its squares over the nodes [arcmin2].
+    expected : (n_loops,) the same of cells of unit variance.
+    """
+    squares, expected = np.zeros(len(columns)), np.zeros(len(columns))
+    is_finite = np.isfinite(loops.angle)
     for pattern in np.unique(is_finite, axis=1).T:
         nodes = np.all(is_finite == pattern[:, None], axis=0)
-        basis, sizes, _ = np.linalg.svd(design[pattern], full_matrices=False)
-        basis = basis[:, sizes > 1e-9]
-        rows = difference[np.ix_(pattern, nodes)]
-        random_part[np.ix_(pattern, nodes)] = rows - basis @ (basis.T @ rows)
-        free[np.ix_(pattern, nodes)] = (1 - np.sum(basis**2, axis=1))[:, None]
-    squares, weights = np.nansum(random_part**2, axis=1), np.nansum(free, axis=1)
-    weighted = weights > 1e-6
-    return pooled(squares[weighted], weights[weighted], np.sqrt(2))
+        basis, sizes, _ = np.linalg.svd(columns[pattern], full_matrices=False)
+        basis = basis[:, sizes > 1e-9 * np.max(sizes, initial=1.0)]
+        leaving = np.eye(len(basis)) - basis @ basis.T
+        squares[pattern] += np.sum((leaving @ loops.angle[np.ix_(pattern, nodes)]) ** 2, axis=1)
+        expected[pattern] += np.sum(leaving**2 @ loops.variance[np.ix_(pattern, nodes)], axis=1)
+    return squares, expected * (1 - 1 / loops.centred)
 
 
-def _pairs(blocks: BranchBlocks, cells: Cells) -> dict[tuple[int, int], tuple[Real, float]]:
-    """By position and cycle: difference (n_nodes,) [arcmin] of the next cycle from it, and how much warmer it was [K].
-
-    At the torques of the first position's branches; NaN where not both reach.
-    """
-    kinds: dict[int, Real] = {}
-    pairs_by_kind = {}
-    for position in np.unique(blocks.position):
+def _loops(blocks: BranchBlocks, cells: Cells) -> Loops:
+    """The loops of all cycles; several branches of a kind within a cycle are told apart by their order."""
+    branches: dict[tuple[int, int], dict[tuple[int, int], Branch]] = {}
+    for position in np.unique(blocks.position).tolist():
         of_position = np.flatnonzero(blocks.position == position)
-        for block in of_position[1:]:
-            kinds.setdefault(int(blocks.kind[block]), branch_of(cells, block).torque)
-    for position in np.unique(blocks.position):
-        of_position = np.flatnonzero(blocks.position == position)
-        loops = {}
-        for cycle in dict.fromkeys(blocks.cycle[of_position].tolist()):
-            branches_of_cycle = {
-                int(blocks.kind[b]): branch_of(cells, b) for b in of_position[1:] if blocks.cycle[b] == cycle
-            }
-            loops[cycle] = [on_nodes(branches_of_cycle.get(kind), torque) for kind, torque in kinds.items()]
-        temperature = {
-            c: _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == c)]) for c in loops
-        }
-        order = list(loops)
-        for cycle_before, cycle_after in zip(order[:-1], order[1:], strict=True):
-            parts = [
-                (second[0] - branch[0]) * np.sqrt(2 / (branch[1] + second[1]))
-                for branch, second in zip(loops[cycle_before], loops[cycle_after], strict=True)
-            ]
-            joined = np.concatenate(parts)
-            if np.any(np.isfinite(joined)):
-                pairs_by_kind[int(position), int(cycle_before)] = (
-                    joined,
-                    temperature[cycle_after] - temperature[cycle_before],
-                )
-    return pairs_by_kind
+        for block in of_position.tolist():
+            of_cycle = branches.setdefault((position, int(blocks.cycle[block])), {})
+            kind = int(blocks.kind[block])
+            number = sum(kind == kind_before for kind_before, _ in of_cycle)
+            of_cycle[kind, number] = branch_of(cells, block) if block != of_position[0] else NO_BRANCH
+    nodes: dict[tuple[int, int], Real] = {}
+    for of_cycle in branches.values():
+        for place, branch in of_cycle.items():
+            nodes[place] = max(nodes.get(place, branch.torque), branch.torque, key=len)
+    rows = []
+    for (position, cycle), of_cycle in branches.items():
+        parts = [on_nodes(of_cycle.get(place, NO_BRANCH), torque) for place, torque in nodes.items()]
+        angle, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
+        temperature = _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == cycle)])
+        if np.any(np.isfinite(angle)):
+            rows.append((position, cycle, angle, variance, temperature))
+    if not rows:
+        return Loops(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)), np.empty(0), 0)
+    position_of, cycle_of, angles, variances, temperatures = (np.array(values) for values in zip(*rows, strict=True))
+    in_all_loops = np.all(np.isfinite(angles), axis=0)  # offsets of loops over other torques would not compare
+    if np.any(in_all_loops):
+        angles = angles - angles[:, in_all_loops].mean(axis=1, keepdims=True)
+    return Loops(position_of, cycle_of, angles, variances, temperatures, int(np.count_nonzero(in_all_loops)))
 
 
 def _mean(values: Real) -> float:

@@ -37,6 +37,10 @@ class Branch(NamedTuple):
     blur: float
 
 
+NO_BRANCH = Branch(np.empty(0), np.empty(0), 0.0)
+"""Of which no cell is known."""
+
+
 def branch_of(cells: Cells, block: int) -> Branch:
     """The cells of a block."""
     block_cells = np.flatnonzero(cells.block == block)
@@ -54,7 +58,7 @@ def mean_branch(branches: list[Branch]) -> Branch:
     """Mean angle over the repeats of a branch, at the torques of the first that all of them reach."""
     measured = [branch for branch in branches if branch.torque.size]
     if not measured:
-        return Branch(np.empty(0), np.empty(0), 0.0)
+        return NO_BRANCH
     low, high = (
         max(repeated_branch.torque[0] for repeated_branch in measured),
         min(repeated_branch.torque[-1] for repeated_branch in measured),
@@ -99,19 +103,32 @@ def loop_differences(loop: Loop, second: Loop) -> list[Real]:
     return centred([angle_difference(loop[kind], second[kind]) for kind in loop if kind in second])
 
 
-def angle_difference(branch: Branch, second: Branch) -> Real:
-    """Angle of `second` less `branch` [arcmin] at the torques of `branch` that both reach, steep places left out."""
+class Difference(NamedTuple):
+    """What two branches that repeat each other differ by, at the torques of the first that both reach.
+
+    Attributes
+    ----------
+    angle : (n,) [arcmin].
+    variance : (n,) in that of the difference of two cells.
+    """
+
+    angle: Real
+    variance: Real
+
+
+def angle_difference(branch: Branch, second: Branch) -> Difference:
+    """Angle of `second` less `branch`, steep places left out."""
     if min(branch.torque.size, second.torque.size) < FEWEST_CELLS:
-        return np.empty(0)
-    is_comparable = _even(second, branch.torque) & ~_steep(branch)
+        return Difference(np.empty(0), np.empty(0))
+    is_comparable = _even(second, branch.torque) & ~steep_places(branch)
     second_angle, variance = _interpolated(second, branch.torque)
-    return ((second_angle - branch.angle) * np.sqrt(2 / (1 + variance)))[is_comparable]
+    return Difference((second_angle - branch.angle)[is_comparable], 0.5 * (1 + variance[is_comparable]))
 
 
 def _even(branch: Branch, level: Real) -> NDArray[np.bool_]:
     """Torques that a branch reaches and where it is not steep."""
     torque = branch.torque
-    steep = _steep(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
+    steep = steep_places(branch)[np.clip(np.searchsorted(torque, level), 0, torque.size - 1)]
     return (level >= torque[0]) & (level <= torque[-1]) & ~steep
 
 
@@ -123,15 +140,15 @@ def _interpolated(branch: Branch, level: Real) -> tuple[Real, Real]:
     return (1 - share) * angle[upper - 1] + share * angle[upper], share**2 + (1 - share) ** 2
 
 
-def on_nodes(branch: Branch | None, torque: Real) -> tuple[Real, Real]:
+def on_nodes(branch: Branch, torque: Real) -> tuple[Real, Real]:
     """Angle and variance of a branch at torques; NaN where it does not reach or is steep."""
-    if branch is None or branch.torque.size < FEWEST_CELLS:
+    if branch.torque.size < FEWEST_CELLS:
         return np.full(len(torque), np.nan), np.ones(len(torque))
     angle, variance = _interpolated(branch, torque)
     return np.where(_even(branch, torque), angle, np.nan), variance
 
 
-def _steep(branch: Branch) -> NDArray[np.bool_]:
+def steep_places(branch: Branch) -> NDArray[np.bool_]:
     """Whether the curve beside each cell is steeper than `STEEP` chords of the whole branch, and not by its noise."""
     torque, angle = branch.torque, branch.angle
     rise, run = np.abs(np.diff(angle)) - SURE * np.sqrt(2) * branch.blur, np.abs(np.diff(torque))
@@ -139,8 +156,25 @@ def _steep(branch: Branch) -> NDArray[np.bool_]:
     return np.concatenate([[False], steep]) | np.concatenate([steep, [False]])
 
 
-def centred(differences: list[Real]) -> list[Real]:
-    """The differences of one pair of loops less their common mean: the offset of the pair."""
-    nonempty = [values for values in differences if values.size]
-    offset = np.mean(np.concatenate(nonempty)) if nonempty else 0.0
-    return [values - offset for values in nonempty]
+def steep_cells(cells: Cells) -> NDArray[np.bool_]:
+    """Cells (n_cells,) beside which the curve is steep: those that are not compared with their repeats."""
+    steep = np.zeros(len(cells), bool)
+    for block in np.unique(cells.block):
+        block_cells = np.flatnonzero(cells.block == block)
+        order = np.argsort(cells.torque_mean[block_cells], kind="stable")
+        steep[block_cells[order]] = steep_places(branch_of(cells, block))
+    return steep
+
+
+def centred(differences: list[Difference]) -> list[Real]:
+    """The differences of one pair of loops less their common mean, the offset of the pair, for equal variances.
+
+    The mean takes one of their n degrees of freedom.
+    """
+    nonempty = [difference for difference in differences if difference.angle.size]
+    n = sum(difference.angle.size for difference in nonempty)
+    if n < 2:
+        return []
+    angle, variance = (np.concatenate(values) for values in zip(*nonempty, strict=True))
+    offset = np.average(angle, weights=1 / variance)
+    return [(values - offset) * np.sqrt(n / (n - 1) / variances) for values, variances in nonempty]

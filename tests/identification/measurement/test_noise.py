@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from measured_bench import ROOT, UNIT, measured, write_unit
+from scipy.signal import lfilter
 
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.scatter import high_frequency_scatter
@@ -181,3 +182,40 @@ def test_reduced_drive_of_the_project_has_the_noise_of_all_its_rows():
     assert measurement.repeatability.repeats.value == pytest.approx(3.16, rel=0.1)
     assert 1 - measurement.usable.mean() == pytest.approx(0.375, abs=0.02)
     assert measurement.fatal == ()
+
+
+def noisy_loops(kind, seed, cycles, positions=(0.0, 120.0, 240.0), rows=150):
+    """Cycles on a spring with a play, whose cells have 3 to 20 rows, and the noise of their rows (n_rows,) [arcmin].
+
+    ``kind``: white; "wander", a first-order autoregression that forgets within five rows; or white with an offset of
+    each cycle, which is no noise.
+    """
+    rng, torques, cycle, crank = np.random.default_rng(seed), [], [], []
+    for place in positions:
+        for number in range(cycles):
+            parts = [np.linspace(*ends) for ends in ((0, 12, rows), (12, -12, 2 * rows), (-12, 0, rows))]
+            torques.append(np.concatenate(parts) + 0.02 * rng.standard_normal(4 * rows))
+            cycle += [number] * (4 * rows)
+            crank += [place] * (4 * rows)
+    torque = np.concatenate(torques)
+    noise = 0.05 * rng.standard_normal(len(torque))
+    if kind == "wander":
+        noise = lfilter([np.sqrt(1 - 0.8**2)], [1.0, -0.8], noise)
+    offset = np.repeat(0.5 * rng.standard_normal(len(torques)), 4 * rows) if kind == "offsets" else 0.0
+    angle = torque / 5 + 3 * np.clip(torque / 0.8, -1, 1) + noise + offset
+    table = pd.DataFrame({"cycle": cycle, "crank_deg": crank, "torque_Nm": torque, "angle_arcmin": angle})
+    return table, noise
+
+
+@pytest.mark.parametrize("cycles", [2, 3, 6])
+@pytest.mark.parametrize("kind", ["white", "wander", "offsets"])
+def test_floor_is_the_noise_of_all_cells_on_average(tmp_path, kind, cycles):
+    """Of drawn units: its mean square is that of the noise which the cells have, those in the play included."""
+    floors, noise_of_cells = [], []
+    for seed in range(16):
+        table, noise = noisy_loops(kind, seed, cycles)
+        folder = write_unit(tmp_path / f"{seed}", {"rows.csv": table})
+        measurement = Measurement.read(load_measured_unit(folder, ROOT))
+        floors.append(measurement.repeatability.floor.value)
+        noise_of_cells.append(np.sqrt(np.mean(measurement.over_cells(noise) ** 2)))
+    assert np.mean(np.array(floors) / noise_of_cells) == pytest.approx(1.0, abs=0.03)
