@@ -13,6 +13,7 @@ from tiny_pages import cells, tiny_study, written
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job, Sections
 from pipeline.engine.store import Output
+from pipeline.figures import style
 from pipeline.figures.labels import METRICS
 from pipeline.report.frames import HEADLINES
 from pipeline.report.layout.wording import interval, percent_interval, plain
@@ -203,6 +204,6 @@ def test_only_the_first_samples_are_read_for_bands(page_outputs, tmp_path, monke
 
     monkeypatch.setattr(report, "BAND_SAMPLES", 5)
     monkeypatch.setattr(report, "drawings", noted)
-    monkeypatch.setattr(report, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
+    monkeypatch.setattr(style, "save", lambda figure, stem: stem.with_suffix(".svg").write_bytes(b""))
     REPORT.run(job(page_outputs, tmp_path))
     assert sum("The band is over the first 5 samples." in caption for caption in captions) == 3
