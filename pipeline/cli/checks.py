@@ -1,17 +1,23 @@
-"""Commands that hold the model against something: speed, the paper, exact answers, independent solvers."""
+"""Commands that hold the model against something: speed, the paper, exact answers, generated units, other solvers."""
 
 import argparse
 import sys
 
 from pipeline.checks import bench, calibrate, coverage, verify
+from pipeline.checks.blind.report import write_reports
+from pipeline.checks.blind.run import FULL_RUN, SEED, blind
 from pipeline.checks.calculix import export
 from pipeline.checks.licences import UNKNOWN, licences
 from pipeline.checks.paper import comparison
+from pipeline.checks.rig import states_of, table, write_unit
 from pipeline.cli import settings
+from pipeline.cli.measured import identify_designed
 from pipeline.cli.running import known_size, up_to_date
 from pipeline.config import load_study
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
 
 COARSE = "quick"
 """Study whose mesh CalculiX takes minutes for, not hours."""
@@ -102,3 +108,31 @@ def list_licences(_: argparse.Namespace) -> None:
     if unknown:
         print(f"without a licence: {', '.join(unknown)}", file=sys.stderr)
         raise SystemExit(1)
+
+
+def identify_rig(options: argparse.Namespace) -> None:
+    """Identify every state of the printed drive's rig, and tell how the descriptions stand beside the baselines."""
+    home = settings.RUNS / "rig"
+    for state in states_of([options.data]):
+        measurement = Measurement.read(load_measured_unit(write_unit(state, home / state.name), settings.ROOT))
+        print("\n".join(measurement.summary), flush=True)
+        identify_designed(measurement, options)
+    held_out = table([settings.RUNS / "identify" / state.name for state in states_of([options.data])])
+    held_out.to_csv(home / "held_out.csv", index=False)
+    print(held_out.to_string(index=False))
+    print(f"table: {settings.shown(home / 'held_out.csv')}")
+
+
+def run_blind(options: argparse.Namespace) -> None:
+    """Test the identification on generated units."""
+    cases = FULL_RUN if options.cases is None else options.cases
+    seed = SEED if options.seed is None else options.seed
+    limits = ("cases", cases, 1), ("first", options.first, 0), ("jobs", options.jobs, 1), ("seed", seed, 0)
+    for name, value, lowest in limits:
+        if value < lowest:
+            raise InputError(f"--{name} = {value}; must be at least {lowest}")
+    rows = blind(range(options.first, options.first + cases), seed, options.jobs, settings.ROOT, settings.RUNS)
+    folder = settings.RUNS / "blind"
+    write_reports(rows, folder)
+    print((folder / "rates.csv").read_text(encoding="utf-8"), end="")
+    print(f"table: {settings.shown(folder / 'cases.csv')}")

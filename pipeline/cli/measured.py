@@ -6,13 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline import assembly
-from pipeline.checks.blind.report import write_reports
-from pipeline.checks.blind.run import FULL_RUN, SEED, blind
-from pipeline.checks.rig import states_of, table, write_unit
 from pipeline.cli import settings
 from pipeline.cli.running import up_to_date
 from pipeline.config import Study, load_study
-from pipeline.errors import InputError
 from pipeline.identification.change import results as change_results
 from pipeline.identification.change.results import answer
 from pipeline.identification.described import results as described_results
@@ -52,19 +48,6 @@ def identify_designed(measurement: Measurement, options: argparse.Namespace) -> 
     if identification.statement.advice:
         print(identification.statement.advice)
     print(f"report: {settings.shown(folder / 'report.html')}")
-
-
-def identify_rig(options: argparse.Namespace) -> None:
-    """Identify every state of the printed drive's rig, and tell how the descriptions stand beside the baselines."""
-    home = settings.RUNS / "rig"
-    for state in states_of([options.data]):
-        measurement = Measurement.read(load_measured_unit(write_unit(state, home / state.name), settings.ROOT))
-        print("\n".join(measurement.summary), flush=True)
-        identify_designed(measurement, options)
-    held_out = table([settings.RUNS / "identify" / state.name for state in states_of([options.data])])
-    held_out.to_csv(home / "held_out.csv", index=False)
-    print(held_out.to_string(index=False))
-    print(f"table: {settings.shown(home / 'held_out.csv')}")
 
 
 def describe_generic(measurement: Measurement) -> None:
@@ -130,18 +113,3 @@ def compare_population(options: argparse.Namespace) -> None:
         position = "" if crank is None else f"crank at {crank:g} deg: "
         print(f"{position}{population_results.sentence(comparison)}")
     print(f"page: {settings.shown(folder / 'population.html')}")
-
-
-def run_blind(options: argparse.Namespace) -> None:
-    """Test the identification on generated units."""
-    cases = FULL_RUN if options.cases is None else options.cases
-    seed = SEED if options.seed is None else options.seed
-    limits = ("cases", cases, 1), ("first", options.first, 0), ("jobs", options.jobs, 1), ("seed", seed, 0)
-    for name, value, lowest in limits:
-        if value < lowest:
-            raise InputError(f"--{name} = {value}; must be at least {lowest}")
-    rows = blind(range(options.first, options.first + cases), seed, options.jobs, settings.ROOT, settings.RUNS)
-    folder = settings.RUNS / "blind"
-    write_reports(rows, folder)
-    print((folder / "rates.csv").read_text(encoding="utf-8"), end="")
-    print(f"table: {settings.shown(folder / 'cases.csv')}")

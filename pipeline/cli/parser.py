@@ -135,9 +135,7 @@ def _measured(command: Commands) -> None:
     naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
     _where(naming)
 
-    touring = command(
-        "rig", "measured.identify_rig", "identify all states of the printed drive's rig, beside baselines"
-    )
+    touring = command("rig", "checks.identify_rig", "identify all states of the printed drive's rig, beside baselines")
     touring.add_argument(
         "--data", required=True, type=Path, help="folder with a folder of position files for each state"
     )
@@ -160,7 +158,7 @@ def _measured(command: Commands) -> None:
     _where(comparing)
 
     testing = command(
-        "blind", "measured.run_blind", "test the identification on generated units whose truth it cannot read"
+        "blind", "checks.run_blind", "test the identification on generated units whose truth it cannot read"
     )
     testing.add_argument("--cases", type=int, help="default: the full run")
     testing.add_argument("--first", type=int, default=0, help="number of the first case; default: 0")

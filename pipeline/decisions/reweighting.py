@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import stats
 
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions.distribution import Distribution
@@ -137,7 +137,7 @@ def weighted_share(passes: NDArray[np.bool_], weight: Real, confidence: float) -
     variance = float(np.sum(weight**2 * (passes - share) ** 2)) / total**2
     units = min(share * (1 - share) / variance, float(len(weight))) if variance > 0 else effective_units(weight)
     tail = (1 - confidence) / 2
-    low, high = stats.beta.ppf([tail, 1 - tail], units * share + 0.5, units * (1 - share) + 0.5)
+    low, high = scipy.stats.beta.ppf([tail, 1 - tail], units * share + 0.5, units * (1 - share) + 0.5)
     return Estimate(share, float(low), float(high), int(units))
 
 

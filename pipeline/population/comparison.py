@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import stats
 
 from pipeline.config.files.section import nearest_name
 from pipeline.config.files.text_file import LARGEST_VALUE, check_text, header
@@ -266,7 +266,7 @@ def _spread_ratio(units: Real, samples: Real, confidence: float) -> Estimate:
     pooled = sum(np.sum(values**2) for values in centred) / n
     kurtosis = sum(np.sum(values**4) for values in centred) / n / pooled**2
     freedom = [2 * k / (kurtosis - (k - 3) / (k - 1)) for k in (units.size, samples.size)]
-    f = stats.f(*freedom)
+    f = scipy.stats.f(*freedom)
     ratio = (spread[0] / spread[1]) ** 2
     low, high = ratio / f.ppf((1 + confidence) / 2), ratio / f.ppf((1 - confidence) / 2)
     return Estimate(float(np.sqrt(ratio)), float(np.sqrt(low)), float(np.sqrt(high)), units.size)

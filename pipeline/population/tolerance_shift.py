@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import stats
 
 from pipeline.config import Study
 from pipeline.config.dimensions import dimension_library
@@ -160,7 +160,7 @@ def closing(comparisons: Sequence[MetricComparison], population: StudyPopulation
     units = min(comparison.units.size for comparison in comparisons)
     p_value = _tail(distance, bias.size, units)
     slopes, uncertainty = _slopes(deviations.to_numpy(), metrics.to_numpy())
-    z = float(stats.norm.ppf((1 + confidence) / 2))
+    z = float(scipy.stats.norm.ppf((1 + confidence) / 2))
     candidates = []
     for name, slope, error in zip(deviations, slopes, uncertainty, strict=True):
         shift, deviation, remaining = _closest_shift(bias, slope, covariance, error)
@@ -196,8 +196,8 @@ def _covariance(comparisons: Sequence[MetricComparison], samples: Real) -> Real:
 def _tail(value: float, freedom: int, units: int) -> float:
     """Probability of Hotelling's statistic above `value`; chi-square where so few units show no spread of their own."""
     if units <= max(freedom, 2):
-        return float(stats.chi2.sf(value, freedom))
-    return float(stats.f.sf(value * (units - freedom) / (freedom * (units - 1)), freedom, units - freedom))
+        return float(scipy.stats.chi2.sf(value, freedom))
+    return float(scipy.stats.f.sf(value * (units - freedom) / (freedom * (units - 1)), freedom, units - freedom))
 
 
 def _closest_shift(bias: Real, slope: Real, covariance: Real, slope_covariance: Real) -> tuple[float, float, float]:

@@ -10,8 +10,8 @@ from copy import deepcopy
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from pipeline.config.studies.study import Samples
 
@@ -99,14 +99,14 @@ def _sobol(seed: int, replicate: int, dimensions: int, start: int, stop: int) ->
 
 
 @lru_cache(maxsize=64)
-def _scrambled(seed: int, replicate: int, dimensions: int) -> qmc.Sobol:
+def _scrambled(seed: int, replicate: int, dimensions: int) -> scipy.stats.qmc.Sobol:
     """A Sobol' sequence at its first point; it moves on when it is drawn from, so only copies of it are."""
-    return qmc.Sobol(dimensions, scramble=True, rng=_generator(seed, replicate))
+    return scipy.stats.qmc.Sobol(dimensions, scramble=True, rng=_generator(seed, replicate))
 
 
 @lru_cache(maxsize=64)
 def _hypercube(seed: int, replicate: int, dimensions: int, strata: int) -> Real:
     """One whole hypercube (strata, dimensions): no part of it can be had alone, so it is kept for the next chunk."""
-    numbers = qmc.LatinHypercube(dimensions, rng=_generator(seed, replicate)).random(strata)
+    numbers = scipy.stats.qmc.LatinHypercube(dimensions, rng=_generator(seed, replicate)).random(strata)
     numbers.flags.writeable = False
     return numbers

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import stats
 
 from pipeline.statistics.intervals import QUANTILES, mean_interval, standard_deviation
 from pipeline.statistics.replicated import FEWEST_BEYOND, Interval, Real, by_replicate
@@ -40,7 +40,7 @@ def welch_interval(a: Real, b: Real, confidence: float) -> Interval:
     if parts.sum() == 0:
         return value, value
     freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([a.size - 1, b.size - 1]))
-    half = float(stats.t.ppf((1 + confidence) / 2, freedom) * np.sqrt(parts.sum()))
+    half = float(scipy.stats.t.ppf((1 + confidence) / 2, freedom) * np.sqrt(parts.sum()))
     return value - half, value + half
 
 
@@ -72,7 +72,7 @@ def _combined(distances: Real, phi: float) -> float:
 
 
 def _wilson(passes: NDArray[np.bool_], confidence: float) -> Interval:
-    ends = stats.binomtest(int(passes.sum()), passes.size).proportion_ci(confidence, method="wilson")
+    ends = scipy.stats.binomtest(int(passes.sum()), passes.size).proportion_ci(confidence, method="wilson")
     return float(ends.low), float(ends.high)
 
 

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import stats
 
 from pipeline.statistics.replicated import (
     Interval,
@@ -111,7 +111,7 @@ def mean_interval(values: Real, confidence: float) -> Interval:
     """Student's t interval of the mean; unbounded for one value."""
     if values.size < 2:
         return -np.inf, np.inf
-    half = stats.t.ppf((1 + confidence) / 2, values.size - 1) * standard_deviation(values) / np.sqrt(values.size)
+    half = scipy.stats.t.ppf((1 + confidence) / 2, values.size - 1) * standard_deviation(values) / np.sqrt(values.size)
     return mean(values) - half, mean(values) + half
 
 
@@ -133,8 +133,8 @@ def std_interval(values: Real, confidence: float) -> Interval:
         return 0.0, np.inf
     if variance == 0:
         return 0.0, 0.0
-    z = stats.norm.ppf((1 + confidence) / 2)
-    centre = stats.trim_mean(values, 1 / (2 * np.sqrt(n - 4)) if n > 5 else 0.0)
+    z = scipy.stats.norm.ppf((1 + confidence) / 2)
+    centre = scipy.stats.trim_mean(values, 1 / (2 * np.sqrt(n - 4)) if n > 5 else 0.0)
     kurtosis = n * np.sum((values - centre) ** 4) / ((n - 1) * variance) ** 2
     small_sample = n / (n - z)
     half = z * small_sample * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
@@ -152,13 +152,13 @@ def quantile_interval(values: Real, confidence: float, level: float) -> Interval
     at least `confidence`. A rank outside the sample leaves that side unbounded.
     """
     n, ordered = values.size, np.sort(values)
-    low, high = (int(rank) for rank in stats.binom.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n, level))
+    low, high = (int(rank) for rank in scipy.stats.binom.ppf([(1 - confidence) / 2, (1 + confidence) / 2], n, level))
     return (ordered[low - 1] if low >= 1 else -np.inf), (ordered[high] if high < n else np.inf)
 
 
 def share_interval(passes: Real, confidence: float) -> Interval:
     """Clopper-Pearson interval of a share; `passes` holds 0 and 1."""
-    test = stats.binomtest(int(np.sum(passes)), passes.size)
+    test = scipy.stats.binomtest(int(np.sum(passes)), passes.size)
     interval = test.proportion_ci(confidence_level=confidence, method="exact")
     return float(interval.low), float(interval.high)
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 Real = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -28,7 +29,7 @@ def by_replicate(statistic: Statistic, values: Real, replicate: NDArray[np.integ
 
 def replicated_interval(estimate: float, parts: Real, confidence: float) -> Interval:
     """Student's t interval about `estimate`, from the spread of one statistic per independent replicate."""
-    half = stats.t.ppf((1 + confidence) / 2, parts.size - 1) * np.std(parts, ddof=1) / np.sqrt(parts.size)
+    half = scipy.stats.t.ppf((1 + confidence) / 2, parts.size - 1) * np.std(parts, ddof=1) / np.sqrt(parts.size)
     return estimate - float(half), estimate + float(half)
 
 
@@ -56,7 +57,8 @@ def effective_number(in_tail: Real, share: float, confidence: float, replicate: 
     rounding = (count / in_tail.size) ** 2 / 12
     variance = max(float(np.var(parts, ddof=1)), rounding) / count
     tail = (1 + confidence) / 2
-    return float(share * (1 - share) / variance * (stats.norm.ppf(tail) / stats.t.ppf(tail, count - 1)) ** 2)
+    narrowing = scipy.stats.norm.ppf(tail) / scipy.stats.t.ppf(tail, count - 1)
+    return float(share * (1 - share) / variance * narrowing**2)
 
 
 def replicated_share_interval(passes: Real, confidence: float, replicate: NDArray[np.integer]) -> Interval:
@@ -69,7 +71,7 @@ def replicated_share_interval(passes: Real, confidence: float, replicate: NDArra
     share = float(np.mean(passes))
     n = effective_number(passes, share, confidence, replicate)
     tails = [(1 - confidence) / 2, (1 + confidence) / 2]
-    low, high = stats.beta.ppf(tails, n * share + 0.5, n * (1 - share) + 0.5)
+    low, high = scipy.stats.beta.ppf(tails, n * share + 0.5, n * (1 - share) + 0.5)
     return float(low), float(high)
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import stats
 
 Real = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def rank_correlation(
     if replicate is None:
         too_few = n < FEWEST_SAMPLES
         deviation = np.full_like(correlation, np.nan) if too_few else np.sqrt((1 + correlation**2 / 2) / (n - 3))
-        half = stats.norm.ppf((1 + confidence) / 2) * deviation
+        half = scipy.stats.norm.ppf((1 + confidence) / 2) * deviation
     else:
         parts = [_fisher(_spearman(columns[replicate == r], metrics[replicate == r])) for r in np.unique(replicate)]
         half = _student(np.stack(parts), confidence) / np.sqrt(len(parts))
@@ -77,7 +77,7 @@ def rank_correlation(
 
 def _spearman(columns: Real, metrics: Real) -> Real:
     """Rank correlations (n_columns, n_metrics)."""
-    ranks = [stats.rankdata(values, axis=0) for values in (columns, metrics)]
+    ranks = [scipy.stats.rankdata(values, axis=0) for values in (columns, metrics)]
     centred = [rank - rank.mean(axis=0) for rank in ranks]
     with np.errstate(invalid="ignore", divide="ignore"):  # a column that does not vary has no correlation
         unit = [rank / np.linalg.norm(rank, axis=0) for rank in centred]
@@ -92,4 +92,4 @@ def _fisher(correlation: Real) -> Real:
 def _student(parts: Real, confidence: float) -> Real:
     """Student's factor times the standard deviation over the first axis."""
     count = len(parts)
-    return stats.t.ppf((1 + confidence) / 2, count - 1) * np.std(parts, axis=0, ddof=1)
+    return scipy.stats.t.ppf((1 + confidence) / 2, count - 1) * np.std(parts, axis=0, ddof=1)

@@ -15,8 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from pipeline.statistics.replicated import rank_share
 
@@ -114,7 +115,7 @@ def tail_share(in_tail: NDArray[np.bool_], probability: Real, units: int, confid
             0.0, 0.0, min(1.0, -np.log(tail) / (units * smallest_probability)), units, in_tail.size, 0.0
         )
     share, effective = _share(in_tail, probability, units)
-    low, high = stats.beta.ppf([tail, 1 - tail], effective * share + 0.5, effective * (1 - share) + 0.5)
+    low, high = scipy.stats.beta.ppf([tail, 1 - tail], effective * share + 0.5, effective * (1 - share) + 0.5)
     return TailEstimate(share, float(low), float(high), units, in_tail.size, effective)
 
 

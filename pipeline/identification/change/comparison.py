@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.pairing import Pair
@@ -195,7 +194,9 @@ def judged(
     if n >= FEWEST_POSITIONS:
         spread = scatter(estimates, other_states)
         freedom, quantile = spread.freedom, 0.5 + CONFIDENCE / 2
-        reach = np.hypot(student.ppf(quantile, freedom) * spread.error, norm.ppf(quantile) * FORM * np.abs(mean))
+        reach = np.hypot(
+            scipy.stats.t.ppf(quantile, freedom) * spread.error, scipy.stats.norm.ppf(quantile) * FORM * np.abs(mean)
+        )
         low, high, p = mean - reach, mean + reach, spread.p(mean)
         detectable = spread.detectable(FAMILYWISE / TRIED)
     error_without, held_out = [], []
@@ -333,7 +334,7 @@ def _behind(change: Change, best: Change) -> bool:
     """Whether the held-out errors of a change are larger than those of the best, all tests counted."""
     gap = change.error**2 - best.error**2
     spread = max(float(gap.std(ddof=1)) / np.sqrt(len(gap)), 1e-12)
-    return bool(gap.mean() / spread > student.isf((1 - CONFIDENCE) / TRIED, len(gap) - 1))
+    return bool(gap.mean() / spread > scipy.stats.t.isf((1 - CONFIDENCE) / TRIED, len(gap) - 1))
 
 
 def _rms(values: Real) -> float:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import nct
-from scipy.stats import t as student
 
 Real = NDArray[np.float64]
 
@@ -33,15 +32,15 @@ class Scatter:
 
     def p(self, mean: Real) -> Real:
         """Two-sided p of no change (n_kinds,)."""
-        return 2 * student.sf(np.abs(mean) / self.error, self.freedom)
+        return 2 * scipy.stats.t.sf(np.abs(mean) / self.error, self.freedom)
 
     def detectable(self, level: float) -> Real:
         """Size (n_kinds,) of a change that a two-sided test at ``level`` shows with the chance ``POWER``.
 
         By the noncentral t distribution, of the scatter as estimated: Cohen, Statistical Power Analysis (1988), ch. 2.
         """
-        critical = float(student.isf(level / 2, self.freedom))
-        shift = brentq(lambda shift: nct.sf(critical, self.freedom, shift) - POWER, critical / 2, LARGEST)
+        critical = float(scipy.stats.t.isf(level / 2, self.freedom))
+        shift = brentq(lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 2, LARGEST)
         return shift * self.error
 
 

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
@@ -224,5 +224,5 @@ def _interval(value: float, other_values: list[float]) -> tuple[float, float, fl
     if not n:
         return value, float("nan"), float("nan")
     error = np.sqrt((n - 1) / n * np.sum((np.array(other_values) - np.mean(other_values)) ** 2))
-    reach = float(student.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
+    reach = float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
     return value, value - reach, value + reach

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its filters are slow to import: they are where chatter turns the torque
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 from scipy.optimize import isotonic_regression
 
 from pipeline.identification.measurement.rows import Rows
@@ -131,7 +131,7 @@ def _turns(values: Real, threshold: float, noise: float) -> Whole:
     width = 2 * (len(values) // (2 * SMOOTHED_PARTS)) + 1
     if noise == 0.0 or width < FEWEST_SMOOTHED:
         return turns
-    calm = turning_points(uniform_filter1d(values, width, mode="nearest"), threshold)
+    calm = turning_points(scipy.ndimage.uniform_filter1d(values, width, mode="nearest"), threshold)
     return calm if len(calm) < len(turns) else turns
 
 

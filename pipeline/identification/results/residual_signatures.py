@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
 from pipeline.identification.fitting.problem import Data
 from pipeline.identification.measurement.measurement import Measurement
@@ -152,8 +152,8 @@ def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> S
         no_estimate = np.nan, np.nan, np.nan
         return Signature(name, title, unit, float(value), *no_estimate, False, f"no interval of {n} branches")
     error = float(np.std(resamples, ddof=1))
-    reach = stats.t.ppf((1 + CONFIDENCE) / 2, n - 1) * error
-    p = float(2 * stats.t.sf(abs(value) / error, n - 1)) if error > 0 else float(value == 0)
+    reach = stdtrit(n - 1, (1 + CONFIDENCE) / 2) * error
+    p = float(2 * stdtr(n - 1, -abs(value) / error)) if error > 0 else float(value == 0)
     return Signature(name, title, unit, float(value), value - reach, value + reach, p, p < 1 - CONFIDENCE)
 
 

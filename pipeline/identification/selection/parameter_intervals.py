@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
-from scipy.stats import t as student
+from scipy.special import gammaincinv, ndtri, stdtrit  # quantiles: scipy.stats is slow to import
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, mapped, unmapped
@@ -77,7 +76,7 @@ def _ends(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float) -> tuple[Real
     steps, hessian, n_blocks = score_steps(fitter, fit, cells)
     first_share = len(fit.unknowns.scales)
     share_columns = slice(first_share, first_share + len(fit.unknowns.shares))
-    form = norm.ppf(0.5 * (1 + CONFIDENCE)) * np.sqrt(
+    form = ndtri(0.5 * (1 + CONFIDENCE)) * np.sqrt(
         np.diag(_form(fitter, fit, hessian, n_blocks, cells, base_rms))[share_columns]
     )
     lower_step, upper_step = np.hypot(tails(steps, n_blocks)[:, share_columns], form)
@@ -124,7 +123,7 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float, present
             distance = (shares[sizes] - zero) @ np.linalg.solve(
                 covariance[np.ix_(columns, columns)], shares[sizes] - zero
             )
-            if distance < chi2.ppf(CONFIDENCE, len(sizes)):
+            if distance < 2 * gammaincinv(0.5 * len(sizes), CONFIDENCE):
                 return f"{effect.name}: the joint interval of its amplitudes reaches zero"
         start = stop
     return ""
@@ -226,4 +225,4 @@ def tails(steps: Real, n_blocks: int) -> Real:
 def _student(n_blocks: int) -> float:
     """How much wider an interval is for the few blocks that it rests on."""
     tail = 0.5 * (1 + CONFIDENCE)
-    return float(student.ppf(tail, max(n_blocks - 1, 2)) / norm.ppf(tail))
+    return float(stdtrit(max(n_blocks - 1, 2), tail) / ndtri(tail))

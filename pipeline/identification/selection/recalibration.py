@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc  # scipy.stats is slow to import
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import SCALE_REACH, Fit
@@ -114,7 +114,7 @@ def tolerance_share(fitter: Fitter, fit: Fit, cells: Truth) -> float:
     by_noise = (step @ of_data @ step)[-n_modes:, -n_modes:]
     covariance = np.eye(n_modes) + form_variance(fitter, fit, n_blocks, cells, declared_rms(fitter, cells)) * by_noise
     modes = fit.unknowns.modes
-    return float(chi2.sf(modes @ np.linalg.solve(covariance, modes), n_modes))
+    return float(chdtrc(n_modes, modes @ np.linalg.solve(covariance, modes)))
 
 
 def declared_rms(fitter: Fitter, cells: Truth) -> float:

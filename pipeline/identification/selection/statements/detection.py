@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri  # scipy.stats is slow to import
 
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, unmapped
@@ -64,7 +64,7 @@ def detection_limits(
 def needed_square(losses: Real) -> float:
     """Mean square in noise that an effect must add to the losses of the branches to show."""
     error = float(np.std(losses, ddof=1) / np.sqrt(len(losses))) if len(losses) > 1 else 0.0
-    return max(STRUCTURE**2 - float(np.mean(losses)), 0.0) + float(norm.ppf(CONFIDENCE)) * error
+    return max(STRUCTURE**2 - float(np.mean(losses)), 0.0) + float(ndtri(CONFIDENCE)) * error
 
 
 @dataclass(frozen=True)
