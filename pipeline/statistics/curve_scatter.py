@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
+from scipy.special import gammaincinv  # the quantile of chi-square: scipy.stats is slow to import
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -98,7 +98,7 @@ def curve_scatter(
     size = max(square - of_noise, 0.0) / compared
     total = size * departure + noise @ contrast
     independent = np.trace(total) ** 2 / np.sum(total**2)
-    ends = square * independent / scipy.stats.chi2.ppf([0.5 * (1 + CONFIDENCE), 0.5 * (1 - CONFIDENCE)], independent)
+    ends = square * independent / (2 * gammaincinv(0.5 * independent, [0.5 * (1 + CONFIDENCE), 0.5 * (1 - CONFIDENCE)]))
     low, high = np.sqrt(np.maximum(ends - of_noise, 0.0) / compared).tolist()
     return CurveScatter(float(np.sqrt(size)), low, high, len(np.unique(means.group)))
 

@@ -104,7 +104,7 @@ class Selector(Judge):
         promises = self.screen(cells, base_fit, offered_names)
         if offered_names:
             known_names = [name for name in offered_names if all(part in promises for part in name.split("+"))]
-            fits = [self._joint_fit(name, cells, promises) for name in known_names]
+            fits = self._completed([self._joint_fit(name, cells, promises, base_fit) for name in known_names], cells)
         else:
             fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
@@ -149,11 +149,14 @@ class Selector(Judge):
         promising = [
             fit for k, fit in enumerate(first_fits[: 2 * count]) if k < count or fit.cost < NEAR * first_fits[0].cost
         ]
+        return self._completed(promising, cells)
+
+    def _completed(self, first_fits: Sequence[Fit], cells: Truth) -> list[Fit]:
+        """Fits after their first steps, fitted in full where these do not leave them far behind the best."""
+        least_cost = min((fit.cost for fit in first_fits), default=np.inf)
         return [
-            self.fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit)
-            if fit.cost < FAR * first_fits[0].cost
-            else fit
-            for fit in promising
+            self.fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit) if fit.cost < FAR * least_cost else fit
+            for fit in first_fits
         ]
 
     def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
@@ -170,12 +173,14 @@ class Selector(Judge):
         refit = self.fitter.fit(fit.model, cells, declared) if fit.model.effects else fit
         return refit if refit.sound and refit.cost < fit.cost else fit
 
-    def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise]) -> Fit:
-        """Fit of a model by the names of its effects, from what the screening found of each."""
+    def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise], base: Fit) -> Fit:
+        """First steps of a model by the names of its effects, from what the screening found of each beside a base."""
         parts = name.split("+")
         model = Model(tuple(self.testable[part] for part in parts))
         shares = np.concatenate([promises[part].starts[0].shares for part in parts])
-        return self.fitter.fit(model, cells, replace(promises[parts[0]].starts[0], shares=shares))
+        return self.fitter.fit(
+            model, cells, replace(promises[parts[0]].starts[0], shares=shares), FIRST_ITERATIONS, base
+        )
 
     def extended(self, selection: Selection, cells: Truth) -> Selection:
         """The selection with effects added to its best, one at a time, until nothing structured is left.
