@@ -136,32 +136,53 @@ def contact_laws(study: Study, reducer: Reducer) -> ContactLaws:
     Raises
     ------
     ValueError
+        As ``pin_laws``.
+    """
+    return concatenated([pin_laws(study, reducer), output_laws(study)])
+
+
+def pin_laws(study: Study, reducer: Reducer) -> ContactLaws:
+    """Laws of the contacts of the pins.
+
+    Raises
+    ------
+    ValueError
         If the law leaves nothing to a contact (Palmgren on a patch that holds more than its whole approach).
     """
-    design, reduce = study.design, study.reduce
-    inputs = LawInputs(
+    inputs, radius = _law_inputs(study), study.design.cycloid.pin_radius_mm
+    pin = inputs.materials[study.design.pins.material]
+    on_flank = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
+    return inputs.law.on_mesh(on_flank, radius, study.reduce.patch_half_width_mm)
+
+
+def output_laws(study: Study) -> ContactLaws:
+    """Laws of the contacts of the output with every disk, then of those behind the disks; alike at all crank angles."""
+    output = study.design.output
+    return concatenated([*[output.laws(_law_inputs(study))] * study.design.disk.count, output.laws_behind()])
+
+
+def _law_inputs(study: Study) -> LawInputs:
+    design = study.design
+    return LawInputs(
         law=contact_law(study),
         materials={name: _material(section, design) for name, section in design.materials.items()},
         disk=_material(design.materials[design.disk.material], design),
         thickness=design.disk.thickness_mm,
         eccentricity=design.cycloid.eccentricity_mm,
         bearing=bearing(design),
-        patch_half_width=reduce.roller_patch_half_width_mm,
+        patch_half_width=study.reduce.roller_patch_half_width_mm,
     )
-    radius, pin = design.cycloid.pin_radius_mm, inputs.materials[design.pins.material]
-    on_flank = LineContact(1 / (1 / radius + reducer.pins.flank_curvature), inputs.thickness, pin, inputs.disk)
-    of_pins = inputs.law.on_mesh(on_flank, radius, reduce.patch_half_width_mm)
-    return concatenated([of_pins, *[design.output.laws(inputs)] * reducer.n_disks, design.output.laws_behind()])
 
 
-def output_compliance(design: Design, reducer: Reducer) -> Real:
-    """What the bodies behind the disks give way between all contacts (n_contacts, n_contacts) [mm/N]."""
-    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+def output_compliance(design: Design, reducer: Reducer) -> Real | None:
+    """What the bodies behind the disks give way between all contacts (n_contacts, n_contacts) [mm/N]; None if rigid."""
     rows = np.flatnonzero(reducer.contacts.kind == OUTPUT)
     materials = {name: _material(section, design) for name, section in design.materials.items()}
     interval = design.output.compliance(reducer.contacts.some(rows), reducer.disk_of_contact[rows], materials)
-    if interval is not None:
-        full[np.ix_(rows, rows)] = interval
+    if interval is None:
+        return None
+    full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    full[np.ix_(rows, rows)] = interval
     return full
 
 

@@ -39,7 +39,7 @@ def drive_of(
     reducer : of a design whose contacts stand alike; the study's where none is given.
     """
     reducer = assembly.reducer(study.design, crank_deg) if reducer is None else reducer
-    contacts, compliance_behind = len(reducer.contacts), assembly.output_compliance(study.design, reducer)
+    contacts = len(reducer.contacts)
     shift = np.zeros((len(clearance), contacts))
     if not reducer.centred:
         output = np.flatnonzero(reducer.contacts.kind == OUTPUT)
@@ -51,7 +51,7 @@ def drive_of(
         reducer=reducer,
         bearing=assembly.bearing(study.design),
         laws=assembly.contact_laws(study, reducer) if laws is None else laws,
-        compliance=np.zeros((contacts, contacts)) if compliance is None else compliance + compliance_behind,
+        compliance=_full_compliance(study, reducer, compliance),
         rated_torque=assembly.NMM_PER_NM * study.design.cycloid.rated_torque_Nm,
         errors=errors,
         reading=GapReading(**dict(study.clearance)),
@@ -60,6 +60,14 @@ def drive_of(
         modulus=modulus,
     )
     return with_effects(drive, study.design.effects)
+
+
+def _full_compliance(study: Study, reducer: Reducer, of_disks: Real | None) -> Real:
+    """Compliance of the disks and of the bodies behind them; the array itself where these are rigid."""
+    if of_disks is None:
+        return np.zeros((len(reducer.contacts), len(reducer.contacts)))
+    behind = assembly.output_compliance(study.design, reducer)
+    return of_disks if behind is None else of_disks + behind
 
 
 def with_effects(drive: Drive, effects: Mapping[str, Mapping[str, float]]) -> Drive:

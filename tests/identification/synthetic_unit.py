@@ -13,11 +13,12 @@ from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.study import Study
 from pipeline.identification.bench.simulator import Course, Forward
-from pipeline.identification.fitting.build import build_problem, drive_of
+from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.problem import Model, Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.model.effects import Conditions
+from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
 ROOT = Path(__file__).parents[2]

@@ -20,8 +20,9 @@ from pipeline.checks.blind.rigid_drive.noise import readings
 from pipeline.checks.blind.rigid_unit import RigidUnit, machined, rigid_unit
 from pipeline.checks.blind.true_unit import TrueUnit, UnsoundError, true_unit
 from pipeline.config.studies.study import Study
-from pipeline.identification.fitting.build import refitted, scaled_design
+from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.problem import candidates
+from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.sampling import Errors, draw
 
 Real = NDArray[np.float64]

@@ -12,8 +12,8 @@ from pipeline import assembly
 from pipeline.checks.blind.bench import Bench, Ramp
 from pipeline.config.studies.study import Study
 from pipeline.identification.bench.simulator import Instrument
-from pipeline.identification.fitting.build import drive_of, scaled_design
 from pipeline.identification.fitting.problem import Candidate, Model
+from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.drive import Drive
@@ -21,6 +21,7 @@ from pipeline.model.load_history.friction.incremental import solve_path
 from pipeline.model.load_history.friction.output_path import output_path
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
+from pipeline.mounting import drive_of
 
 Real = NDArray[np.float64]
 STEPS = 64

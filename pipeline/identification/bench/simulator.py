@@ -6,7 +6,7 @@ made of it, not itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,23 +135,27 @@ class Forward:
         self.courses = courses
         top = max(float(np.max(np.abs(course.torque))) for course in courses) if largest is None else largest
         self.shares = torque_levels(LEVELS, BEYOND * top * NMM_PER_NM / rated_torque)
-        self._kept: dict[tuple, Backbone] = {}
+        self._kept: dict[tuple, tuple[Drive, Backbone]] = {}
 
     def backbone(self, drive: Drive) -> Backbone:
-        """The frictionless curve of a drive, without its torsion."""
+        """The frictionless curve of a drive, without its torsion.
+
+        A compliance is told by its place in memory, which the drive that is kept holds: its content takes longer to
+        look up than many a fit's step.
+        """
         key = (
             drive.reducer.contact_jacobian.tobytes(),
             drive.gap.tobytes(),
             drive.bearing_clearance.tobytes(),
             drive.laws.content,
-            drive.compliance.tobytes(),
+            id(drive.compliance),
             drive.bearing,
         )
         if key not in self._kept:
             if len(self._kept) > KEPT_CURVES * len(self.courses):
                 self._kept.clear()
-            self._kept[key] = backbone(drive.without_twist, self.shares)
-        return self._kept[key]
+            self._kept[key] = drive, backbone(drive.without_twist, self.shares)
+        return self._kept[key][1]
 
     def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:
         """Prediction at the cells of a position."""
@@ -237,7 +241,7 @@ class Forward:
 
 def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:
     """Whether two drives have the same contacts, friction and creep."""
-    sliders = zip(vars(drive.sliders).values(), vars(neighbour.sliders).values(), strict=True)
+    sliders = ((getattr(drive.sliders, f.name), getattr(neighbour.sliders, f.name)) for f in fields(drive.sliders))
     return (
         (drive.creep, drive.rayleigh, drive.lean) == (neighbour.creep, neighbour.rayleigh, neighbour.lean)
         and _moduli(drive) == _moduli(neighbour)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import lru_cache
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +16,12 @@ from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.offered import offered
 from pipeline.identification.fitting.plausible_range import LAWS, plausible_range
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
+from pipeline.identification.fitting.scaled_drives import drives_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import UnitFile
-from pipeline.model.contact.laws import scaled
 from pipeline.model.effects import Conditions
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.geometry.contacts import PIN
-from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.load_history.drive import Drive
-from pipeline.mounting import drive_of
 from pipeline.sampling import Errors as SampledErrors
 from pipeline.sampling import draw
 
@@ -39,12 +34,6 @@ MEASURED_UM = 0.3
 """Standard uncertainty of a measured dimension, its part common to all pins and its own part alike."""
 POPULATION = 192
 """Units drawn from the study's distributions where the dimensions are not measured."""
-GAP_FIELDS = ("kind", "gap", "two_sided", "per_eccentricity")
-"""Of a contact: what its gap is made of beside the flank and the errors."""
-TRIAL = 1.01
-"""Factor of a calibrated number by which it is seen whether contacts move with it."""
-KEPT_SCALES = 64
-"""Factors of the calibrated numbers of which the drives of all positions are kept."""
 RESOLUTION = 0.2
 """Share of the noise floor below which a mode of the tolerances is left out."""
 
@@ -60,18 +49,6 @@ def refitted(design: Design) -> tuple[str, ...]:
     )
 
 
-def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) -> Design:
-    """The design with the numbers at ``keys`` times their scales."""
-    raw = design.model_dump()
-    for key, scale in zip(keys, scales, strict=True):
-        *path, field = key.split(".")
-        section = raw
-        for name in path:
-            section = section[name]
-        section[field] *= scale
-    return Design.model_validate(raw)
-
-
 def one_unit(study: Study, dimensions: object) -> Study:
     """The study with the as-measured dimensions (or none at all) as its one sample."""
     cases = (dimensions,) if dimensions is not None else ()
@@ -79,94 +56,6 @@ def one_unit(study: Study, dimensions: object) -> Study:
         update={"experiment": "cases" if cases else "monte_carlo", "count": 1, "nominal_first": not cases}
     )
     return study.model_copy(update={"samples": samples, "cases": cases})
-
-
-def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
-    """The drive with the local deflections of its pins and of its output's contacts scaled."""
-    factor = np.where(drive.reducer.contacts.kind == PIN, pins, output)
-    return replace(drive, laws=scaled(drive.laws, factor), known=drive.gap_of_errors)
-
-
-def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
-    """The drive, its states alike, with the gaps of one of them; those of ``known_drive`` where that has the same."""
-    if known_drive is not None and _same_gaps(drive, known_drive):
-        return replace(drive, known=known_drive.gap_of_errors)
-    first_sample = {name: values[:1] for name, values in vars(drive.errors).items()}
-    state = replace(
-        drive, errors=Errors(**first_sample), shift=drive.shift[:1], bearing_clearance=drive.bearing_clearance[:1]
-    )
-    return replace(drive, known=np.repeat(state.gap_of_errors, len(drive.bearing_clearance), axis=0))
-
-
-def _same_gaps(drive: Drive, known_drive: Drive) -> bool:
-    """Whether two drives with the same errors at one crank angle differ in nothing that gaps are made of."""
-    contacts, counterparts = drive.reducer.contacts, known_drive.reducer.contacts
-    return drive.profile == known_drive.profile and all(
-        np.array_equal(getattr(contacts, name), getattr(counterparts, name)) for name in GAP_FIELDS
-    )
-
-
-def _repeated(errors: Errors, n: int) -> Errors:
-    return Errors(**{name: np.repeat(values[:1], n, axis=0) for name, values in vars(errors).items()})
-
-
-def softness(design: Design) -> float:
-    """The compliance of the disk is in proportion to this."""
-    return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
-
-
-def _places(design: Design, key: str, crank_deg: float) -> bool:
-    """Whether the number at ``key`` moves any contact of the design, or turns it: else its reducer is kept."""
-    declared, moved = (
-        vars(assembly.reducer(drawn, crank_deg).contacts) for drawn in (design, scaled_design(design, [key], [TRIAL]))
-    )
-    return not all(np.array_equal(values, moved[name]) for name, values in declared.items())
-
-
-def _drives_of(
-    study: Study,
-    keys: Sequence[str],
-    sampled: SampledErrors,
-    cranks: Real,
-    compliances: Sequence[Real],
-    conditions: Sequence[Conditions],
-) -> Callable[[tuple[float, ...], int], Drive]:
-    """Drive of a position at factors of the numbers at ``keys`` and of the two force laws; made once each."""
-    declared = (1.0,) * len(keys)
-    placing = [_places(study.design, key, float(cranks[0])) for key in keys]
-    counts = [len(position.cycle) for position in conditions]
-    errors = [_repeated(assembly.errors(sampled), count) for count in counts]
-    clearances = [np.repeat(sampled.bearing_clearance, count, axis=0) for count in counts]
-    kept_drives = KEPT_SCALES * len(cranks)
-
-    @lru_cache(maxsize=KEPT_SCALES)
-    def scaled_study(numbers: tuple[float, ...]) -> Study:
-        return study.model_copy(update={"design": scaled_design(study.design, keys, numbers)}) if keys else study
-
-    @lru_cache(maxsize=kept_drives)
-    def reducer(placing_numbers: tuple[float, ...], position: int) -> Reducer:
-        return assembly.reducer(scaled_study(placing_numbers).design, float(cranks[position]))
-
-    @lru_cache(maxsize=kept_drives)
-    def with_numbers(numbers: tuple[float, ...], position: int) -> Drive:
-        refined = scaled_study(numbers)
-        drive = drive_of(
-            refined,
-            float(cranks[position]),
-            softness(refined.design) / softness(study.design) * compliances[position],
-            errors[position],
-            assembly.bearing_clearance(refined.design, clearances[position]),
-            reducer=reducer(
-                tuple(number if places else 1.0 for number, places in zip(numbers, placing, strict=True)), position
-            ),
-        )
-        return _with_gaps(drive, None if numbers == declared else with_numbers(declared, position))
-
-    @lru_cache(maxsize=4 * kept_drives)
-    def drive(scales: tuple[float, ...], position: int) -> Drive:
-        return _with_laws(with_numbers(scales[: len(keys)], position), *scales[len(keys) :])
-
-    return drive
 
 
 def build_problem(measurement: Measurement, compliances: Sequence[Real], visible: Truth | None = None) -> Problem:
@@ -186,7 +75,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     keys = refitted(study.design)
     unit_dimensions = one_unit(study, unit.dimensions)
     sampled = draw(unit_dimensions, 0, 1) if unit.dimensions is not None else _usual(_population(study))
-    drives = _drives_of(study, keys, sampled, measurement.drive_cranks, compliances, conditions)
+    drives = drives_of(study, keys, sampled, measurement.drive_cranks, compliances, conditions)
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
     reach = _reach(courses, np.unique(measurement.cells.position[visible_cells]))

@@ -120,13 +120,12 @@ class Fitter:
 
     def centred(self, values: Real, weight: Real) -> Real:
         """Values (n, ...) less their weighted mean over the cells that share an offset."""
-        group = self.problem.data.group
         centred_values = values - 0.0
-        for member in np.unique(group):
-            in_group = (group == member) & (weight > 0)
-            if np.any(in_group):
-                mean = np.tensordot(weight[in_group], values[in_group], axes=1) / weight[in_group].sum()
-                centred_values[group == member] -= mean
+        for group in self.problem.data.groups:
+            weighted = group & (weight > 0)
+            if np.any(weighted):
+                group_weight = weight[weighted]
+                centred_values[group] -= group_weight @ values[weighted] / group_weight.sum()
         return centred_values
 
     def offsets(self, angle: Real, fitted: Truth, sigma: Real) -> Real:

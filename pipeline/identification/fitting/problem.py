@@ -68,11 +68,15 @@ class Data:
         """Cells that share an offset (n_cells,)."""
         return np.zeros_like(self.position) if self.common_offset else self.position
 
+    @cached_property
+    def groups(self) -> tuple[NDArray[np.bool_], ...]:
+        """Of each group that shares an offset, whether a cell belongs to it (n_cells,)."""
+        return tuple(self.group == number for number in np.unique(self.group))
+
     def offsets(self, angle: Real, fitted: NDArray[np.bool_], sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
         offsets, weight = np.zeros(len(self)), 1 / sigma**2
-        for number in np.unique(self.group):
-            in_group = self.group == number
+        for in_group in self.groups:
             use = in_group & fitted if np.any(in_group & fitted) else in_group
             use = use & np.isfinite(angle)
             if np.any(use):

@@ -15,8 +15,8 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
-from pipeline.identification.fitting.build import scaled_design
 from pipeline.identification.fitting.plausible_range import number_at
+from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.identification.identify import Identification
 from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.statements.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY, UNEXPLAINED

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.identification.bench.simulator import Instrument
-from pipeline.identification.fitting.build import softness
 from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.scaled_drives import softness
 from pipeline.identification.identify import Identification
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw

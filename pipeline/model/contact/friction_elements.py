@@ -9,6 +9,7 @@ Source: Jenkins' element and Iwan's parallel arrangement (J. Appl. Mech. 33 (196
 """
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -48,12 +49,12 @@ class Sliders:
         empty = np.zeros(0)
         return cls(np.zeros((0, n_motions)), empty, empty, empty, np.zeros(0, np.int64))
 
-    @property
+    @cached_property
     def at_contacts(self) -> bool:
         """Whether any of them is pressed by a contact."""
         return bool(np.any(self.contact >= 0))
 
-    @property
+    @cached_property
     def acting(self) -> "Sliders":
         """Those that can resist at all."""
         able = (self.limit > 0) | (self.coefficient > 0)

@@ -34,12 +34,15 @@ class Blocks:
 
 def coupled_blocks(compliance: Real) -> Blocks:
     """Blocks of the contacts that a ``compliance`` (n_contacts, n_contacts) [mm/N] couples."""
-    n, self_compliance = len(compliance), np.diag(compliance)
+    n, self_compliance = len(compliance), np.diag(compliance).copy()
     coupled, elastic = compliance != 0.0, self_compliance > 0.0
+    whole = Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance)
+    if np.all(coupled[np.argmax(elastic)][elastic]):  # most reducers have one body, or none
+        return whole
     component = _first_coupled(coupled)
     of_bodies = np.unique(component[elastic])
     if len(of_bodies) < 2:
-        return Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance.copy())
+        return whole
     rank = np.where(elastic, component, n)
     order = np.argsort(rank, kind="stable")
     bounds = np.concatenate([np.searchsorted(rank[order], of_bodies), [n]])

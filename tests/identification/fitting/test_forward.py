@@ -9,11 +9,11 @@ from synthetic_unit import ROOT
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.identification.bench.simulator import Course, Forward, Instrument
-from pipeline.identification.fitting.build import drive_of
 from pipeline.model.effects import Conditions, library
 from pipeline.model.load_history.backbone import backbone
 from pipeline.model.load_history.drive import Creep
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.mounting import drive_of
 from pipeline.sampling import draw
 
 TURNS = np.array([0.0, 12.0, -12.0, 12.0, 0.0])

@@ -1,0 +1,186 @@
+"""Drives of a design at factors of its calibrated numbers and of its force laws, made once each.
+
+A part of a drive is made anew only where a number that it depends on has changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.config.designs.design import Design
+from pipeline.config.studies.study import Study
+from pipeline.model.contact.laws import ContactLaws, concatenated, scaled
+from pipeline.model.effects import Conditions
+from pipeline.model.geometry.clearance import Errors
+from pipeline.model.geometry.reducer import Reducer
+from pipeline.model.load_history.drive import Drive
+from pipeline.mounting import drive_of
+from pipeline.sampling import Errors as SampledErrors
+
+Real = NDArray[np.float64]
+Scales = tuple[float, ...]
+
+GAP_FIELDS = ("kind", "gap", "two_sided", "per_eccentricity")
+"""Of a contact: what its gap is made of beside the flank and the errors."""
+TRIAL = 1.01
+"""Factor of a calibrated number by which it is seen whether contacts move with it."""
+KEPT_SCALES = 64
+"""Factors of the calibrated numbers of which the drives of all positions are kept."""
+
+
+def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) -> Design:
+    """The design with the numbers at ``keys`` times their scales, not checked again."""
+    for key, scale in zip(keys, scales, strict=True):
+        design = _scaled(design, key.split("."), scale)
+    return design
+
+
+def _scaled(section: Any, path: Sequence[str], scale: float) -> Any:
+    """A section, or a mapping of sections, with the number at the end of a path times a scale."""
+    name, *further_names = path
+    content = section[name] if isinstance(section, dict) else getattr(section, name)
+    scaled_content = _scaled(content, further_names, scale) if further_names else content * scale
+    if isinstance(section, dict):
+        return {**section, name: scaled_content}
+    return section.model_copy(update={name: scaled_content})
+
+
+def _scaled_study(study: Study, keys: Sequence[str], scales: Sequence[float]) -> Study:
+    return study.model_copy(update={"design": scaled_design(study.design, keys, scales)}) if keys else study
+
+
+def softness(design: Design) -> float:
+    """The compliance of the disk is in proportion to this."""
+    return 1 / (design.materials[design.disk.material].youngs_modulus_MPa * design.disk.thickness_mm)
+
+
+def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
+    """The drive with the local deflections of its pins and of its output's contacts scaled."""
+    factor = np.full(len(drive.laws), output)
+    factor[: drive.reducer.n_pins] = pins
+    return replace(drive, laws=scaled(drive.laws, factor), known=drive.gap_of_errors)
+
+
+def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
+    """The drive, its states alike, with the gaps of one of them; those of ``known_drive`` where that has the same."""
+    if known_drive is not None and _same_gaps(drive, known_drive):
+        return replace(drive, known=known_drive.gap_of_errors)
+    first_sample = {name: values[:1] for name, values in vars(drive.errors).items()}
+    state = replace(
+        drive, errors=Errors(**first_sample), shift=drive.shift[:1], bearing_clearance=drive.bearing_clearance[:1]
+    )
+    return replace(drive, known=np.repeat(state.gap_of_errors, len(drive.bearing_clearance), axis=0))
+
+
+def _same_gaps(drive: Drive, known_drive: Drive) -> bool:
+    """Whether two drives with the same errors at one crank angle differ in nothing that gaps are made of."""
+    contacts, counterparts = drive.reducer.contacts, known_drive.reducer.contacts
+    return drive.profile == known_drive.profile and all(
+        np.array_equal(getattr(contacts, name), getattr(counterparts, name)) for name in GAP_FIELDS
+    )
+
+
+def _repeated(errors: Errors, n: int) -> Errors:
+    return Errors(**{name: np.repeat(values[:1], n, axis=0) for name, values in vars(errors).items()})
+
+
+class _Part:
+    """A part of a study's drives that depends on some of the numbers at ``keys``, kept for each of their scales.
+
+    Parameters
+    ----------
+    make : the part of a study at a crank angle [degrees].
+    content : its numbers; those at keys whose trial leaves it as it is are left as declared.
+    cranks : angles at which it is asked for [degrees].
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        keys: Sequence[str],
+        make: Callable[[Study, float], Any],
+        content: Callable[[Any], bytes],
+        cranks: Sequence[float],
+    ):
+        declared = content(make(study, cranks[0]))
+        trials = (make(_scaled_study(study, [key], [TRIAL]), cranks[0]) for key in keys)
+        self.depends = [content(trial) != declared for trial in trials]
+        self.made = lru_cache(maxsize=KEPT_SCALES * len(cranks))(
+            lambda numbers, crank_deg: make(_scaled_study(study, keys, numbers), crank_deg)
+        )
+
+    def at(self, numbers: Scales, crank_deg: float) -> Any:
+        """The part at scales of the numbers."""
+        scales = zip(numbers, self.depends, strict=True)
+        return self.made(tuple(scale if depends else 1.0 for scale, depends in scales), crank_deg)
+
+
+def _places(reducer: Reducer) -> bytes:
+    """Where the contacts of a reducer stand, and what their gaps are made of."""
+    return b"".join(values.tobytes() for values in vars(reducer.contacts).values())
+
+
+def drives_of(
+    study: Study,
+    keys: Sequence[str],
+    sampled: SampledErrors,
+    cranks: Real,
+    compliances: Sequence[Real],
+    conditions: Sequence[Conditions],
+) -> Callable[[Scales, int], Drive]:
+    """Drive of a position at factors of the numbers at ``keys`` and of the two force laws.
+
+    Parameters
+    ----------
+    sampled : errors of one unit [um].
+    cranks : (n_positions,) [degrees].
+    compliances : per position, of the disks as condensed (n_contacts, n_contacts) [mm/N].
+    conditions : per position, of its states.
+    """
+    declared = (1.0,) * len(keys)
+    counts = [len(position.cycle) for position in conditions]
+    errors = [_repeated(assembly.errors(sampled), count) for count in counts]
+    clearances = [np.repeat(sampled.bearing_clearance, count, axis=0) for count in counts]
+    angles, kept_drives = cranks.tolist(), KEPT_SCALES * len(cranks)
+    reducers = _Part(study, keys, lambda drawn, crank: assembly.reducer(drawn.design, crank), _places, angles)
+    pins = _Part(study, keys, _laws_of_pins, _content, angles)
+    output = _Part(study, keys, lambda drawn, _: assembly.output_laws(drawn), _content, angles[:1])
+
+    @lru_cache(maxsize=kept_drives)
+    def compliance(factor: float, position: int) -> Real:
+        return factor * compliances[position]
+
+    @lru_cache(maxsize=kept_drives)
+    def with_numbers(numbers: Scales, position: int) -> Drive:
+        refined = _scaled_study(study, keys, numbers)
+        drive = drive_of(
+            refined,
+            angles[position],
+            compliance(softness(refined.design) / softness(study.design), position),
+            errors[position],
+            assembly.bearing_clearance(refined.design, clearances[position]),
+            laws=concatenated([pins.at(numbers, angles[position]), output.at(numbers, angles[0])]),
+            reducer=reducers.at(numbers, angles[position]),
+        )
+        return _with_gaps(drive, None if numbers == declared else with_numbers(declared, position))
+
+    @lru_cache(maxsize=4 * kept_drives)
+    def drive(scales: Scales, position: int) -> Drive:
+        return _with_laws(with_numbers(scales[: len(keys)], position), *scales[len(keys) :])
+
+    return drive
+
+
+def _content(laws: ContactLaws) -> bytes:
+    return laws.content
+
+
+def _laws_of_pins(study: Study, crank_deg: float) -> ContactLaws:
+    return assembly.pin_laws(study, assembly.reducer(study.design, crank_deg))
