@@ -110,7 +110,8 @@ def identify_measured(
     selector = Selector(fitter, trained, MOST_EFFECTS if nested else MOST_NAMED)
     selection = selector.extended(selector.select(trained), trained)
     verdict = judge(fitter, selection, trained)
-    folds = predicted_folds(selector, selection, trained, nested)
+    untraced = verdict.verdict in (MOSTLY, UNEXPLAINED)
+    folds = predicted_folds(selector, selection, trained, nested, carry_over=untraced)
     curves = folds.curves(bool(verdict.named))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
@@ -136,10 +137,8 @@ def identify_measured(
         errors,
         {title: angle_error(data, cranks, curve, zeros, folds.cells) for title, curve in baseline_angles.items()},
         structure_left,
-        discrepancy_of(fitter, selection.answer.fit, cells.direction, trained)
-        if verdict.verdict in (MOSTLY, UNEXPLAINED)
-        else None,
+        discrepancy_of(fitter, selection.answer.fit, cells.direction, trained) if untraced else None,
         None if verdict.named and selection.description is selection.answer or not effects else described,
-        carried if verdict.verdict in (MOSTLY, UNEXPLAINED) and not folds.in_sample else None,
+        carried if untraced and not folds.in_sample else None,
         limits,
     )

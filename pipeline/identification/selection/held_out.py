@@ -64,11 +64,13 @@ class Folds:
     declared, recalibrated : of the model as declared, and with its calibrated numbers refitted.
     best : with the effects that were chosen, claimed or not.
     described : with those that describe best, whether a claim could rest on them or not.
-    carried : of the description, with what of its training residual is expected to come again (``carried_over``).
+    carried : of the description, with what of its training residual is expected to come again (``carried_over``); NaN
+        where that is not asked for.
     open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
         and by which they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
-    common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds.
+    common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds;
+        NaN where it is not asked for.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
     """
 
@@ -96,7 +98,7 @@ class Folds:
         }
 
 
-def predicted_folds(selector: Selector, selection: Selection, visible: Truth, nested: bool) -> Folds:
+def predicted_folds(selector: Selector, selection: Selection, visible: Truth, nested: bool, carry_over: bool) -> Folds:
     """Predictions of held-out cells.
 
     Parameters
@@ -105,6 +107,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
         positions are left out, or whole cycles of a single position (``splits_of``). One loop alone is predicted in
         sample.
     nested : choose the model anew in every fold that has enough branches; else each fold refits the one chosen.
+    carry_over : ask what of the misfit is expected to come again.
     """
     fitter = selector.fitter
     data = selector.problem.data
@@ -130,16 +133,17 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
             predicted[number, judged_cells] = fit.predicted[judged_cells]
             deviation = _unknown(fitter.problem.data, fit, training, open_of_fit[id(fit)])
             left_open[number, judged_cells] = deviation[judged_cells]
-        angle, deviation, common_share = _carried(fitter, fits[2], training)
-        predicted[3, judged_cells] = angle[judged_cells]
-        left_open[3, judged_cells] = np.hypot(open_of_fit[id(fits[2])], deviation)[judged_cells]
-        shares.append(common_share)
-    cells = np.isfinite(declared + predicted.sum(axis=0))  # errors are compared over the same cells
+        if carry_over:
+            angle, deviation, common_share = _carried(fitter, fits[2], training)
+            predicted[3, judged_cells] = angle[judged_cells]
+            left_open[3, judged_cells] = np.hypot(open_of_fit[id(fits[2])], deviation)[judged_cells]
+            shares.append(common_share)
+    cells = np.isfinite(declared + predicted[:3].sum(axis=0))  # errors are compared over the same cells
     in_sample = splits[0][0] is splits[0][1]
     refitted, best, described, carried = predicted
     open_refitted, open_best, open_described, open_carried = left_open
     angles = refitted, best, described, carried, open_refitted, open_best, open_described, open_carried
-    return Folds(cells, declared, *angles, tuple(models), float(np.mean(shares)), in_sample)
+    return Folds(cells, declared, *angles, tuple(models), float(np.mean(shares or np.nan)), in_sample)
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:

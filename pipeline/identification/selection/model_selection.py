@@ -104,7 +104,8 @@ class Selector(Judge):
         promises = self.screen(cells, base_fit, offered_names)
         if offered_names:
             known_names = [name for name in offered_names if all(part in promises for part in name.split("+"))]
-            fits = self._completed([self._joint_fit(name, cells, promises, base_fit) for name in known_names], cells)
+            first_fits = [self._joint_fit(name, cells, promises, base_fit) for name in known_names]
+            fits = _completed(self.fitter, first_fits, cells)
         else:
             fits = self.fits(base_fit, cells, promises, SHORTLIST)
         trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
@@ -149,15 +150,7 @@ class Selector(Judge):
         promising = [
             fit for k, fit in enumerate(first_fits[: 2 * count]) if k < count or fit.cost < NEAR * first_fits[0].cost
         ]
-        return self._completed(promising, cells)
-
-    def _completed(self, first_fits: Sequence[Fit], cells: Truth) -> list[Fit]:
-        """Fits after their first steps, fitted in full where these do not leave them far behind the best."""
-        least_cost = min((fit.cost for fit in first_fits), default=np.inf)
-        return [
-            self.fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit) if fit.cost < FAR * least_cost else fit
-            for fit in first_fits
-        ]
+        return _completed(self.fitter, promising, cells)
 
     def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
@@ -279,3 +272,12 @@ class Selector(Judge):
             np.hypot(STRUCTURE, FORM * base.rms)
         )
         return unsupported(self.fitter, candidate_trial.fit, cells, base.rms, present=explains)
+
+
+def _completed(fitter: Fitter, first_fits: Sequence[Fit], cells: Truth) -> list[Fit]:
+    """Fits after their first steps, fitted in full where these do not leave them far behind the best."""
+    least_cost = min((fit.cost for fit in first_fits), default=np.inf)
+    return [
+        fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit) if fit.cost < FAR * least_cost else fit
+        for fit in first_fits
+    ]
