@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.cross_validation import Trial, trial
 from pipeline.identification.selection.judgement import MOST_NAMED, SEED, Judge, Selection, stands_for
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, unsupported
+from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, shortcomings, unsupported
 from pipeline.identification.selection.recalibration import STRETCH, released
 from pipeline.identification.selection.screening import Promise, screened
 
@@ -192,7 +192,31 @@ class Selector(Judge):
                 break
             trials = {**selection.trials, **self._without(selection, cells)}
             selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-        return self.supported(self._with_twins(selection, cells), cells)
+        return self.supported(self._with_twins(self._relieved(selection, cells), cells), cells)
+
+    def _relieved(self, selection: Selection, cells: Truth) -> Selection:
+        """The selection once models that come near the best were fitted without an effect that supports no claim there.
+
+        The first effect taken may stand for others: with them its interval reaches zero, and only they may be claimed.
+        """
+        while selection.survivors:
+            trials = selection.trials
+            reduced_trials: dict[str, Trial] = {}
+            least_loss = min(trials[name].rms ** 2 for name in selection.survivors)
+            for name in selection.survivors:
+                fit = trials[name].fit
+                if fit.model.n_effects == 1 or trials[name].rms ** 2 > NEAR * least_loss:
+                    continue
+                for effect_name in dict(shortcomings(self.fitter, fit, cells, selection.base.rms)):
+                    reduced_model, start = _less(fit, effect_name)
+                    if reduced_model.name not in {*trials, *reduced_trials}:
+                        reduced_fit = self.fitter.fit(reduced_model, cells, start)
+                        reduced_trials[reduced_model.name] = self.trial(reduced_fit, cells)
+            if not reduced_trials:
+                break
+            trials = {**trials, **reduced_trials}
+            selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
+        return selection
 
     def _with_pairs(self, selection: Selection, cells: Truth, promises: Mapping[str, Promise]) -> Selection:
         """The selection once the most promising pairs were fitted, where no single effect explains the unit."""
@@ -281,3 +305,10 @@ def _completed(fitter: Fitter, first_fits: Sequence[Fit], cells: Truth) -> list[
         fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit) if fit.cost < FAR * least_cost else fit
         for fit in first_fits
     ]
+
+
+def _less(fit: Fit, effect_name: str) -> tuple[Model, Vector]:
+    """The model of a fit less one of its effects, and where the fit stands of its unknowns."""
+    parts = [part for part in fit.model.split(fit.unknowns.shares.tolist()) if part[0].name != effect_name]
+    shares = np.array([share for _, effect_shares in parts for share in effect_shares])
+    return Model(tuple(effect for effect, _ in parts)), replace(fit.unknowns, shares=shares)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +102,14 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float, present
     An effect may be absent where the interval of its size reaches zero; of several sizes (the amplitudes of a phase),
     where their joint interval does. Not so where it was tested against its absence already (``present``).
     """
+    effect, reason = next(shortcomings(fitter, fit, cells, base_rms, present), ("", ""))
+    return f"{effect}: {reason}" if effect else ""
+
+
+def shortcomings(
+    fitter: Fitter, fit: Fit, cells: Truth, base_rms: float, present: bool = False
+) -> Iterator[tuple[str, str]]:
+    """Effects of a fitted model that support no claim, each with why, as ``unsupported`` asks."""
     bounds = fitter.bounds(fit.model)
     low, high = (mapped(bounds, np.clip(end, 0, 1)) for end in _ends(fitter, fit, cells, base_rms))
     covariance = _covariance(fitter, fit, cells, base_rms)
@@ -112,11 +120,11 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float, present
         sizes = [k for k, (lower, largest) in enumerate(limits) if lower <= 0 <= largest]
         for k, (parameter, value) in enumerate(zip(effect.parameters, values, strict=True)):
             if not AT_BOUND < shares[k] < 1 - AT_BOUND and (k not in sizes or limits[k][0] < 0 or shares[k] > 0.5):
-                return f"{effect.name}: {parameter.name} = {value:.3g} is at a bound of what the library allows"
+                yield effect.name, f"{parameter.name} = {value:.3g} is at a bound of what the library allows"
             if parameter.record and value > fitter.problem.record[parameter.record]:
-                return f"{effect.name}: {parameter.name} = {value:.3g} is longer than the record"
+                yield effect.name, f"{parameter.name} = {value:.3g} is longer than the record"
         if not present and len(sizes) == 1 and not (low[start + sizes[0]] > 0 or high[start + sizes[0]] < 0):
-            return f"{effect.name}: the interval of {effect.parameters[sizes[0]].name} reaches zero"
+            yield effect.name, f"the interval of {effect.parameters[sizes[0]].name} reaches zero"
         if not present and len(sizes) > 1:
             zero = np.array([unmapped([limits[k]], [0.0])[0] for k in sizes])
             columns = start + np.array(sizes)
@@ -124,9 +132,8 @@ def unsupported(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float, present
                 covariance[np.ix_(columns, columns)], shares[sizes] - zero
             )
             if distance < 2 * gammaincinv(0.5 * len(sizes), CONFIDENCE):
-                return f"{effect.name}: the joint interval of its amplitudes reaches zero"
+                yield effect.name, "the joint interval of its amplitudes reaches zero"
         start = stop
-    return ""
 
 
 def _covariance(fitter: Fitter, fit: Fit, cells: Truth, base_rms: float) -> Real:

@@ -294,6 +294,33 @@ def test_best_is_tried_without_each_effect_and_with_the_simpler_one():
     assert result.keys() == {"presliding", "coulomb+preload"}
 
 
+def test_models_near_the_best_are_fitted_without_an_effect_that_supports_no_claim_in_them(monkeypatch):
+    """Rayleigh's hysteresis was taken first, stood for two others and has none of its own beside them."""
+    selector_made, starts = selector(most_effects=2), {}
+    losses = {"coulomb+rayleigh": 7.0, "coulomb+output_torsion+rayleigh": 1.0, "rayleigh": 40.0}
+    reduced = {"coulomb+output_torsion": 1.05, "output_torsion": 50.0}  # coulomb is weak beside output_torsion
+
+    def fit(model, _, start):
+        starts[model.name] = start.shares
+        return model.name
+
+    def weak(fitter, fit, cells, base_rms):
+        yield ("rayleigh" if fit.model.n_effects == 3 else "coulomb"), ""
+
+    monkeypatch.setattr(model_selection, "shortcomings", weak)
+    selector_made.fitter = SimpleNamespace(fit=fit)
+    selector_made.trial = lambda name, _: trial(name, reduced[name] + 1e-3 * RIPPLED)
+    known = trials_of({name: loss + 1e-3 * RIPPLED for name, loss in losses.items()})
+    trials = {item.fit.model.name: item for item in known.values()}
+    selection_before = selector_made.judged(trial("", 90.0), trials, {}, EVERYTHING)
+    assert selection_before.best == "coulomb+rayleigh"  # no more than two may be named
+    selection = selector_made._relieved(selection_before, EVERYTHING)
+    assert selection.best == "coulomb+output_torsion"
+    assert selection.trials.keys() - losses.keys() == {"coulomb+output_torsion", "output_torsion"}
+    shares = trials["coulomb+output_torsion+rayleigh"].fit.unknowns.shares
+    np.testing.assert_array_equal(starts["coulomb+output_torsion"], shares[:2])
+
+
 @pytest.mark.parametrize(("residual", "fitted"), [(0.9, "abcdefg"), (0.09, "abcd"), (0.11, "abcdefg")])
 def test_the_best_four_are_always_fitted_and_others_that_promise_a_tenth_of_what_was_reached(residual, fitted):
     """The second reaches ``residual``, far below what it promised; all promise about the base.s misfit."""
