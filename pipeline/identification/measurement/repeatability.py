@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc  # scipy.stats is slow to import
 
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
@@ -201,7 +201,7 @@ def _random(blocks: BranchBlocks, cells: Cells) -> tuple[NoiseEstimate, bool]:
         return UNKNOWN, False
     ratio = (position_squares.sum() - squares.sum()) / shared_free / (squares.sum() / free)
     used = expected > 0
-    return pooled(squares[used], expected[used], 1.0), bool(f_distribution.sf(ratio, shared_free, free) < SHARED)
+    return pooled(squares[used], expected[used], 1.0), bool(fdtrc(shared_free, free, ratio) < SHARED)
 
 
 def _unexplained(loops: Loops, columns: Real) -> tuple[Real, Real]:
