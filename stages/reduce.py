@@ -3,19 +3,21 @@
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline import assembly, elastic
+from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
-from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.reducer import Reducer
 from stages.tables.condensed import COMPLIANCE_FILE, UM_PER_MM, matrix_name
 from stages.tables.keys import CONTACT, CRANK
+
+if TYPE_CHECKING:
+    from pipeline.model.elastic.condensed_body import ElasticBody
 
 MESH_FILE = "mesh.npz"
 SECTIONS = ("design.cycloid", "design.materials", "design.disk", "design.flank", "design.output", "reduce")
@@ -36,8 +38,9 @@ CONTACTS = Table(
 )
 
 
-def _write_mesh(study: Study, disk: ElasticBody, reducer: Reducer, folder: Path) -> None:
+def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Path) -> None:
     """Mesh, patches and the displacement by 1 N on the pin of the longest arm, for the picture and for ParaView."""
+    from pipeline import elastic
     from pipeline.figures.parts.vtk import write_vtk
 
     patches = elastic.disk_patches(study, disk, reducer)
@@ -55,6 +58,8 @@ def _write_mesh(study: Study, disk: ElasticBody, reducer: Reducer, folder: Path)
 
 
 def _run(job: Job) -> Tables:
+    from pipeline import elastic  # slow to import, and few runs mesh
+
     study: Study = job.study
     if study.reduce.disk == "rigid":
         return _rigid(job, study)
@@ -71,7 +76,7 @@ def _run(job: Job) -> Tables:
     reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
 
     @cache
-    def disk(rotation: float) -> ElasticBody:
+    def disk(rotation: float) -> "ElasticBody":
         return elastic.elastic_disk(study, rotation)
 
     def condensed(reducer: Reducer, number: int, rotation: float, key: str) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from pipeline.engine.processes.forked import forked_calls
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.report.chain.graph import StageNote
+from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
 from pipeline.report.layout.pictures import Picture, written_picture
@@ -80,14 +82,18 @@ def _frames(job: Job) -> Frames:
     )
 
 
-def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
-    """The figures, written into the stage's folder."""
+def _save(drawing: Drawing, stem: Path) -> None:
     from pipeline.figures.style import save  # a plotting library, which commands of other stages do not wait for
 
+    save(drawing.figure(), stem)
+
+
+def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
+    """The figures, written into the stage's folder."""
     texts = {}
     with forked_calls(job.jobs) as call:
         for drawing in drawings(frames):
-            call(save, drawing.figure, job.path(f"figures/{drawing.name}"))
+            call(_save, drawing, job.path(f"figures/{drawing.name}"))
             texts[drawing.name] = drawing.title, drawing.caption
     pictures = {name: written_picture(*text, job.path(f"figures/{name}")) for name, text in texts.items()}
     if job.study.reduce.disk == "rigid":

@@ -6,7 +6,9 @@ import importlib.metadata
 import importlib.util
 import json
 import platform
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property, reduce
 from pathlib import Path
@@ -15,6 +17,7 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from pipeline.engine.stage import Stage
+from pipeline.engine.store import read_json, write_json
 from pipeline.registry import KINDS
 
 PACKAGES = ("numpy", "scipy", "scikit-fem", "numba", "pyarrow", "pandas")
@@ -161,13 +164,37 @@ def _locate(name: str) -> tuple[Path, Path | None]:
     return root, next((p for p in (base / "__init__.py", base.with_suffix(".py")) if p.is_file()), None)
 
 
+@contextmanager
+def remembered_sources(file: Path) -> Iterator[None]:
+    """Within it a source that a run before has read by the same rules is not taken apart again; ``file`` knows them."""
+    rules = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
+    former = read_json(file)
+    former = former["sources"] if isinstance(former, dict) and former.get("rules") == rules else {}
+    _read_sources.update(former)
+    try:
+        yield
+    finally:
+        if _read_sources.keys() - former.keys():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_json(file, {"rules": rules, "sources": _read_sources})
+
+
+_read_sources: dict[str, list[Any]] = {}
+"""By the hash of a file and its package: the hash of what it does, and the names it imports."""
+
+
 @cache
-def _source(path: Path, _modified: int, name: str) -> tuple[str, tuple[str, ...]]:
+def _source(path: Path, _modified: int, name: str) -> tuple[str, Sequence[str]]:
     """Hash of what a file does, and the names it imports; remembered until the file is modified."""
-    tree, imports = ast.parse(path.read_bytes()), list[str]()
+    text = path.read_bytes()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    _strip(tree, package, imports)
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(imports)
+    key = hashlib.sha256(f"{package}\n".encode() + text).hexdigest()
+    if key not in _read_sources:
+        tree, imports = ast.parse(text), list[str]()
+        _strip(tree, package, imports)
+        _read_sources[key] = [hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports]
+    digest, imported = _read_sources[key]
+    return digest, imported
 
 
 def _strip(node: Any, package: str, imports: list[str]) -> None:

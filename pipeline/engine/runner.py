@@ -12,7 +12,7 @@ from typing import Any
 
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache
-from pipeline.engine.fingerprint import Fingerprint, fingerprint
+from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
 from pipeline.engine.lock import locked
 from pipeline.engine.processes.cluster import solved_on_cluster
 from pipeline.engine.processes.parallel import Backend, parts_of, solved_chunks
@@ -21,6 +21,8 @@ from pipeline.engine.store import RECORD, Output, blamed
 from pipeline.engine.work import Work
 from pipeline.errors import InputError
 
+SOURCES = "sources.json"
+"""In the cache: what the sources do, as far as a run has read them."""
 PICTURES = (".png", ".svg")
 """Endings of files that are looked at and never read: a new look of a figure must not run the stages after it."""
 
@@ -66,7 +68,7 @@ def run(
     """
     outputs: dict[str, Output] = {}
     required = needed_stages(stages, targets)
-    with locked(runs / study.name):
+    with locked(runs / study.name), remembered_sources(runs / ".cache" / SOURCES):
         for stage in required:
             inputs = {name: outputs[name] for name in stage.reads}
             current = fingerprint(stage, study, _content(inputs))

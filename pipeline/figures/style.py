@@ -17,6 +17,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, MaxNLocator
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
 
 WIDTH = 9.0
 """Width of a figure [inches]: that of the report's column, so that its 9 points are 12 pixels there."""
@@ -41,6 +43,7 @@ RC: Mapping[str, Any] = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.titlepad": 8.0,
+    "axes.titley": 1.0,  # no ticks stand above; else each title looks for some whenever it is drawn
     "axes.labelcolor": INK,
     "axes.edgecolor": MUTED,
     "axes.linewidth": 0.8,
@@ -86,9 +89,38 @@ def styled(draw: Callable[Arguments, Figure]) -> Callable[Arguments, Figure]:
     return drawn
 
 
+class SteadyAxes(Axes):
+    """Axes with as many ticks in any size, so that what stands beside them needs the same room wherever they lie.
+
+    The layout asks for that room before and after it moves them: the second answer follows from the first.
+    """
+
+    _margins: NDArray[np.float64] | None = None
+
+    def get_tightbbox(self, renderer: Any = None, *, for_layout_only: bool = False, **options: Any) -> Bbox | None:
+        """Box of the axes and what stands beside them [pixels]."""
+        if not for_layout_only or self.get_aspect() != "auto":
+            return super().get_tightbbox(renderer, for_layout_only=for_layout_only, **options)
+        if self._margins is not None:
+            box, self._margins = self.get_window_extent(renderer).get_points() + self._margins, None
+            return Bbox(box)
+        outer = super().get_tightbbox(renderer, for_layout_only=True, **options)
+        if outer is not None:
+            self._margins = outer.get_points() - self.get_window_extent(renderer).get_points()
+        return outer
+
+
+class SteadyFigure(Figure):
+    """A figure of steady axes."""
+
+    def add_subplot(self, *arguments: Any, **options: Any) -> Any:
+        """Add axes as `Figure.add_subplot` does."""
+        return super().add_subplot(*arguments, **{"axes_class": SteadyAxes} | options)
+
+
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """Empty figure [inches], drawn without a display."""
-    figure = Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
+    figure = SteadyFigure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

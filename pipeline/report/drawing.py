@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Drawing:
-    """One figure of the report; `name` is the stem of its files and its place in the page."""
+    """One figure of the report; `name` is the stem of its files and its place in the page, `figure` draws it."""
 
     name: str
     title: str
     caption: str
-    figure: Figure
+    figure: Callable[[], Figure]
 
 
 def disk_words(design: Design) -> str:

@@ -2,7 +2,7 @@
 
 import math
 
-import scipy  # its statistics are slow to import: they are when they are called
+import scipy  # its functions are slow to import: they are when they are called
 
 GROWTH = 4
 """Times as many samples that a batch asks for at most: the share of few units may mislead, and looks are to be few."""
@@ -57,6 +57,8 @@ def next_units(share: float, units: int, samples: int, half_width: float, confid
 def _width(share: float, units: int, confidence: float) -> float:
     """Width of the interval of ``units`` with the share; a count need not be a whole number."""
     tail, n_passes = (1 - confidence) / 2, share * units
-    low = 0.0 if n_passes <= 0 else float(scipy.stats.beta.ppf(tail, n_passes, units - n_passes + 1))
-    high = 1.0 if math.isclose(n_passes, units) else float(scipy.stats.beta.isf(tail, n_passes + 1, units - n_passes))
+    low = 0.0 if n_passes <= 0 else float(scipy.special.betaincinv(n_passes, units - n_passes + 1, tail))
+    high = (
+        1.0 if math.isclose(n_passes, units) else float(scipy.special.betainccinv(n_passes + 1, units - n_passes, tail))
+    )
     return high - low

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from toy_study import ADD, Numbers, Toy
 
-from pipeline.engine.fingerprint import fingerprint, source_hashes
+from pipeline.engine import fingerprint as engine
+from pipeline.engine.fingerprint import fingerprint, remembered_sources, source_hashes
 
 FILES = {
     "__init__.py": "",
@@ -73,6 +74,35 @@ def test_only_what_can_change_a_value_changes_a_hash(
     edit(package / file, text_before, text_after)
     differing = {name for name, digest in source_hashes(root).items() if digest != hashes_before.get(name)}
     assert differing == ({f"{package.name}/{file}"} if changes else set())
+
+
+def test_what_a_run_has_read_is_remembered_by_content_and_rules(
+    package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, near = f"{package.name}.root", f"{package.name}/near.py"
+    memory = tmp_path / "runs" / "sources.json"
+
+    def hashes() -> dict[str, str]:
+        """As a new process has them."""
+        monkeypatch.setattr(engine, "_read_sources", {})
+        engine._source.cache_clear()
+        with remembered_sources(memory):
+            return source_hashes(root)
+
+    original = hashes()
+    assert hashes() == original == source_hashes(root)
+    content = json.loads(memory.read_text())
+    (key,) = [key for key, (digest, _) in content["sources"].items() if digest == original[near]]
+    content["sources"][key][0] = "remembered"
+    memory.write_text(json.dumps(content))
+    assert hashes() == original | {near: "remembered"}
+    edit(package / "near.py", "return 2 * x", "return 3 * x")
+    assert hashes()[near] not in {"remembered", original[near]}
+    edit(package / "near.py", "return 3 * x", "return 2 * x")
+    memory.write_text(json.dumps(content | {"rules": "of another version"}))
+    assert hashes() == original
+    memory.write_text("no JSON")
+    assert hashes() == original
 
 
 def test_a_module_that_is_nowhere_is_a_mistake() -> None:

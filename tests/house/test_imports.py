@@ -1,6 +1,7 @@
 """The direction of imports, by the contracts of pyproject.toml, and what the mechanics and the engine may know."""
 
 import re
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -52,6 +53,15 @@ def test_the_model_reads_no_file_and_no_setting(graph: grimp.ImportGraph) -> Non
     guilty = {module: graph.find_modules_directly_imported_by(module) & FILES_AND_SETTINGS for module in model}
     assert not {module: names for module, names in guilty.items() if names}
     assert graph.find_modules_directly_imported_by(compiler) & FILES_AND_SETTINGS
+
+
+def test_a_report_loads_no_library_of_other_stages() -> None:
+    program = "import sys, pipeline.cli.running, stages.report; stages.report.library(); print(*sys.modules)"
+    modules = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert {"scipy", "matplotlib.figure", "stages.hysteresis"} <= set(modules.split())
+    assert not {"scipy.stats", "scipy.optimize", "scipy.sparse", "skfem", "meshio"} & set(modules.split())
 
 
 def test_the_engine_knows_no_word_of_mechanics() -> None:

@@ -127,10 +127,12 @@ from matplotlib.figure import Figure
 from pipeline.report.drawing import Drawing
 from pipeline.report.sections import Section
 KINEMATIC = "clearance/kinematic"
-def drawings(frames):
+def drawn(kinematic):
     figure = Figure()
-    figure.subplots().plot(frames.tables[KINEMATIC]["crank_deg"], frames.tables[KINEMATIC]["backlash_arcmin"], "o")
-    yield Drawing("rigid_play", "Play of rigid bodies", "Of every sample.", figure)
+    figure.subplots().plot(kinematic["crank_deg"], kinematic["backlash_arcmin"], "o")
+    return figure
+def drawings(frames):
+    yield Drawing("rigid_play", "Play of rigid bodies", "Of every sample.", lambda: drawn(frames.tables[KINEMATIC]))
 SECTION = Section(
     name="play", title="Play <rigid>", rank=75, tables=(KINEMATIC,), drawings=drawings,
     template='''{% from "macros.html" import figure with context %}

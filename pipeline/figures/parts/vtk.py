@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +29,8 @@ def write_vtk(
     ValueError
         A field does not hold one value a node.
     """
+    import meshio  # slow to import, and few runs mesh
+
     for name, field in point_data.items():
         if np.shape(field) != nodes.shape:
             raise ValueError(f"field {name} has shape {np.shape(field)}; must be {nodes.shape}, one value a node")

@@ -1,7 +1,7 @@
 """Poses to start a load step from where no bearing holds the disks: rigid bodies' forces, and what they deflect."""
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy  # its functions are slow to import: they are when they are called
 
 from pipeline.model.equilibrium.solve import ElasticReducer
 from pipeline.model.geometry.cycloid_profile import Real
@@ -28,7 +28,7 @@ def loaded_poses(elastic: ElasticReducer, gap: Real, pose: Real, torque: float) 
     for k, slack in enumerate(gap - pose @ jacobian.T):
         stopping = np.flatnonzero(slack < TOUCHING)
         if len(stopping):
-            force[k, stopping], _ = nnls((jacobian[stopping] * scale).T, load * scale)
+            force[k, stopping], _ = scipy.optimize.nnls((jacobian[stopping] * scale).T, load * scale)
     depth = elastic.laws.deflection(force) + force @ elastic.compliance
     for k, carries in enumerate(force > 0):
         start[k] += np.linalg.lstsq(jacobian[carries], depth[k, carries], rcond=None)[0]

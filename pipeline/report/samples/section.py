@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.figures.samples.sample_convergence import sample_convergence_figure
@@ -73,5 +74,11 @@ def sample_drawings(frames: Frames) -> Iterator[Drawing]:
         f"Each estimate from the first samples alone, {frames.over} value over the turn; bands are "
         f"{plain(100 * frames.study.metrics.confidence)} % intervals, drawn where both ends are determined{dotted}. "
         "A curve wanders within its band, since each point holds the samples of those before it.",
-        sample_convergence_figure(rows, frames.limits, ALL_LIMITS, stop_rule.yield_half_width if stop_rule else None),
+        partial(
+            sample_convergence_figure,
+            rows,
+            frames.limits,
+            ALL_LIMITS,
+            stop_rule.yield_half_width if stop_rule else None,
+        ),
     )

@@ -68,7 +68,7 @@ class Section:
         ``macros.html``.
     values : what else the template is told, by name.
     applies : whether the page has the section at all.
-    drawings : its figures, one after the other, so that each can be written and forgotten.
+    drawings : its figures, each drawn when it is asked for, so that it can be written by another process and forgotten.
     tables : "stage/table" of those tables that it reads, whole, from ``Frames.tables``.
     """
 

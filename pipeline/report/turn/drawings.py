@@ -1,6 +1,7 @@
 """The figures of the section: which rows each one draws, and what its caption says."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -68,7 +69,7 @@ def _transmission(frames: Frames) -> Drawing:
         "Transmission error over a turn of the crank",
         f"Angle of the output less that of the nominal ratio, about its mean: {frames.owner(label)} in both senses"
         f"{', and the spread of the samples in the sense +' if spreads else ''}.",
-        transmission_figure(panels, spreads),
+        partial(transmission_figure, panels, spreads),
     )
 
 
@@ -89,7 +90,7 @@ def _orders(frames: Frames) -> Drawing:
         "Orders of the transmission error",
         f"Amplitude of the waves per turn of the crank, both senses.{at_pins} Orders beyond {lowest} fold back onto "
         "these under load, for the loaded angles do not tell them apart.",
-        orders_figure(panels),
+        partial(orders_figure, panels),
     )
 
 
@@ -113,7 +114,7 @@ def _forces(frames: Frames) -> Drawing:
         f"{UNBALANCED if frames.units['bearing_force_peak_N'].isna().all() else ''}."
         f"{TILT if frames.study.design.disk.count > 1 else ''} "
         f"Right: contact force of one pin of {frames.owner(label)}; it carries in one half of the turn in each sense.",
-        turn_forces_figure(rows[rows["sample"] == sample], spread, of_pin, bearing),
+        partial(turn_forces_figure, rows[rows["sample"] == sample], spread, of_pin, bearing),
     )
 
 

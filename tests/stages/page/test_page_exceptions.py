@@ -175,6 +175,6 @@ def test_listed_cases_are_told_case_by_case_and_not_as_a_distribution(page_runs,
     assert "Which tolerance decides" not in text
     names = {drawing.name: drawing for drawing in drawings(frames)}
     assert "distributions" not in names
-    labels = [artist.get_label() for artist in names["hysteresis"].figure.axes[0].lines]
+    labels = [artist.get_label() for artist in names["hysteresis"].figure().axes[0].lines]
     assert labels[:2] == ["tight", "loose"]
     assert "output rollers at 0.36 N m" in names["output_loads"].title

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy  # its functions are slow to import: they are when they are called
 
 from pipeline.model.geometry.cycloid_profile import Index, Real
 
@@ -31,7 +31,8 @@ def _program(objective: Real, rows: Real, limits: Real, radii: Real) -> np.ndarr
         "primal_feasibility_tolerance": PROGRAM_TOLERANCE,
         "dual_feasibility_tolerance": PROGRAM_TOLERANCE,
     }
-    solution = linprog(-objective, A_ub=rows, b_ub=limits, bounds=bounds, method="highs", options=options)
+    linear_program = scipy.optimize.linprog  # loaded when it is first asked for
+    solution = linear_program(-objective, A_ub=rows, b_ub=limits, bounds=bounds, method="highs", options=options)
     if solution.status == 2:
         return None
     if solution.status != 0:

@@ -6,7 +6,7 @@ every program starts from the same one, and its answer does not depend on the ot
 """
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy  # its functions are slow to import: they are when they are called
 
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.cycloid_profile import Index, Real
@@ -97,7 +97,7 @@ def optimal_points(objective: Real, rows: Real, limits: Real) -> tuple[Real, np.
 
 def _dual_feasible(objective: Real, rows: Real) -> tuple[Index, Real]:
     """Rows (n_unknowns,) of a basis whose weights >= 0 make the objective, and the weights."""
-    weights, misfit = nnls(rows.T, objective)
+    weights, misfit = scipy.optimize.nnls(rows.T, objective)
     if misfit > 1e-9 * np.linalg.norm(objective):
         raise ArithmeticError("a linear program is unbounded: no contact stops a motion")
     basis = np.flatnonzero(weights > 0).tolist()

@@ -1,6 +1,7 @@
 """Which errors drive the metrics."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
                 f"Which tolerance drives the {METRICS[metric].inline}",
                 f"Worst over the turn. Lines: {level} % intervals. Empty bars, numbers in brackets: not determined, "
                 "the interval is as wide as the index.",
-                sensitivity_figure(rows),
+                partial(sensitivity_figure, rows),
             )
 
 

@@ -1,6 +1,7 @@
 """The metrics over the samples, or of each listed case, with their limits."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def _distributions(frames: Frames, metrics: list[str]) -> Drawing:
         f"{frames.over.capitalize()} value of each of {counted(len(frames.over_turn), 'sample')} over the turn. "
         f"Below each histogram: 5 % quantile, mean and 95 % quantile with their {level} % intervals; an arrowhead "
         "marks an end that the samples do not determine. Beyond the limit the ground is shaded.",
-        distributions_figure(frames.over_turn[metrics], worst, frames.limits, nominal),
+        partial(distributions_figure, frames.over_turn[metrics], worst, frames.limits, nominal),
     )
 
 
@@ -66,7 +67,7 @@ def _units(frames: Frames) -> Iterator[Drawing]:
         f"The first {counted(len(units), 'unit')}: their values over the turn, and their loops at crank angle "
         f"{plain(frames.crank_deg)}°. Point at a unit, or go from unit to unit with the arrow keys, to see its loop "
         "and the forces on its pins (filled points).",
-        units_figure(pair, units[pair].to_numpy(), frames.limits, torque, angles),
+        partial(units_figure, pair, units[pair].to_numpy(), frames.limits, torque, angles),
     )
 
 
@@ -77,7 +78,7 @@ def _cranks(frames: Frames, metrics: list[str]) -> Drawing:
         "The metrics over the turn of the crank",
         "Mean and band of 90 % of the samples at each loaded crank angle, and the nominal reducer. A unit's worst lies "
         "beyond the band of a single angle: it is the worst of them all.",
-        crank_figure(by_crank, frames.nominal, metrics, frames.limits),
+        partial(crank_figure, by_crank, frames.nominal, metrics, frames.limits),
     )
 
 

@@ -1,6 +1,7 @@
 """Torsion angle against torque."""
 
 from collections.abc import Iterator
+from functools import partial
 
 from pipeline import assembly
 from pipeline.figures.loads.hysteresis import hysteresis_figure
@@ -19,8 +20,11 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
         f"At crank angle {plain(frames.crank_deg)}°, input held; marked are the definitions of the metrics. Without "
         "friction loading and unloading coincide outside the free play."
         f"{centre}{band_sentence(frames, spreads)}",
-        hysteresis_figure(
-            loop_traces(frames), spreads["angle_arcmin"] if spreads else None, assembly.definitions(frames.study)
+        partial(
+            hysteresis_figure,
+            loop_traces(frames),
+            spreads["angle_arcmin"] if spreads else None,
+            assembly.definitions(frames.study),
         ),
     )
 

@@ -1,6 +1,7 @@
 """How the contacts carry the load: clearances, spring laws, forces and what yields."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,8 @@ def _springs(frames: Frames) -> Drawing:
         "Spring laws",
         "Local deformation and tangent stiffness of single contacts, beyond their clearance. What the disk yields as a "
         "whole comes on top. Dashed: beyond the law's range its tangent goes on.",
-        spring_laws_figure(
+        partial(
+            spring_laws_figure,
             frames.at_crank(frames.laws),
             frames.at_crank(frames.contacts),
             output.words.contact,
@@ -57,7 +59,7 @@ def _clearances(frames: Frames) -> Drawing:
         "Clearance between disk and pins",
         f"At crank angle {plain(frames.crank_deg)}°, before any load. Equal errors of the pins do not give equal "
         f"clearances. Negative values are interference.{band_sentence(frames, spread)}",
-        pin_clearances_figure(traces, spread),
+        partial(pin_clearances_figure, traces, spread),
     )
 
 
@@ -80,7 +82,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         f"Clearance and approach at {plain(low)} N m",
         f"At crank angle {crank}° and {plain(study.metrics.lost_motion_percent)} % of the rated torque. A pin carries "
         "load where the bodies approach each other by more than its clearance.",
-        dead_zones_figure(of_pins),
+        partial(dead_zones_figure, of_pins),
     )
     contacts, of_disk = frames.at_crank(frames.contacts), disk_words(study.design)
     if len(selected) > 1:
@@ -93,7 +95,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         "pin_loads",
         f"Contact forces and deformations of the pins {condition}",
         f"At crank angle {crank}°{of_disk}. The deformation is that of the contact and of the disk under it.",
-        pin_loads_figure({name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
+        partial(pin_loads_figure, {name: rows[rows["contact"] < pins] for name, rows in traces.items()}, rising),
     )
     words = study.design.output.words
     if study.design.output.contacts == 0:
@@ -102,7 +104,7 @@ def _loads(frames: Frames) -> Iterator[Drawing]:
         "output_loads",
         f"Forces on the {words.contact}s {condition}",
         f"At crank angle {crank}°{of_disk}; {words.loads}",
-        output_loads_figure(traces, contacts[contacts["disk"] <= 0], words.station, rising, words.rows),
+        partial(output_loads_figure, traces, contacts[contacts["disk"] <= 0], words.station, rising, words.rows),
     )
 
 
@@ -126,7 +128,7 @@ def _bearing(frames: Frames) -> Drawing:
         "Displacement of the disk" + ("" if design.output.carries_disks else " on the input bearing"),
         f"At crank angle {plain(frames.crank_deg)}°{disk_words(design)}, in the housing's directions; the "
         f"eccentric points along {_direction(frames.crank_deg)}.{band_sentence(frames, spreads)}",
-        bearing_figure(loop_traces(frames), spreads),
+        partial(bearing_figure, loop_traces(frames), spreads),
     )
 
 

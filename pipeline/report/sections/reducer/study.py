@@ -1,6 +1,7 @@
 """The reducer and the settings of the study."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,8 @@ def _reducer(frames: Frames) -> Drawing:
         "reducer",
         f"Numbers of pins and {words.contact}s",
         f"Pins are counted clockwise from the direction of the eccentric at crank angle 0. {words.drawing}",
-        reducer_figure(
+        partial(
+            reducer_figure,
             frames.at_crank(frames.contacts),
             [outline for _, outline in panels] or [flank_outline(design, crank)],
             crank,
@@ -85,7 +87,7 @@ def _flank(frames: Frames) -> Drawing:
         f"What the drawn flank leaves to nominal pins before any take-up, {flank_fact(design)}; crank angle of the "
         f"pins {plain(frames.crank_deg)}°. First order fails at the roots, where the centre of curvature of the flank "
         "is close to the pin's.",
-        nominal_gap_figure(nominal_gap_curve(design), nominal_gaps(design, frames.crank_deg), lobes_differ),
+        partial(nominal_gap_figure, nominal_gap_curve(design), nominal_gaps(design, frames.crank_deg), lobes_differ),
     )
 
 
