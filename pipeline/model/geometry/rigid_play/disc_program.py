@@ -31,7 +31,7 @@ def _program(objective: Real, rows: Real, limits: Real, radii: Real) -> np.ndarr
         "primal_feasibility_tolerance": PROGRAM_TOLERANCE,
         "dual_feasibility_tolerance": PROGRAM_TOLERANCE,
     }
-    linear_program = scipy.optimize.linprog  # loaded when it is first asked for
+    linear_program = scipy.optimize.linprog
     solution = linear_program(-objective, A_ub=rows, b_ub=limits, bounds=bounds, method="highs", options=options)
     if solution.status == 2:
         return None
