@@ -30,8 +30,9 @@ from pipeline.identification.measurement.repeated_branches import (
 
 Real = NDArray[np.float64]
 
-SHARED = 0.05
-"""Chance at which repeats without anything in common are taken to have something."""
+SHARED = 0.01
+"""Chance at which repeats without anything in common are taken to have something: every verdict rests on the floor, and
+2 % of units without an effect may be judged wrongly at most."""
 
 
 class Floor(NamedTuple):
