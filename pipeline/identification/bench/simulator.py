@@ -7,6 +7,7 @@ made of it, not itself.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +89,17 @@ class Course:
 
     def without_states(self) -> Course:
         """The course with all its legs in the drive's first state."""
-        return Course(**{**vars(self), "state": np.zeros_like(self.state)})
+        return replace(self, state=np.zeros_like(self.state))
+
+    @cached_property
+    def states(self) -> tuple[int, ...]:
+        """Numbers of the states of its legs, ascending."""
+        return tuple(np.unique(self.state).tolist())
+
+    @cached_property
+    def sense(self) -> Whole:
+        """Of each leg (n_turns - 1,): 1 where the torque rises, -1 where it falls."""
+        return np.where(np.diff(self.torque) > 0, 1, -1)
 
 
 @dataclass(frozen=True)
@@ -136,6 +147,7 @@ class Forward:
         top = max(float(np.max(np.abs(course.torque))) for course in courses) if largest is None else largest
         self.shares = torque_levels(LEVELS, BEYOND * top * NMM_PER_NM / rated_torque)
         self._kept: dict[tuple, tuple[Drive, Backbone]] = {}
+        self._latest: tuple[Drive | None, Backbone | None] = None, None
 
     def backbone(self, drive: Drive) -> Backbone:
         """The frictionless curve of a drive, without its torsion.
@@ -143,6 +155,9 @@ class Forward:
         A compliance is told by its place in memory, which the drive that is kept holds: its content takes longer to
         look up than many a fit's step.
         """
+        latest_drive, latest_curve = self._latest
+        if drive is latest_drive and latest_curve is not None:
+            return latest_curve
         key = (
             drive.reducer.contact_jacobian.tobytes(),
             drive.gap.tobytes(),
@@ -155,6 +170,7 @@ class Forward:
             if len(self._kept) > KEPT_CURVES * len(self.courses):
                 self._kept.clear()
             self._kept[key] = drive, backbone(drive.without_twist, self.shares)
+        self._latest = drive, self._kept[key][1]
         return self._kept[key][1]
 
     def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:
@@ -162,7 +178,8 @@ class Forward:
         course = self.courses[position]
         curve = self.backbone(drive)
         torque, edges = instrument.true_torque(course.torque), instrument.true_torque(course.at)
-        sound = float(np.mean(curve.states.residual > UNSOUND)) <= UNSOUND_SHARE
+        unsound = int(np.count_nonzero(curve.states.residual > UNSOUND))
+        sound = unsound <= UNSOUND_SHARE * curve.states.residual.size
         if len(drive.sliders.acting) or instrument.ripple.amplitude:
             path, leg_path = self._along(drive, course, curve, instrument.ripple, torque, edges)
             sound = sound and leg_path
@@ -186,13 +203,13 @@ class Forward:
         nodes, sound = curve.torque, True
         mean, slope, at_turns = np.empty((2, len(edges))), np.empty((2, len(edges))), torque.copy()
         path = LoadPath(mean[0], slope[0], mean[1], at_turns)
-        repeated_torque, sense = np.arange(len(torque) - 1), np.where(np.diff(torque) > 0, 1, -1)
+        repeated_torque = np.arange(len(torque) - 1)
         if drive.sliders.at_contacts and drive.lean:
             return path, False  # not solved together
         if drive.sliders.at_contacts:
             repeated_torque = _repeats(torque)
             steps, turns = _steps(torque[: repeated_torque.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
-        for state in np.unique(course.state):
+        for state in course.states:
             stiffer = drive.stiffening(state)
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
@@ -206,7 +223,7 @@ class Forward:
                 corners, turns = output_path(torque, leaning * stiffer * nodes, elastic_angle, sliders, ripple)
                 corners[2] /= leaning
             followed = course.state == state
-            ends = np.column_stack([turns[repeated_torque], turns[repeated_torque + 1], sense])
+            ends = np.column_stack([turns[repeated_torque], turns[repeated_torque + 1], course.sense])
             at_turns[1:][followed] = corners[2, ends[followed, 1]]
             at_turns[:-1][followed] = corners[2, ends[followed, 0]]
             means_along(edges, course.leg, corners, ends, followed, mean, slope)

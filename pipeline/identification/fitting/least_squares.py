@@ -20,6 +20,9 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-6
 """Levenberg's damping at the start and at least, relative to the diagonal."""
 EASED, STIFFENED = 5.0, 8.0
 """Factors of the damping after a step that falls, and after one that does not."""
+TRUSTED = 0.25
+"""Share of the fall that derivatives promise from which the damping is eased (Fletcher, AERE report R 6799, 1971).
+Where contacts open and close, derivatives hold for short steps alone, and a longer one would be tried in vain."""
 SMALL = 1e-6
 """Mean square of a cell, in noise, that only rounding leaves."""
 TRIES = 6
@@ -146,7 +149,8 @@ class Descent:
         free = self.now.free(gradient)
         for _ in range(TRIES):
             step = damped_step(hessian, gradient, free, self.damping, self.now.room)
-            if step @ (2 * gradient - hessian @ step) < self.little:
+            expected_fall = step @ (2 * gradient - hessian @ step)
+            if expected_fall < self.little:
                 return 0.0
             trial = self.now.like(self.now.flat + step)
             trial_prediction = self._predicted(trial)
@@ -155,7 +159,8 @@ class Descent:
             if np.isfinite(cost) and cost < self.cost:
                 fall = self.cost - cost
                 self.now, self.at, self.misfit, self.cost = trial, trial_prediction, misfit, cost
-                self.damping = max(self.damping / EASED, LEAST_DAMPING)
+                if fall > TRUSTED * expected_fall:
+                    self.damping = max(self.damping / EASED, LEAST_DAMPING)
                 return fall
             self.damping *= STIFFENED
         return 0.0
@@ -194,7 +199,7 @@ def damped_step(hessian: Real, gradient: Real, free: Truth, damping: float, room
     scaled = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1e-12))
     while np.any(free):
         right = gradient[free] - scaled[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.lstsq(scaled[np.ix_(free, free)], right, rcond=None)[0]
+        step[free] = np.linalg.solve(scaled[np.ix_(free, free)], right)
         clipped = np.clip(step, *room)
         at_bound = free & (clipped != step)
         step = clipped

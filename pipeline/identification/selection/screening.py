@@ -182,7 +182,7 @@ class Screening:
         steps = np.array([step for step, _ in secants])
         changes = np.column_stack([change for _, change in secants])
         free = changes - self.basis @ (self.basis.T @ changes)
-        amounts = lsq_linear(free, self.free(self.left), (0.0, REACH)).x
+        amounts = lsq_linear(free, self.free(self.left), (0.0, REACH), method="bvls").x
         shares = shape.copy()
         shares[grows] = np.clip(shape[grows] + amounts * steps, 0.0, 1.0)
         residual = self.left - changes @ amounts
