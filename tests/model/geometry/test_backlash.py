@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reducers import ARCMIN, PAPER, SMALL, reducer_at
 from scipy.optimize import linprog
 
-from pipeline.model.geometry.rigid_play import disc_program
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
 
 PLATES = pytest.mark.parametrize("floats", [False, True], ids=["rotates", "floats"])
@@ -24,7 +24,7 @@ def _few_programs(monkeypatch):
         assert len(program_counts) < 1000, "the cuts of the bearing's disc do not end"
         return linprog(*arguments, **options)
 
-    monkeypatch.setattr(disc_program, "linprog", counted)
+    monkeypatch.setattr(scipy.optimize, "linprog", counted)
 
 
 def random_gaps(reducer, n, seed, low=1e-3, high=12e-3):
@@ -186,7 +186,7 @@ def test_an_interference_that_the_disk_cannot_relieve_takes_few_programs(floats,
         calls.append(1)
         return linprog(*arguments, **options)
 
-    monkeypatch.setattr(disc_program, "linprog", counted)
+    monkeypatch.setattr(scipy.optimize, "linprog", counted)
     for seed, clearance in enumerate([0.3e-3, 3e-3, 30e-3]):
         gap = random_gaps(reducer, 1, seed) - np.where(parts(reducer)[2], 20e-3, 0.0)
         play = general_play(reducer, gap, np.array([clearance]))
