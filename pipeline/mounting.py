@@ -66,8 +66,8 @@ def _full_compliance(study: Study, reducer: Reducer, of_disks: Real | None) -> R
     """Compliance of the disks and of the bodies behind them; the array itself where these are rigid."""
     if of_disks is None:
         return np.zeros((len(reducer.contacts), len(reducer.contacts)))
-    behind = assembly.output_compliance(study.design, reducer)
-    return of_disks if behind is None else of_disks + behind
+    of_output = assembly.output_compliance(study.design, reducer)
+    return of_disks if of_output is None else of_disks + of_output
 
 
 def with_effects(drive: Drive, effects: Mapping[str, Mapping[str, float]]) -> Drive:

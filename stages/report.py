@@ -43,7 +43,7 @@ def _first_rows(job: Job, stage: str, table: str) -> pd.DataFrame:
     return pd.DataFrame(job.read_items(stage, table, 0, band_samples))
 
 
-def _kept(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:
+def _kept_contacts(job: Job, table: Table, samples: list[int]) -> pd.DataFrame:
     """Contacts of the drawn samples and of the page's single units, as far as the study keeps them."""
     keep = job.study.cycle.keep_contacts
     drawn_set = {sample for sample in samples if keep == "all" or sample in keep}
@@ -72,10 +72,10 @@ def _frames(job: Job) -> Frames:
         contacts=_table(job, "clearance", "contacts"),
         gaps=_first_rows(job, "clearance", "gaps"),
         curves=_first_rows(job, "hysteresis", "curves"),
-        loads=_kept(job, CONTACTS, drawn_set),
+        loads=_kept_contacts(job, CONTACTS, drawn_set),
         transmission=_first_rows(job, "aggregate", "transmission"),
         orders=_first_rows(job, "aggregate", "orders"),
-        turn_contacts=_kept(job, TURN_CONTACTS, drawn_set),
+        turn_contacts=_kept_contacts(job, TURN_CONTACTS, drawn_set),
         laws=_table(job, "springs", "laws"),
         mesh=size,
         tables={name: _table(job, *name.split("/")) for section in library().values() for name in section.tables},

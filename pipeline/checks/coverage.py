@@ -100,10 +100,10 @@ def coverages(
     rows = []
     for name, exact in truth.items():
         low, high = np.array([(run[name].ci_low, run[name].ci_high) for run in runs]).T
-        covered = np.asarray((low <= exact) & (exact <= high), float)
+        coverage = np.asarray((low <= exact) & (exact <= high), float)
         bounded = float(np.mean(np.isfinite(low) | np.isfinite(high)))
-        interval = share_interval(covered, CONFIDENCE)
-        rows.append(Coverage(experiment, name, count, parts, repeats, bounded, float(np.mean(covered)), *interval))
+        interval = share_interval(coverage, CONFIDENCE)
+        rows.append(Coverage(experiment, name, count, parts, repeats, bounded, float(np.mean(coverage)), *interval))
     return rows
 
 

@@ -113,14 +113,14 @@ def _end(residual: Residual, best: Real, low: Real, high: Real, k: int, bound: f
     free = np.arange(len(best)) != k
 
     def excess(log: float) -> float:
-        def rest(values: Real) -> Real:
+        def profiled(values: Real) -> Real:
             parameters = np.exp(best)
             parameters[k], parameters[free] = np.exp(log), values
             return residual(parameters)
 
         if not np.any(free):
-            return float(np.sum(rest(np.empty(0)) ** 2)) - limit
-        return float(np.sum(_solve(rest, best[free], low[free], high[free])[1] ** 2)) - limit
+            return float(np.sum(profiled(np.empty(0)) ** 2)) - limit
+        return float(np.sum(_solve(profiled, best[free], low[free], high[free])[1] ** 2)) - limit
 
     if abs(bound - best[k]) < END_TOLERANCE or excess(bound) <= 0:
         return np.nan

@@ -67,12 +67,12 @@ def describe_generic(measurement: Measurement) -> None:
 
 def compare_states(options: argparse.Namespace) -> None:
     """Say what changed between two measurements of one drive."""
-    state_before, state_after, *others = (
+    state_before, state_after, *more_states = (
         Measurement.read(load_measured_unit(name, settings.ROOT))
         for name in (options.before, options.after, *options.also)
     )
-    print("\n".join(line for state in (state_before, state_after, *others) for line in state.summary), flush=True)
-    answers = answer(state_before, state_after, others)
+    print("\n".join(line for state in (state_before, state_after, *more_states) for line in state.summary), flush=True)
+    answers = answer(state_before, state_after, more_states)
     folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     change_results.write(answers, folder)
     write_change_page(answers, folder, settings.shown(folder))

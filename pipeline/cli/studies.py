@@ -166,7 +166,7 @@ def _removed(path: Path) -> list[str]:
     try:
         remove(path)
     except OSError as error:
-        place = Path(error.filename or path)  # whole from Python 3.13 on, before it by its own name
-        name = "" if place == path else f"{place.relative_to(path) if place.is_relative_to(path) else place}: "
+        culprit = Path(error.filename or path)  # whole from Python 3.13 on, before it by its own name
+        name = "" if culprit == path else f"{culprit.relative_to(path) if culprit.is_relative_to(path) else culprit}: "
         return [f"{path}: not removed: {name}{error.strerror}; remove it yourself, then run this again"]
     return []

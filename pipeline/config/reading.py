@@ -180,7 +180,7 @@ def _at_temperature(raw: dict[str, Any], design: Design | None) -> tuple[dict[st
         temperature = Temperature.model_validate(temperatures)
     except ValidationError as error:
         wrong = problems_of(error, Temperature)
-        return remaining, design, [Mistake(f"temperature.{p.key}", p.found, p.allowed) for p in wrong]
+        return remaining, design, [Mistake(f"temperature.{p.key}", p.value, p.allowed) for p in wrong]
     if design is None:
         return remaining, design, []
     if wrong := temperature_problems(temperature, design):

@@ -168,13 +168,13 @@ def _locate(name: str) -> tuple[Path, Path | None]:
 def remembered_sources(file: Path) -> Iterator[None]:
     """Within it a source that a run before has read by the same rules is not taken apart again; ``file`` knows them."""
     rules = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
-    former = read_json(file)
-    former = former["sources"] if isinstance(former, dict) and former.get("rules") == rules else {}
-    _read_sources.update(former)
+    memory = read_json(file)
+    memory = memory["sources"] if isinstance(memory, dict) and memory.get("rules") == rules else {}
+    _read_sources.update(memory)
     try:
         yield
     finally:
-        if _read_sources.keys() - former.keys():
+        if _read_sources.keys() - memory.keys():
             file.parent.mkdir(parents=True, exist_ok=True)
             write_json(file, {"rules": rules, "sources": _read_sources})
 

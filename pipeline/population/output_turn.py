@@ -181,12 +181,12 @@ class TurnedDisk:
 
     Attributes
     ----------
-    at : the reducer at a crank angle of that phase.
+    reducer : the reducer at a crank angle of that phase.
     blocks : (n_lobes, n_rows, n_rows) [mm/N] compliance between `disk_contacts`, the slide turned back by 0, 1, ...
         lobes.
     """
 
-    at: Reducer
+    reducer: Reducer
     blocks: Real
 
     @classmethod
@@ -204,8 +204,8 @@ class TurnedDisk:
         -----
         A pin stands then where the one that many places on stood, in the pattern that has turned by as many lobes.
         """
-        n_pins, n_contacts = self.at.n_pins, len(self.at.contacts)
-        rows = assembly.disk_contacts(self.at)
+        n_pins, n_contacts = self.reducer.n_pins, len(self.reducer.contacts)
+        rows = assembly.disk_contacts(self.reducer)
         order = np.concatenate([(np.arange(n_pins) + pitches) % n_pins, np.arange(n_pins, len(rows))])
         full = np.zeros((n_contacts, n_contacts))
         full[np.ix_(rows, rows)] = self.blocks[pitches % len(self.blocks)][np.ix_(order, order)]

@@ -67,7 +67,7 @@ def quantile_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
 
 def sentence(closing: Closing) -> str:
     """What the comparison says in one sentence."""
-    if not closing.different:
+    if not closing.biased:
         return f"The units' means do not differ from the study's (p = {closing.p_value:.2g})."
     closers = [candidate for candidate in closing.candidates if candidate.closes]
     if not closers:

@@ -79,19 +79,19 @@ class Closing:
 
     Attributes
     ----------
-    different : whether the biases differ from zero, all metrics together, at the level of 5 %.
+    biased : whether the biases differ from zero, all metrics together, at the level of 5 %.
     p_value : of no bias at all.
     candidates : every tolerance that varies in the study; those that close come first, then by what they leave.
     """
 
-    different: bool
+    biased: bool
     p_value: float
     candidates: tuple[Candidate, ...]
 
     @property
     def takes_an_effect(self) -> bool:
         """Whether there is a difference that no single tolerance closes within its limits."""
-        return self.different and not any(candidate.closes for candidate in self.candidates)
+        return self.biased and not any(candidate.closes for candidate in self.candidates)
 
 
 def read_population_run(run: Path, study: Study) -> StudyPopulation:

@@ -84,8 +84,8 @@ else:
     for _dimension in dimension_library().values():
         if not (_dimension.shift or _dimension.field in _Errors.__dataclass_fields__):
             raise TypeError(f"dimension {_dimension.name} acts on nothing; give it a shift, or a gap in the model")
-    _others = [(name, Real) for name in _names if name not in _Errors.__dataclass_fields__]
-    Errors = make_dataclass("Errors", _others, bases=(_Errors,), frozen=True, namespace={"__module__": __name__})
+    _fields = [(name, Real) for name in _names if name not in _Errors.__dataclass_fields__]
+    Errors = make_dataclass("Errors", _fields, bases=(_Errors,), frozen=True, namespace={"__module__": __name__})
 
 
 class Drawn(Protocol):
@@ -147,8 +147,8 @@ def varies(study: Drawn, name: str) -> bool:
 def dimensions(study: Drawn) -> dict[str, int]:
     """Dimensions of the design of experiment that belong to each tolerance and phase, in their order."""
     library = dimension_library().values()
-    absent = [d for d in library if d.counted_where_varied and not varies(study, d.name)]
-    names = {name for dimension in absent for name in (dimension.name, dimension.phase)}
+    unvaried = [d for d in library if d.counted_where_varied and not varies(study, d.name)]
+    names = {name for dimension in unvaried for name in (dimension.name, dimension.phase)}
     return {name: count for name, count in _counts(study.design).items() if name not in names}
 
 

@@ -90,10 +90,10 @@ def curve_scatter(
         return None
     compared = len(basis) - len(np.unique(means.state))
     contrast = np.eye(len(basis)) - basis @ basis.T
-    rest, noise = contrast @ means.value, contrast * means.noise**2
-    square, of_noise = float(rest @ rest), float(np.trace(noise))
-    alike = _likeliest(means, basis, float(np.max(np.abs(abscissa))))
-    departure = contrast @ alike @ contrast
+    contrasts, noise = contrast @ means.value, contrast * means.noise**2
+    square, of_noise = float(contrasts @ contrasts), float(np.trace(noise))
+    correlation = _likeliest(means, basis, float(np.max(np.abs(abscissa))))
+    departure = contrast @ correlation @ contrast
     departure *= compared / np.trace(departure)  # of unit mean square about the mean of the groups
     size = max(square - of_noise, 0.0) / compared
     total = size * departure + noise @ contrast
@@ -108,12 +108,12 @@ def _likeliest(means: _Means, explained: Real, top: float) -> Real:
     weighted = qr(explained / means.noise[:, None])[0][:, explained.shape[1] :]
     goal, unit = weighted.T @ (means.value / means.noise), float(np.median(means.noise))
     best: tuple[float, Real] = (-np.inf, np.eye(len(means.value)))
-    for alike in _correlations(means, top):
-        spread, axes = eigh(weighted.T @ (alike / np.outer(means.noise, means.noise)) @ weighted)
+    for correlation in _correlations(means, top):
+        spread, axes = eigh(weighted.T @ (correlation / np.outer(means.noise, means.noise)) @ weighted)
         variance = 1 + (unit * SIZES[:, None]) ** 2 * np.maximum(spread, 0.0)
         likelihood = float(np.max(-0.5 * np.sum(np.log(variance) + (axes.T @ goal) ** 2 / variance, axis=1)))
         if likelihood > best[0]:
-            best = likelihood, alike
+            best = likelihood, correlation
     return best[1]
 
 
@@ -127,23 +127,23 @@ def _averaged(abscissa: Real, branch: Whole, group: Whole, values: Real, sigma: 
     pair, weight = pair.ravel(), 1 / sigma**2
     total = np.bincount(pair, weight)
     mean, middle = (np.bincount(pair, weight * column) / total for column in (values, abscissa))
-    along, off = abscissa - middle[pair], values - mean[pair]
-    slope = np.bincount(pair, weight * along * off) / np.maximum(np.bincount(pair, weight * along**2), 1e-300)
-    within = float(np.sum(weight * (off - slope[pair] * along) ** 2)) / max(len(values) - 2 * len(pairs), 1)
+    dx, dy = abscissa - middle[pair], values - mean[pair]
+    slope = np.bincount(pair, weight * dx * dy) / np.maximum(np.bincount(pair, weight * dx**2), 1e-300)
+    scatter = float(np.sum(weight * (dy - slope[pair] * dx) ** 2)) / max(len(values) - 2 * len(pairs), 1)
     shared = np.bincount(pairs[:, 0])[pairs[:, 0]] > 1
     state_of, group_of = pairs[shared].T
-    noise = np.sqrt(max(within, 1.0) / total[shared])
+    noise = np.sqrt(max(scatter, 1.0) / total[shared])
     return _Means(middle[shared], states[state_of, 0], state_of, group_of, mean[shared], noise)
 
 
 def _correlations(means: _Means, top: float) -> Iterator[Real]:
     """Correlations (n, n) of departures: of every branch by itself, then alike on all, for every reach."""
-    same = (means.group[:, None] == means.group).astype(float)
+    same_group = (means.group[:, None] == means.group).astype(float)
     distance = means.abscissa[:, None] - means.abscissa
     for reach in top * REACHES:
-        alike = same * np.exp(-0.5 * (distance / reach) ** 2)
-        yield alike * (means.branch[:, None] == means.branch)
-        yield alike
+        correlation = same_group * np.exp(-0.5 * (distance / reach) ** 2)
+        yield correlation * (means.branch[:, None] == means.branch)
+        yield correlation
 
 
 def _dummies(label: Whole) -> Real:

@@ -130,12 +130,12 @@ def turn_readings(
     }
     design, sense = study.design, np.array([1.0, -1.0])[:, None]
     ideal = sense * NMM_PER_NM * definitions(study).rigidity_high / design.output.crank_torque_ratio(design.cycloid)
-    taken = crank_torque(design.cycloid.eccentricity_mm, np.radians(angles), design.disk.count, bearing_force)
+    input_torque = crank_torque(design.cycloid.eccentricity_mm, np.radians(angles), design.disk.count, bearing_force)
     return TurnReadings(
         loaded_angle=loaded_angles,
         free_angle=np.stack([_with_rigid(study, free[:, k], rigid_ends[:, k]) for k in range(2)], axis=1),
         bearing_force=np.where(missing, np.nan, bearing_force),
-        input_share=taken / ideal,
+        input_share=input_torque / ideal,
         pressure_speed=running[PRESSURE_SPEED.name],
         shear=running[SHEAR.name],
         shear_depth=running[SHEAR_DEPTH.name],

@@ -143,7 +143,7 @@ def test_a_shifted_tolerance_is_found(study, population, name):
     tolerance = getattr(study.tolerances, name)
     shifted = with_tolerance(study, name, allowance_um=tolerance.allowance_um + shift)
     closings = closing(compared(units_of(shifted), population.metrics), population)
-    assert closings.different
+    assert closings.biased
     best = {candidate.tolerance: candidate for candidate in closings.candidates}
     assert best[name].closes
     assert best[name].shift_low_um < shift < best[name].shift_high_um

@@ -161,7 +161,7 @@ def test_a_study_asks_for_its_tails_and_the_page_tells_them(study, outputs, runs
     frames = SimpleNamespace(study=study_asked, tails=rows, limits=study_asked.limits.of_metrics)
     line = {line.name: line for line in tail_lines(frames)}[PRESSURE]
     share = rows[(rows["metric"] == PRESSURE) & (rows["statistic"] == "beyond")].iloc[0]
-    assert line.beyond.value == f"{1e6 * share['value']:,.0f}"
+    assert line.exceedance.value == f"{1e6 * share['value']:,.0f}"
     assert line.limit == "≤ 4,000"
     capsys.readouterr()
     assert cli.main(["tails", "--study", "quick", "--units", "100", "--solve", "1000"]) == 2

@@ -101,7 +101,7 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
         padded = np.concatenate([values, np.zeros((len(basis) - len(values), *values.shape[1:]))])
         return padded - basis @ (basis.T @ padded)
 
-    def moved(shares: Real) -> Real:
+    def secant(shares: Real) -> Real:
         angle = fitter.predict(model, replace(base.unknowns, shares=shares)).angle
         return free(fitter.centred(np.nan_to_num(angle - base_angle), weight) / data.sigma)
 
@@ -110,11 +110,11 @@ def _look(fitter: Fitter, base: Fit, candidate: Candidate) -> tuple[float, Real]
     goal, best = free(residual), (np.inf, zero)
     for shape, step in product(SHAPES if not np.all(grows) else SHAPES[:1], STEPS):
         trial_shape = np.where(grows, zero, shape)
-        columns = np.column_stack([moved(trial_shape + step * direction) for direction in np.eye(len(bounds))[grows]])
+        columns = np.column_stack([secant(trial_shape + step * direction) for direction in np.eye(len(bounds))[grows]])
         amounts = np.linalg.lstsq(columns, goal, rcond=None)[0]
         shares = trial_shape.copy()
         shares[grows] = np.clip(zero[grows] + step * amounts, 0, 1)
-        misfit = float(np.sum((goal - moved(shares)) ** 2))
+        misfit = float(np.sum((goal - secant(shares)) ** 2))
         if misfit < best[0]:
             best = misfit, shares
     return best

@@ -34,34 +34,34 @@ class Rate:
     ----------
     name : what is counted.
     sizes : of the effects, or "all".
-    passed, of : counts.
-    needed : least rate that is asked for, or NaN.
+    passed, trials : counts.
+    least : least rate that is asked for, or NaN.
     """
 
     name: str
     sizes: str
     passed: int
-    of: int
-    needed: float = float("nan")
+    trials: int
+    least: float = float("nan")
 
     @property
     def rate(self) -> float:
-        return self.passed / self.of if self.of else float("nan")
+        return self.passed / self.trials if self.trials else float("nan")
 
     @property
     def bound(self) -> float:
         """The rate is larger with a confidence of 95 % (Clopper and Pearson)."""
-        return lower_bound(self.passed, self.of)
+        return lower_bound(self.passed, self.trials)
 
     @property
     def upper_bound(self) -> float:
         """The rate is smaller with a confidence of 95 % (Clopper and Pearson)."""
-        return 1.0 - lower_bound(self.of - self.passed, self.of)
+        return 1.0 - lower_bound(self.trials - self.passed, self.trials)
 
     @property
     def met(self) -> bool | None:
         """Whether the rate itself reaches what is asked for; None where nothing is, or there are no cases."""
-        return None if np.isnan(self.needed) or not self.of else self.rate >= self.needed
+        return None if np.isnan(self.least) or not self.trials else self.rate >= self.least
 
 
 def lower_bound(successes: int, trials: int, level: float = LEVEL) -> float:
@@ -153,11 +153,11 @@ def write_rates(path: Path, rates: Sequence[Rate]) -> None:
     """rates.csv."""
     lines = ["rate,size_over_noise,passed,of,share,lower_bound_95,upper_bound_95,needed,met"]
     for rate in rates:
-        required = "" if np.isnan(rate.needed) else f"{rate.needed:g}"
+        required = "" if np.isnan(rate.least) else f"{rate.least:g}"
         outcome = "" if rate.met is None else str(rate.met).lower()
-        share = "" if not rate.of else f"{rate.rate:.4f}"
+        share = "" if not rate.trials else f"{rate.rate:.4f}"
         bounds = f"{rate.bound:.4f},{rate.upper_bound:.4f}"
-        lines.append(f'"{rate.name}",{rate.sizes},{rate.passed},{rate.of},{share},{bounds},{required},{outcome}')
+        lines.append(f'"{rate.name}",{rate.sizes},{rate.passed},{rate.trials},{share},{bounds},{required},{outcome}')
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 

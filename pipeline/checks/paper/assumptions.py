@@ -43,7 +43,7 @@ class Assumption:
     Attributes
     ----------
     remesh : whether the condensed disk changes with it.
-    added : numbers that are fitted besides the calibrated ones.
+    freed : numbers that are fitted besides the calibrated ones.
     tied : what follows from the fitted numbers, from study to study; None: nothing.
     plate : compliance of plate and output under their rollers over the disk's.
     backlash_percent : of the rated torque, where the backlash is read; 0 is the limit of no torque.
@@ -52,7 +52,7 @@ class Assumption:
     name: str
     study: Study
     remesh: bool = False
-    added: tuple[FittedNumber, ...] = ()
+    freed: tuple[FittedNumber, ...] = ()
     tied: Callable[[Study], Study] | None = None
     plate: float = 0.0
     backlash_percent: float = 0.0
@@ -174,10 +174,10 @@ def _on_first_slide(study: Study) -> Study:
 
 def _softer(study: Study) -> Iterator[Assumption]:
     for name, key, lower, upper in FREED:
-        yield Assumption(f"{name} fitted besides", study, added=(FittedNumber(key, lower, upper),))
+        yield Assumption(f"{name} fitted besides", study, freed=(FittedNumber(key, lower, upper),))
     for name, effect, value, start, lower, upper in FREED_EFFECTS:
-        added = FittedNumber(f"effects.{effect}.{value}", lower, upper)
-        yield Assumption(f"{name} fitted besides", _affected(study, {effect: {value: start}}), added=(added,))
+        freed = FittedNumber(f"effects.{effect}.{value}", lower, upper)
+        yield Assumption(f"{name} fitted besides", _affected(study, {effect: {value: start}}), freed=(freed,))
     for name, plate in PLATES:
         yield Assumption(f"plate and output {name} as the disk", study, plate=plate)
 

@@ -92,7 +92,7 @@ def refit(
     """
     body = condensed(change.study) if change.remesh else disk
     body = with_elastic_plate(change.study, body, change.plate) if change.plate else body
-    free = (*parameters, *change.added)
+    free = (*parameters, *change.freed)
     keys = [parameter.key for parameter in free]
     lower, upper = np.array([bounded.lower for bounded in free]), np.array([bounded.upper for bounded in free])
 

@@ -25,13 +25,13 @@ class FigureStatement:
     ----------
     figure : number of the paper's figure.
     text : the statement.
-    found : what the run shows.
+    observation : what the run shows.
     agrees : whether that is what the text states.
     """
 
     figure: str
     text: str
-    found: str
+    observation: str
     agrees: bool
 
 

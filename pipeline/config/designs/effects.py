@@ -61,7 +61,7 @@ def study_effect_problems(effects: Effects, disks: int) -> Iterator[Mistake]:
     if {"contact_friction", "directional_load_friction"} <= set(effects):
         allowed = "is not solved beside contact_friction; delete one of both from the design of the study"
         yield Mistake("design.effects.directional_load_friction", None, allowed)
-    absent = {
+    reasons = {
         TIME: "a study's load cycle has no time",
         TEMPERATURE: "a study is at the temperature of the drawing, where it changes nothing",
     }
@@ -72,6 +72,6 @@ def study_effect_problems(effects: Effects, disks: int) -> Iterator[Mistake]:
         if effect.of_one_disk and disks > 1:
             allowed = f"is solved for one disk, not for {disks}; delete it from the design of the study"
             yield Mistake(f"design.effects.{name}", None, allowed)
-        for need, reason in absent.items():
+        for need, reason in reasons.items():
             if need in effect.needs:
                 yield Mistake(f"design.effects.{name}", None, f"{reason}; delete it from the design of the study")

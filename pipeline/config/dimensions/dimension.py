@@ -61,12 +61,12 @@ class Need:
 
     Attributes
     ----------
-    of : whether a design has it.
-    told : in words, after "needs".
+    condition : whether a design has it.
+    wording : in words, after "needs".
     """
 
-    of: Callable[[Design], bool]
-    told: str
+    condition: Callable[[Design], bool]
+    wording: str
 
 
 PINS_IN_HOLES = Need(lambda design: design.output.pins_in_holes > 0, 'pins in holes, mechanism = "pin_in_hole"')
@@ -138,12 +138,12 @@ class Dimension:
         disks = design.disk.count if self.of_disk else 1
         per_disk = self.elements.count(design) if self.elements else 1
         in_range = self.fewest_disks <= design.disk.count <= self.most_disks
-        return disks * per_disk if in_range and (self.need is None or self.need.of(design)) else 0
+        return disks * per_disk if in_range and (self.need is None or self.need.condition(design)) else 0
 
     def refusal(self, design: Design) -> str:
         """Why a reducer cannot have a deviation."""
-        if self.need and not self.need.of(design):
-            return f"acts on nothing: it needs {self.need.told}; delete it"
+        if self.need and not self.need.condition(design):
+            return f"acts on nothing: it needs {self.need.wording}; delete it"
         disks = f"[disk] count = {design.disk.count}"
         if design.disk.count > self.most_disks:
             return f"is not solved with {disks}; delete it"

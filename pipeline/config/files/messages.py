@@ -42,7 +42,7 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Mistake]
         if earlier_problem and problem.allowed not in earlier_problem.allowed:
             problem = Mistake(
                 earlier_problem.key,
-                earlier_problem.found,
+                earlier_problem.value,
                 f"{earlier_problem.allowed}, or {problem.allowed.removeprefix('must be ')}",
             )
         problems[problem.key] = problem

@@ -45,20 +45,20 @@ class Mistake:
     Parameters
     ----------
     key : dotted key of the value, e.g. "tolerances.pin_radial.sigma_um".
-    found : the value as it stands in the file; MISSING without the key; None where the mistake is not the value.
+    value : the value as it stands in the file; MISSING without the key; None where the mistake is not the value.
     allowed : what may stand there ("must be >= 0") and, where it is not obvious, what to do.
     """
 
     key: str
-    found: object
+    value: object
     allowed: str
 
     def line(self, file: str) -> str:
         """The problem in one line: where, what was found, what is allowed."""
-        if self.found is MISSING:
+        if self.value is MISSING:
             found_text = " is missing"
         else:
-            found_text = "" if self.found is None else f" = {shown_value(self.found)}"
+            found_text = "" if self.value is None else f" = {shown_value(self.value)}"
         return f"{file}: {self.key}{found_text}; {self.allowed}"
 
 

@@ -79,7 +79,7 @@ def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[
         except ValidationError as error:
             mistakes = problems_of(error, _Draw)
             problems += [
-                Mistake(p.key.replace("draw", key, 1).replace("_um", "_K"), p.found, p.allowed) for p in mistakes
+                Mistake(p.key.replace("draw", key, 1).replace("_um", "_K"), p.value, p.allowed) for p in mistakes
             ]
             continue
         mistakes = list(draw.draw.problems(key))
@@ -87,7 +87,7 @@ def read_draws(draws: Mapping[str, Any]) -> tuple[dict[str, Distribution], list[
             mistakes.append(
                 Mistake(f"{key}.distribution", draw.draw.name, "is of a point in a zone; take one with limits")
             )
-        problems += [Mistake(p.key.replace("_um", "_K"), p.found, p.allowed.replace("_um", "_K")) for p in mistakes]
+        problems += [Mistake(p.key.replace("_um", "_K"), p.value, p.allowed.replace("_um", "_K")) for p in mistakes]
         read[part] = draw.draw
     return read, problems
 
@@ -166,10 +166,10 @@ def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tup
         are_coupled = part.follows == thermal.parts["disk"].follows
         ends = _range(thermal, part.follows, limits)
         pairs = zip(ends_of_disk, ends, strict=True) if are_coupled else ((x, y) for x in ends_of_disk for y in ends)
-        unlike = max(abs(part.softening(y) / thermal.parts["disk"].softening(x) - 1) for x, y in pairs)
-        if share * unlike > UNLIKE_SOFTENING:
+        spread = max(abs(part.softening(y) / thermal.parts["disk"].softening(x) - 1) for x, y in pairs)
+        if share * spread > UNLIKE_SOFTENING:
             allowed = (
-                f"{name} and disk soften unlike, by up to {100 * share * unlike:.2g} % of a contact's compliance, and "
+                f"{name} and disk soften unlike, by up to {100 * share * spread:.2g} % of a contact's compliance, and "
                 f"a drawn temperature changes all moduli as the disk's; must be within {100 * UNLIKE_SOFTENING:g} %: "
                 "draw less, or state the temperatures"
             )

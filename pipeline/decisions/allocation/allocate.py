@@ -51,7 +51,7 @@ class Allocation:
     Attributes
     ----------
     study : with the new tolerances.
-    before, equal, found : the study's tolerances, all of them scaled alike to the yield, and the cheapest; None where
+    stated, equal, cheapest : the study's tolerances, all scaled alike to the yield, and those of least cost; None where
         scaling alike does not reach it.
     tradeoff : (n, 2) yields and least costs by the last linear model; missing beyond its reach.
     unmoved : tolerances that were not moved, and why.
@@ -61,9 +61,9 @@ class Allocation:
     study: Study
     target: float
     priced: tuple[Priced, ...]
-    before: Choice
+    stated: Choice
     equal: Choice | None
-    found: Choice
+    cheapest: Choice
     tradeoff: Real
     unmoved: Mapping[str, str]
     solved: int
@@ -110,9 +110,9 @@ def allocate(
         study=scaled(study, search.names, scale),
         target=target,
         priced=priced,
-        before=Choice(unscaled, search.cost(unscaled), search.check(unscaled, sets * units)),
+        stated=Choice(unscaled, search.cost(unscaled), search.check(unscaled, sets * units)),
         equal=equal,
-        found=Choice(scale, search.cost(scale), search.check(scale, sets * units)),
+        cheapest=Choice(scale, search.cost(scale), search.check(scale, sets * units)),
         tradeoff=_tradeoff(search, model),
         unmoved=unmoved,
         solved=counted,
@@ -142,6 +142,6 @@ def _tradeoff(search: Search, units: LinearUnits) -> Real:
     rows = []
     for share in YIELDS:
         best = cheapest(units, search.costs(), share, low, high)
-        is_interior = best.reached and units.passed(best.scale) < share + 0.5 * (1 - share)
+        is_interior = best.meets_yield and units.passed(best.scale) < share + 0.5 * (1 - share)
         rows.append((share, search.cost(best.scale) if is_interior else np.nan))
     return np.array(rows)

@@ -72,7 +72,7 @@ class Best:
     """Scales (n_dims,), and whether they reach the yield; if not, they come nearest to it."""
 
     scale: Real
-    reached: bool
+    meets_yield: bool
 
 
 def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, low: Real, high: Real) -> Best:
@@ -100,7 +100,7 @@ def cheapest(units: LinearUnits, costs: Sequence[CostOfScale], target: float, lo
         return float(values.mean(axis=1).sum()) / total, slope / total
 
     nearest = _nearest(units, np.clip(units.scale, low, high), target, low, high)
-    if not nearest.reached:
+    if not nearest.meets_yield:
         return nearest
     soft_target, scale, feasible = target, nearest.scale, [nearest.scale]
     for _ in range(ROUNDS):

@@ -65,10 +65,10 @@ def allocation_rows(allocation: Allocation) -> Columns:
         "width_um": limits[:, 1] - limits[:, 0],
         "was_cost": np.array([float(tolerance.at(np.array(1.0))) for tolerance in allocation.priced]),
         "cost": np.array(
-            [float(tolerance.at(f)) for tolerance, f in zip(allocation.priced, allocation.found.scale, strict=True)]
+            [float(tolerance.at(f)) for tolerance, f in zip(allocation.priced, allocation.cheapest.scale, strict=True)]
         ),
         "price_per_um": np.array(
-            [tolerance.price_per_um(f) for tolerance, f in zip(allocation.priced, allocation.found.scale, strict=True)],
+            [price.price_per_um(f) for price, f in zip(allocation.priced, allocation.cheapest.scale, strict=True)],
             float,
         ),
     }
@@ -76,7 +76,7 @@ def allocation_rows(allocation: Allocation) -> Columns:
 
 def check_rows(allocation: Allocation) -> Columns:
     """Rows of `CHECK`."""
-    choices = {"before": allocation.before, "equal": allocation.equal, "found": allocation.found}
+    choices = {"before": allocation.stated, "equal": allocation.equal, "found": allocation.cheapest}
     rows = [
         (label, metric, estimate.value, estimate.ci_low, estimate.ci_high, estimate.n, choice.cost)
         for label, choice in choices.items()
@@ -103,7 +103,7 @@ def study_text(allocation: Allocation, design: str) -> str:
     content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
     name = study_name(study)
     parse_study(content, name, f"{name}.toml", lambda _: study.design)
-    passing = allocation.found.passed
+    passing = allocation.cheapest.passed
     comment = (
         f"# The cheapest tolerances of {study.name} found for a yield of {100 * allocation.target:g} %.\n"
         f"# {passing.n} fresh units: {passing.value:.4f} ({passing.ci_low:.4f} to {passing.ci_high:.4f}).\n"

@@ -142,7 +142,7 @@ class Search:
             scale = best.scale
             if change < SETTLED:
                 break
-        if not best.reached:
+        if not best.meets_yield:
             raise InputError(self._impossible(units, scale, aim))
         return scale, units, rounds
 

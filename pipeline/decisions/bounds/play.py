@@ -30,7 +30,7 @@ class Bound:
 
     metric: str
     crank_deg: float
-    what: str
+    quantity: str
     value: float
 
 

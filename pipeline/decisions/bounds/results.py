@@ -172,7 +172,7 @@ def table_rows(bound_findings: BoundFindings) -> dict[Table, Columns]:
         + (c.means_something,)
         for c in bound_findings.capabilities
     ]
-    bounds = [(entry.metric, entry.crank_deg, entry.what, entry.value) for entry in bound_findings.bounds]
+    bounds = [(entry.metric, entry.crank_deg, entry.quantity, entry.value) for entry in bound_findings.bounds]
     rows = {
         BOUNDS: bounds,
         STACKS: bound_findings.stacks,

@@ -48,7 +48,7 @@ def forked_calls(jobs: int, patience: float = PATIENCE) -> Iterator[Call]:
         Time after which a fork that has not ended is killed [s].
     """
     forks: list[tuple[Any, Callable[..., None], tuple[Any, ...]]] = []
-    most = jobs - 1 if sys.platform == "linux" else 0
+    limit = jobs - 1 if sys.platform == "linux" else 0
 
     def finish(running: int) -> None:
         """Join forks that have ended, or all of them where none may be left running."""
@@ -64,8 +64,8 @@ def forked_calls(jobs: int, patience: float = PATIENCE) -> Iterator[Call]:
                 function(*arguments)
 
     def call(function: Callable[..., None], *arguments: Any) -> None:
-        finish(most)
-        if len(forks) >= most:
+        finish(limit)
+        if len(forks) >= limit:
             function(*arguments)
             return
         process = multiprocessing.get_context("fork").Process(target=_quietly, args=(function, *arguments), daemon=True)

@@ -216,7 +216,7 @@ def _dimensions(folder: Path, name: str, file: str, design: Design | None) -> Ca
         raise_if(problems_of(error, Case), path.name)
         raise
     problems = case_problems({0: case}, design)
-    raise_if([Mistake(p.key.removeprefix("cases[0]."), p.found, p.allowed) for p in problems], path.name)
+    raise_if([Mistake(p.key.removeprefix("cases[0]."), p.value, p.allowed) for p in problems], path.name)
     return case
 
 

@@ -104,8 +104,8 @@ def joined_terms(terms: list[FurtherTerm | None], contacts: list[int]) -> Furthe
     if len(forms) > 1:
         raise ValueError(f"contacts of one reducer follow at most one further form, not {len(forms)}")
     ((form, term),) = forms.items()
-    absent = (form(np.ones((len(term.numbers), n)), np.zeros(n), np.ones(n)) for n in contacts)
-    groups = [lacking if group is None else group for group, lacking in zip(terms, absent, strict=True)]
+    neutral_terms = (form(np.ones((len(term.numbers), n)), np.zeros(n), np.ones(n)) for n in contacts)
+    groups = [neutral if group is None else group for group, neutral in zip(terms, neutral_terms, strict=True)]
     return form(*(np.concatenate(parts, axis=-1) for parts in zip(*groups, strict=True)))
 
 
@@ -119,8 +119,8 @@ def terms_in_series(term: FurtherTerm | None, second: FurtherTerm | None) -> Fur
     """
     if term is None or second is None:
         return term or second
-    same = all(map(np.array_equal, (term.numbers, term.unit), (second.numbers, second.unit)))
-    if type(term) is not type(second) or not same:
+    equal_numbers = all(map(np.array_equal, (term.numbers, term.unit), (second.numbers, second.unit)))
+    if type(term) is not type(second) or not equal_numbers:
         raise ValueError("further terms of other numbers are no such term in series")
     return type(term)(term.numbers, term.factor + second.factor, term.unit)
 

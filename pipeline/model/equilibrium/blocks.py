@@ -23,13 +23,13 @@ class Blocks:
         belong to the last block; of one block its own.
     ranges : (n_blocks, 2) first contact of a block in that order, and the first beyond.
     compliance : (n_contacts, longest block) [mm/N] between a contact, in that order, and each of its block.
-    own : (n_contacts,) [mm/N] of a contact, in that order, under its own force.
+    self_compliance : (n_contacts,) [mm/N] of a contact, in that order, under its own force.
     """
 
     order: Index
     ranges: Index
     compliance: Real
-    own: Real
+    self_compliance: Real
 
 
 def coupled_blocks(compliance: Real) -> Blocks:

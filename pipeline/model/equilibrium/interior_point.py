@@ -46,7 +46,7 @@ def _stride(system, torque, load, gap):
             force = min(abs(torque) / arm, system.limit[i])
             force = load if np.isinf(system.limit[i]) else force
             local, _ = law(system, i, force)
-            deepest = max(deepest, local + system.own[i] * force)
+            deepest = max(deepest, local + system.self_compliance[i] * force)
     return widest + deepest
 
 

@@ -27,7 +27,7 @@ def include(system, b, work):
     """Grow the inverse of a block by the first of its active contacts that is not in it; false if not positive."""
     part = part_of(work.active, work, b)
     block_start, p = first_of(work.active, system.blocks[b]), work.sizes[b, 2]
-    inverse, held_rows, right, column = part.inverse, work.held, part.inside, work.column
+    inverse, held_rows, right, column = part.inverse, work.schur, part.inside, work.column
     active, step, jacobian = part.active, work.step, system.contact_jacobian
     i = active[p]
     row = system.compliance[i]
@@ -70,7 +70,7 @@ def include(system, b, work):
 def exclude(system, b, p, work):
     """Shrink the inverse of a block by the contact at position p of those in it; the last one takes its place."""
     part = part_of(work.active, work, b)
-    inverse, projected, held_rows, column = part.inverse, part.projected, work.held, work.column
+    inverse, projected, held_rows, column = part.inverse, part.projected, work.schur, work.column
     last_row = work.sizes[b, 2] - 1
     share = 1.0 / inverse[p, p]
     for d in range(held_rows.shape[0]):

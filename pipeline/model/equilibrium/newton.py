@@ -52,7 +52,7 @@ def activate(system, i, work):
     b = system.block[i]
     sizes, active = work.sizes[b], part_of(work.active, work, b).active
     slot = sizes[0]
-    if system.own[i] > 0.0:
+    if system.self_compliance[i] > 0.0:
         active[sizes[0]] = active[sizes[1]]
         slot = sizes[1]
         sizes[1] += 1
@@ -98,7 +98,7 @@ def _close_penetrated(system, work):
         if column[i] > OPEN and force[i] == 0.0:
             force[i] = force_at_penetration(system, i, column[i])
             activate(system, i, work)
-            if system.own[i] > 0.0:
+            if system.self_compliance[i] > 0.0:
                 add_deflection(system, i, work)
     return penetrated
 
@@ -178,7 +178,7 @@ def newton_step(system, friction, work):
     (jacobian^T H^-1 jacobian + bearing) dq = jacobian^T H^-1 miss - balance;  H dF = jacobian dq - miss. Friction adds
     its own: see ``add_friction``.
     """
-    step, tangent, balance, held_rows = work.step, work.tangent, work.balance, work.held
+    step, tangent, balance, held_rows = work.step, work.tangent, work.balance, work.schur
     for d in range(step.shape[0]):
         step[d] = -balance[d]
         for e in range(d + 1):
@@ -276,7 +276,7 @@ def include_all(system, work):
         holding += sizes[b, 0]
         included += sizes[b, 2]
     if included == 0:
-        work.held[:] = 0.0
+        work.schur[:] = 0.0
     if holding == 0:
         return False
     for b in range(sizes.shape[0]):

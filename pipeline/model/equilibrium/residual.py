@@ -52,7 +52,7 @@ class System(NamedTuple):
 
     contact_jacobian: Real  # (n_motions, n_contacts)
     compliance: Real  # (n_contacts, longest block) [mm/N] between a contact and each of its block
-    own: Real  # (n_contacts,) [mm/N] of a contact under its own force
+    self_compliance: Real  # (n_contacts,) [mm/N] of a contact under its own force
     blocks: Index  # (n_blocks, 2) first contact of a block, and the first beyond
     block: np.ndarray  # (n_contacts,) to which a contact belongs
     moving: np.ndarray  # (n_blocks, n_motions) whether a motion moves any contact of a block
@@ -85,7 +85,7 @@ class Workspace(NamedTuple):
     balance: Real  # (n_motions,) what is unbalanced
     step: Real  # (n_motions,)
     tangent: Real  # (n_motions, n_motions)
-    held: Real  # (n_motions, n_motions) jacobian^T H^-1 jacobian of the contacts in the inverse
+    schur: Real  # (n_motions, n_motions) jacobian^T H^-1 jacobian of the contacts in the inverse
     inverse: Real  # (n_blocks, longest, longest block) of H = law' + C over the first active contacts
     projected: Real  # (n_blocks, n_motions, longest block) H^-1 jacobian of them
     column: Real  # (n_contacts,)
@@ -117,7 +117,7 @@ def workspace(system: System) -> Workspace:
         balance=np.zeros(motions),
         step=np.zeros(motions),
         tangent=np.zeros(motions * 2),
-        held=np.zeros(motions * 2),
+        schur=np.zeros(motions * 2),
         inverse=np.zeros((*lists, longest)),
         projected=np.zeros((*blocks, n_motions, longest)),
         column=np.zeros(contacts),
@@ -150,7 +150,7 @@ def law(system, i, force):
 @algebraic_part
 def force_at_penetration(system, i, penetration):
     """Force of contact i alone, with law(F) + C_ii F = penetration, to a few per cent: a start for Newton."""
-    self_compliance = system.own[i]
+    self_compliance = system.self_compliance[i]
     _, added_slope = further(system.further, i, 1.0)
     stated = self_compliance + abs(system.linear[i]) + system.logarithmic[i] + system.power[i]
     force = penetration / (stated + added_slope)

@@ -91,7 +91,7 @@ def add_friction(system, friction, work):
                 step[d] += slip_direction * grip * carried_torque
                 for e in range(n_motions):
                     tangent[d, e] += slip_direction * grip * row[e]
-            elif system.own[i] > 0.0:
+            elif system.self_compliance[i] > 0.0:
                 step[d] += slip_direction * grip * part.inside[p]
                 for e in range(n_motions):
                     tangent[d, e] += slip_direction * grip * part.projected[e, p]

@@ -237,7 +237,7 @@ def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, In
     system = System(
         jacobian,
         blocks.compliance,
-        blocks.own,
+        blocks.self_compliance,
         blocks.ranges,
         np.repeat(np.arange(len(blocks.ranges)), np.diff(blocks.ranges)[:, 0]),
         np.array([np.any(jacobian[:, block_start:end], axis=1) for block_start, end in blocks.ranges]),

@@ -27,15 +27,15 @@ CHOICES = {
 
 def sentence(allocation: Allocation) -> str:
     """What was found, in a sentence or two."""
-    passing = allocation.found.passed
+    passing = allocation.cheapest.passed
     text = (
         f"At a yield of {_share(passing.value)} ({_share(passing.ci_low)} to {_share(passing.ci_high)}, {passing.n:,} "
-        f"fresh units; {_share(allocation.target)} was wanted) the tolerances cost {allocation.found.cost:.4g}; "
-        f"those of the study cost {allocation.before.cost:.4g} at {_share(allocation.before.passed.value)}."
+        f"fresh units; {_share(allocation.target)} was wanted) the tolerances cost {allocation.cheapest.cost:.4g}; "
+        f"those of the study cost {allocation.stated.cost:.4g} at {_share(allocation.stated.passed.value)}."
     )
     if allocation.equal is None:
         return f"{text} All priced tolerances scaled alike do not reach the yield."
-    saving = 1 - allocation.found.cost / allocation.equal.cost
+    saving = 1 - allocation.cheapest.cost / allocation.equal.cost
     return (
         f"{text} All of them scaled alike to the same yield ({_share(allocation.equal.passed.value)}) cost "
         f"{allocation.equal.cost:.4g}: the allocation is {100 * saving:.1f} % cheaper."
@@ -90,7 +90,7 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
 
 
 def _pictures(allocation: Allocation, folder: Path) -> dict[str, Picture]:
-    choices = {"before": allocation.before, "equal": allocation.equal, "found": allocation.found}
+    choices = {"before": allocation.stated, "equal": allocation.equal, "found": allocation.cheapest}
     points = {CHOICES[name]: _point(choice) for name, choice in choices.items() if choice is not None}
     figure = tradeoff_figure(allocation.tradeoff, points, allocation.target)
     caption = (

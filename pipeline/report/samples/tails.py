@@ -19,7 +19,7 @@ class TailLine:
     title: str
     unit: str
     limit: str
-    beyond: Cell
+    exceedance: Cell
     beyond_effective: str
     level: str
     quantile: Cell

@@ -45,7 +45,7 @@ class TurnSection:
         return tuple(self._estimates.loc[key]) if key in self._estimates.index else (np.nan, np.nan, np.nan)
 
     @cached_property
-    def shown(self) -> list[int]:
+    def shown_samples(self) -> list[int]:
         """Samples with a column of their own: the nominal reducer, or the listed cases."""
         count = min(self.frames.study.samples.rows, CASES_SHOWN)
         return list(range(count)) if self.frames.listed else [0] * self.frames.study.samples.nominal_first
@@ -53,7 +53,7 @@ class TurnSection:
     @property
     def columns(self) -> list[str]:
         """Their labels."""
-        return [case_label(self.frames.study, sample) for sample in self.shown]
+        return [case_label(self.frames.study, sample) for sample in self.shown_samples]
 
     @cached_property
     def rows(self) -> list[TurnRow]:
@@ -75,7 +75,7 @@ class TurnSection:
         return TurnRow(
             metric.title,
             metric.unit,
-            tuple(number(float(units[sample]), metric) for sample in self.shown),
+            tuple(number(float(units[sample]), metric) for sample in self.shown_samples),
             () if self.frames.listed else tuple(cells),
             f"{side} {plain(limits[name])}" if name in limits else NOTHING,
             Cell(percent(share), percent_interval(low, high)) if np.isfinite(share) else Cell(NOTHING),
@@ -87,7 +87,7 @@ class TurnSection:
         return not self.frames.listed and any(name in self.frames.limits for name in turn_library())
 
     @cached_property
-    def lacking(self) -> set[str]:
+    def missing_needs(self) -> set[str]:
         """What the study or its design does not have, of ``NEEDS``."""
         operation, has_rank = self.frames.study.design.operation, bool(self.told_apart)
         available = {
@@ -105,7 +105,7 @@ class TurnSection:
         texts = []
         for name, metric in turn_library().items():
             if not self._known(name):
-                missing = [need for need in metric.needs if need in self.lacking] or metric.needs
+                missing = [need for need in metric.needs if need in self.missing_needs] or metric.needs
                 texts.append(f"{metric.title}: it needs {listed([NEEDS[need] for need in missing])}.")
         return texts
 

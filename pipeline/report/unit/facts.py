@@ -51,15 +51,15 @@ def structure_facts(identification: Identification) -> list[tuple[str, str]]:
 def comparison_sentence(identification: Identification) -> str:
     """Whether the model beats the best of the baselines, by itself and with what is expected to come again."""
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
-    place, ratio = _place(identification.errors["after"], best)
-    sentence = f"The model is {place} the best of them, {title}, by a factor of {ratio} in noise floors"
+    comparison, ratio = _rank_beside(identification.errors["after"], best)
+    sentence = f"The model is {comparison} the best of them, {title}, by a factor of {ratio} in noise floors"
     if identification.carried is None:
         return f"{sentence}."
-    place, ratio = _place(identification.carried, best)
-    return f"{sentence}; the best description with what is expected to come again is {place} it by {ratio}."
+    comparison, ratio = _rank_beside(identification.carried, best)
+    return f"{sentence}; the best description with what is expected to come again is {comparison} it by {ratio}."
 
 
-def _place(error: AngleError, best: AngleError) -> tuple[str, str]:
+def _rank_beside(error: AngleError, best: AngleError) -> tuple[str, str]:
     """Ahead or behind, and by which factor."""
     ratio = error.to_noise / best.to_noise
     return ("behind", digits(ratio)) if ratio > 1 else ("ahead of", digits(1 / ratio))

@@ -26,7 +26,7 @@ def test_every_compliance_is_in_its_block_or_zero(rigid):
         rows = blocks.order[block_start:block_end]
         rebuilt[np.ix_(rows, rows)] = blocks.compliance[block_start:block_end, : block_end - block_start]
     np.testing.assert_array_equal(rebuilt, matrix)
-    np.testing.assert_array_equal(blocks.own, np.diag(matrix)[blocks.order])
+    np.testing.assert_array_equal(blocks.self_compliance, np.diag(matrix)[blocks.order])
     np.testing.assert_array_equal(np.sort(blocks.order), np.arange(len(BODY)))
     assert len(blocks.ranges) == max(3 - len(rigid), 1)
 

@@ -52,5 +52,5 @@ def test_bounds_are_kept_and_what_costs_nothing_to_loosen_is_loosened():
 
 def test_an_impossible_yield_comes_as_near_as_it_can():
     best = cheapest(chain(12), costs(), TARGET, np.full(4, 1.0), HIGH)
-    assert not best.reached
+    assert not best.meets_yield
     np.testing.assert_allclose(best.scale, 1.0)

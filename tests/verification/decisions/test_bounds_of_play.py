@@ -68,7 +68,7 @@ def few_errors(**tolerances):
 def test_a_reducer_with_few_errors_is_bounded_by_all_of_its_vertices():
     """Disk size, eccentricity, a two-lobed ovality: four vertices by 72 directions, and units between them."""
     box = Box.of(few_errors(disk_profile={}, eccentricity={}, ovality_2={}))
-    bounds = {bound.what: bound.value for bound in play_bounds(box, 90.0, "clearance_backlash_arcmin")}
+    bounds = {bound.quantity: bound.value for bound in play_bounds(box, 90.0, "clearance_backlash_arcmin")}
     points = []
     for corner in itertools.product((0.0, 1.0), repeat=2):
         point = box.centre
@@ -105,7 +105,7 @@ def test_output_pins_in_their_zones_play_at_most_as_all_pins_of_a_side_at_its_ed
     study = study.model_copy(update={"tolerances": Tolerances.model_validate({**fixed, "output_pin_position": zone})})
     box = Box.of(study)
     assert (len(box.columns), len(box.all_waves)) == (0, study.design.output.pins)
-    bounds = {bound.what: bound.value for bound in play_bounds(box, 50.0, "clearance_backlash_arcmin")}
+    bounds = {bound.quantity: bound.value for bound in play_bounds(box, 50.0, "clearance_backlash_arcmin")}
     nominal = backlash(box, 50.0, box.centre[None])[0]
     reducer = assembly.reducer(study.design, 50.0)
     arm = reducer.contacts.arm[reducer.output_rows[0]]

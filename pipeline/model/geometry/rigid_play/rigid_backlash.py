@@ -71,14 +71,14 @@ def _rotation_ends(gap, contact, arm, arms_below, arms_up_to):
     n = gap.shape[0]
     ends_plus, ends_minus, tight = np.empty(n), np.empty(n), np.empty(n, np.bool_)
     for s in range(n):
-        plus, minus, shut = np.inf, -np.inf, False
+        plus, minus, interferes = np.inf, -np.inf, False
         for k in range(arms_below):
             plus = min(plus, -gap[s, contact[k]] / arm[k])
         for k in range(arms_up_to, len(arm)):
             minus = max(minus, -gap[s, contact[k]] / arm[k])
         for k in range(arms_below, arms_up_to):
-            shut |= gap[s, contact[k]] < 0.0
-        ends_plus[s], ends_minus[s], tight[s] = plus, minus, shut or plus < minus
+            interferes |= gap[s, contact[k]] < 0.0
+        ends_plus[s], ends_minus[s], tight[s] = plus, minus, interferes or plus < minus
     return ends_plus, ends_minus, tight
 
 

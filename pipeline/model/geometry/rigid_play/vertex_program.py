@@ -103,8 +103,8 @@ def _dual_feasible(objective: Real, rows: Real) -> tuple[Index, Real]:
     basis = np.flatnonzero(weights > 0).tolist()
     span = np.linalg.qr(rows[basis].T)[0]
     while len(basis) < rows.shape[1]:  # by the row that is farthest from those chosen
-        beyond = rows - rows @ span @ span.T
-        farthest = int(np.argmax(np.linalg.norm(beyond, axis=1)))
+        off_span = rows - rows @ span @ span.T
+        farthest = int(np.argmax(np.linalg.norm(off_span, axis=1)))
         basis.append(farthest)
         span = np.linalg.qr(rows[basis].T)[0]
     chosen = np.array(basis)
