@@ -146,12 +146,15 @@ def _line(
 
 
 def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
-    """The signature of a coefficient; few blocks widen its interval as Student's t does."""
+    """The signature of a coefficient; few blocks widen its interval as Student's t does.
+
+    Resampled coefficients of n blocks scatter by (n - 1)/n of the variance, as in ``parameter_intervals``.
+    """
     (value,), resamples, n = line
     if n < FEWEST_BLOCKS:
         no_estimate = np.nan, np.nan, np.nan
         return Signature(name, title, unit, float(value), *no_estimate, False, f"no interval of {n} branches")
-    error = float(np.std(resamples, ddof=1))
+    error = float(np.std(resamples, ddof=1) * np.sqrt(n / (n - 1)))
     reach = stdtrit(n - 1, (1 + CONFIDENCE) / 2) * error
     p = float(2 * stdtr(n - 1, -abs(value) / error)) if error > 0 else float(value == 0)
     return Signature(name, title, unit, float(value), value - reach, value + reach, p, p < 1 - CONFIDENCE)
