@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
+from pipeline.model.load_history.backbone import NO_LOAD, Backbone, backbone, torque_levels
 from pipeline.model.load_history.cell_means import means, means_along
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
@@ -208,7 +208,8 @@ class Forward:
             return path, False  # not solved together
         if drive.sliders.at_contacts:
             repeated_torque = _repeats(torque)
-            steps, turns = _steps(torque[: repeated_torque.max() + 2], nodes[:: LEVELS // PATH_LEVELS])
+            loads = np.sign(nodes) * np.maximum(np.abs(nodes), NO_LOAD * drive.rated_torque)  # ends of play carry none
+            steps, turns = _steps(torque[: repeated_torque.max() + 2], loads[:: LEVELS // PATH_LEVELS])
         for state in course.states:
             stiffer = drive.stiffening(state)
             if drive.sliders.at_contacts:

@@ -8,17 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.model.equilibrium.loaded_start import loaded_poses
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
-from pipeline.model.load_history.backbone import first_poses
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN as ARCMIN
 
 BRANCHES = ("loading+", "unloading+", "loading-", "unloading-", "reloading+")
 LIMIT_TORQUE = 1e-8
 """Share of the rated torque that stands for the limit T -> 0 where preload leaves no rigid play: its twist is below
-1e-7 arcmin; smaller shares drown in the rounding of the preload."""
+1e-7 arcmin."""
+SMALL_TORQUE = 1e-6
+"""The same share where that drowns in the rounding of the preload, which grows as the torque falls: 9.7 kN in the
+bearings of an RV reducer leave a residual of 4e-11 here, of 9e-10 at 3e-8 and no state at 1e-8."""
 
 
 @dataclass(frozen=True)
@@ -68,58 +71,97 @@ class LoadCycle:
         return branch, np.concatenate(visits)
 
 
+def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
+    """Poses (n, n_motions) beyond an end of play: each rotation closes a contact that carries ``torque`` [N mm]."""
+    reducer = drive.reducer
+    if not reducer.centred:
+        return loaded_poses(drive.elastic, drive.gap, pose, torque)
+    arms = np.abs(reducer.contact_jacobian[:, reducer.output_motion])
+    carrier = int(np.argmax(arms))
+    force = abs(torque) / arms[carrier]
+    depth = drive.laws[carrier].deflection(force)[0] + drive.compliance[carrier, carrier] * force
+    turn = np.sign(torque) * depth / arms[carrier]
+    rotations = [i for i, motion in enumerate(reducer.motions) if motion.endswith("_phi")]
+    senses = [1 if motion == reducer.output_motion else np.sign(reducer.flange_ratio) for motion in rotations]
+    contact_pose = pose.copy()
+    bodies_passed = np.maximum(np.arange(len(rotations)) + 2 - reducer.n_disks, 1)  # disks stand side by side
+    contact_pose[:, rotations] += turn * np.array(senses) * bodies_passed
+    return contact_pose
+
+
 def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
     """The frictionless states of the cycle; arrays (n, n_states, ...) in the order of ``cycle.state_torque``.
 
     Notes
     -----
     The states at zero torque are the ends of the rigid play, free of force. In a preloaded sample forces act at zero
-    torque too; its two ends are the equilibria at +-``LIMIT_TORQUE`` of the rated torque. Where that is not found from
-    the end of the rigid play, it is come down to from the first level: forces that close an interface which has play
-    are 1e-8 of those of the preload, and a start that opens it loses them in the rounding of the preload.
+    torque too; its two ends are the equilibria at +-``LIMIT_TORQUE`` of the rated torque.
+
+    Samples with play are solved from its ends upwards, but from the largest torque down where they are preloaded or
+    bearings loose: contacts that interfere are many at no load and few there, an interface that has play beside them is
+    not opened, and disks lean on their bearings.
     """
     play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
-    senses = []
-    for sense, pose in ((1.0, play.pose_plus), (-1.0, play.pose_minus)):
-        levels = sense * cycle.rated_torque * cycle.fractions
-        start = first_poses(drive, pose, levels[0])
-        senses.append(_with_end(_loaded(drive, start, pose, levels), pose))
-        if np.any(play.preloaded):
-            preloaded = play.preloaded
-            limit = sense * LIMIT_TORQUE * cycle.rated_torque
-            end = drive.some(preloaded).softened_equilibria(start[preloaded], np.array([limit]))
-            senses[-1][preloaded, 0] = end[:, -1]
-            lost = preloaded & ~senses[-1].converged[:, 0]
-            if np.any(lost):
-                end = drive.some(lost).softened_equilibria(start[lost], np.array([levels[0], limit]))
-                senses[-1][lost, 0] = end[:, -1]
-    return Equilibria.joined(senses, axis=1)
+    levels = cycle.rated_torque * cycle.fractions
+    downward = play.preloaded | (drive.reducer.centred & np.any(drive.clearance_of_disks, axis=1))
+    ways = sorted(set(zip(play.preloaded.tolist(), downward.tolist(), strict=True)))
+    if len(ways) == 1:
+        return _both_senses(drive, play.pose_plus, play.pose_minus, levels, *ways[0])
+    rows = [np.flatnonzero((play.preloaded == way[0]) & (downward == way[1])) for way in ways]
+    parts = [
+        _both_senses(drive.some(samples), play.pose_plus[samples], play.pose_minus[samples], levels, *way)
+        for samples, way in zip(rows, ways, strict=True)
+    ]
+    return Equilibria.joined(parts, axis=0)[np.argsort(np.concatenate(rows))]
 
 
-def _loaded(drive: Drive, start: Real, pose: Real, levels: Real) -> Equilibria:
-    """Equilibria at torques (n_levels,) [N mm] of one sense from the least up; where one fails, from the largest down.
+def _both_senses(
+    drive: Drive, pose_plus: Real, pose_minus: Real, levels: Real, preloaded: bool, downward: bool
+) -> Equilibria:
+    """As ``solve_cycle``, of samples (n,) which all are ``preloaded`` or none and start in one direction."""
+    senses = ((levels, pose_plus), (-levels, pose_minus))
+    states = [_either_way(drive, pose, torque, preloaded, downward) for torque, pose in senses]
+    return Equilibria.joined(states, axis=1)
 
-    Under load disks lean on their loose bearings, so that few torques there lack a start.
-    """
-    states = drive.softened_equilibria(start, levels)
-    failed = np.flatnonzero(~np.all(states.converged, axis=1))
-    if len(failed):
-        remaining = drive.some(failed)
-        leaning = first_poses(remaining, pose[failed], levels[-1])
-        downward = remaining.softened_equilibria(leaning, levels[::-1])
-        solved = np.all(downward.converged, axis=1)
-        states[failed[solved]] = downward[solved, ::-1]
+
+def _either_way(drive: Drive, pose: Real, levels: Real, preloaded: bool, downward: bool) -> Equilibria:
+    """As ``_solved``; samples that are lost on their way are solved on the other, unless more of their states are."""
+    states = _solved(drive, pose, levels, preloaded, downward)
+    if states.converged.all():
+        return states
+    lost = np.flatnonzero(~np.all(states.converged, axis=1))
+    others = _solved(drive.some(lost), pose[lost], levels, preloaded, not downward)
+    improved = np.sum(others.converged, axis=1) > np.sum(states.converged[lost], axis=1)
+    states[lost[improved]] = others[improved]
     return states
 
 
-def _with_end(loaded_states: Equilibria, pose: Real) -> Equilibria:
-    """The loaded states of one sense behind the force-free end of play."""
+def _solved(drive: Drive, pose: Real, levels: Real, preloaded: bool, downward: bool) -> Equilibria:
+    """Ends of play and equilibria (n, 1 + n_levels) in one direction, all samples ``preloaded`` or none."""
+    torque = levels
+    if preloaded:
+        torque = np.append(np.sign(levels[0]) * drive.rated_torque * np.array([LIMIT_TORQUE, SMALL_TORQUE]), levels)
+    if downward:
+        torque = torque[::-1]
+    states = drive.softened_equilibria(first_poses(drive, pose, torque[0]), torque)
+    if downward:
+        states = states[:, ::-1]
+    if preloaded:
+        return _from_limit(states)
     n = len(pose)
     end = Equilibria(
         motion=pose[:, None],
-        force=np.zeros((n, 1, loaded_states.force.shape[2])),
+        force=np.zeros((n, 1, len(drive.laws))),
         iterations=np.zeros((n, 1), np.int64),
         residual=np.zeros((n, 1)),
         converged=np.ones((n, 1), bool),
     )
-    return Equilibria.joined((end, loaded_states), axis=1)
+    return Equilibria.joined((end, states), axis=1)
+
+
+def _from_limit(states: Equilibria) -> Equilibria:
+    """The states but one of the first two, at the limit and at a small torque: the second where the first is lost."""
+    ends = states[:, :1]
+    lost = ~ends.converged[:, 0]
+    ends[lost] = states[lost, 1:2]
+    return Equilibria.joined((ends, states[:, 2:]), axis=1)

@@ -5,7 +5,7 @@ from pipeline.model.load_history.backbone import torque_levels
 
 LIBRARY = library()
 SHARES = torque_levels(20, 1.05)
-MIDDLE = len(SHARES)
+MIDDLE = len(SHARES) + 1  # the positive end of play
 
 
 def put(drive, name, *values, conditions=None):

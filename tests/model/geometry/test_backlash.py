@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from reducers import ARCMIN, PAPER, SMALL, reducer_at
 from scipy.optimize import linprog
 
-from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
+from pipeline.model.geometry.rigid_play.rigid_backlash import coupled_play, general_play, rigid_play, separated_play
 
 PLATES = pytest.mark.parametrize("floats", [False, True], ids=["rotates", "floats"])
 CRANK = 0.37
@@ -196,6 +196,23 @@ def test_an_interference_that_the_disk_cannot_relieve_takes_few_programs(floats,
     assert len(calls) < 3 * 60
 
 
+@PLATES
+@pytest.mark.parametrize("tight", [None, 0, 1, 2])
+def test_compiled_programs_of_loose_bearings_are_those_of_highs(floats, tight):
+    """Interference (``tight``) that the disk can relieve or not, and discs from far below the gaps to beyond them."""
+    reducer = reducer_at(SMALL, CRANK, floats=floats)
+    gap = random_gaps(reducer, 12, 9) - (0.0 if tight is None else np.where(parts(reducer)[tight], 8e-3, 0.0))
+    clearance = np.geomspace(1e-7, 50e-3, 12)
+    play, expected = coupled_play(reducer, gap, clearance[:, None]), general_play(reducer, gap, clearance)
+    np.testing.assert_array_equal(play.preloaded, expected.preloaded)
+    np.testing.assert_allclose(play.overlap, expected.overlap, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(play.backlash, expected.backlash, rtol=1e-8, atol=1e-14)
+    for pose in (play.pose_plus, play.pose_minus):
+        np.testing.assert_allclose(penetration(reducer, gap, pose)[play.preloaded], play.overlap[play.preloaded])
+        assert np.all(penetration(reducer, gap, pose) <= play.overlap + 1e-12)
+        assert np.all(np.hypot(pose[:, 0], pose[:, 1]) <= clearance * (1 + 1e-9) + 1e-12)
+
+
 def test_samples_with_and_without_bearing_clearance_are_solved_each_in_its_own_way():
     reducer = reducer_at(SMALL, CRANK, floats=True)
     gap, clearance = random_gaps(reducer, 6, 7, low=-1e-3), np.array([0.0, 2e-3, 0.0, 4e-3, 1e-3, 0.0])
@@ -206,8 +223,8 @@ def test_samples_with_and_without_bearing_clearance_are_solved_each_in_its_own_w
             np.testing.assert_array_equal(getattr(combined, name)[sample], getattr(isolated, name)[0])
     loose = clearance > 0
     np.testing.assert_array_equal(combined.backlash[~loose], separated_play(reducer, gap).backlash[~loose])
-    np.testing.assert_array_equal(
-        combined.backlash[loose], general_play(reducer, gap[loose], clearance[loose]).backlash
+    np.testing.assert_allclose(
+        combined.backlash[loose], general_play(reducer, gap[loose], clearance[loose]).backlash, rtol=1e-9
     )
 
 

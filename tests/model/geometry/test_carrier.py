@@ -132,7 +132,7 @@ def test_play_without_input_bearings_is_that_of_the_general_program(cranks, disk
 def test_a_motion_that_nothing_stops_is_no_play():
     rows = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
     with pytest.raises(ArithmeticError, match="unbounded"):
-        optimal_points(np.array([0.0, -1.0]), rows, np.ones((1, 3)))
+        optimal_points(np.array([0.0, -1.0]), rows, np.ones((1, 3)), np.zeros((1, 0)))
 
 
 @pytest.mark.parametrize("cranks", [2, 3])

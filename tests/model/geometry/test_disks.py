@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import LINEAR, drive_with
+from drives import LINEAR, RATED, drive_with
 from reducers import PAPER, SMALL, STEEL, errors_of, pins_in_holes, random_compliance
 
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
@@ -14,8 +14,7 @@ from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, disk_rotation
 from pipeline.model.geometry.reducer import Bearing, nominal_reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
-from pipeline.model.load_history.backbone import first_poses
-from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
+from pipeline.model.load_history.load_cycle import LoadCycle, first_poses, solve_cycle
 
 EVEN_LOBES = CycloidProfile(pins=13, pin_circle_radius=10.0, pin_radius=1.0, eccentricity=0.5)
 CASES = pytest.mark.parametrize(
@@ -346,3 +345,20 @@ def test_units_of_three_disks_on_loose_bearings_all_find_equilibrium():
     np.testing.assert_allclose(carried, np.broadcast_to(cycle.state_torque, carried.shape), atol=1e-5)
     disks = np.arange(3) == reducer.disk_of_contact[:, None]
     assert np.any((states.force @ disks)[:, cycle.state_torque != 0] == 0)  # else the case is another one
+
+
+def test_the_play_beside_a_preloaded_disk_ends_where_a_small_torque_does():
+    """Forces of the limit are 1e-8 of the preload's: from the end of rigid bodies its rounding hid which side holds."""
+    _, reducer = reducer_at(PAPER, 5.05, 3)
+    gap = np.full((1, len(reducer.contacts)), -4e-3)
+    springs = Bearing(1.2e6, 1.5), laws_of_disks(PAPER, reducer), blocks(reducer)
+    drive = drive_with(PAPER, reducer, *springs, gap, np.array([[3e-3, 9e-3, 2.5e-3]]))
+    assert rigid_play(reducer, gap, drive.bearing_clearance).preloaded[0]
+    angles = [
+        solve_cycle(drive, LoadCycle(RATED, np.array(shares))).motion[0, :, reducer.output_motion]
+        for shares in ([0.03, 1.0], [1e-5, 1.0])
+    ]
+    turn = np.ptp(angles[0])
+    limits, small_torques = angles[0][[0, 3]], angles[1][[1, 4]]
+    assert limits[0] - limits[1] > 0.1 * turn
+    np.testing.assert_allclose(limits, small_torques, rtol=0, atol=1e-3 * turn)

@@ -8,22 +8,22 @@ from drives import LINEAR, RATED, small_drive
 from reducers import MICROMETRE
 
 from pipeline.model.geometry.reducer import Bearing
-from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play, separated_play
-from pipeline.model.load_history import backbone as frictionless_curve
-from pipeline.model.load_history.backbone import NO_LOAD, backbone, first_poses, torque_levels
+from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
+from pipeline.model.load_history import load_cycle
+from pipeline.model.load_history.backbone import NO_LOAD, backbone, torque_levels
 
 SHARES = torque_levels(40, 1.05)
-MIDDLE = len(SHARES)
+MIDDLE = len(SHARES) + 1  # the positive end of play
 
 
 def test_ladder_ascends_from_no_load_to_its_reach():
     for levels, reach in ((11, 1.05), (22, 0.4), (40, 3.0)):
         shares = torque_levels(levels, reach)
-        assert len(shares) == levels + 1
+        assert len(shares) == levels
         assert np.all(np.diff(shares) > 0)
         assert shares[0] == NO_LOAD
         np.testing.assert_allclose(shares[-1], reach)
-        assert np.all(np.diff(shares, 2)[1:] > 0)  # denser towards zero
+        assert np.all(np.diff(shares, 2) > 0)  # denser towards zero
 
 
 def test_ends_of_play_are_those_of_rigid_bodies():
@@ -33,7 +33,8 @@ def test_ends_of_play_are_those_of_rigid_bodies():
     play = separated_play(drive.reducer, drive.gap)
     width = curve.angle[:, MIDDLE] - curve.angle[:, MIDDLE - 1]
     assert np.all(play.backlash > 1e-5)
-    np.testing.assert_allclose(width, play.backlash, rtol=1e-3)
+    np.testing.assert_allclose(width, play.backlash, rtol=1e-12)
+    assert np.all(curve.states.force[:, MIDDLE - 1 : MIDDLE + 1] == 0)
     np.testing.assert_allclose(curve.torque, -curve.torque[::-1])
     assert np.all(np.diff(curve.torque) > 0)
     assert np.all(np.diff(curve.angle, axis=1) > 0)
@@ -54,7 +55,7 @@ def test_clearance_of_the_bearing_widens_the_play_as_the_general_program_says():
     assert np.all(curve.states.converged)
     play = general_play(drive.reducer, drive.gap, drive.bearing_clearance)
     width = curve.angle[:, MIDDLE] - curve.angle[:, MIDDLE - 1]
-    np.testing.assert_allclose(width, play.backlash, rtol=1e-3)
+    np.testing.assert_allclose(width, play.backlash, rtol=1e-9)
     assert np.all(play.backlash > 1.1 * separated_play(drive.reducer, drive.gap).backlash)
 
 
@@ -75,55 +76,50 @@ LOOSE = {
 }
 
 
-@pytest.mark.parametrize("falls_back", [False, True])
-@pytest.mark.parametrize("name", LOOSE)
-def test_curve_with_a_loose_bearing_is_that_from_the_play_of_the_general_program(name, falls_back, monkeypatch):
-    drive = small_drive(6, clearance=30 * MICROMETRE, **LOOSE[name])
-    drive = drive.shifted(np.full(drive.gap.shape, -5 * MICROMETRE))
-    assert np.any(separated_play(drive.reducer, drive.gap).preloaded) == name.startswith("interfering")
-    calls = []
+PRELOADED = {f"preloaded_by_{depth}_um": {"play": -2 * depth * MICROMETRE} for depth in (2, 10, 30)}
 
-    def asking(reducer, gap, clearance):
-        calls.append(len(gap))
-        return rigid_play(reducer, gap, clearance)
 
-    way = frictionless_curve._one_sense
+def both_ways(monkeypatch, drive):
+    """The curve of the drive, and that with each sample solved in the other direction first."""
+    curve, way = backbone(drive, SHARES), load_cycle._solved
 
-    def failing(drive, pose, levels, preloaded):
-        result = way(drive, pose, levels, preloaded)
-        result.motion[2], result.converged[2, 1] = np.nan, False
-        return result
+    def reversed_way(drive, pose, levels, preloaded, downward):
+        return way(drive, pose, levels, preloaded, not downward)
 
-    monkeypatch.setattr(frictionless_curve, "rigid_play", asking)
-    if falls_back:
-        monkeypatch.setattr(frictionless_curve, "_one_sense", failing)
-    curve = backbone(drive, SHARES)
+    monkeypatch.setattr(load_cycle, "_solved", reversed_way)
+    return curve, backbone(drive, SHARES)
+
+
+@pytest.mark.parametrize("name", {**LOOSE, **PRELOADED})
+def test_curve_is_the_same_upwards_and_downwards(name, monkeypatch):
+    options = {**LOOSE, **PRELOADED}[name]
+    drive = small_drive(6, clearance=30 * MICROMETRE if name in LOOSE else 0.0, **options)
+    drive = drive.shifted(np.random.default_rng(3).uniform(-5, 5, drive.gap.shape) * MICROMETRE)
+    curve, reverse = both_ways(monkeypatch, drive)
     assert np.all(curve.states.converged)
-    assert calls == [1] * falls_back  # only those that need it
-    general = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
-    monkeypatch.setattr(frictionless_curve, "separated_play", lambda reducer, gap: general)
-    monkeypatch.setattr(frictionless_curve, "_one_sense", raised)
-    from_general = backbone(drive, SHARES)
-    assert np.all(from_general.states.converged)
-    np.testing.assert_allclose(curve.angle, from_general.angle, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(curve.states.force, from_general.states.force, atol=1e-5 * curve.states.force.max())
+    assert np.all(reverse.states.converged)
+    np.testing.assert_allclose(curve.angle, reverse.angle, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(curve.states.force, reverse.states.force, rtol=0, atol=1e-7 * curve.states.force.max())
 
 
-def raised(drive, pose, levels, preloaded):
-    """Equilibria from no load up, however many contacts interfere there."""
-    return drive.equilibria(first_poses(drive, pose, levels[0]), levels)
+@pytest.mark.parametrize("name", ["loose", "preloaded_by_10_um"])
+def test_samples_that_are_lost_on_their_way_are_solved_on_the_other(name, monkeypatch):
+    drive = small_drive(6, **{**LOOSE, **PRELOADED}[name])
+    expected, way, solves = backbone(drive, SHARES), load_cycle._solved, []
 
+    def losing(drive, pose, levels, preloaded, downward):
+        states = way(drive, pose, levels, preloaded, downward)
+        if downward == preloaded:
+            states.motion[2], states.converged[2, 1] = np.nan, False
+        solves.append((downward, len(pose)))
+        return states
 
-@pytest.mark.parametrize("depth", [2, 10, 30])
-def test_preloaded_curve_is_the_same_from_either_end(depth, monkeypatch):
-    drive = small_drive(4, seed=depth, play=-2 * depth * MICROMETRE)
-    drive = drive.shifted(np.random.default_rng(depth).uniform(-depth, depth, drive.gap.shape) * MICROMETRE)
-    unloading = backbone(drive, SHARES)
-    assert np.all(unloading.states.converged)
-    monkeypatch.setattr(frictionless_curve, "_one_sense", raised)
-    loading_branch = backbone(drive, SHARES)
-    result = loading_branch.states.converged
-    np.testing.assert_allclose(unloading.angle[result], loading_branch.angle[result], rtol=0, atol=1e-10)
+    monkeypatch.setattr(load_cycle, "_solved", losing)
+    curve = backbone(drive, SHARES)
+    preloaded = name not in LOOSE
+    assert solves == 2 * [(preloaded, 6), (not preloaded, 1)]  # of either sense, and no other sample
+    assert np.all(curve.states.converged)
+    np.testing.assert_allclose(curve.angle, expected.angle, rtol=0, atol=1e-10)
 
 
 def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
@@ -204,21 +200,8 @@ def test_influence_at_the_ends_of_play_is_that_of_the_first_pin():
         influence = curve.influence[:, node, : drive.reducer.n_pins]
         first_pin = np.argmax(np.abs(influence), axis=1)
         result = influence[np.arange(5), first_pin]
-        np.testing.assert_allclose(result, sense / np.abs(arm[first_pin]), rtol=1e-3)
+        np.testing.assert_allclose(result, sense / np.abs(arm[first_pin]), rtol=2e-3)
         np.testing.assert_allclose(np.abs(influence).sum(axis=1), np.abs(result), rtol=1e-2)
-
-
-def test_a_tight_disk_that_gets_play_falls_by_it_and_its_contacts_stay_as_deep_as_they_can():
-    drive, loose = small_drive(5), np.full(5, 12 * MICROMETRE)
-    states = backbone(drive, SHARES).states
-    motion, force = states.motion[:, -1], states.force[:, -1]
-    shifted = frictionless_curve._loosened(drive.reducer, motion, force, loose) - motion
-    np.testing.assert_allclose(np.hypot(*shifted[:, :2].T), loose)
-    np.testing.assert_allclose(np.sum(shifted[:, :2] * motion[:, :2], axis=1), loose * np.hypot(*motion[:, :2].T))
-    deeper, rotations = shifted @ drive.reducer.contact_jacobian.T, drive.reducer.contact_jacobian[:, 2:]
-    fallen = shifted[:, :2] @ drive.reducer.contact_jacobian[:, :2].T
-    residual = np.abs((force * deeper) @ rotations)
-    assert np.all(residual < 1e-9 * np.max(np.abs(force * fallen) @ np.abs(rotations)))
 
 
 CHANGES = {

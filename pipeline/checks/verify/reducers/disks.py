@@ -22,8 +22,8 @@ from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
-from pipeline.model.load_history.backbone import first_poses
 from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import first_poses
 from pipeline.model.units import MM_PER_UM
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw

@@ -24,8 +24,8 @@ from pipeline.model.geometry.contacts import OUTPUT, PIN
 from pipeline.model.geometry.cycloid_profile import Complex, Real
 from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play
-from pipeline.model.load_history.backbone import first_poses
 from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import first_poses
 from pipeline.model.turn.held_torque import on_bearings
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw

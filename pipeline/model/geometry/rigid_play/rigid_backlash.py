@@ -3,8 +3,8 @@
 With a rigid input bearing the chain separates: the play of the disk among its pins and the play of each output
 interface add up (``separated_play``); of several disks, each with a chain of its own to one output, the shortest play
 to either side counts. With a clearance of a bearing everything couples, and the play is
-a linear program with one second-order cone a disk (``general_play``), which is also the check of the others. Where no
-input bearing holds the disks nothing is a disc, and the program is linear (``uncentred_play``).
+a linear program with one second-order cone a disk (``coupled_play``). Where no input bearing holds the disks nothing is
+a disc, and the program is linear. The same program by HiGHS (``general_play``) is the check of the others.
 
 Arrays have the sample axis first; gaps [mm], angles [rad].
 """
@@ -84,9 +84,11 @@ def _rotation_ends(gap, contact, arm, arms_below, arms_up_to):
 
 def _by_arm(contact: Index, arm: Real) -> tuple[Index, Real, int, int]:
     """Contacts and arms in the order of the arms, of which those that carry no moment are 0; how many are < 0, <= 0."""
-    arm = np.where(np.abs(arm) > ARM_FLOOR * np.max(np.abs(arm)), arm, 0.0)
-    order = np.argsort(arm)
-    return contact[order], arm[order], int(np.sum(arm < 0.0)), int(np.sum(arm <= 0.0))
+    size = np.abs(arm)
+    arm = np.where(size > ARM_FLOOR * size.max(), arm, 0.0)
+    order = arm.argsort()
+    ascending = arm[order]
+    return contact[order], ascending, int(ascending.searchsorted(0.0)), int(ascending.searchsorted(0.0, "right"))
 
 
 def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Real]:
@@ -297,33 +299,40 @@ def general_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidP
     )
 
 
-def uncentred_play(reducer: Reducer, gap: Real) -> RigidPlay:
-    """Play (n,) of the whole chain where contacts alone hold the disks; ``gap`` (n, n_contacts) [mm]."""
-    jacobian, limits, output = reducer.contact_jacobian, UM_PER_MM * gap, reducer.output_motion
-    objective = np.eye(len(reducer.motions))[output]
-    (plus, free), (minus, also_free) = (optimal_points(sense * objective, jacobian, limits) for sense in (1.0, -1.0))
+def coupled_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:
+    """Play (n,) of the whole chain at once, as ``general_play``, by compiled programs that share their first basis.
+
+    ``bearing_clearance`` (n, n_disks) [mm] within which input bearings hold the disks; (n, 0) where contacts alone do.
+    """
+    jacobian, limits, radii = reducer.contact_jacobian, UM_PER_MM * gap, UM_PER_MM * bearing_clearance
+    objective = np.eye(len(reducer.motions))[reducer.output_motion]
+    (plus, free), (minus, also_free) = (
+        optimal_points(sense * objective, jacobian, limits, radii) for sense in (1.0, -1.0)
+    )
     overlap, tight = np.zeros(len(gap)), ~(free & also_free)
     if np.any(tight):
         lifted = np.hstack([jacobian, -np.ones((len(jacobian), 1))])
-        poses, _ = optimal_points(np.append(np.zeros(len(objective)), -1.0), lifted, limits[tight])
+        poses, _ = optimal_points(np.append(np.zeros(len(objective)), -1.0), lifted, limits[tight], radii[tight])
         plus[tight] = minus[tight] = poses[:, :-1]
         overlap[tight] = np.where(poses[:, -1] > UM_PER_MM * TOUCHING, poses[:, -1], 0.0)
-    return RigidPlay(plus / UM_PER_MM, minus / UM_PER_MM, overlap / UM_PER_MM, output)
+    return RigidPlay(plus / UM_PER_MM, minus / UM_PER_MM, overlap / UM_PER_MM, reducer.output_motion)
 
 
 def rigid_play(reducer: Reducer, gap: Real, bearing_clearance: Real) -> RigidPlay:
-    """Play (n,) by the separated form where every bearing is tight, by the general program where one is not.
+    """Play (n,) by the separated form where every bearing is tight, by the program of the whole where one is not.
 
     ``bearing_clearance`` [mm] as ``general_play``; of reducers without input bearings it is not asked for.
     """
     if not reducer.centred:
-        return uncentred_play(reducer, gap)
+        return coupled_play(reducer, gap, np.zeros((len(gap), 0)))
     bearing_clearance = of_each_disk(bearing_clearance, reducer.n_disks)
     loose = np.any(bearing_clearance > 0, axis=1)
+    if np.all(loose):
+        return coupled_play(reducer, gap, bearing_clearance)
     play = separated_play(reducer, gap)
     if not np.any(loose):
         return play
-    coupled = general_play(reducer, gap[loose], bearing_clearance[loose])
+    coupled = coupled_play(reducer, gap[loose], bearing_clearance[loose])
     for full, part in (
         (play.pose_plus, coupled.pose_plus),
         (play.pose_minus, coupled.pose_minus),

@@ -1,8 +1,9 @@
 """Linear programs that differ in their limits alone, by the dual simplex from one common basis (compiled).
 
-Maximise objective @ x subject to rows @ x <= limits. Whether a basis is dual feasible does not depend on the limits:
-every program starts from the same one, and its answer does not depend on the others (Lemke, Nav. Res. Logist. Q. 1
-(1954) 36). Some ten unknowns and a hundred rows take a few pivots.
+Maximise objective @ x subject to rows @ x <= limits, and to |x[2k:2k+2]| <= radii[k] for centres in discs. Whether a
+basis is dual feasible does not depend on the limits: every program starts from the same one, and its answer does not
+depend on the others (Lemke, Nav. Res. Logist. Q. 1 (1954) 36). Some ten unknowns and a hundred rows take a few pivots.
+A disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960) 703): one more row, which enters.
 """
 
 import numpy as np
@@ -10,6 +11,7 @@ import scipy  # its functions are slow to import: they are when they are called
 
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.cycloid_profile import Index, Real
+from pipeline.model.geometry.rigid_play.disc_program import CONE_TOLERANCE
 
 FEASIBLE = 1e-10
 """Violation of a limit, in the unit of the limits over that of the rows, that is rounding."""
@@ -17,19 +19,26 @@ LEAST_PIVOT = 1e-9
 """Share of the rows' largest entry below which a pivot is rounding."""
 MOST_VIOLATED = 20
 """Pivots per unknown in which the most violated row enters; then the first one does, which cannot cycle."""
+MOST_TANGENTS = 40
+"""Tangents of a disc after which a program is given up; an optimum at the edge of a disc needs some 16."""
 MOST_PIVOTS = 200
 """Pivots per unknown after which a program is given up."""
 
 
 @entry
-def _solve(rows, limits, basis, inverse, duals, points, state):
-    """Fill ``points`` (n, n_unknowns) and ``state`` (n,): 0 solved, 1 infeasible, 2 given up."""
-    n_rows, size = rows.shape
-    own_basis, own_inverse, own_duals = basis.copy(), inverse.copy(), duals.copy()
-    share = np.empty(size)
+def _solve(rows, limits, radii, basis, inverse, duals, points, state):
+    """Fill ``points`` (n, n_unknowns) and ``state`` (n,): 0 solved, 1 infeasible, 2 given up.
+
+    The last ``MOST_TANGENTS`` rows of each disc are room for its tangents.
+    """
+    size, discs = rows.shape[1], radii.shape[1]
+    n_fixed = rows.shape[0] - MOST_TANGENTS * discs
+    own_basis, own_inverse, own_duals, own_rows = basis.copy(), inverse.copy(), duals.copy(), rows.copy()
+    share, limit = np.empty(size), np.empty(rows.shape[0])
     for s in range(limits.shape[0]):
         own_basis[:], own_inverse[:], own_duals[:] = basis, inverse, duals
-        x, limit = points[s], limits[s]
+        x, n_rows = points[s], n_fixed
+        limit[:n_fixed] = limits[s]
         for d in range(size):
             x[d] = 0.0
             for k in range(size):
@@ -40,19 +49,33 @@ def _solve(rows, limits, basis, inverse, duals, points, state):
             for i in range(n_rows):
                 violation = -limit[i]
                 for d in range(size):
-                    violation += rows[i, d] * x[d]
+                    violation += own_rows[i, d] * x[d]
                 if violation > worst:
                     entering, worst = i, violation
                     if pivot >= MOST_VIOLATED * size:
                         break
             if entering < 0:
-                state[s] = 0
-                break
+                farthest = -1
+                for k in range(discs):
+                    overshoot = np.hypot(x[2 * k], x[2 * k + 1]) - radii[s, k]
+                    if overshoot > worst + CONE_TOLERANCE * radii[s, k]:
+                        farthest, worst = k, overshoot
+                if farthest < 0:
+                    state[s] = 0
+                    break
+                if n_rows == rows.shape[0]:
+                    break
+                reach = worst + radii[s, farthest]
+                own_rows[n_rows] = 0.0
+                for d in range(2 * farthest, 2 * farthest + 2):
+                    own_rows[n_rows, d] = x[d] / reach
+                entering, limit[n_rows] = n_rows, radii[s, farthest]
+                n_rows += 1
             leaving, least = -1, np.inf
             for k in range(size):
                 share[k] = 0.0
                 for d in range(size):
-                    share[k] += rows[entering, d] * own_inverse[d, k]
+                    share[k] += own_rows[entering, d] * own_inverse[d, k]
                 if share[k] > LEAST_PIVOT:
                     ratio = own_duals[k] / share[k]
                     if ratio < least or (ratio == least and own_basis[k] < own_basis[leaving]):
@@ -72,26 +95,35 @@ def _solve(rows, limits, basis, inverse, duals, points, state):
             own_basis[leaving] = entering
 
 
-def optimal_points(objective: Real, rows: Real, limits: Real) -> tuple[Real, np.ndarray]:
+def optimal_points(objective: Real, rows: Real, limits: Real, radii: Real) -> tuple[Real, np.ndarray]:
     """Points (n, n_unknowns) that maximise objective @ x, and whether there are any (n,).
 
     Parameters
     ----------
     rows : (n_rows, n_unknowns), of full rank.
     limits : (n, n_rows) of each program, of the size of some units.
+    radii : (n, n_discs) of the discs in which x[2k:2k+2] lie, in the same unit.
 
     Raises
     ------
     ArithmeticError
         If the programs are unbounded, or one is given up.
     """
+    discs, size = radii.shape[1], rows.shape[1]
     scale = np.abs(rows).max(axis=0)
-    scaled = np.ascontiguousarray(rows / scale)
+    scale[: 2 * discs] = 1.0
+    box = np.repeat(np.eye(size)[: 2 * discs], 2, axis=0)
+    box[1::2] *= -1.0
+    scaled = np.vstack([rows / scale, box])
+    limits = np.hstack([limits, np.repeat(radii, 4, axis=1)])
     basis, duals = _dual_feasible(objective / scale, scaled)
-    points, state = np.empty((len(limits), rows.shape[1])), np.empty(len(limits), np.int64)
-    _solve(scaled, np.ascontiguousarray(limits), basis, np.linalg.inv(scaled[basis]), duals, points, state)
+    points, state = np.empty((len(limits), size)), np.empty(len(limits), np.int64)
+    inverse = np.linalg.inv(scaled[basis])
+    scaled = np.vstack([scaled, np.zeros((MOST_TANGENTS * discs, size))])
+    _solve(scaled, np.ascontiguousarray(limits), np.ascontiguousarray(radii), basis, inverse, duals, points, state)
     if np.any(state == 2):
-        raise ArithmeticError(f"a linear program is not solved within {MOST_PIVOTS} pivots per unknown")
+        effort = f"{MOST_PIVOTS} pivots per unknown and {MOST_TANGENTS} tangents of a disc"
+        raise ArithmeticError(f"a linear program is not solved within {effort}")
     return points / scale, state == 0
 
 
