@@ -121,11 +121,11 @@ class Fitter:
     def centred(self, values: Real, weight: Real) -> Real:
         """Values (n, ...) less their weighted mean over the cells that share an offset."""
         centred_values = values - 0.0
-        for group in self.problem.data.groups:
-            weighted = group & (weight > 0)
+        for group in self.problem.data.spans:
+            weighted = weight[group] > 0
             if np.any(weighted):
-                group_weight = weight[weighted]
-                centred_values[group] -= group_weight @ values[weighted] / group_weight.sum()
+                group_weight = weight[group][weighted]
+                centred_values[group] -= group_weight @ values[group][weighted] / group_weight.sum()
         return centred_values
 
     def offsets(self, angle: Real, fitted: Truth, sigma: Real) -> Real:

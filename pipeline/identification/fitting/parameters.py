@@ -42,7 +42,8 @@ class Vector:
 
     def like(self, flat: Real) -> Vector:
         """The flat vector (n_unknowns,), held to its bounds."""
-        scales, shares, modes = np.split(flat, np.cumsum([len(self.scales), len(self.shares)]))
+        first_share, first_mode = len(self.scales), len(self.scales) + len(self.shares)
+        scales, shares, modes = flat[:first_share], flat[first_share:first_mode], flat[first_mode:]
         return Vector(
             np.clip(scales, *self.reach), np.clip(shares, 0.0, 1.0), np.clip(modes, -TOLERANCE, TOLERANCE), self.reach
         )

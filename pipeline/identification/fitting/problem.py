@@ -73,6 +73,12 @@ class Data:
         """Of each group that shares an offset, whether a cell belongs to it (n_cells,)."""
         return tuple(self.group == number for number in np.unique(self.group))
 
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """The same as ranges of the cells."""
+        starts = np.flatnonzero(np.diff(self.group, prepend=-1)).tolist()
+        return tuple(slice(start, end) for start, end in zip(starts, [*starts[1:], len(self)], strict=True))
+
     def offsets(self, angle: Real, fitted: NDArray[np.bool_], sigma: Real) -> Real:
         """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
         offsets, weight = np.zeros(len(self)), 1 / sigma**2

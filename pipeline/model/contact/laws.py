@@ -113,7 +113,8 @@ class ContactLaws:
         """Local deflection [mm] at ``force`` (..., n) [N], zero at and below zero force."""
         force = np.maximum(np.asarray(force, float), 0.0)
         proper_force = np.minimum(force, self.force_limit)
-        return self._proper_deflection(proper_force) + (force - proper_force) * self._proper_compliance(proper_force)
+        proper, further_force = self._proper_deflection(proper_force), force - proper_force
+        return proper + further_force * self._proper_compliance(proper_force) if np.any(further_force) else proper
 
     def compliance(self, force: ArrayLike) -> Real:
         """Tangent d delta / dF [mm/N] at ``force`` (..., n) [N]; positive everywhere."""

@@ -35,11 +35,11 @@ class Blocks:
 def coupled_blocks(compliance: Real) -> Blocks:
     """Blocks of the contacts that a ``compliance`` (n_contacts, n_contacts) [mm/N] couples."""
     n, self_compliance = len(compliance), np.diag(compliance).copy()
-    coupled, elastic = compliance != 0.0, self_compliance > 0.0
+    elastic = self_compliance > 0.0
     whole = Blocks(np.arange(n), np.array([[0, n]]), np.ascontiguousarray(compliance), self_compliance)
-    if np.all(coupled[np.argmax(elastic)][elastic]):  # most reducers have one body, or none
+    if np.all(compliance[np.argmax(elastic), elastic]):  # most reducers have one elastic body, or none
         return whole
-    component = _first_coupled(coupled)
+    component = _first_coupled(compliance != 0.0)
     of_bodies = np.unique(component[elastic])
     if len(of_bodies) < 2:
         return whole
