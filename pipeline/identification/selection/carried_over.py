@@ -16,7 +16,6 @@ Stat. Sci. 6 (1991) 15.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +32,8 @@ SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Shares of the variance that all positions have in common: midpoints of five equal parts of their uniform prior."""
 REACHES_TRIED, SIZES_TRIED = 7, 25
 """Steps of the logarithms of reach and size: a factor of 1.8 each."""
+NEGLIGIBLE = 1e-6
+"""Weight of a share and reach below which nothing of them is told at other cells."""
 
 
 @dataclass(frozen=True)
@@ -72,29 +73,18 @@ def expected_misfit(
     places = places[0], places[1], np.unique(position[training])[places[2]]
     seen = _Seen(places, means / noise, noise, offset_columns(places[2]) / noise[:, None])
     cells, top = (torque, np.sign(sense), position), float(np.max(np.abs(torque[training])))
-    grid = [part for share in SHARES for part in seen.parts(share, top, cells)]
-    likelihood = np.concatenate([part.likelihood for part in grid])
-    weights = np.exp(likelihood - likelihood.max()).reshape(len(grid), -1)
+    grid = [(share, reach * top) for share in SHARES for reach in np.geomspace(*REACHES, REACHES_TRIED)]
+    likelihood = np.array([seen.process(*numbers).likelihood for numbers in grid])
+    weights = np.exp(likelihood - likelihood.max())
     weights /= weights.sum()
-    mean = sum(part.mean @ weight for part, weight in zip(grid, weights, strict=True))
-    square = sum((part.variance + part.mean**2) @ weight for part, weight in zip(grid, weights, strict=True))
+    mean, square = np.zeros((2, len(torque)))
+    for numbers, weight in zip(grid, weights, strict=True):
+        if weight.sum() > NEGLIGIBLE:  # found anew: all of them take the memory of as many matrices
+            means_of_sizes, variance = seen.process(*numbers).at(cells)
+            mean += means_of_sizes @ weight
+            square += (variance + means_of_sizes**2) @ weight
     common_share = weights.reshape(len(SHARES), -1).sum(axis=1) @ np.array(SHARES)
     return Expectation(mean, np.sqrt(np.maximum(square - mean**2, 0.0)), float(common_share))
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Processes of one share and reach, each column of another size.
-
-    Attributes
-    ----------
-    likelihood : (n_sizes,) restricted, its logarithm.
-    mean, variance : (n_cells, n_sizes) [arcmin], [arcmin^2]
-    """
-
-    likelihood: Real
-    mean: Real
-    variance: Real
 
 
 @dataclass(frozen=True)
@@ -106,24 +96,50 @@ class _Seen:
     noise: Real
     zeros: Real
 
-    def parts(self, share: float, top: float, cells: Places) -> Iterator[_Part]:
-        """Processes of a share, for every reach and size; ``top``: largest torque [N m]."""
+    def process(self, share: float, reach: float) -> _Process:
+        """Processes of a share and a reach [N m], of every size."""
+        common, by_position = kernels(self.places, self.places, reach)
+        correlation = (share * common + (1 - share) * by_position) / np.outer(self.noise, self.noise)
+        roots, vectors = np.linalg.eigh(correlation)
         variance = np.median(self.noise) ** 2 * np.geomspace(*SIZES, SIZES_TRIED) ** 2
-        for reach in np.geomspace(*REACHES, REACHES_TRIED) * top:
-            common, by_position = kernels(self.places, self.places, reach)
-            correlation = (share * common + (1 - share) * by_position) / np.outer(self.noise, self.noise)
-            roots, vectors = np.linalg.eigh(correlation)
-            gain = 1 / (1 + np.maximum(roots, 0.0)[:, None] * variance)  # (n_places, n_sizes) inverse covariance
-            missed, zeros = vectors.T @ self.missed, vectors.T @ self.zeros
-            information = np.einsum("ip,is,iq->spq", zeros, gain, zeros)
-            levels = np.linalg.solve(information, (zeros.T @ (gain * missed[:, None])).T[:, :, None])[:, :, 0]
-            centred = missed[:, None] - zeros @ levels.T
-            likelihood = 0.5 * (
-                np.log(gain).sum(axis=0)
-                - np.linalg.slogdet(information)[1]
-                - np.sum(gain * missed[:, None] * centred, axis=0)
-            )
-            common, by_position = kernels(cells, self.places, reach)
-            to_cells = (share * common + (1 - share) * by_position) / self.noise @ vectors
-            known = to_cells**2 @ (gain * variance**2)
-            yield _Part(likelihood, to_cells @ (gain * centred * variance), np.maximum(variance - known, 0.0))
+        gain = 1 / (1 + np.maximum(roots, 0.0)[:, None] * variance)
+        missed, zeros = vectors.T @ self.missed, vectors.T @ self.zeros
+        information = (zeros.T * gain.T[:, None]) @ zeros  # (n_sizes, n_positions, n_positions)
+        levels = np.linalg.solve(information, (zeros.T @ (gain * missed[:, None])).T[:, :, None])[:, :, 0]
+        centred = missed[:, None] - zeros @ levels.T
+        likelihood = 0.5 * (
+            np.log(gain).sum(axis=0)
+            - np.linalg.slogdet(information)[1]
+            - np.sum(gain * missed[:, None] * centred, axis=0)
+        )
+        return _Process(self, share, reach, vectors, variance, gain, centred, likelihood)
+
+
+@dataclass(frozen=True)
+class _Process:
+    """Processes of one share and reach, each column of another size.
+
+    Attributes
+    ----------
+    vectors : (n_places, n_places) of the correlation at the places seen, over their noise.
+    variance : (n_sizes,) [arcmin^2]
+    gain : (n_places, n_sizes) inverse covariance.
+    centred : (n_places, n_sizes) what is missed less the zeros.
+    likelihood : (n_sizes,) restricted, its logarithm.
+    """
+
+    seen: _Seen
+    share: float
+    reach: float
+    vectors: Real
+    variance: Real
+    gain: Real
+    centred: Real
+    likelihood: Real
+
+    def at(self, cells: Places) -> tuple[Real, Real]:
+        """Mean [arcmin] and variance [arcmin^2] at cells, each (n_cells, n_sizes)."""
+        common, by_position = kernels(cells, self.seen.places, self.reach)
+        to_cells = (self.share * common + (1 - self.share) * by_position) / self.seen.noise @ self.vectors
+        known = to_cells**2 @ (self.gain * self.variance**2)
+        return to_cells @ (self.gain * self.centred * self.variance), np.maximum(self.variance - known, 0.0)
