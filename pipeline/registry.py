@@ -29,17 +29,21 @@ class Kind:
         Raises
         ------
         ValueError
-            If a registered object has the name of another one.
+            If two objects have one name: a file that was copied and not renamed, or what another package registers.
         """
         paths = importlib.import_module(self.package).__path__
-        names = sorted(file.name for file in pkgutil.walk_packages(paths, f"{self.package}."))
-        modules = [importlib.import_module(name) for name in names if not name.rpartition(".")[2].startswith("_")]
-        objects = {declared.name: declared for module in modules if (declared := getattr(module, self.attribute, None))}
-        for entry in sorted(importlib.metadata.entry_points(group=self.group), key=lambda entry: entry.name):
-            declared = entry.load()
-            if declared.name in objects:
-                raise ValueError(f"{entry.value}: {declared.name} is declared already; give it another name")
-            objects[declared.name] = declared
+        files = (file.name for file in pkgutil.walk_packages(paths, f"{self.package}."))
+        module_names = sorted(name for name in files if not name.rpartition(".")[2].startswith("_"))
+        declared = [(name, getattr(importlib.import_module(name), self.attribute, None)) for name in module_names]
+        entries = sorted(importlib.metadata.entry_points(group=self.group), key=lambda entry: entry.name)
+        declared += [(entry.value, entry.load()) for entry in entries]
+        objects: dict[str, Any] = {}
+        for place, item in declared:
+            if item is None:
+                continue
+            if item.name in objects:
+                raise ValueError(f"{place}: {item.name} is declared already; give it another name")
+            objects[item.name] = item
         return objects
 
 

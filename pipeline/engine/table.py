@@ -39,12 +39,22 @@ _NUMPY_KINDS = {"int32": "iu", "float64": "fiu", "bool": "b"}
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table; `unit` and `meaning` travel with the data, in the field's metadata."""
+    """One column of a table; `unit` and `meaning` travel with the data, in the field's metadata.
+
+    Raises
+    ------
+    ValueError
+        If it is of a kind that tables have not.
+    """
 
     name: str
     kind: Literal["int32", "float64", "bool", "label"]
     unit: str
     meaning: str
+
+    def __post_init__(self) -> None:
+        if self.kind not in _ARROW_TYPES:
+            raise ValueError(f"column {self.name}: {self.kind!r}; must be one of {', '.join(_ARROW_TYPES)}")
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """What went into a study, as the report tells it: reducer, tolerances, settings, and where each number comes from."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from pipeline.config.studies.study import Cycle, Study
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.figures.labels import PARAMETERS
 from pipeline.model.contact.line_laws.contact_law import law_of
+from pipeline.model.effects import library
 from pipeline.report.flank import flank_fact
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import NOTHING, counted, listed, plain
@@ -75,9 +76,10 @@ def design_numbers(design: Design) -> list[tuple[str, list[DesignNumber]]]:
     """Every number of the design by section, in the file's order."""
     raw = design.model_dump()
     sections: dict[str, list[DesignNumber]] = {}
+    of_effects = dict(_effect_names(design))
     for key in number_keys(raw):
         section, _, key_tail = key.partition(".")
-        name, unit = _name_and_unit(key_tail)
+        name, unit = of_effects.get(key) or _name_and_unit(key_tail)
         provenance = design.provenance.get(key)
         sections.setdefault(section, []).append(
             DesignNumber(
@@ -156,9 +158,27 @@ def reducer_facts(design: Design) -> list[tuple[str, str]]:
 def _effects_fact(design: Design) -> str:
     texts = []
     for name, values in design.effects.items():
-        numbers = ", ".join(f"{key} = {plain(value)}" for key, value in values.items())
-        texts.append(f"{name.replace('_', ' ')} ({numbers})")
+        effect = library()[name]
+        numbers = [
+            f"{parameter.quantity} {plain(values[parameter.name])} {_printed(parameter.unit)}".rstrip()
+            for parameter in effect.parameters
+        ]
+        texts.append(f"{effect.title} ({', '.join(numbers)})")
     return "; ".join(texts)
+
+
+def _effect_names(design: Design) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Key of every number of an effect, with its name and unit as people read them."""
+    for name in design.effects:
+        effect = library()[name]
+        for parameter in effect.parameters:
+            words = f"{effect.title}, {parameter.quantity}"
+            yield f"effects.{name}.{parameter.name}", (words, _printed(parameter.unit))
+
+
+def _printed(unit: str) -> str:
+    """A unit as the page writes it; a pure number has none."""
+    return "" if unit == "1" else unit.replace("um", "µm").replace("arcmin", "′").replace(")2", ")²")
 
 
 def law_fact(study: Study) -> str:

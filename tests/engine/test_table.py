@@ -32,6 +32,11 @@ def rows(n: int) -> dict[str, object]:
     }
 
 
+def test_a_column_of_a_kind_that_tables_have_not_is_refused() -> None:
+    with pytest.raises(ValueError, match="column cycles: 'int64'; must be one of int32, float64, bool, label"):
+        Column("cycles", "int64", "1", "load cycles")
+
+
 def test_pandas_reads_types_labels_and_metadata() -> None:
     data = TABLE.part(rows(7)).data
     frame = pd.read_parquet(io.BytesIO(data))

@@ -25,6 +25,7 @@ from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import LoadCycle, solve_cycle
 from pipeline.mounting import drive_of
+from pipeline.report.inputs import design_numbers, reducer_facts
 from pipeline.sampling import draw
 from stages.hysteresis import prepare
 
@@ -269,6 +270,19 @@ def test_every_other_effect_changes_a_study(study: Study) -> None:
             and not len(drive.sliders.acting)
         )
         assert not is_same, name
+
+
+def test_the_page_tells_effects_by_title_quantity_and_unit() -> None:
+    values = {"output_torsion": {"compliance_arcmin_per_Nm": 0.05}, "load_friction": {"coefficient": 0.1}}
+    design = with_design_effects(small_study(count=1), **values).design
+    told = dict(reducer_facts(design))["Effects"]
+    assert "compliance 0.05 ′/(N m)" in told
+    assert "(coefficient 0.1)" in told
+    (rows,) = [numbers for section, numbers in design_numbers(design) if section == "effects"]
+    assert {(row.name, row.unit) for row in rows} == {
+        (f"{library()['output_torsion'].title}, compliance", "′/(N m)"),
+        (f"{library()['load_friction'].title}, coefficient", ""),
+    }
 
 
 def test_effects_are_sources_of_the_stages_that_honour_them_and_of_no_mesh() -> None:

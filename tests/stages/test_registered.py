@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import subprocess
@@ -28,6 +29,7 @@ from pipeline.registry import (
     DIMENSIONS,
     DISTRIBUTIONS,
     EFFECTS,
+    KINDS,
     METRICS,
     OUTPUT_MECHANISMS,
     REPORT_SECTIONS,
@@ -119,6 +121,20 @@ def test_an_effect_with_the_name_of_another_is_refused(folder: Path) -> None:
     install_rubber(folder, "creep")
     with pytest.raises(ValueError, match="rubber_of_creep:EFFECT: creep is declared already"):
         library()
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.group)
+def test_a_file_that_was_copied_and_not_renamed_is_refused(kind: Kind, tmp_path: Path, monkeypatch) -> None:
+    """Of every kind, and whether the copy is found before its original or after it."""
+    original = sorted(kind.declarations())[0]
+    package = importlib.import_module(kind.package)
+    (tmp_path / "copied.py").write_text(
+        f"from types import SimpleNamespace\n{kind.attribute} = SimpleNamespace(name={original!r})\n"
+    )
+    for paths in ([*package.__path__, str(tmp_path)], [str(tmp_path), *package.__path__]):
+        monkeypatch.setattr(package, "__path__", paths)
+        with pytest.raises(ValueError, match=f"{original} is declared already; give it another name"):
+            kind.declarations()
 
 
 def test_the_library_of_the_project_needs_no_registration(folder: Path) -> None:

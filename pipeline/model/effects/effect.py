@@ -23,15 +23,37 @@ LARGEST_INTERFERENCE = 1 / 30
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect; its name carries its unit.
+    """One number of an effect; its name ends in its unit, as ``compliance_arcmin_per_Nm`` does in "arcmin/(N m)".
 
     ``record`` says of a time constant what must last longer than it for a claim: ``TIME`` or ``CYCLES``.
+
+    Raises
+    ------
+    ValueError
+        If the name does not end in the unit.
     """
 
     name: str
     unit: str
     meaning: str
     record: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name.endswith(self._ending):
+            raise ValueError(f"{self.name}: the name of a number in {self.unit} must end in {self._ending}")
+
+    @property
+    def _ending(self) -> str:
+        """Of a name with this unit."""
+        if self.unit == "1":
+            return ""
+        words = self.unit.replace("N m", "Nm").replace("1/", "per ").replace("/", " per ")
+        return "_" + words.replace("(", "").replace(")", "").replace(" ", "_")
+
+    @property
+    def quantity(self) -> str:
+        """The name less its unit, in words."""
+        return self.name.removesuffix(self._ending).replace("_", " ")
 
 
 def clearances(drive: Drive, shrinks: bool = False) -> tuple[float, float]:

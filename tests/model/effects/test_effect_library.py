@@ -8,23 +8,11 @@ from reducers import ARCMIN, PAPER, SMALL
 
 from pipeline.identification.bench.instrument_effects import instrument_effects
 from pipeline.model.effects import Conditions
-from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME, Parameter
 from pipeline.model.load_history.backbone import backbone
 
 EVERY = pytest.mark.parametrize("name", LIBRARY)
 ALL_NAMES = {**LIBRARY, **instrument_effects()}
-UNITS = {
-    "um": "um",
-    "N m": "Nm",
-    "arcmin": "arcmin",
-    "um/N": "um_per_N",
-    "arcmin/(N m)": "arcmin_per_Nm",
-    "s": "s",
-    "um/(m K)": "um_per_m_K",
-    "arcmin/h": "arcmin_per_h",
-    "arcmin/(N m)2": "arcmin_per_Nm2",
-    "1/K": "per_K",
-}
 
 
 @pytest.mark.parametrize("name", ALL_NAMES)
@@ -37,13 +25,32 @@ def test_texts_are_complete_and_names_are_known(name):
     assert 1 <= len(effect.parameters) <= 3
     for parameter in effect.parameters:
         assert parameter.meaning
-        if parameter.unit != "1":
-            assert parameter.name.endswith("_" + UNITS[parameter.unit])
     assert len({parameter.name for parameter in effect.parameters}) == len(effect.parameters)
     assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
     assert effect.limit_case in {"", *ALL_NAMES}
     assert effect.starts in ("secants", "periods")
     assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "quantity"),
+    [
+        ("stiffness_Nm_per_arcmin", "N m/arcmin", "stiffness"),
+        ("coefficient_arcmin_per_Nm2", "arcmin/(N m)2", "coefficient"),
+        ("difference_um_per_m_K", "um/(m K)", "difference"),
+        ("loss_per_K", "1/K", "loss"),
+        ("half_life_s", "s", "half life"),
+        ("number_of_cycles", "1", "number of cycles"),
+    ],
+)
+def test_the_name_of_a_parameter_ends_in_its_unit(name, unit, quantity):
+    assert Parameter(name, unit, "any").quantity == quantity
+    if unit != "1":
+        with pytest.raises(
+            ValueError,
+            match=f"size: the name of a number in .* must end in {name.removeprefix(quantity.replace(' ', '_'))}",
+        ):
+            Parameter("size", unit, "any")
 
 
 @EVERY

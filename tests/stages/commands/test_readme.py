@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
+import pyarrow.dataset
 import pytest
 
 from pipeline import cli
@@ -34,7 +35,19 @@ def test_the_pandas_snippet_runs_on_a_run(
     printed = capsys.readouterr().out
     assert "crank_deg" in printed
     assert "lost_motion_arcmin_worst" in printed
-    assert "disk_profile_um" in printed or "rank_correlation" in printed
+    rows = pd.DataFrame(outputs["aggregate"].read("sensitivity"))
+    ranks = rows[(rows["kind"] == "rank_correlation") & (rows["metric"] == "lost_motion_arcmin")]
+    first = ranks.loc[ranks["index"].abs().idxmax()]
+    assert first["parameter"] in printed
+    assert f"{first['index']:.6f}" in printed
+
+
+def test_unit_and_meaning_are_read_as_the_readme_says_of_files_and_of_folders(outputs: dict[str, Output]) -> None:
+    (expression,) = re.findall(r"`(pyarrow\.dataset\..*?\.metadata)`", README)
+    for path in (outputs["aggregate"].folder / "units.parquet", outputs["sample"].folder / "reducer.parquet"):
+        assert path.is_dir() == (path.stem == "reducer")
+        metadata = eval(expression, {"pyarrow": pyarrow, "path": path, "name": "sample"})
+        assert set(metadata) == {b"unit", b"meaning"}
 
 
 def test_the_lines_of_other_readers_say_what_pandas_says(
