@@ -9,14 +9,14 @@ import pandas as pd
 
 from pipeline.config.studies.study import Study
 from pipeline.engine.fingerprint import package_versions
-from pipeline.engine.processes.forked import forked_calls
+from pipeline.engine.processes.forked import shared_calls
 from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Table
 from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import kept_samples
 from pipeline.report.frames import Frames, drawn_samples, unsolved
-from pipeline.report.layout.pictures import Picture, written_picture
+from pipeline.report.layout.pictures import LinkedPicture, with_pictures
 from pipeline.report.page import report_page
 from pipeline.report.sections import Page, drawings, library
 from pipeline.report.sections.section import TableNote
@@ -88,28 +88,22 @@ def _save(drawing: Drawing, stem: Path) -> None:
     save(drawing.figure(), stem)
 
 
-def _pictures(job: Job, frames: Frames) -> dict[str, Picture]:
-    """The figures, written into the stage's folder."""
-    texts = {}
-    with forked_calls(job.jobs) as call:
-        for drawing in drawings(frames):
-            call(_save, drawing, job.path(f"figures/{drawing.name}"))
-            texts[drawing.name] = drawing.title, drawing.caption
-    pictures = {name: written_picture(*text, job.path(f"figures/{name}")) for name, text in texts.items()}
+def _mesh_picture(job: Job) -> dict[str, LinkedPicture]:
+    """That of the meshed disk, copied into the stage's folder; none of a rigid one."""
     if job.study.reduce.disk == "rigid":
-        return pictures
+        return {}
     for suffix in ("png", "svg"):
         job.path(f"figures/mesh.{suffix}").write_bytes(job.input_path("reduce", f"mesh.{suffix}").read_bytes())
     output = job.study.design.output
     in_holes = f"; and a hole, with the patch on which it presses on its {output.words.contact}"
-    pictures["mesh"] = Picture(
+    mesh = LinkedPicture(
         "Mesh of the disk and its deflection",
         "Left: size of the deflection by 1 N on the pin of the longest arm, the bore held. Right: the mesh at that "
         "pin, with the patches that carry the pressure of the pins"
         f"{in_holes if output.holes(job.study.design.cycloid) else ''}.",
-        job.path("figures/mesh.svg").read_bytes(),
+        "figures/mesh.svg",
     )
-    return pictures
+    return {"mesh": mesh}
 
 
 def _notes(job: Job, upstream: tuple[Stage, ...]) -> list[TableNote]:
@@ -132,8 +126,11 @@ def _stages(job: Job, upstream: tuple[Stage, ...]) -> list[StageNote]:
 def _run(upstream: tuple[Stage, ...], job: Job) -> Tables:
     frames = _frames(job)
     versions = package_versions() | {name: importlib.metadata.version(name) for name in PRINTED_WITH}
-    page = Page(frames, _pictures(job, frames), _notes(job, upstream), _stages(job, upstream), versions)
-    job.path("report.html").write_text(report_page(page), encoding="utf-8")
+    drawn = list(drawings(frames))
+    pictures = {d.name: LinkedPicture(d.title, d.caption, f"figures/{d.name}.svg") for d in drawn} | _mesh_picture(job)
+    with shared_calls([partial(_save, drawing, job.path(f"figures/{drawing.name}")) for drawing in drawn], job.jobs):
+        page = report_page(Page(frames, pictures, _notes(job, upstream), _stages(job, upstream), versions))
+    job.path("report.html").write_text(with_pictures(page, pictures.values(), job.folder), encoding="utf-8")
     return {}
 
 

@@ -4,11 +4,12 @@ import os
 import signal
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from pipeline.engine.processes.forked import forked_calls
+from pipeline.engine.processes.forked import shared_calls
 
 FORKS = pytest.mark.skipif(sys.platform != "linux", reason="only Linux forks safely")
 HERE = os.getpid()
@@ -19,34 +20,63 @@ def write_process(path: Path) -> None:
 
 
 def test_one_job_makes_every_call_in_this_process(tmp_path: Path) -> None:
-    with forked_calls(1) as call:
-        for number in range(3):
-            call(write_process, tmp_path / str(number))
-            assert (tmp_path / str(number)).read_text() == str(HERE)
+    with shared_calls([partial(write_process, tmp_path / str(number)) for number in range(3)], 1):
+        assert not list(tmp_path.iterdir())
+    assert [(tmp_path / str(number)).read_text() for number in range(3)] == [str(HERE)] * 3
+
+
+def test_nothing_to_call_is_no_mistake() -> None:
+    with shared_calls([], 2):
+        pass
 
 
 @FORKS
 def test_a_fork_writes_while_this_process_goes_on_and_all_is_written_after(tmp_path: Path) -> None:
     reading, writing = os.pipe()
 
-    def wait_and_write(path: Path) -> None:
-        os.read(reading, 1)
-        write_process(path)
-
-    with forked_calls(2) as call:
-        call(wait_and_write, tmp_path / "first")
-        call(write_process, tmp_path / "second")
-        assert not (tmp_path / "first").exists()
-        assert (tmp_path / "second").read_text() == str(HERE)
+    def write_and_tell() -> None:
+        write_process(tmp_path / "first")
         os.write(writing, b"1")
-    assert (tmp_path / "first").read_text() != str(HERE)
+
+    def wait_and_write() -> None:
+        os.read(reading, 1)
+        write_process(tmp_path / "second")
+
+    with shared_calls([write_and_tell, wait_and_write, partial(write_process, tmp_path / "third")], 2):
+        os.read(reading, 1)
+        assert (tmp_path / "first").read_text() != str(HERE)
+        assert not (tmp_path / "second").exists()
+        os.write(writing, b"1")
+    assert {path.name for path in tmp_path.iterdir()} == {"first", "second", "third"}
+
+
+@FORKS
+@pytest.mark.parametrize("jobs", [2, 3])
+def test_each_call_is_made_once(tmp_path: Path, jobs: int) -> None:
+    def append(number: int) -> None:
+        time.sleep(1e-3)
+        with (tmp_path / "calls").open("a") as file:
+            file.write(f"{number} {os.getpid()}\n")
+
+    with shared_calls([partial(append, number) for number in range(300)], jobs):
+        pass
+    lines = [line.split() for line in (tmp_path / "calls").read_text().splitlines()]
+    assert sorted(int(number) for number, _ in lines) == list(range(300))
+    assert len({process for _, process in lines}) == jobs
 
 
 @FORKS
 def test_what_fails_in_a_fork_tells_its_own_error_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(FileNotFoundError, match="missing"), forked_calls(2) as call:  # noqa: PT012
-        call((tmp_path / "missing" / "file").write_text, "text")
-        call(write_process, tmp_path / "other")
+    def fail_in_a_fork() -> None:
+        if os.getpid() == HERE:
+            (tmp_path / "missing" / "file").write_text("text")
+        raise ValueError("in a fork")
+
+    calls = [fail_in_a_fork, partial(write_process, tmp_path / "after")]
+    with pytest.raises(FileNotFoundError, match="missing"), shared_calls(calls, 2):  # noqa: PT012
+        while not (tmp_path / "after").exists():  # the fork goes on with the others
+            time.sleep(0.01)
+    assert (tmp_path / "after").read_text() != str(HERE)
     assert capfd.readouterr().err == ""
 
 
@@ -57,19 +87,18 @@ def test_what_a_killed_fork_owed_is_done_here(tmp_path: Path) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         write_process(path)
 
-    with forked_calls(3) as call:
-        for number in range(2):
-            call(die_in_a_fork, tmp_path / str(number))
-    assert [(tmp_path / str(number)).read_text() for number in range(2)] == [str(HERE)] * 2
+    with shared_calls([partial(die_in_a_fork, tmp_path / str(number)) for number in range(3)], 3):
+        time.sleep(0.3)
+    assert [(tmp_path / str(number)).read_text() for number in range(3)] == [str(HERE)] * 3
 
 
 @FORKS
 def test_what_a_fork_that_never_ends_owed_is_done_here(tmp_path: Path) -> None:
-    def hang_in_a_fork(path: Path) -> None:
+    def hang_in_a_fork() -> None:
         if os.getpid() != HERE:
             time.sleep(600)
-        write_process(path)
+        write_process(tmp_path / "file")
 
-    with forked_calls(2, patience=0.1) as call:
-        call(hang_in_a_fork, tmp_path / "file")
+    with shared_calls([hang_in_a_fork, partial(write_process, tmp_path / "other")], 2, patience=0.1):
+        time.sleep(0.3)
     assert (tmp_path / "file").read_text() == str(HERE)

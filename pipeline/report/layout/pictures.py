@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,23 @@ class Picture:
     def source(self) -> str:
         """The file as an address that holds the file itself."""
         return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
+
+
+@dataclass(frozen=True)
+class LinkedPicture:
+    """A figure that a page names by its address until it is drawn: its title, caption, and that of its SVG file."""
+
+    title: str
+    caption: str
+    source: str
+
+
+def with_pictures(page: str, pictures: Iterable[LinkedPicture], folder: Path) -> str:
+    """The page with the files of the folder themselves in place of their addresses."""
+    for picture in pictures:
+        svg = (folder / picture.source).read_bytes()
+        page = page.replace(f'src="{picture.source}"', f'src="{Picture(picture.title, picture.caption, svg).source}"')
+    return page
 
 
 def drawn_picture(figure: Figure, title: str, caption: str, stem: Path) -> Picture:

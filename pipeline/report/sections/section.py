@@ -10,7 +10,7 @@ from pipeline.report.chain.graph import StageNote
 from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import explored
 from pipeline.report.frames import Frames
-from pipeline.report.layout.pictures import Picture
+from pipeline.report.layout.pictures import LinkedPicture
 from pipeline.report.results import Results
 
 
@@ -38,7 +38,7 @@ class Page:
     """
 
     frames: Frames
-    pictures: Mapping[str, Picture]
+    pictures: Mapping[str, LinkedPicture]
     tables: Sequence[TableNote]
     stages: Sequence[StageNote]
     versions: Mapping[str, str]
