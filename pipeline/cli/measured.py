@@ -81,7 +81,7 @@ def compare_states(options: argparse.Namespace) -> None:
             filter(
                 None,
                 [
-                    f"{answers.found.verdict}: {answers.sentence}",
+                    f"{answers.comparison.verdict}: {answers.sentence}",
                     answers.limits_sentence,
                     answers.pattern_sentence,
                     answers.advice,

@@ -74,7 +74,7 @@ def pair(folder: Path, changes: dict[str, float], mounting: float = 0.04, seed: 
     ],
 )
 def test_what_changed_is_named_with_its_sign_and_size(tmp_path, changes, words, kind, true):
-    result = pair(tmp_path, changes, mounting=0.02).found
+    result = pair(tmp_path, changes, mounting=0.02).comparison
     assert result.verdict == CHANGED
     assert result.named[0].words == words
     (low,), (high,) = result.named[0].low, result.named[0].high
@@ -86,19 +86,19 @@ def test_what_changed_is_named_with_its_sign_and_size(tmp_path, changes, words, 
 
 def test_the_interval_of_a_change_that_all_positions_agree_upon_holds_what_the_model_misses(tmp_path, monkeypatch):
     monkeypatch.setitem(DRIVE, "ripple", 0.0)
-    change = pair(tmp_path, {"friction": 0.5}, mounting=0.0).found.named[0]
+    change = pair(tmp_path, {"friction": 0.5}, mounting=0.0).comparison.named[0]
     scatter = change.by_position.std(ddof=1)
     assert abs(change.mean[0] - 0.3) > 4 * scatter  # positions alike do not say what play with soft ends adds
     assert change.low[0] < 0.3 < change.high[0] < 0.36
 
 
 def test_where_nothing_changed_nothing_is_named(tmp_path):
-    verdicts = [pair(tmp_path / str(seed), {}, seed=seed).found.verdict for seed in range(4)]
+    verdicts = [pair(tmp_path / str(seed), {}, seed=seed).comparison.verdict for seed in range(4)]
     assert verdicts.count(NOTHING) >= 3
 
 
 def test_two_changes_are_named_together(tmp_path):
-    result = pair(tmp_path, {"friction": 0.6, "compliance": 0.25}, mounting=0.02).found
+    result = pair(tmp_path, {"friction": 0.6, "compliance": 0.25}, mounting=0.02).comparison
     assert result.named[0].words == "friction grows and stiffness falls"
     assert result.verdict == CHANGED
 
@@ -109,13 +109,13 @@ def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
     state_after = drive_measured(tmp_path / "after", {"friction": 0.5}, 0.04, 1001, cranks)
     further = [drive_measured(tmp_path / str(seed), {}, 0.04, seed, cranks) for seed in (2001, 3001, 4001)]
     alone, result = answer(state_before, state_after), answer(state_before, state_after, further)
-    assert not alone.found.named
-    assert [change.words for change in result.found.named] == ["friction grows"]
-    assert result.found.named[0].freedom == 8
+    assert not alone.comparison.named
+    assert [change.words for change in result.comparison.named] == ["friction grows"]
+    assert result.comparison.named[0].freedom == 8
     assert "could hide" in alone.limits_sentence
     assert "scatter over the positions of 2 states (2 degrees of freedom)" in alone.limits_sentence
-    limits = [change.detectable[0] for change in alone.found.beside]
-    assert all(limit > abs(change.mean[0]) for limit, change in zip(limits, alone.found.beside, strict=True))
+    limits = [change.detectable[0] for change in alone.comparison.beside]
+    assert all(limit > abs(change.mean[0]) for limit, change in zip(limits, alone.comparison.beside, strict=True))
     lacking = drive_measured(tmp_path / "lacking", {}, 0.04, 5001, CRANKS[:2])
     with pytest.raises(InputError, match="lacking: nothing to compare at 140 deg"):
         answer(state_before, state_after, [lacking])
@@ -132,14 +132,14 @@ def test_a_state_that_is_named_twice_is_refused(tmp_path):
 
 def test_a_torque_that_reads_another_zero_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(DRIVE, "ripple", 0.2)  # a ripple shifts with the torque and drops out of no difference
-    result = pair(tmp_path, {"zero": 0.8}, mounting=0.0).found
+    result = pair(tmp_path, {"zero": 0.8}, mounting=0.0).comparison
     assert result.named[0].words == "zero of the torque rises, or a preload"
     assert result.named[0].mean[0] == pytest.approx(0.8, rel=0.35)
 
 
 def test_one_position_claims_nothing_and_says_why(tmp_path):
     result = pair(tmp_path, {"friction": 0.5}, cranks=(0.0,))
-    assert result.found.verdict == NOTHING
+    assert result.comparison.verdict == NOTHING
     assert "at 1 position" in result.sentence
     assert "3 or more crank positions" in result.advice
 
@@ -148,8 +148,8 @@ def test_positions_that_were_shuffled_are_seen(tmp_path):
     state_before = drive_measured(tmp_path / "before", {}, 0.1, 1)
     positions_of_shuffled = answer(state_before, drive_measured(tmp_path / "same", {}, 0.1, 1)).positions
     variant = answer(state_before, drive_measured(tmp_path / "other", {}, 0.1, 2, CRANKS[::-1])).positions
-    assert positions_of_shuffled.kept
-    assert not variant.kept
+    assert positions_of_shuffled.persists
+    assert not variant.persists
     assert positions_of_shuffled.pairings == 120
 
 
@@ -158,7 +158,7 @@ def test_the_files_hold_what_the_sentence_says(tmp_path):
     write(result, tmp_path / "out")
     verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
     changes = pd.read_parquet(tmp_path / "out" / "changes.parquet")
-    changes = changes[changes["others"] == result.found.best.others].set_index("kind")
+    changes = changes[changes["others"] == result.comparison.best.other_kinds].set_index("kind")
     cells = pd.read_parquet(tmp_path / "out" / "difference.parquet")
     assert verdict["sentence"] == result.sentence
     assert changes.loc["friction", "named"]
@@ -167,7 +167,7 @@ def test_the_files_hold_what_the_sentence_says(tmp_path):
         np.sum(((cells["difference_arcmin"] - cells[f"{name}_arcmin"]) / cells["sigma_arcmin"]) ** 2)
         for name in ("held_out", "without")
     ]
-    assert np.sqrt(residuals[0] / residuals[1]) == pytest.approx(result.found.named[0].gain, rel=0.02)
+    assert np.sqrt(residuals[0] / residuals[1]) == pytest.approx(result.comparison.named[0].gain, rel=0.02)
 
 
 def test_the_command_writes_a_page_that_says_what_it_prints(tmp_path, monkeypatch, capsys):
@@ -231,21 +231,21 @@ def rig(tmp_path_factory):
 
 @pytest.mark.skipif(not INTERVENTIONS.is_dir(), reason="the measured interventions are not here")
 def test_a_drive_that_was_preloaded_is_told_and_one_measured_twice_is_not(rig):
-    result = answer(rig("conic_onyx_runin"), rig("conic_onyx_2pre")).found
+    result = answer(rig("conic_onyx_runin"), rig("conic_onyx_2pre")).comparison
     assert not result.named  # three positions, and a scatter between them that leaves two degrees of freedom
     assert {"stiffness grows"} <= {change.words for change in result.near} <= {"stiffness grows", "play closes"}
-    assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).found.verdict == NOTHING
+    assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).comparison.verdict == NOTHING
 
 
 @pytest.mark.attack
 @pytest.mark.skipif(not INTERVENTIONS.is_dir(), reason="the measured interventions are not here")
 def test_the_known_interventions_have_their_class_and_sign(rig):
     def words(state_before: str, state_after: str) -> list[str]:
-        return [change.words for change in answer(rig(state_before), rig(state_after)).found.near]
+        return [change.words for change in answer(rig(state_before), rig(state_after)).comparison.near]
 
     assert words("split_pccf_runin", "split_pccf_1pre") == ["play closes"]
     assert words("split_pccf_1pre", "split_pccf_reassembled") == ["play opens"]
     assert words("split_pccf_runin", "split_pccf_reassembled") == []
     assert words("conic_onyx_2pre", "conic_onyx_3pre") == []
     assert words("conic_onyx_3pre", "conic_onyx_4pre") == []
-    assert answer(rig("conic_onyx_1pre"), rig("conic_onyx_1pre", repeat=True)).found.verdict == NOTHING
+    assert answer(rig("conic_onyx_1pre"), rig("conic_onyx_1pre", repeat=True)).comparison.verdict == NOTHING

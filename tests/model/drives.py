@@ -58,7 +58,7 @@ def drive_with(profile, reducer, bearing, laws, compliance, gap, clearance):
         reading=GapReading("exact", "radial", "half_diameter"),
         shift=np.zeros(gap.shape),
         bearing_clearance=clearance,
-        known=gap,
+        known_gap=gap,
     )
 
 

@@ -72,8 +72,8 @@ class Course:
     torque : (n_turns,) [N m] from the first to the last, turning at each.
     leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
     state : (n_turns - 1,) state of the drive on each leg.
-    at : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the angle of a
-        cell is the mean over them.
+    cell_torques : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the
+        angle of a cell is the mean over them.
     time : (n_cells,) [s] from the unit's first cell, or zeros.
     encoder_turns : turns of the encoder per turn of the output.
     encoder_place : [rad] of the encoder at this position.
@@ -82,7 +82,7 @@ class Course:
     torque: Real
     leg: Whole
     state: Whole
-    at: Real
+    cell_torques: Real
     time: Real
     encoder_turns: float
     encoder_place: float
@@ -177,7 +177,7 @@ class Forward:
         """Prediction at the cells of a position."""
         course = self.courses[position]
         curve = self.backbone(drive)
-        torque, edges = instrument.true_torque(course.torque), instrument.true_torque(course.at)
+        torque, edges = instrument.true_torque(course.torque), instrument.true_torque(course.cell_torques)
         unsound = int(np.count_nonzero(curve.states.residual > UNSOUND))
         sound = unsound <= UNSOUND_SHARE * curve.states.residual.size
         if len(drive.sliders.acting) or instrument.ripple.amplitude:

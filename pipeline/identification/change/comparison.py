@@ -79,17 +79,17 @@ class JointModel:
 
     def error(self, change: Mapping[Kind, float]) -> float:
         """Rms (in noise) of what changes leave of the measured difference."""
-        return float(np.sqrt(np.mean(self.pair.rest(self.change(change)) ** 2)))
+        return float(np.sqrt(np.mean(self.pair.residual(self.change(change)) ** 2)))
 
     def estimated(self, kinds: Sequence[Kind], fixed_values: Mapping[Kind, float] | None = None) -> dict[Kind, float]:
         """Changes of these kinds that explain the measured difference best, beside ``fixed_values`` ones."""
         scales, fixed = [self.scale(kind) for kind in kinds], fixed_values or {}
 
-        def by(shares: Sequence[float]) -> dict[Kind, float]:
+        def changes(shares: Sequence[float]) -> dict[Kind, float]:
             return {**fixed, **{kind: x * size for kind, x, size in zip(kinds, shares, scales, strict=True)}}
 
         optimum = least_squares(
-            lambda shares: self.pair.rest(self.change(by(shares))),
+            lambda shares: self.pair.residual(self.change(changes(shares))),
             np.zeros(len(kinds)),
             bounds=(-REACH, REACH),
             diff_step=2e-3,
@@ -97,7 +97,7 @@ class JointModel:
             loss="soft_l1",
             f_scale=max(self.error(fixed), 1.0),
         )
-        return by(optimum.x.tolist())
+        return changes(optimum.x.tolist())
 
     def mounted(self, kinds: Sequence[Kind], fixed_values: Mapping[Kind, float]) -> Mapping[Kind, float]:
         """A given change with what mounting changed beside it: these kinds, fitted to the position."""
@@ -117,11 +117,11 @@ class Change:
     p : (n_kinds,) of no change, each kind by itself.
     detectable : (n_kinds,) size that would have been sure with a chance of 95 %; NaN with too few positions.
     freedom : degrees of freedom that the scatter is known with; 0 with too few positions.
-    without, held_out : at each position what is put into the drive: nothing, and the mean change of the others; with
+    mounting, held_out : at each position what is put into the drive: nothing, and the mean change of the others; with
         what mounting may have changed beside it, fitted there.
     models : of the positions.
     other_states : (n_others, n_positions, n_kinds) changes of further states, which tell the scatter too.
-    others : whether all other kinds are "equal" in both states, or "free" at each position.
+    other_kinds : whether all other kinds are "equal" in both states, or "free" at each position.
     """
 
     kinds: tuple[Kind, ...]
@@ -132,16 +132,16 @@ class Change:
     p: Real
     detectable: Real
     freedom: int
-    without: tuple[Mapping[Kind, float], ...]
+    mounting: tuple[Mapping[Kind, float], ...]
     held_out: tuple[Mapping[Kind, float], ...]
     models: Sequence[JointModel]
     other_states: Real
-    others: str
+    other_kinds: str
 
     @cached_property
     def nothing(self) -> Real:
         """Rms (n_positions,) in noise of what is left without the change."""
-        return np.array([model.error(step) for model, step in zip(self.models, self.without, strict=True)])
+        return np.array([model.error(step) for model, step in zip(self.models, self.mounting, strict=True)])
 
     @cached_property
     def error(self) -> Real:
@@ -215,7 +215,7 @@ class _States:
     """Positions of the second state and of further ones, each held against the first."""
 
     models: tuple[JointModel, ...]
-    others: tuple[tuple[JointModel, ...], ...]
+    further: tuple[tuple[JointModel, ...], ...]
 
     def alone(self, kind: Kind) -> Change:
         """A kind of change, all others equal in both states."""
@@ -248,7 +248,7 @@ class _States:
     def _estimates(self, kinds: tuple[Kind, ...]) -> tuple[Real, Real]:
         """Of the second state (n_positions, n_kinds), and of the others (n_others, n_positions, n_kinds)."""
         tables = []
-        for models in (self.models, *self.others):
+        for models in (self.models, *self.further):
             by_kind = [model.estimated(kinds) for model in models]
             tables.append([[changes[kind] for kind in kinds] for changes in by_kind])
         values = np.array(tables)
@@ -288,12 +288,12 @@ class Comparison:
         )
 
 
-def compared(pairs: Sequence[Pair], others: Sequence[Sequence[Pair]] = ()) -> Comparison:
+def compared(pairs: Sequence[Pair], further: Sequence[Sequence[Pair]] = ()) -> Comparison:
     """What changed between the states of some positions.
 
     Parameters
     ----------
-    others : of further states of the drive, the same positions held against the first state: they tell the scatter of
+    further : of other states of the drive, the same positions held against the first state: they tell the scatter of
         mounting with more degrees of freedom.
 
     Notes
@@ -306,7 +306,7 @@ def compared(pairs: Sequence[Pair], others: Sequence[Sequence[Pair]] = ()) -> Co
     """
     states = _States(
         tuple(JointModel.of(pair) for pair in pairs),
-        tuple(tuple(JointModel.of(pair) for pair in state_pairs) for state_pairs in others),
+        tuple(tuple(JointModel.of(pair) for pair in state_pairs) for state_pairs in further),
     )
     models = states.models
     singles = tuple(states.alone(kind) for kind in KINDS)

@@ -78,13 +78,13 @@ class Pair:
     before_sigma: Real
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def matched(self) -> NDArray[np.bool_]:
         """Cells (n_cells,) with a counterpart."""
         return np.isfinite(self.difference)
 
-    def rest(self, explained: Real) -> Real:
+    def residual(self, explained: Real) -> Real:
         """What a change explains of the difference subtracted (n_known,), in noise, offset removed."""
-        residual, weight = (self.difference - explained)[self.known], 1 / self.sigma[self.known]
+        residual, weight = (self.difference - explained)[self.matched], 1 / self.sigma[self.matched]
         return (residual - np.average(residual, weights=weight**2)) * weight
 
 
@@ -104,7 +104,7 @@ def pairs(state_before: State, state_after: State) -> tuple[Pair, ...]:
         )
         raise InputError(f"no crank angle was measured in both: {differences_text} deg; measure the same positions")
     results = tuple(_pair(state_before, state_after, crank) for crank in shared)
-    usable = tuple(pair for pair in results if pair.known.sum() > 2)
+    usable = tuple(pair for pair in results if pair.matched.sum() > 2)
     if not usable:
         raise InputError(f"no branch of {names[1]} starts and runs as one of {names[0]}; measure the same loops")
     return usable

@@ -38,7 +38,7 @@ class Pattern:
     distance: Real
 
     @property
-    def kept(self) -> bool:
+    def persists(self) -> bool:
         """Whether equal positions agree better than any other pairing, or than 95 % of them."""
         return self.p <= max(1 / self.pairings, 0.05) + 1e-12
 

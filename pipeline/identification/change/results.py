@@ -73,25 +73,26 @@ class ChangeAnswer:
     Attributes
     ----------
     before, after : states.
-    found : comparison over the positions of both.
+    comparison : comparison over the positions of both.
     positions : whether they kept their pattern.
-    others : further states, which tell how far mounting scatters.
+    further : further states, which tell how far mounting scatters.
     """
 
     before: State
     after: State
-    found: Comparison
+    comparison: Comparison
     positions: Pattern
-    others: tuple[State, ...] = ()
+    further: tuple[State, ...] = ()
 
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        named_changes, count = self.found.named, len(self.found.models)
-        if not named_changes and not self.found.near:
+        named_changes, count = self.comparison.named, len(self.comparison.models)
+        if not named_changes and not self.comparison.near:
             return f"No change is shown: {self._nothing(count)}"
-        texts = [f"{change.words} ({_numbers(change)})" for change in named_changes or self.found.near]
-        removed = f"removes {100 * (1 - self.found.best.gain):.0f} % of the difference at positions that it was not "
+        texts = [f"{change.words} ({_numbers(change)})" for change in named_changes or self.comparison.near]
+        gain = 100 * (1 - self.comparison.best.gain)
+        removed = f"removes {gain:.0f} % of the difference at positions that it was not "
         if named_changes:
             return f"Shown: {', or '.join(texts)}; this {removed}estimated at."
         return (
@@ -100,7 +101,7 @@ class ChangeAnswer:
         )
 
     def _nothing(self, count: int) -> str:
-        floors = float(np.sqrt(np.mean(self.found.nothing**2)))
+        floors = float(np.sqrt(np.mean(self.comparison.nothing**2)))
         differ = f"the curves differ by {floors:.1f} noise floors"
         if count < FEWEST_POSITIONS:
             return (
@@ -112,11 +113,11 @@ class ChangeAnswer:
     @property
     def limits_sentence(self) -> str:
         """What could hide, where nothing is named and the scatter over the positions is known."""
-        limits = () if self.found.named else detection_limits(self.found)
+        limits = () if self.comparison.named else detection_limits(self.comparison)
         if not limits:
             return ""
         sizes = ", ".join(limits)
-        states, freedom = 2 + len(self.others), self.found.best.freedom
+        states, freedom = 2 + len(self.further), self.comparison.best.freedom
         return (
             f"What could hide: a change smaller than {sizes}, which would have been sure with a chance of 95 % by the "
             f"scatter over the positions of {states} states ({freedom} degrees of freedom)."
@@ -129,7 +130,7 @@ class ChangeAnswer:
         if not math.isfinite(share.p):
             return f"Whether positions kept their pattern takes {FEWEST_POSITIONS} of them in both measurements."
         rank = f"of {share.pairings} pairings of the positions {100 * share.p:.0f} % agree as well as the true one"
-        if share.kept:
+        if share.persists:
             return f"The positions kept their pattern: {rank}."
         return (
             f"It is not shown that the positions kept their pattern ({rank}): a new assembly shuffles it, and so does "
@@ -139,10 +140,10 @@ class ChangeAnswer:
     @property
     def advice(self) -> str:
         """What to measure next."""
-        if len(self.found.models) < FEWEST_POSITIONS:
+        if len(self.comparison.models) < FEWEST_POSITIONS:
             return f"Measure {FEWEST_POSITIONS} or more crank positions in both states."
-        kinds = [kind for change in self.found.named for kind in change.kinds]
-        if len(self.found.named) > 1:
+        kinds = [kind for change in self.comparison.named for kind in change.kinds]
+        if len(self.comparison.named) > 1:
             return "; ".join(f"{kind.title}: {kind.told_apart_by}" for kind in dict.fromkeys(kinds)) + "."
         if not kinds:
             return (
@@ -160,28 +161,28 @@ def detection_limits(comparison: Comparison) -> tuple[str, ...]:
     if not comparison.beside:
         return ()
     limits = []
-    for kind, single, beside in zip(KINDS, comparison.singles, comparison.beside, strict=True):
+    for kind, single, mounted in zip(KINDS, comparison.singles, comparison.beside, strict=True):
         scale, unit = (100, "%") if kind.unit == "1" else (1, kind.unit)
-        limit = scale * min(float(single.detectable[0]), float(beside.detectable[0]))
+        limit = scale * min(float(single.detectable[0]), float(mounted.detectable[0]))
         limits.append(f"{limit:.2g} {unit} of {kind.title.removesuffix(', as a share')}")
     return tuple(limits)
 
 
 def answer(
-    measurement_before: Measurement, measurement_after: Measurement, others: Sequence[Measurement] = ()
+    measurement_before: Measurement, measurement_after: Measurement, further: Sequence[Measurement] = ()
 ) -> ChangeAnswer:
     """What changed between two measurements of one drive.
 
     Parameters
     ----------
-    others : further states of the drive, which tell how far mounting scatters.
+    further : other states of the drive, which tell how far mounting scatters.
 
     Raises
     ------
     InputError : a measurement has a fatal fault or is named twice, or they have nothing in common, or a further one
         lacks a position.
     """
-    measurements = (measurement_before, measurement_after, *others)
+    measurements = (measurement_before, measurement_after, *further)
     faults = [f"{measurement.unit.name}: {fault.line}" for measurement in measurements for fault in measurement.fatal]
     folders = [measurement.unit.folder.resolve() for measurement in measurements]
     faults += [
@@ -195,20 +196,20 @@ def answer(
         faults.append(f"locked = {ends_text}; measurements are compared with one end locked")
     if faults:
         raise InputError(faults)
-    first, second, *further = (State.of(measurement) for measurement in measurements)
+    first, second, *further_states = (State.of(measurement) for measurement in measurements)
     results = pairs(first, second)
     cranks = [pair.crank_deg for pair in results]
-    found = compared(results, [_at(cranks, first, state) for state in further])
-    return ChangeAnswer(first, second, found, pattern(first, second, cranks), tuple(further))
+    comparison = compared(results, [_at(cranks, first, state) for state in further_states])
+    return ChangeAnswer(first, second, comparison, pattern(first, second, cranks), tuple(further_states))
 
 
 def _at(cranks: Sequence[float], first: State, state: State) -> list[Pair]:
     """The pairs of a further state at crank angles [deg]."""
     by_crank = {pair.crank_deg: pair for pair in pairs(first, state)}
-    lacking = [f"{crank:g}" for crank in cranks if crank not in by_crank]
-    if lacking:
+    gaps = [f"{crank:g}" for crank in cranks if crank not in by_crank]
+    if gaps:
         raise InputError(
-            f"{state.measurement.unit.name}: nothing to compare at {', '.join(lacking)} deg; a further state tells the "
+            f"{state.measurement.unit.name}: nothing to compare at {', '.join(gaps)} deg; a further state tells the "
             "scatter where it has every position of the two, or leave it out"
         )
     return [by_crank[crank] for crank in cranks]
@@ -217,16 +218,16 @@ def _at(cranks: Sequence[float], first: State, state: State) -> list[Pair]:
 def write(change_answer: ChangeAnswer, folder: Path) -> None:
     """Write tables and, last, the verdict into ``folder``."""
     for table, columns in (
-        (CHANGES, change_rows(change_answer.found)),
-        (POSITIONS, position_rows(change_answer.found)),
-        (DIFFERENCE, difference_rows(change_answer.found)),
+        (CHANGES, change_rows(change_answer.comparison)),
+        (POSITIONS, position_rows(change_answer.comparison)),
+        (DIFFERENCE, difference_rows(change_answer.comparison)),
     ):
         write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
     write_json(folder / VERDICT_FILE, _verdict(change_answer))
 
 
 def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:
-    identification = change_answer.found
+    identification = change_answer.comparison
     return {
         "before": change_answer.before.measurement.unit.name,
         "after": change_answer.after.measurement.unit.name,
@@ -238,12 +239,12 @@ def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:
         "named": [_told(change) for change in identification.named],
         "near": [_told(change) for change in identification.near],
         "could_hide": [] if identification.named else list(detection_limits(identification)),
-        "others": [state.measurement.unit.name for state in change_answer.others],
+        "others": [state.measurement.unit.name for state in change_answer.further],
         "positions_deg": [model.pair.crank_deg for model in identification.models],
         "drives": [asdict(model.drive) for model in identification.models],
         "data_faults": {
             state.measurement.unit.name: [asdict(fault) for fault in state.measurement.faults]
-            for state in (change_answer.before, change_answer.after, *change_answer.others)
+            for state in (change_answer.before, change_answer.after, *change_answer.further)
         },
     }
 
@@ -263,12 +264,12 @@ def _told(change: Change) -> dict[str, Any]:
 
 def change_rows(comparison: Comparison) -> Columns:
     """Columns of `CHANGES`."""
-    named_keys = {(kind.name, change.others) for change in comparison.named for kind in change.kinds}
+    named_keys = {(kind.name, change.other_kinds) for change in comparison.named for kind in change.kinds}
     changes = [*comparison.singles, *comparison.beside]
     kinds = [change.kinds[0] for change in changes]
     return {
         "kind": [kind.name for kind in kinds],
-        "others": [change.others for change in changes],
+        "others": [change.other_kinds for change in changes],
         "title": [kind.title for kind in kinds],
         "unit": [kind.unit for kind in kinds],
         "change": np.array([change.mean[0] for change in changes]),
@@ -278,7 +279,7 @@ def change_rows(comparison: Comparison) -> Columns:
         "detectable": np.array([change.detectable[0] for change in changes]),
         "freedom": np.array([change.freedom for change in changes], np.int32),
         "held_out_share": np.array([change.gain for change in changes]),
-        "named": np.array([(change.kinds[0].name, change.others) in named_keys for change in changes]),
+        "named": np.array([(change.kinds[0].name, change.other_kinds) in named_keys for change in changes]),
     }
 
 
@@ -289,7 +290,7 @@ def position_rows(comparison: Comparison) -> Columns:
     return {
         "crank_deg": np.tile([model.pair.crank_deg for model in comparison.models], len(changes)),
         "kind": [change.kinds[0].name for change in changes for _ in range(n)],
-        "others": [change.others for change in changes for _ in range(n)],
+        "others": [change.other_kinds for change in changes for _ in range(n)],
         "change": np.concatenate([change.by_position[:, 0] for change in changes]),
         "without_floors": np.concatenate([change.nothing for change in changes]),
         "held_out_floors": np.concatenate([change.error for change in changes]),
@@ -300,8 +301,8 @@ def difference_rows(comparison: Comparison) -> Columns:
     """Columns of `DIFFERENCE`, with what the best change says of each position from the others."""
     parts: list[Mapping[str, Any]] = []
     best = comparison.best
-    for model, error_without, held_out in zip(comparison.models, best.without, best.held_out, strict=True):
-        pair, cells = model.pair, model.pair.known
+    for model, error_without, held_out in zip(comparison.models, best.mounting, best.held_out, strict=True):
+        pair, cells = model.pair, model.pair.matched
         weight = 1 / pair.sigma[cells] ** 2
         curves = {
             "difference": pair.difference,

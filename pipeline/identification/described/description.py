@@ -83,8 +83,8 @@ class Description:
     errors : of these; ``baselines`` of predictions that ask no drive.
     cells : (n_cells,) those that judge.
     in_sample : whether nothing could be held out.
-    left : structure in what the description leaves of the training cells; its parameters are the numbers. None where
-        nothing is left.
+    structure : what the description leaves of the training cells beyond noise; its parameters are the numbers. None
+        where nothing is left.
     """
 
     measurement: Measurement
@@ -96,7 +96,7 @@ class Description:
     baselines: Mapping[str, AngleError]
     cells: Truth
     in_sample: bool
-    left: Discrepancy | None
+    structure: Discrepancy | None
 
 
 def described(measurement: Measurement) -> Description:
@@ -131,11 +131,11 @@ def described(measurement: Measurement) -> Description:
         {title: angle_error(data, cranks, curve, zeros, cells) for title, curve in baseline_errors.items()},
         cells,
         splits[0][0] is splits[0][1],
-        None if verdict == DESCRIBED else _left(measurement, data, training, numbers),
+        None if verdict == DESCRIBED else _structure(measurement, data, training, numbers),
     )
 
 
-def _left(measurement: Measurement, data: Data, training: Truth, numbers: tuple[Number, ...]) -> Discrepancy:
+def _structure(measurement: Measurement, data: Data, training: Truth, numbers: tuple[Number, ...]) -> Discrepancy:
     """Structure in what the fit to the training cells leaves of them."""
     torque, top = followed_torques(measurement), float(np.max(np.abs(data.torque)))
     values = {NUMBERS[number.term][0]: number.value for number in numbers}

@@ -160,7 +160,7 @@ def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], posit
         torque=turns.torque[position],
         leg=turns.leg[cells.block[of_position]],
         state=states[position],
-        at=within_cells(measurement, np.flatnonzero(of_position)),
+        cell_torques=within_cells(measurement, np.flatnonzero(of_position)),
         time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),

@@ -209,7 +209,7 @@ class Problem:
 
     def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
-        lacking = {
+        shortfalls = {
             CRANKS: f"fewer than {FEWEST_CRANKS} crank positions of known angle to fit",
             CYCLES: "fewer than 2 cycles",
             TIME: "no time stamps",
@@ -220,7 +220,7 @@ class Problem:
         offered_names = set(self.offered)
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
             offered_names.discard(CRANKS)
-        reasons = [lacking[need] for need in sorted(candidate.needs - offered_names)]
+        reasons = [shortfalls[need] for need in sorted(candidate.needs - offered_names)]
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
             reasons.append("every position has its own zero of the angle")
         return "; ".join(reasons)

@@ -65,18 +65,18 @@ def _with_laws(drive: Drive, pins: float, output: float) -> Drive:
     """The drive with the local deflections of its pins and of its output's contacts scaled."""
     factor = np.full(len(drive.laws), output)
     factor[: drive.reducer.n_pins] = pins
-    return replace(drive, laws=scaled(drive.laws, factor), known=drive.gap_of_errors)
+    return replace(drive, laws=scaled(drive.laws, factor), known_gap=drive.gap_of_errors)
 
 
 def _with_gaps(drive: Drive, known_drive: Drive | None = None) -> Drive:
     """The drive, its states alike, with the gaps of one of them; those of ``known_drive`` where that has the same."""
     if known_drive is not None and _same_gaps(drive, known_drive):
-        return replace(drive, known=known_drive.gap_of_errors)
+        return replace(drive, known_gap=known_drive.gap_of_errors)
     first_sample = {name: values[:1] for name, values in vars(drive.errors).items()}
     state = replace(
         drive, errors=Errors(**first_sample), shift=drive.shift[:1], bearing_clearance=drive.bearing_clearance[:1]
     )
-    return replace(drive, known=np.repeat(state.gap_of_errors, len(drive.bearing_clearance), axis=0))
+    return replace(drive, known_gap=np.repeat(state.gap_of_errors, len(drive.bearing_clearance), axis=0))
 
 
 def _same_gaps(drive: Drive, known_drive: Drive) -> bool:

@@ -201,8 +201,8 @@ def _random(blocks: BranchBlocks, cells: Cells) -> tuple[NoiseEstimate, bool]:
     if min(free, shared_free) < 1 or not squares.sum() > 0:
         return UNKNOWN, False
     ratio = (position_squares.sum() - squares.sum()) / shared_free / (squares.sum() / free)
-    used = expected > 0
-    return pooled(squares[used], expected[used], 1.0), bool(fdtrc(shared_free, free, ratio) < SHARED)
+    informative = expected > 0
+    return pooled(squares[informative], expected[informative], 1.0), bool(fdtrc(shared_free, free, ratio) < SHARED)
 
 
 def _unexplained(loops: Loops, columns: Real) -> tuple[Real, Real]:
@@ -237,11 +237,11 @@ def _loops(blocks: BranchBlocks, cells: Cells) -> Loops:
             of_cycle[kind, number] = branch_of(cells, block) if block != of_position[0] else NO_BRANCH
     nodes: dict[tuple[int, int], Real] = {}
     for of_cycle in branches.values():
-        for place, branch in of_cycle.items():
-            nodes[place] = max(nodes.get(place, branch.torque), branch.torque, key=len)
+        for key, branch in of_cycle.items():
+            nodes[key] = max(nodes.get(key, branch.torque), branch.torque, key=len)
     rows = []
     for (position, cycle), of_cycle in branches.items():
-        parts = [on_nodes(of_cycle.get(place, NO_BRANCH), torque) for place, torque in nodes.items()]
+        parts = [on_nodes(of_cycle.get(key, NO_BRANCH), torque) for key, torque in nodes.items()]
         angle, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
         temperature = _mean(cells.temperature_mean[(cells.position == position) & (cells.cycle == cycle)])
         if np.any(np.isfinite(angle)):

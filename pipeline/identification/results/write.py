@@ -42,7 +42,7 @@ class Findings:
     loops : errors of what is read off the loops.
     """
 
-    found: Identification
+    identification: Identification
     signatures: Mapping[str, Sequence[Signature]]
     loops: Mapping[str, LoopError]
 
@@ -64,17 +64,18 @@ def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> None:
 
     Of a faulty unit the verdict alone is written.
     """
-    identification = findings_of_unit if isinstance(findings_of_unit, FaultyUnit) else findings_of_unit.found
+    identification = findings_of_unit if isinstance(findings_of_unit, FaultyUnit) else findings_of_unit.identification
     for name in (*STALE, *(study_file(identification.measurement.unit.name, kind) for kind in DESIGN_FILES)):
         (folder / name).unlink(missing_ok=True)
     if isinstance(findings_of_unit, FaultyUnit):
         content = _common(findings_of_unit) | _untested() | {"corrected": [], "best": [], "not_corrected": NO_VERDICT}
     else:
-        corrected, best = write_corrected(findings_of_unit.found, folder), write_best(findings_of_unit.found, folder)
+        identification = findings_of_unit.identification
+        corrected, best = write_corrected(identification, folder), write_best(identification, folder)
         paths = best.paths or corrected.paths
-        trial_written = written_study(findings_of_unit.found, paths[-1]) if paths else None
+        trial_written = written_study(identification, paths[-1]) if paths else None
         _write_tables(findings_of_unit, trial_written, folder)
-        content = _common(findings_of_unit.found) | _tested(findings_of_unit)
+        content = _common(identification) | _tested(findings_of_unit)
         content |= {"corrected": [path.name for path in corrected.paths], "not_corrected": corrected.why_not}
         content |= {"best": [path.name for path in best.paths]}
         content |= {
@@ -87,10 +88,12 @@ def _write_tables(findings_of_unit: Findings, written_trial: WrittenStudy | None
     for table, columns in (
         (
             tables.RESIDUAL,
-            tables.residual_rows(findings_of_unit.found, None if written_trial is None else written_trial.angle),
+            tables.residual_rows(
+                findings_of_unit.identification, None if written_trial is None else written_trial.angle
+            ),
         ),
         (tables.SIGNATURES, tables.signature_rows(findings_of_unit.signatures)),
-        (tables.CANDIDATES, tables.candidate_rows(findings_of_unit.found)),
+        (tables.CANDIDATES, tables.candidate_rows(findings_of_unit.identification)),
     ):
         write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
 
@@ -134,7 +137,7 @@ def _untested() -> dict[str, Any]:
 
 def _tested(findings_of_unit: Findings) -> dict[str, Any]:
     """What verdict.json says of a unit that was fitted; numbers that are not known are None."""
-    identification = findings_of_unit.found
+    identification = findings_of_unit.identification
     noise = identification.measurement.noise_of(identification.problem.training)
     return {
         "calibrated": _calibrated(identification),

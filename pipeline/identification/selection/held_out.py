@@ -182,8 +182,8 @@ def _unknown(data: Data, fit: Fit, training: Truth, left_open: Real) -> Real:
     between those that were trained on, if it shows among them.
     """
     scatter = position_scatter(data, fit.predicted, training)
-    new = ~np.isin(data.position, data.position[training])
-    return np.hypot(left_open, np.where(new, scatter.shown if scatter else 0.0, 0.0))
+    unseen = ~np.isin(data.position, data.position[training])
+    return np.hypot(left_open, np.where(unseen, scatter.shown if scatter else 0.0, 0.0))
 
 
 def _carried(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, float]:

@@ -85,7 +85,7 @@ def backbone(drive: Drive, shares: Real) -> Backbone:
     The modulus is the drawing's, as of ``Drive.equilibria``.
     """
     cycle = LoadCycle(drive.rated_torque, shares)
-    of_drawing = drive if drive.modulus is None else replace(drive, modulus=None, known=drive.gap_of_errors)
+    of_drawing = drive if drive.modulus is None else replace(drive, modulus=None, known_gap=drive.gap_of_errors)
     states = solve_cycle(of_drawing, cycle)
     middle = len(shares) + 1
     falling, rising = states[:, middle:], states[:, :middle]

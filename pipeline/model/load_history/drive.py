@@ -75,7 +75,7 @@ class Drive:
     creep : delayed part of the torsion, or None.
     rayleigh : coefficient of a twist in series with hysteresis [rad/(N mm)^2]; see ``rayleigh.rayleigh_twist``.
     modulus : (n,) factor of the modulus of all elastic parts in each state, or None for 1.
-    known : gap of the errors alone (n, n_contacts) [mm], where it was found before.
+    known_gap : gap of the errors alone (n, n_contacts) [mm], where it was found before.
     """
 
     profile: CycloidProfile
@@ -95,13 +95,13 @@ class Drive:
     creep: Creep | None = None
     rayleigh: float = 0.0
     modulus: Real | None = None
-    known: Real | None = None
+    known_gap: Real | None = None
 
     @cached_property
     def gap_of_errors(self) -> Real:
         """Gap that the errors alone leave (n, n_contacts) [mm]."""
-        if self.known is not None:
-            return self.known
+        if self.known_gap is not None:
+            return self.known_gap
         return gaps(self.profile, self.reducer, self.errors, **vars(self.reading))
 
     @cached_property
@@ -122,7 +122,7 @@ class Drive:
             shift=self.shift[states],
             bearing_clearance=self.bearing_clearance[states],
             modulus=None if self.modulus is None else self.modulus[states],
-            known=self.gap_of_errors[states],
+            known_gap=self.gap_of_errors[states],
         )
 
     @cached_property
@@ -155,11 +155,11 @@ class Drive:
     @property
     def without_twist(self) -> "Drive":
         """The reducer alone, up to its output."""
-        return replace(self, torsion=0.0, hardening=None, known=self.gap_of_errors)
+        return replace(self, torsion=0.0, hardening=None, known_gap=self.gap_of_errors)
 
     def shifted(self, added_gap: Real) -> "Drive":
         """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
-        return replace(self, shift=self.shift + added_gap, known=self.gap_of_errors)
+        return replace(self, shift=self.shift + added_gap, known_gap=self.gap_of_errors)
 
     def with_friction(self, sliders: Sliders) -> "Drive":
         """The drive with sliders beside its own."""
@@ -168,12 +168,12 @@ class Drive:
     def moved(self, **errors: Real) -> "Drive":
         """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
         return self.with_errors(
-            replace(self.errors, **{name: getattr(self.errors, name) + added for name, added in errors.items()})
+            replace(self.errors, **{name: getattr(self.errors, name) + shift for name, shift in errors.items()})
         )
 
     def with_errors(self, errors: Errors) -> "Drive":
         """The drive with other errors."""
-        return replace(self, errors=errors, known=None)
+        return replace(self, errors=errors, known_gap=None)
 
     @cached_property
     def elastic(self) -> ElasticReducer:

@@ -40,7 +40,7 @@ def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: P
     changes, positions, cells = (
         pd.read_parquet(folder / f"{name}.parquet") for name in ("changes", "positions", "difference")
     )
-    unnamed = change_answer.found.best.others
+    unnamed = change_answer.comparison.best.other_kinds
     shown_tables = [frame[frame["others"] == unnamed] for frame in (changes, positions)]
     figures = {"difference": difference_figure(cells), "changes": changes_figure(*shown_tables)}
     pictures = drawn_pictures(figures, CAPTIONS, folder)
@@ -52,7 +52,7 @@ def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: P
         changes=[_change(row) for row in changes.to_dict("records")],
         positions=_errors(change_answer),
         others=unnamed,
-        best=change_answer.found.best.words,
+        best=change_answer.comparison.best.words,
         faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
         folder=shown_folder,
         pictures=pictures,
@@ -62,8 +62,8 @@ def write_change_page(change_answer: ChangeAnswer, folder: Path, shown_folder: P
 
 def _errors(change_answer: ChangeAnswer) -> list[tuple[str, str, str]]:
     """Crank angle and errors in noise floors at each position, without and with the change that says most."""
-    best = change_answer.found.best
-    rows = zip(change_answer.found.models, best.nothing, best.error, strict=True)
+    best = change_answer.comparison.best
+    rows = zip(change_answer.comparison.models, best.nothing, best.error, strict=True)
     return [
         (digits(model.pair.crank_deg), digits(unchanged), digits(remaining)) for model, unchanged, remaining in rows
     ]

@@ -72,11 +72,12 @@ def _number(number: Number) -> dict[str, str | bool]:
 
 def _left(description: Description) -> list[tuple[str, str]]:
     """What the description leaves, in words; nothing where nothing is left."""
-    if description.left is None:
+    structure = description.structure
+    if structure is None:
         return []
-    rows = zip(description.numbers, description.left.moved.tolist(), description.left.error.tolist(), strict=True)
+    rows = zip(description.numbers, structure.moved.tolist(), structure.error.tolist(), strict=True)
     moved_facts = [(n.meaning.split(":")[0], step, error, "" if n.unit == "1" else n.unit) for n, step, error in rows]
-    return discrepancy_facts(description.left, moved_facts)
+    return discrepancy_facts(structure, moved_facts)
 
 
 def _signature(signature: Signature) -> tuple[str, str, str, str, bool]:

@@ -80,7 +80,7 @@ def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_fold
         }
     else:
         values = (
-            _common(findings_of_unit.found, verdict, shown_folder)
+            _common(findings_of_unit.identification, verdict, shown_folder)
             | _tested(findings_of_unit, verdict)
             | {"pictures": _pictures(findings_of_unit, folder)}
         )
@@ -95,7 +95,7 @@ def _pictures(findings_of_unit: Findings, folder: Path) -> dict[str, Picture]:
         "loops": loops_figure(cells, MODELS | WRITTEN if cells["written_arcmin"].notna().any() else MODELS),
         "torque": torque_figure(cells),
         "time": time_figure(cells),
-        "candidates": candidates_figure(candidates, findings_of_unit.found.selection.base.rms),
+        "candidates": candidates_figure(candidates, findings_of_unit.identification.selection.base.rms),
     }
     return drawn_pictures(figures, CAPTIONS, folder)
 
@@ -121,7 +121,7 @@ def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, A
 
 def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
     """What the page says of a unit that was fitted."""
-    identification = findings_of_unit.found
+    identification = findings_of_unit.identification
     titles = STAGE_TITLES | {"after": _after(identification)}
     rows = pd.DataFrame(tables.candidate_rows(identification))
     fitted = rows[rows["score_after"].notna()]

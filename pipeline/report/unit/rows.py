@@ -134,7 +134,7 @@ def calibrated_rows(findings_of_unit: Findings, factors: Mapping[str, float]) ->
     """The calibrated numbers of the design: key, value as declared, as fitted, and their ratio."""
     rows = []
     for key, factor in factors.items():
-        value: Any = findings_of_unit.found.measurement.unit.study.design.model_dump()
+        value: Any = findings_of_unit.identification.measurement.unit.study.design.model_dump()
         for name in key.split("."):
             value = value[name]
         rows.append((key, plain(value), digits(value * factor), digits(factor)))

@@ -50,7 +50,7 @@ def test_torsion_counts_once_whichever_drive_was_seen_first(drive):
     twisted = replace(drive, torsion=5e-9)
     forward = Forward([course], drive.rated_torque)
     twisted_angle, reference = forward.read(twisted, 0, Instrument()).angle, forward.read(drive, 0, Instrument()).angle
-    twist = ARCMIN * 5e-9 * 1e3 * course.at[:, 0]
+    twist = ARCMIN * 5e-9 * 1e3 * course.cell_torques[:, 0]
     np.testing.assert_allclose(twisted_angle - reference, twist, atol=1e-9)
     np.testing.assert_allclose(reference, read(drive).angle, atol=1e-12)
 
@@ -58,7 +58,7 @@ def test_torsion_counts_once_whichever_drive_was_seen_first(drive):
 def test_frictionless_reading_is_the_backbone_at_its_nodes(drive):
     forward = Forward([course_of()], drive.rated_torque)
     curve = backbone(drive, forward.shares)
-    course = replace(course_of(), leg=np.full(len(curve.torque), 1), at=points(1e-3 * curve.torque[::-1]))
+    course = replace(course_of(), leg=np.full(len(curve.torque), 1), cell_torques=points(1e-3 * curve.torque[::-1]))
     course = replace(course, time=np.zeros(len(curve.torque)), torque=1.05 * TURNS)
     reading = Forward([course], drive.rated_torque / 1.05).read(drive, 0, Instrument())
     fine = np.interp(1e-3 * curve.torque[::-1], 1e-3 * curve.torque, ARCMIN * curve.angle[0])
@@ -87,7 +87,7 @@ def test_instrument_reads_torque_and_angle_with_its_errors(drive):
     encoder_angle = 79 * reference / ARCMIN + 0.4
     computed_angle = read(drive, Instrument(encoder=(0.8, -0.6)), course).angle - reference
     np.testing.assert_allclose(computed_angle, 0.8 * np.cos(encoder_angle) - 0.6 * np.sin(encoder_angle), atol=1e-9)
-    stretched = replace(course, torque=1.1 * course.torque + 0.5, at=1.1 * course.at + 0.5)
+    stretched = replace(course, torque=1.1 * course.torque + 0.5, cell_torques=1.1 * course.cell_torques + 0.5)
     computed_angle = read(drive, Instrument(torque_gain=0.1, torque_zero=0.5), stretched).angle
     np.testing.assert_allclose(computed_angle, reference, atol=0.02)  # at nodes of another ladder
 

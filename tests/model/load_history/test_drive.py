@@ -217,7 +217,7 @@ CHANGES = {
 @pytest.mark.parametrize("name", CHANGES)
 def test_small_change_of_springs_and_gaps_moves_the_curve_as_the_forces_say(name):
     drive = small_drive(3, seed=6, clearance=10 * MICROMETRE)
-    base_unknowns = replace(drive, **CHANGES[name](drive), known=None)
+    base_unknowns = replace(drive, **CHANGES[name](drive), known_gap=None)
     shares = torque_levels(160, 1.05)  # the slope of the forces is taken over the nodes
     curve = backbone(drive, shares)
     truth = backbone(base_unknowns, shares).angle - curve.angle

@@ -33,13 +33,13 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _missing(rows: Rows) -> Iterator[Fault]:
-    lacking = []
+    gap_names = []
     for position, crank in enumerate(rows.cranks):
         cycles = np.unique(rows.cycle[(rows.position == position) & ~rows.misnumbered])
         gaps = np.setdiff1d(np.arange(cycles.min(), cycles.max() + 1), cycles) if cycles.size else cycles
-        lacking += [f"cycle {gap} at crank {crank:g} deg" for gap in gaps]
-    if lacking:
-        yield Fault("missing cycle", f"{_listed(lacking)} is not there", "note")
+        gap_names += [f"cycle {gap} at crank {crank:g} deg" for gap in gaps]
+    if gap_names:
+        yield Fault("missing cycle", f"{_listed(gap_names)} is not there", "note")
 
 
 def _one_sense(rows: Rows, blocks: BranchBlocks, usable: Truth) -> Iterator[Fault]:

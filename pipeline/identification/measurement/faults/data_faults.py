@@ -72,7 +72,7 @@ def _missing_columns(rows: Rows) -> Iterator[Fault]:
 
 
 def _not_numbers(rows: Rows) -> Iterator[Fault]:
-    lacking = {(rows.files.index(file), quantity) for file, _, quantity in rows.missing}
+    missing_columns = {(rows.files.index(file), quantity) for file, _, quantity in rows.missing}
     bad = {
         "crank_deg": rows.position < 0,
         "cycle": rows.misnumbered & (rows.cycle == -1),
@@ -85,7 +85,7 @@ def _not_numbers(rows: Rows) -> Iterator[Fault]:
     for quantity, mask in bad.items():
         if mask is None:
             continue
-        mask = mask & ~np.isin(rows.file, [file for file, name in lacking if name == quantity])
+        mask = mask & ~np.isin(rows.file, [file for file, name in missing_columns if name == quantity])
         if mask.any():
             fault_text = "no whole number" if quantity == "cycle" else f"no number up to {LARGEST_VALUE:g}"
             frequent = mask.mean() > TOLERATED_SHARE

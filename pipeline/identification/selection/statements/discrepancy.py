@@ -212,8 +212,8 @@ def offset_columns(position: Whole) -> Real:
     return (position[:, None] == np.unique(position)).astype(float)
 
 
-def kernels(places: tuple[Real, Real, Whole], others: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:
+def kernels(places: tuple[Real, Real, Whole], cells: tuple[Real, Real, Whole], reach: float) -> tuple[Real, Real]:
     """Correlation (n_places, n_others) of what all positions share, and of what each has by itself."""
     torque, sense, position = (np.asarray(part)[:, None] for part in places)
-    correlation = np.exp(-0.5 * ((torque - others[0]) / reach) ** 2) * (sense == others[1])
-    return correlation, correlation * (position == others[2])
+    correlation = np.exp(-0.5 * ((torque - cells[0]) / reach) ** 2) * (sense == cells[1])
+    return correlation, correlation * (position == cells[2])

@@ -71,13 +71,13 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_
 
 def position_scatter(data: Data, predicted: Real, cells: Truth) -> CurveScatter | None:
     """How far positions depart from each other [arcmin] beside a prediction (n_cells,), by some cells (n_cells,)."""
-    known = cells & np.isfinite(predicted)
+    finite = cells & np.isfinite(predicted)
     return curve_scatter(
-        data.torque[known],
-        (senses(data)[known] > 0).astype(np.int64),
-        data.position[known],
-        (data.angle - predicted)[known],
-        data.sigma[known],
+        data.torque[finite],
+        (senses(data)[finite] > 0).astype(np.int64),
+        data.position[finite],
+        (data.angle - predicted)[finite],
+        data.sigma[finite],
         own_zero=not data.common_offset,
     )
 

@@ -127,10 +127,10 @@ def _sentence(
     numbers = ", ".join(_number(p) for p in verdict.parameters)
     if verdict.verdict == MOSTLY:
         scatter = remainder.scatter
-        between = f" ({scatter.size:.2g} arcmin of it from position to position)" if scatter and scatter.shown else ""
+        spread = f" ({scatter.size:.2g} arcmin of it from position to position)" if scatter and scatter.shown else ""
         return (
             f"The unit is mostly explained by {title_of(names[0])} ({numbers}): {gain}, {remainder.removed:.0%} "
-            f"removed; what is left{between} is not traced."
+            f"removed; what is left{spread} is not traced."
         )
     if verdict.verdict == IDENTIFIED:
         return f"The unit shows {title_of(names[0])} ({numbers}): {gain}."

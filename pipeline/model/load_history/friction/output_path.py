@@ -74,11 +74,11 @@ def _resistance(angle, carried_torque, slides, ripple, anchor):
     """Torque of the sliders and the ripple."""
     stiffness, limit, coefficient = slides
     amplitude, waves, phase = ripple
-    added = amplitude * np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
+    resistance = amplitude * np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
     for s in range(stiffness.shape[0]):
         largest = limit[s] + coefficient[s] * abs(carried_torque)
-        added += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
-    return added
+        resistance += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
+    return resistance
 
 
 @part
