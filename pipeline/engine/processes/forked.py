@@ -32,13 +32,13 @@ def _take(numbers: int) -> int | None:
     return int.from_bytes(entry) if entry else None
 
 
-def _work(calls: Sequence[Callable[[], None]], numbers: int, made: int) -> None:
+def _work(calls: Sequence[Callable[[], None]], numbers: int, receipts: int) -> None:
     """Make calls in a fork; what stops one is told where it is made once more."""
     try:
         while (number := _take(numbers)) is not None:
             with suppress(Exception):
                 calls[number]()
-                os.write(made, number.to_bytes(WIDTH))
+                os.write(receipts, number.to_bytes(WIDTH))
     except KeyboardInterrupt:
         sys.exit(1)
 
@@ -59,16 +59,16 @@ def shared_calls(calls: Sequence[Callable[[], None]], jobs: int, patience: float
         Time after which a fork that has not ended is killed [s].
     """
     assert len(calls) <= MOST_CALLS
-    numbers, numbers_in = os.pipe()
-    made_out, made = os.pipe()
-    os.write(numbers_in, b"".join(number.to_bytes(WIDTH) for number in range(len(calls))))
-    os.close(numbers_in)
+    numbers, numbers_written = os.pipe()
+    receipts_read, receipts = os.pipe()
+    os.write(numbers_written, b"".join(number.to_bytes(WIDTH) for number in range(len(calls))))
+    os.close(numbers_written)
     forks: list[Any] = []
     gc.freeze()  # else a collection in a fork copies every page that it marks
     try:
         for _ in range(min(jobs, len(calls)) - 1 if sys.platform == "linux" else 0):
             context = multiprocessing.get_context("fork")
-            forks.append(context.Process(target=_work, args=(calls, numbers, made), daemon=True))
+            forks.append(context.Process(target=_work, args=(calls, numbers, receipts), daemon=True))
             with warnings.catch_warnings():  # Python 3.12 warns of threads: those of BLAS, which are made for forks
                 warnings.simplefilter("ignore", DeprecationWarning)
                 forks[-1].start()
@@ -81,8 +81,8 @@ def shared_calls(calls: Sequence[Callable[[], None]], jobs: int, patience: float
             process.join(patience)
             process.kill()
             process.join()
-        os.write(made, len(calls).to_bytes(WIDTH))  # behind the last
-        while (number := _take(made_out)) != len(calls):
+        os.write(receipts, len(calls).to_bytes(WIDTH))  # behind the last
+        while (number := _take(receipts_read)) != len(calls):
             owed.discard(number)
         for number in sorted(owed):
             calls[number]()
@@ -90,5 +90,5 @@ def shared_calls(calls: Sequence[Callable[[], None]], jobs: int, patience: float
         gc.unfreeze()
         for process in forks:
             process.terminate()
-        for end in (numbers, made_out, made):
+        for end in (numbers, receipts_read, receipts):
             os.close(end)
