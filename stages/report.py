@@ -128,7 +128,10 @@ def _run(upstream: tuple[Stage, ...], job: Job) -> Tables:
     versions = package_versions() | {name: importlib.metadata.version(name) for name in PRINTED_WITH}
     figures = list(drawings(frames))
     pictures = _mesh_picture(job)
-    pictures |= {drawing.name: LinkedPicture(drawing.title, drawing.caption, f"figures/{drawing.name}.svg") for drawing in figures}
+    pictures |= {
+        drawing.name: LinkedPicture(drawing.title, drawing.caption, f"figures/{drawing.name}.svg")
+        for drawing in figures
+    }
     with shared_calls([partial(_save, drawing, job.path(f"figures/{drawing.name}")) for drawing in figures], job.jobs):
         page = report_page(Page(frames, pictures, _notes(job, upstream), _stages(job, upstream), versions))
     job.path("report.html").write_text(with_pictures(page, pictures.values(), job.folder), encoding="utf-8")
