@@ -145,7 +145,7 @@ def test_friction_at_the_contacts_shifts_the_branches_apart_with_the_load(drive)
     assert reading.sound
     falling, rising = slice(ROWS, 2 * ROWS), slice(2 * ROWS, 3 * ROWS)
     separation = reading.angle[falling][::-1] - reading.angle[rising]  # at equal torques
-    torque = course_of().at[rising, 0]
+    torque = course_of().cell_torques[rising, 0]
     middle = np.interp([2.0, 8.0], torque, separation)
     assert middle[1] > 1.5 * middle[0] > 0
     repeated = read(rubbing, course=course_of(np.append(TURNS[:-1], [-12.0, 12.0, 0.0])))
