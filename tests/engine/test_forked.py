@@ -32,21 +32,21 @@ def test_nothing_to_call_is_no_mistake() -> None:
 
 @FORKS
 def test_a_fork_writes_while_this_process_goes_on_and_all_is_written_after(tmp_path: Path) -> None:
-    reading, writing = os.pipe()
+    (told, tell), (waiting, start) = os.pipe(), os.pipe()
 
     def write_and_tell() -> None:
         write_process(tmp_path / "first")
-        os.write(writing, b"1")
+        os.write(tell, b"1")
 
     def wait_and_write() -> None:
-        os.read(reading, 1)
+        os.read(waiting, 1)
         write_process(tmp_path / "second")
 
     with shared_calls([write_and_tell, wait_and_write, partial(write_process, tmp_path / "third")], 2):
-        os.read(reading, 1)
+        os.read(told, 1)
         assert (tmp_path / "first").read_text() != str(HERE)
         assert not (tmp_path / "second").exists()
-        os.write(writing, b"1")
+        os.write(start, b"1")
     assert {path.name for path in tmp_path.iterdir()} == {"first", "second", "third"}
 
 
