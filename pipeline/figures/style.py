@@ -89,7 +89,7 @@ def styled(draw: Callable[Arguments, Figure]) -> Callable[Arguments, Figure]:
     return drawn
 
 
-class SteadyAxes(Axes):
+class _SteadyAxes(Axes):
     """Axes with as many ticks in any size, so that what stands beside them needs the same room wherever they lie.
 
     The layout asks for that room before and after it moves them: the second answer follows from the first.
@@ -110,17 +110,17 @@ class SteadyAxes(Axes):
         return outer
 
 
-class SteadyFigure(Figure):
+class _SteadyFigure(Figure):
     """A figure of steady axes."""
 
     def add_subplot(self, *arguments: Any, **options: Any) -> Any:
         """Add axes as `Figure.add_subplot` does."""
-        return super().add_subplot(*arguments, **{"axes_class": SteadyAxes} | options)
+        return super().add_subplot(*arguments, **{"axes_class": _SteadyAxes} | options)
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """Empty figure [inches], drawn without a display."""
-    figure = SteadyFigure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
+    figure = _SteadyFigure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
