@@ -169,7 +169,7 @@ def remembered_sources(file: Path) -> Iterator[None]:
     """Within it a source that a run before has read by the same rules is not taken apart again; ``file`` knows them."""
     rules = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
     memory = read_json(file)
-    memory = memory["sources"] if isinstance(memory, dict) and memory.get("rules") == rules else {}
+    memory = memory.get("sources", {}) if isinstance(memory, dict) and memory.get("rules") == rules else {}
     _read_sources.update(memory)
     try:
         yield

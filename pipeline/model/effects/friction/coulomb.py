@@ -27,7 +27,8 @@ EFFECT = Effect(
     changes="a slider on the rotation of the output",
     signature="branches stand apart by the same torque at every load; the width at zero torque grows",
     confused_with=("contact_friction", "presliding"),
-    told_apart_by="a slow ramp to a tenth of the load: constant friction opens it as wide as the full one",
+    told_apart_by="a slow ramp to a tenth of the load: constant friction opens it as wide as the full one, and loops "
+    "at another rate as wide as before; viscous friction grows with the rate, and loops of one rate do not tell it",
     bounds=lambda drive: ((0.0, 0.5e-3 * drive.rated_torque),),
     apply=_apply,
 )
