@@ -97,13 +97,13 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
     The states at zero torque are the ends of the rigid play, free of force. In a preloaded sample forces act at zero
     torque too; its two ends are the equilibria at +-``LIMIT_TORQUE`` of the rated torque.
 
-    Samples with play are solved from its ends upwards, but from the largest torque down where they are preloaded or
-    bearings loose: contacts that interfere are many at no load and few there, an interface that has play beside them is
-    not opened, and disks lean on their bearings.
+    Samples are solved from the ends of play upwards, preloaded ones from the limit, but from the largest torque down
+    where bearings are loose, since disks lean on these under load. Contacts that interfere are many at no load: a
+    start at the largest torque, where few of them carry, takes an interior point for most samples.
     """
     play = rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
     levels = cycle.rated_torque * cycle.fractions
-    downward = play.preloaded | (drive.reducer.centred & np.any(drive.clearance_of_disks, axis=1))
+    downward = drive.reducer.centred & np.any(drive.clearance_of_disks, axis=1)
     ways = sorted(set(zip(play.preloaded.tolist(), downward.tolist(), strict=True)))
     if len(ways) == 1:
         return _both_senses(drive, play.pose_plus, play.pose_minus, levels, *ways[0])
@@ -143,7 +143,7 @@ def _solved(drive: Drive, pose: Real, levels: Real, preloaded: bool, downward: b
         torque = np.append(np.sign(levels[0]) * drive.rated_torque * np.array([LIMIT_TORQUE, SMALL_TORQUE]), levels)
     if downward:
         torque = torque[::-1]
-    states = drive.softened_equilibria(first_poses(drive, pose, torque[0]), torque)
+    states = drive.softened_equilibria(first_poses(drive, pose, levels[-1 if downward else 0]), torque)
     if downward:
         states = states[:, ::-1]
     if preloaded:
