@@ -121,6 +121,15 @@ def test_samples_that_are_lost_on_their_way_are_solved_on_the_other(name, monkey
     np.testing.assert_allclose(curve.angle, expected.angle, rtol=0, atol=1e-10)
 
 
+def test_an_end_of_a_preloaded_sample_is_the_limit_or_the_small_torque_where_that_is_lost():
+    states = backbone(small_drive(3), SHARES).states[:, :4]
+    states.converged[1, 0] = False
+    ends = load_cycle._from_limit(states)
+    assert np.all(ends.converged)
+    for sample, end in enumerate((0, 1, 0)):
+        np.testing.assert_array_equal(ends.motion[sample], states.motion[sample, [end, 2, 3]])
+
+
 def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
     curve = backbone(small_drive(3, play=-8 * MICROMETRE), SHARES)
     assert np.all(curve.states.converged)
