@@ -273,7 +273,11 @@ def test_every_other_effect_changes_a_study(study: Study) -> None:
 
 
 def test_the_page_tells_effects_by_title_quantity_and_unit() -> None:
-    values = {"output_torsion": {"compliance_arcmin_per_Nm": 0.05}, "load_friction": {"coefficient": 0.1}}
+    values = {
+        "output_torsion": {"compliance_arcmin_per_Nm": 0.05},
+        "load_friction": {"coefficient": 0.1},
+        "seat_compliance": {"compliance_um_per_N": 0.01},
+    }
     design = with_design_effects(small_study(count=1), **values).design
     told = dict(reducer_facts(design))["Effects"]
     assert "compliance 0.05 ′/(N m)" in told
@@ -282,6 +286,7 @@ def test_the_page_tells_effects_by_title_quantity_and_unit() -> None:
     assert {(row.name, row.unit) for row in rows} == {
         (f"{library()['output_torsion'].title}, compliance", "′/(N m)"),
         (f"{library()['load_friction'].title}, coefficient", ""),
+        (f"{library()['seat_compliance'].title}, compliance", "µm/N"),
     }
 
 
