@@ -1,5 +1,6 @@
 """Calls made in forks: what they write is there, and no failure is lost."""
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -27,7 +28,7 @@ def test_one_job_makes_every_call_in_this_process(tmp_path: Path) -> None:
 
 def test_nothing_to_call_is_no_mistake() -> None:
     with shared_calls([], 2):
-        pass
+        assert multiprocessing.active_children() == []
 
 
 @FORKS

@@ -9,7 +9,7 @@ A disc is replaced by its tangents at the optima so far (Kelley, J. SIAM 8 (1960
 import numpy as np
 import scipy  # its functions are slow to import: they are when they are called
 
-from pipeline.model.compiled import entry
+from pipeline.model.compiled import entry, part
 from pipeline.model.geometry.cycloid_profile import Index, Real
 from pipeline.model.geometry.rigid_play.disc_program import CONE_TOLERANCE
 
@@ -23,6 +23,37 @@ MOST_TANGENTS = 40
 """Tangents of a disc after which a program is given up; an optimum at the edge of a disc needs some 16."""
 MOST_PIVOTS = 200
 """Pivots per unknown after which a program is given up."""
+
+
+@part
+def _exchange(rows, entering, violation, basis, inverse, duals, share, x):
+    """Let a violated row into the basis, and ``x`` onto it, for the one whose dual falls to zero first.
+
+    False if no row can leave: the program is infeasible.
+    """
+    size = rows.shape[1]
+    leaving, least = -1, np.inf
+    for k in range(size):
+        share[k] = 0.0
+        for d in range(size):
+            share[k] += rows[entering, d] * inverse[d, k]
+        if share[k] > LEAST_PIVOT:
+            ratio = duals[k] / share[k]
+            if ratio < least or (ratio == least and basis[k] < basis[leaving]):
+                leaving, least = k, ratio
+    if leaving < 0:
+        return False
+    for k in range(size):
+        duals[k] = max(duals[k] - least * share[k], 0.0)
+    duals[leaving] = least
+    for d in range(size):
+        column = inverse[d, leaving] / share[leaving]
+        x[d] -= violation * column
+        for k in range(size):
+            inverse[d, k] -= share[k] * column
+        inverse[d, leaving] = column
+    basis[leaving] = entering
+    return True
 
 
 @entry
@@ -71,28 +102,9 @@ def _solve(rows, limits, radii, basis, inverse, duals, points, state):
                     own_rows[n_rows, d] = x[d] / reach
                 entering, limit[n_rows] = n_rows, radii[s, farthest]
                 n_rows += 1
-            leaving, least = -1, np.inf
-            for k in range(size):
-                share[k] = 0.0
-                for d in range(size):
-                    share[k] += own_rows[entering, d] * own_inverse[d, k]
-                if share[k] > LEAST_PIVOT:
-                    ratio = own_duals[k] / share[k]
-                    if ratio < least or (ratio == least and own_basis[k] < own_basis[leaving]):
-                        leaving, least = k, ratio
-            if leaving < 0:
+            if not _exchange(own_rows, entering, worst, own_basis, own_inverse, own_duals, share, x):
                 state[s] = 1
                 break
-            for k in range(size):
-                own_duals[k] = max(own_duals[k] - least * share[k], 0.0)
-            own_duals[leaving] = least
-            for d in range(size):
-                column = own_inverse[d, leaving] / share[leaving]
-                x[d] -= worst * column
-                for k in range(size):
-                    own_inverse[d, k] -= share[k] * column
-                own_inverse[d, leaving] = column
-            own_basis[leaving] = entering
 
 
 def optimal_points(objective: Real, rows: Real, limits: Real, radii: Real) -> tuple[Real, np.ndarray]:
