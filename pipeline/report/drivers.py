@@ -78,19 +78,16 @@ def first_drivers(leading: Sequence[Driver]) -> str:
 
 
 def base_samples(frames: Frames) -> int:
-    """Base samples that the shares of the variance rest on, the fewest of any metric; 0 where there are none."""
-    shares = frames.sensitivity[frames.sensitivity["kind"] == TOTAL]
-    return int(shares["n"].min()) if np.isfinite(shares["index"].to_numpy(float)).any() else 0
+    """Base samples that the shares of the variance rest on, the fewest of any that is determined; 0 if none is."""
+    shares = frames.sensitivity[frames.sensitivity["kind"] == TOTAL].dropna(subset=["index"])
+    return int(shares["n"].min()) if len(shares) else 0
 
 
 def constant_metrics(frames: Frames) -> list[str]:
     """Metrics that do not vary over the samples, which therefore nothing drives."""
-    constant = np.ptp(frames.over_turn[frames.shown_metrics].to_numpy(), axis=0) == 0 if len(frames.over_turn) else ()
-    return [
-        METRICS[name].inline
-        for name, repeated_torque in zip(frames.shown_metrics, constant, strict=False)
-        if repeated_torque
-    ]
+    over_turn = frames.over_turn[frames.shown_metrics]
+    spans = np.ptp(over_turn.to_numpy(), axis=0) if len(over_turn) else np.ones(over_turn.shape[1])
+    return [METRICS[name].inline for name in over_turn.columns[spans == 0]]
 
 
 def _driver(metric: str, table: pd.DataFrame) -> Driver:

@@ -168,14 +168,16 @@ def test_shares_of_the_variance_are_told_as_far_as_they_are_determined(frames):
     ]
     shares = pd.DataFrame(rows, columns=["parameter", "kind", "index", "ci_low", "ci_high"])
     shares = shares.assign(metric="torsional_rigidity_Nm_per_arcmin", over="worst", n=400)
-    message = written(replace(frames, sensitivity=pd.concat([frames.sensitivity, shares])))
+    without_friction = shares.assign(metric="efficiency_percent", over="turn", index=np.nan, n=0)
+    message = written(replace(frames, sensitivity=pd.concat([frames.sensitivity, shares, without_friction])))
     oval, radial = "two-lobed ovality of pin circle", "radial pin position"
     assert f"of the torsional rigidity: {oval}, 47.0 % of the variance, 39.0 % by itself" in message
     assert f"<td>{oval} (47.0 %); {radial} (30.0 %)</td><td>{oval} (39.0 %)</td>" in message
     assert '59.0 %<span class="ci">50.0 to 70.0 %</span>' in message, (
         "what the shares by themselves leave to interactions"
     )
-    assert "from 400 pairs of units" in message
+    assert "from 400 pairs of units" in message, "of the metrics that have shares"
+    assert "Shares of the variance are not determined by" not in message.replace("</b>", "")
 
 
 def job(page_outputs: dict[str, Output], folder: Path) -> Job:
