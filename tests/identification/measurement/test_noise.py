@@ -219,3 +219,17 @@ def test_floor_is_the_noise_of_all_cells_on_average(tmp_path, kind, cycles):
         floors.append(measurement.repeatability.floor.value)
         noise_of_cells.append(np.sqrt(np.mean(measurement.over_cells(noise) ** 2)))
     assert np.mean(np.array(floors) / noise_of_cells) == pytest.approx(1.0, abs=0.03)
+
+
+def test_few_torques_share_their_offset_and_the_random_noise_counts_it(tmp_path):
+    """The mean of a loop over n torques is taken off: it leaves n - 1 of n parts of the noise, two thirds here."""
+    legs = [np.linspace(*ends, endpoint=False) for ends in ((0, 12, 6), (12, -12, 12), (-12, 0, 6))]
+    cycles, rows, rng = 100, 24, np.random.default_rng(0)
+    torque, of_cycle = np.tile(np.concatenate(legs), 3 * cycles), np.arange(cycles).repeat(rows)
+    shared = np.tile(torque[:rows], cycles) * 0.002 * rng.standard_normal(cycles).repeat(rows)
+    columns = {"cycle": np.tile(of_cycle, 3), "crank_deg": np.repeat([0.0, 120.0, 240.0], cycles * rows)}
+    angle = torque / 5 + np.tile(shared, 3) + 0.05 * rng.standard_normal(len(torque))
+    table = pd.DataFrame({**columns, "torque_Nm": torque, "angle_arcmin": angle})
+    noise, averaged = noise_of(tmp_path, table)
+    assert noise.shared
+    assert noise.random.value == pytest.approx(0.05 * np.sqrt(np.mean(1 / averaged.count)), rel=0.08)
