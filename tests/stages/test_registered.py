@@ -142,17 +142,25 @@ def test_the_library_of_the_project_needs_no_registration(folder: Path) -> None:
     assert set(library()) == {name for name in files if not name.startswith("_")} - {"effect"}
 
 
-def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Path, runs: Path) -> None:
+@pytest.fixture(scope="module")
+def extended_run(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Path:
+    """Run of the quick study with a metric and a section of the report of other packages."""
+    folder = tmp_path_factory.mktemp("packages")
     install(folder, "windup_of_a_loop", WINDUP.format(), "windup", METRICS)
+    install(folder, "play_of_rigid_bodies", PLAY, "play", REPORT_SECTIONS)
     text = (ROOT / "data/studies/quick.toml").read_text()
     text = text.replace("count = 50", "count = 4").replace("keep_contacts = [0]", 'keep_contacts = "all"')
-    study = folder / "winding.toml"
+    study = folder / "extended.toml"
     study.write_text(text.replace("[limits]", "[limits]\nwindup_arcmin = 7.4"))
     process = in_a_process(RUN, folder, runs, study, "report")
     assert process.returncode == 0, process.stderr
-    aggregate = runs / "winding" / "aggregate"
+    return runs / "extended"
+
+
+def test_a_metric_of_another_package_is_computed_limited_and_reported(extended_run: Path) -> None:
+    aggregate = extended_run / "aggregate"
     metrics = pd.read_parquet(aggregate / "metrics.parquet")
-    curves = pd.read_parquet(runs / "winding" / "hysteresis" / "curves.parquet")
+    curves = pd.read_parquet(extended_run / "hysteresis" / "curves.parquet")
     swing = curves.groupby(["sample", "crank_deg"], observed=True)["angle_arcmin"].agg(np.ptp)
     np.testing.assert_allclose(metrics.set_index(["sample", "crank_deg"])["windup_arcmin"], swing, rtol=1e-9)
     units = pd.read_parquet(aggregate / "units.parquet")
@@ -160,7 +168,7 @@ def test_a_metric_of_another_package_is_computed_limited_and_reported(folder: Pa
     rows = pd.read_parquet(aggregate / "distributions.parquet")
     (kept_items,) = rows[rows.eval("metric == 'windup_arcmin' and over == 'worst' and statistic == 'yield'")]["value"]
     assert 0 < kept_items == np.mean(units["windup_arcmin_worst"][1:] <= 7.4) < 1
-    page = (runs / "winding" / "report" / "report.html").read_text()
+    page = (extended_run / "report" / "report.html").read_text()
     assert "Windup at full torque" in page
     assert re.search(r"Difference in angle between \+12 and -12", page)
 
@@ -293,17 +301,15 @@ def test_a_mechanism_of_another_package_is_checked_run_drawn_and_told(folder: Pa
         assert words.replace("\u00a0", " ") in page.replace("\u00a0", " ")
 
 
-def test_a_section_of_another_package_stands_on_the_page(folder: Path, runs: Path) -> None:
+def test_a_section_of_another_package_is_a_source(folder: Path) -> None:
     assert "play_of_rigid_bodies.py" not in source_hashes("stages.chain")
     install(folder, "play_of_rigid_bodies", PLAY, "play", REPORT_SECTIONS)
     assert "play_of_rigid_bodies.py" in source_hashes("stages.chain")
-    text = (ROOT / "data/studies/quick.toml").read_text().replace("count = 50", "count = 2")
-    study = folder / "played.toml"
-    study.write_text(text)
-    process = in_a_process(RUN, folder, runs, study, "report")
-    assert process.returncode == 0, process.stderr
-    kinematic = pd.read_parquet(runs / "played" / "clearance" / "kinematic.parquet")
-    page = (runs / "played" / "report" / "report.html").read_text().replace("\u00a0", " ")
+
+
+def test_a_section_of_another_package_stands_on_the_page(extended_run: Path) -> None:
+    kinematic = pd.read_parquet(extended_run / "clearance" / "kinematic.parquet")
+    page = (extended_run / "report" / "report.html").read_text().replace("\u00a0", " ")
     contents = re.findall(r'<li><a href="#(\w+)">([^<]*)</a></li>', page)
     assert [name for name, _ in contents] == re.findall(r'<section id="(\w+)">', page)
     position = contents.index(("play", "Play &lt;rigid&gt;"))
@@ -314,4 +320,4 @@ def test_a_section_of_another_package_stands_on_the_page(folder: Path, runs: Pat
     numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\. ", page)]
     assert numbers == list(range(1, len(numbers) + 1))
     assert re.search(r"<b>Figure \d+\. Play of rigid bodies\.</b> Of every sample\.", section)
-    assert (runs / "played" / "report" / "figures" / "rigid_play.png").stat().st_size > 1000
+    assert (extended_run / "report" / "figures" / "rigid_play.png").stat().st_size > 1000
