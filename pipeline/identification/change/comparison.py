@@ -15,13 +15,13 @@ from functools import cached_property
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
+from pipeline.identification.change.joint_model import JointModel
 from pipeline.identification.change.kinds import KINDS, Kind
 from pipeline.identification.change.pairing import Pair
 from pipeline.identification.change.scatter import scatter
-from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
 from pipeline.identification.selection.parameter_intervals import FORM
+from pipeline.statistics.rotations import Family
 
 Real = NDArray[np.float64]
 
@@ -35,73 +35,8 @@ TRIED = 2 * len(KINDS)
 """Tests of a pair: each kind with all others equal, and with all others free."""
 FEWEST_POSITIONS = 3
 """Positions below which the scatter of remounting is not known."""
-REACH = 2.0
-"""Largest change that is looked for, in scales of its kind."""
 EQUAL, FREE = "equal", "free"
 CHANGED, NOTHING = "changed", "no change shown"
-
-
-@dataclass(frozen=True)
-class JointModel:
-    """The drive of one position, fitted to both states together, and the largest torque of both."""
-
-    drive: PlayAndFriction
-    pair: Pair
-    top: float
-
-    @classmethod
-    def of(cls, pair: Pair) -> JointModel:
-        """The fit of a position."""
-        torque = np.concatenate([pair.before_followed, pair.followed])
-        state = np.repeat([0, 1], [len(pair.before_angle), len(pair.angle)])
-        angle, sigma = (
-            np.concatenate([pair.before_angle, pair.angle]),
-            np.concatenate([pair.before_sigma, pair.sigma]),
-        )
-        top = float(np.max(np.abs(torque)))
-        cells = TorqueCells(state, state, torque, angle, sigma, top)
-        return cls(fitted(cells, np.ones(len(torque), bool), frozenset(TERMS)), pair, top)
-
-    def scale(self, kind: Kind) -> float:
-        """Size of a change of a kind that is large."""
-        span = float(np.ptp(self.pair.angle))
-        return {"play": span, "friction": 0.5 * self.top, "compliance": 1.0, "torque_zero": 0.5 * self.top}[kind.name]
-
-    def change(self, change: Mapping[Kind, float]) -> Real:
-        """Difference (n_cells,) [arcmin] of the second state's curve that changes make."""
-        drive = self.drive
-        for kind, amount in change.items():
-            drive = kind.put(drive, amount)
-        no_group = np.zeros(len(self.pair.torque), np.int64)
-        return drive.angle(self.pair.followed, no_group, self.top) - self.drive.angle(
-            self.pair.followed, no_group, self.top
-        )
-
-    def error(self, change: Mapping[Kind, float]) -> float:
-        """Rms (in noise) of what changes leave of the measured difference."""
-        return float(np.sqrt(np.mean(self.pair.residual(self.change(change)) ** 2)))
-
-    def estimated(self, kinds: Sequence[Kind], fixed_values: Mapping[Kind, float] | None = None) -> dict[Kind, float]:
-        """Changes of these kinds that explain the measured difference best, beside ``fixed_values`` ones."""
-        scales, fixed = [self.scale(kind) for kind in kinds], fixed_values or {}
-
-        def changes(shares: Sequence[float]) -> dict[Kind, float]:
-            return {**fixed, **{kind: x * size for kind, x, size in zip(kinds, shares, scales, strict=True)}}
-
-        optimum = least_squares(
-            lambda shares: self.pair.residual(self.change(changes(shares))),
-            np.zeros(len(kinds)),
-            bounds=(-REACH, REACH),
-            diff_step=2e-3,
-            x_scale=0.1,
-            loss="soft_l1",
-            f_scale=max(self.error(fixed), 1.0),
-        )
-        return changes(optimum.x.tolist())
-
-    def mounted(self, kinds: Sequence[Kind], fixed_values: Mapping[Kind, float]) -> Mapping[Kind, float]:
-        """A given change with what mounting changed beside it: these kinds, fitted to the position."""
-        return self.estimated(kinds, fixed_values) if kinds else fixed_values
 
 
 @dataclass(frozen=True)
@@ -115,12 +50,12 @@ class Change:
     mean, low, high : (n_kinds,) with the 95 % interval of the scatter over positions and of the model's form; NaN with
         too few positions.
     p : (n_kinds,) of no change, each kind by itself.
+    p_family : (n_kinds,) of no change, all tests of the pair counted.
     detectable : (n_kinds,) size that would have been sure with a chance of 95 %; NaN with too few positions.
     freedom : degrees of freedom that the scatter is known with; 0 with too few positions.
     mounting, held_out : at each position what is put into the drive: nothing, and the mean change of the others; with
         what mounting may have changed beside it, fitted there.
     models : of the positions.
-    other_states : (n_others, n_positions, n_kinds) changes of further states, which tell the scatter too.
     other_kinds : whether all other kinds are "equal" in both states, or "free" at each position.
     """
 
@@ -130,12 +65,12 @@ class Change:
     low: Real
     high: Real
     p: Real
+    p_family: Real
     detectable: Real
     freedom: int
     mounting: tuple[Mapping[Kind, float], ...]
     held_out: tuple[Mapping[Kind, float], ...]
     models: Sequence[JointModel]
-    other_states: Real
     other_kinds: str
 
     @cached_property
@@ -161,7 +96,7 @@ class Change:
     @property
     def sure(self) -> bool:
         """Whether it is none of mounting, all tests of a pair counted."""
-        return bool(np.all(TRIED * self.p < FAMILYWISE))
+        return bool(np.all(self.p_family < FAMILYWISE))
 
     @property
     def likely(self) -> bool:
@@ -177,36 +112,40 @@ class Change:
 def judged(
     models: Sequence[JointModel],
     kinds: tuple[Kind, ...],
-    estimates: Real,
-    other_states: Real,
+    table: Real,
+    tests: Family | None,
+    numbers: Sequence[int],
     mounted: tuple[Kind, ...] = (),
 ) -> Change:
     """A change of some kinds over all positions.
 
     Parameters
     ----------
-    estimates, other_states : (n_positions, n_kinds) and (n_others, n_positions, n_kinds) changes from the first state.
+    table : (n_states - 1, n_positions, n_kinds) changes from the first state, those of the second state first.
+    tests : all of the pair; None with too few positions.
+    numbers : (n_kinds,) of the tests of these kinds.
     mounted : kinds that are fitted to each position beside it.
     """
+    estimates = table[0]
     n, mean = len(models), estimates.mean(axis=0)
-    low = high = p = detectable = np.full(len(kinds), np.nan)
+    low = high = p = p_family = detectable = np.full(len(kinds), np.nan)
     freedom = 0
-    if n >= FEWEST_POSITIONS:
-        spread = scatter(estimates, other_states)
+    if tests is not None:
+        spread = scatter(estimates, table[1:])
         freedom, quantile = spread.freedom, 0.5 + CONFIDENCE / 2
         reach = np.hypot(
             scipy.stats.t.ppf(quantile, freedom) * spread.error, scipy.stats.norm.ppf(quantile) * FORM * np.abs(mean)
         )
-        low, high, p = mean - reach, mean + reach, spread.p(mean)
-        detectable = spread.detectable(FAMILYWISE / TRIED)
+        low, high, p, p_family = mean - reach, mean + reach, spread.p(mean), tests.p[numbers]
+        detectable = spread.detectable(tests.level(FAMILYWISE))
     error_without, held_out = [], []
     for model, single in zip(models, estimates, strict=True):
         rest_of_set = (estimates.sum(axis=0) - single) / (n - 1) if n > 1 else single
         error_without.append(model.mounted(mounted, {}))
         held_out.append(model.mounted(mounted, dict(zip(kinds, rest_of_set.tolist(), strict=True))))
     return Change(
-        *(kinds, estimates, mean, low, high, p, detectable, freedom, tuple(error_without), tuple(held_out)),
-        *(models, other_states, FREE if mounted else EQUAL),
+        *(kinds, estimates, mean, low, high, p, p_family, detectable, freedom, tuple(error_without), tuple(held_out)),
+        *(models, FREE if mounted else EQUAL),
     )
 
 
@@ -217,42 +156,54 @@ class _States:
     models: tuple[JointModel, ...]
     further: tuple[tuple[JointModel, ...], ...]
 
-    def alone(self, kind: Kind) -> Change:
-        """A kind of change, all others equal in both states."""
-        return judged(self.models, (kind,), *self._estimates((kind,)))
+    @cached_property
+    def equal(self) -> Real:
+        """Changes (n_states - 1, n_positions, n_kinds) from the first state, each kind alone."""
+        return np.concatenate([self._estimates((kind,)) for kind in KINDS], axis=2)
+
+    @cached_property
+    def free(self) -> Real:
+        """The same, all kinds together."""
+        return self._estimates(KINDS)
+
+    @cached_property
+    def tests(self) -> Family | None:
+        """All tests of the pair, of kinds alone and of kinds together; None with too few positions."""
+        if len(self.models) < FEWEST_POSITIONS:
+            return None
+        table = np.concatenate([self.equal, self.free], axis=2)
+        return scatter(table[0], table[1:]).family(table[0].mean(axis=0))
+
+    def alone(self) -> tuple[Change, ...]:
+        """Each kind of change, all others equal in both states."""
+        return tuple(
+            judged(self.models, (kind,), self.equal[:, :, [k]], self.tests, [k]) for k, kind in enumerate(KINDS)
+        )
 
     def beside_mounting(self) -> tuple[Change, ...]:
         """Each kind of change, all others as mounting makes them differ."""
-        estimates, other_states = self._estimates(KINDS)
-        return tuple(
-            judged(
-                self.models,
-                (kind,),
-                estimates[:, k : k + 1],
-                other_states[:, :, k : k + 1],
-                tuple(counterpart for counterpart in KINDS if counterpart is not kind),
-            )
-            for k, kind in enumerate(KINDS)
-        )
+        return tuple(self._together((kind,)) for kind in KINDS)
 
     def joined(self, changes: Sequence[Change]) -> tuple[Change, ...]:
         """Changes as one, all kinds beside them as mounting makes them differ; nothing of none."""
         if len(changes) < 2:
             return tuple(changes)
-        kinds = tuple(kind for change in changes for kind in change.kinds)
-        other_kinds = tuple(kind for kind in KINDS if kind not in kinds)
-        estimates = np.hstack([change.by_position for change in changes])
-        other_states = np.concatenate([change.other_states for change in changes], axis=2)
-        return (judged(self.models, kinds, estimates, other_states, other_kinds),)
+        return (self._together(tuple(kind for change in changes for kind in change.kinds)),)
 
-    def _estimates(self, kinds: tuple[Kind, ...]) -> tuple[Real, Real]:
-        """Of the second state (n_positions, n_kinds), and of the others (n_others, n_positions, n_kinds)."""
+    def _together(self, kinds: tuple[Kind, ...]) -> Change:
+        """A change of some kinds, all others as mounting makes them differ."""
+        other_kinds = tuple(kind for kind in KINDS if kind not in kinds)
+        columns = [KINDS.index(kind) for kind in kinds]
+        numbers = [len(KINDS) + k for k in columns]
+        return judged(self.models, kinds, self.free[:, :, columns], self.tests, numbers, other_kinds)
+
+    def _estimates(self, kinds: tuple[Kind, ...]) -> Real:
+        """Changes (n_states - 1, n_positions, n_kinds) from the first state of these kinds, fitted together."""
         tables = []
         for models in (self.models, *self.further):
             by_kind = [model.estimated(kinds) for model in models]
             tables.append([[changes[kind] for kind in kinds] for changes in by_kind])
-        values = np.array(tables)
-        return values[0], values[1:]
+        return np.array(tables)
 
 
 @dataclass(frozen=True)
@@ -299,17 +250,17 @@ def compared(pairs: Sequence[Pair], further: Sequence[Sequence[Pair]] = ()) -> C
     Notes
     -----
     All kinds are fitted to each position together, since mounting scatters each: those are named that the scatter does
-    not explain, all tests counted (Bonferroni), and that help where the others are free to differ. Where these loops do
-    not part the kinds none does; then each is tried alone, and every one that is sure, all tests counted, is named,
-    unless the best is better over the positions. A change that is likely by itself alone is told and not named: of
-    eight tests at 5 % each one in seven pairs without a change has such a one.
+    not explain, all tests counted (by the largest t of them), and that help where the others are free to differ. Where
+    these loops do not part the kinds none does; then each is tried alone, and every one that is sure, all tests
+    counted, is named, unless the best is better over the positions. A change that is likely by itself alone is told and
+    not named: of eight tests at 5 % each one in seven pairs without a change has such a one.
     """
     states = _States(
         tuple(JointModel.of(pair) for pair in pairs),
         tuple(tuple(JointModel.of(pair) for pair in state_pairs) for state_pairs in further),
     )
     models = states.models
-    singles = tuple(states.alone(kind) for kind in KINDS)
+    singles = states.alone()
     base_errors = np.array([model.error({}) for model in models])
     if len(models) < FEWEST_POSITIONS:
         return Comparison(models, singles, (), (), (), NOTHING, base_errors)

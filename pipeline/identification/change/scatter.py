@@ -9,6 +9,8 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from pipeline.statistics.rotations import Family, family
+
 Real = NDArray[np.float64]
 
 POWER = 0.95
@@ -25,14 +27,22 @@ class Scatter:
     ----------
     error : (n_kinds,) standard error of the mean change.
     freedom : degrees of freedom that it is known with.
+    interaction : (n_states n_positions, n_kinds) what mounting adds to each state at each position.
+    positions : their number.
     """
 
     error: Real
     freedom: int
+    interaction: Real
+    positions: int
 
     def p(self, mean: Real) -> Real:
         """Two-sided p of no change (n_kinds,)."""
         return 2 * scipy.stats.t.sf(np.abs(mean) / self.error, self.freedom)
+
+    def family(self, mean: Real) -> Family:
+        """Tests of mean changes (n_kinds,), which share their positions."""
+        return family(np.sqrt(self.positions / 2) * mean, self.interaction, self.freedom)
 
     def detectable(self, level: float) -> Real:
         """Size (n_kinds,) of a change that a two-sided test at ``level`` shows with the chance ``POWER``.
@@ -64,4 +74,5 @@ def scatter(estimates: Real, other_states: Real) -> Scatter:
     interaction = interaction - interaction.mean(axis=0)
     freedom = (table.shape[0] - 1) * (table.shape[1] - 1)
     variance = np.sum(interaction**2, axis=(0, 1)) / freedom
-    return Scatter(np.maximum(np.sqrt(2 * variance / table.shape[1]), 1e-12), freedom)
+    error = np.maximum(np.sqrt(2 * variance / table.shape[1]), 1e-12)
+    return Scatter(error, freedom, interaction.reshape(-1, table.shape[2]), table.shape[1])

@@ -77,6 +77,7 @@ def _change(row: dict) -> dict[str, str | bool]:
         "value": digits(scale * row["change"]),
         "interval": interval(scale * row["ci_low"], scale * row["ci_high"]),
         "p": digits(row["p"], 2),
+        "p_family": digits(row["p_family"], 2),
         "detectable": digits(scale * row["detectable"], 2),
         "share": digits(100 * row["held_out_share"], 2),
         "named": row["named"],
