@@ -7,7 +7,7 @@ from scipy import stats
 from pipeline.statistics import rotations
 from pipeline.statistics.rotations import Family, family
 
-N_TESTS, DRAWS = 8, 3000
+N_TESTS, DRAWS = 8, 2000
 
 
 def drawn(rng: np.random.Generator, freedom: int, mixing: np.ndarray, effect: float = 0.0) -> Family:
