@@ -148,6 +148,7 @@ class Forward:
         self.shares = torque_levels(LEVELS, BEYOND * top * NMM_PER_NM / rated_torque)
         self._kept: dict[tuple, tuple[Drive, Backbone]] = {}
         self._latest: tuple[Drive | None, Backbone | None] = None, None
+        self._preloaded: dict[tuple, Backbone] = {}
 
     def backbone(self, drive: Drive) -> Backbone:
         """The frictionless curve of a drive, without its torsion.
@@ -169,9 +170,17 @@ class Forward:
         if key not in self._kept:
             if len(self._kept) > KEPT_CURVES * len(self.courses):
                 self._kept.clear()
-            self._kept[key] = drive, backbone(drive.without_twist, self.shares)
+            self._kept[key] = drive, self._solved(drive)
         self._latest = drive, self._kept[key][1]
         return self._kept[key][1]
+
+    def _solved(self, drive: Drive) -> Backbone:
+        """The curve of a drive that is not kept; preload is sought from the latest at its crank angle."""
+        alike = drive.reducer.crank, drive.gap.shape
+        curve = backbone(drive.without_twist, self.shares, self._preloaded.get(alike))
+        if curve.preloaded:
+            self._preloaded[alike] = curve
+        return curve
 
     def read(self, drive: Drive, position: int, instrument: Instrument) -> Reading:
         """Prediction at the cells of a position."""

@@ -31,7 +31,7 @@ from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.contact.line_laws.contact_law import declared
 from pipeline.model.equilibrium.blocks import count, coupled_blocks, part_of
-from pipeline.model.equilibrium.newton import ACCEPTED, converge, reset
+from pipeline.model.equilibrium.newton import ACCEPTED, activate, converge, reset
 from pipeline.model.equilibrium.residual import Friction, System, workspace
 from pipeline.model.equilibrium.restart import solved_afresh
 from pipeline.model.geometry.cycloid_profile import Index, Real
@@ -105,8 +105,8 @@ class Equilibria:
 
 
 @algebraic_part
-def _extrapolate(system, torques, t, motions, forces, work):
-    """Start of step t: the two or three steps before with the same contacts, continued to its torque.
+def _extrapolate(system, torques, t, torque, motions, forces, work):
+    """Start of step t: the two or three steps before with the same contacts, continued to a torque on the way to it.
 
     ``motions``, ``forces`` hold the solved steps; ``counts[0]`` of them, up to the last, have the contacts of that one.
     """
@@ -118,7 +118,7 @@ def _extrapolate(system, torques, t, motions, forces, work):
         weight[p] = 1.0
         for point in range(points):
             if point != p:
-                weight[p] *= (torques[t] - torques[t - 1 - point]) / (torques[t - 1 - p] - torques[t - 1 - point])
+                weight[p] *= (torque - torques[t - 1 - point]) / (torques[t - 1 - p] - torques[t - 1 - point])
     for d in range(work.motion.shape[0]):
         total = 0.0
         for p in range(points):
@@ -136,14 +136,16 @@ def _extrapolate(system, torques, t, motions, forces, work):
 
 
 @algebraic_part
-def _begin(start, work):
-    """A sample's motions to start from, without force."""
+def _begin(system, start, force, work):
+    """A sample's motions and forces to start from."""
     for d in range(start.shape[0]):
         work.motion[d] = start[d]
-    for i in range(work.force.shape[0]):
-        work.force[i] = 0.0
     work.thrust[:] = 0.0
     reset(work)
+    for i in range(work.force.shape[0]):
+        work.force[i] = force[i]
+        if force[i] > 0.0:
+            activate(system, i, work)
 
 
 @algebraic_part
@@ -151,6 +153,14 @@ def _stations(torques, t):
     """Number of steps in which the torque of step t is reached: itself, and those on the way to a far one."""
     rise = torques[t] / torques[t - 1] if t > 0 else 1.0
     return 1 + (int(abs(np.log(rise)) / np.log(LARGEST_RISE)) if rise > 0.0 else 0)
+
+
+@algebraic_part
+def _torque_of(torques, t, station, stations):
+    """Torque of a station on the way to step t, which is the last of them: each rises by the same ratio."""
+    if station == stations:
+        return torques[t]
+    return torques[t - 1] * (torques[t] / torques[t - 1]) ** (station / stations)
 
 
 @algebraic_part
@@ -168,7 +178,7 @@ def _keep(work, t, rounding, motion, force):
 
 @borrowing_entry
 def _solve_batch(system, work, torques, gap, clearance, start, progress, motion, force, iterations, residual):
-    """Samples through their torques in order; the last four arrays are filled.
+    """Samples through their torques in order, from a ``start`` (motions, forces); the last four arrays are filled.
 
     It goes on from ``progress``, the sample, its step and the stations solved of it, which are counted on, up to a
     station that Newton does not solve: returns the torque of that, None at the end.
@@ -178,18 +188,15 @@ def _solve_batch(system, work, torques, gap, clearance, start, progress, motion,
         if t == torques.shape[0]:
             progress[0], progress[1] = s + 1, 0
             continue
+        stations = _stations(torques, t)
         if progress[2] == 0:
             if t == 0:
-                _begin(start[s], work)
-            _extrapolate(system, torques, t, motion[s], force[s], work)
+                _begin(system, start[0][s], start[1][s], work)
+            _extrapolate(system, torques, t, _torque_of(torques, t, 1, stations), motion[s], force[s], work)
             iterations[s, t] = 0
-        stations = _stations(torques, t)
         while progress[2] < stations:
             progress[2] += 1
-            torque = torques[t]
-            if progress[2] < stations:
-                rise = torques[t] / torques[t - 1]
-                torque = torques[t - 1] * rise ** (progress[2] / stations)
+            torque = _torque_of(torques, t, progress[2], stations)
             n_updates, residual[s, t] = converge(system, None, torque, gap[s], clearance[s], work)
             iterations[s, t] += n_updates
             if not residual[s, t] <= ACCEPTED:
@@ -218,8 +225,8 @@ def compile_solver() -> None:
         bearing_exponent=1.0,
     )
     samples, states = np.zeros((0, 1)), np.zeros((0, 1, 1))
-    batch = (samples, samples, samples, np.zeros(3, np.int64), states, states, np.zeros((0, 1), np.int64), samples)
-    _solve_batch(system, workspace(system), row, *batch)
+    progress, rows = np.zeros(3, np.int64), (states, states, np.zeros((0, 1), np.int64), samples)
+    _solve_batch(system, workspace(system), row, samples, samples, (samples, samples), progress, *rows)
 
 
 def system_of(elastic: ElasticReducer, linear: bool = False) -> tuple[System, Index]:
@@ -278,7 +285,14 @@ def friction_of(sliders: Sliders, place_of_motion: Index) -> Friction:
     )
 
 
-def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Real, torque: Real) -> Equilibria:
+def solve(
+    elastic: ElasticReducer,
+    gap: Real,
+    bearing_clearance: Real,
+    start: Real,
+    torque: Real,
+    neighbours: Equilibria | None = None,
+) -> Equilibria:
     """Equilibria of every sample at every output torque, in the order of ``torque``.
 
     Parameters
@@ -289,6 +303,8 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
         Motions to start from; any will do, near ones save iterations.
     torque : (n_torques,) [N mm]
         None of them zero: with play the zero-torque pose is not unique (``rigid_backlash.rigid_play`` has its ends).
+    neighbours : (n,)
+        Equilibria of nearly the same reducers at the first torque: motions and forces that are tried before ``start``.
 
     Notes
     -----
@@ -306,10 +322,16 @@ def solve(elastic: ElasticReducer, gap: Real, bearing_clearance: Real, start: Re
     work, steps = workspace(system), np.ascontiguousarray(torque, dtype=float)
     ordered_gap = np.ascontiguousarray(gap if len(system.blocks) == 1 else gap[:, order])
     clearance, start = np.ascontiguousarray(clearance, dtype=float), np.ascontiguousarray(start[:, eliminated:])
+    beside = (start.copy(), np.zeros(gap.shape))
+    if neighbours is not None:
+        beside = neighbours.motion[:, eliminated:].copy(), np.ascontiguousarray(neighbours.force[:, order])
     progress = np.zeros(3, np.int64)
-    rows = (motion, force, iterations, residual)
-    while (unsolved := _solve_batch(system, work, steps, ordered_gap, clearance, start, progress, *rows)) is not None:
+    inputs, rows = (steps, ordered_gap, clearance, beside), (motion, force, iterations, residual)
+    while (unsolved := _solve_batch(system, work, *inputs, progress, *rows)) is not None:
         s, t, _ = progress
+        if t == 0 and np.any(beside[1][s]):
+            beside[0][s], beside[1][s], progress[2] = start[s], 0.0, 0
+            continue
         n_updates, residual[s, t] = solved_afresh(system, None, unsolved, ordered_gap[s], clearance[s], work)
         iterations[s, t] += n_updates
     if len(system.blocks) > 1:

@@ -31,6 +31,17 @@ class Backbone:
     angle: Real
     states: Equilibria
 
+    @property
+    def limits(self) -> Equilibria:
+        """States (n, 2) at the limits of no torque from above and from below."""
+        middle = len(self.torque) // 2
+        return self.states[:, [middle, middle - 1]]
+
+    @property
+    def preloaded(self) -> bool:
+        """Whether contacts carry forces at the limits of no torque in all states."""
+        return bool(np.all(np.any(self.limits.force > 0, axis=2)))
+
     @cached_property
     def influence(self) -> Real:
         """d angle / d gap (n, n_nodes, n_contacts) [rad/mm].
@@ -79,15 +90,16 @@ def torque_levels(levels: int, reach: float) -> Real:
     return np.concatenate([[NO_LOAD], reach * steps**2])
 
 
-def backbone(drive: Drive, shares: Real) -> Backbone:
+def backbone(drive: Drive, shares: Real, neighbour: Backbone | None = None) -> Backbone:
     """The frictionless curve at +- the ``shares`` (n_levels,) of the rated torque, ascending from ``NO_LOAD``.
 
-    The modulus is the drawing's, as of ``Drive.equilibria``.
+    The modulus is the drawing's, as of ``Drive.equilibria``. ``neighbour`` is the curve of a preloaded drive in as many
+    states that differs little in gaps and springs.
     """
     cycle = LoadCycle(drive.rated_torque, shares)
     of_drawing = drive if drive.modulus is None else replace(drive, modulus=None, known_gap=drive.gap_of_errors)
-    states = solve_cycle(of_drawing, cycle)
     middle = len(shares) + 1
+    states = solve_cycle(of_drawing, cycle, None if neighbour is None else neighbour.limits)
     falling, rising = states[:, middle:], states[:, :middle]
     levels = drive.rated_torque * np.append(LIMIT_TORQUE, shares)
     torque = np.concatenate([-levels[::-1], levels])

@@ -180,17 +180,18 @@ class Drive:
         """The reducer on its springs, their modulus the drawing's."""
         return ElasticReducer(self.reducer, self.bearing, self.laws, self.compliance)
 
-    def equilibria(self, start: Real, torque: Real) -> Equilibria:
+    def equilibria(self, start: Real, torque: Real, neighbours: Equilibria | None = None) -> Equilibria:
         """Frictionless equilibria (n, n_torques) at torques (n_torques,) [N mm], one after the other.
 
-        The modulus is the drawing's. ``start`` (n, n_motions) are poses near the first; see ``equilibrium.solve``.
+        The modulus is the drawing's. ``start`` (n, n_motions) are poses near the first, ``neighbours`` (n,) those of
+        drives that differ little; see ``equilibrium.solve``.
         """
-        return solve(self.elastic, self.gap, self.bearing_clearance, start, torque)
+        return solve(self.elastic, self.gap, self.bearing_clearance, start, torque, neighbours)
 
-    def softened_equilibria(self, start: Real, torque: Real) -> Equilibria:
+    def softened_equilibria(self, start: Real, torque: Real, neighbours: Equilibria | None = None) -> Equilibria:
         """As ``equilibria`` (n, n_torques), each state with its modulus; the bearing's stiffness is as stated."""
         if self.modulus is None:
-            return self.equilibria(start, torque)
+            return self.equilibria(start, torque, neighbours)
         states = [
             solve(
                 replace(
@@ -202,6 +203,7 @@ class Drive:
                 self.bearing_clearance[k : k + 1],
                 start[k : k + 1],
                 torque,
+                None if neighbours is None else neighbours[k : k + 1],
             )
             for k, factor in enumerate(self.modulus)
         ]

@@ -89,8 +89,13 @@ def first_poses(drive: Drive, pose: Real, torque: float) -> Real:
     return contact_pose
 
 
-def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
+def solve_cycle(drive: Drive, cycle: LoadCycle, neighbour: Equilibria | None = None) -> Equilibria:
     """The frictionless states of the cycle; arrays (n, n_states, ...) in the order of ``cycle.state_torque``.
+
+    Parameters
+    ----------
+    neighbour : of a preloaded drive that differs little, the states (n, 2) at the limits from above and from below:
+        preload is sought from them.
 
     Notes
     -----
@@ -106,7 +111,7 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
     downward = drive.reducer.centred & np.any(drive.clearance_of_disks, axis=1)
     ways = sorted(set(zip(play.preloaded.tolist(), downward.tolist(), strict=True)))
     if len(ways) == 1:
-        return _both_senses(drive, play.pose_plus, play.pose_minus, levels, *ways[0])
+        return _both_senses(drive, play.pose_plus, play.pose_minus, levels, *ways[0], neighbour)
     rows = [np.flatnonzero((play.preloaded == way[0]) & (downward == way[1])) for way in ways]
     parts = [
         _both_senses(drive.some(samples), play.pose_plus[samples], play.pose_minus[samples], levels, *way)
@@ -116,17 +121,29 @@ def solve_cycle(drive: Drive, cycle: LoadCycle) -> Equilibria:
 
 
 def _both_senses(
-    drive: Drive, pose_plus: Real, pose_minus: Real, levels: Real, preloaded: bool, downward: bool
+    drive: Drive,
+    pose_plus: Real,
+    pose_minus: Real,
+    levels: Real,
+    preloaded: bool,
+    downward: bool,
+    neighbour: Equilibria | None = None,
 ) -> Equilibria:
     """As ``solve_cycle``, of samples (n,) which all are ``preloaded`` or none and start in one direction."""
     senses = ((levels, pose_plus), (-levels, pose_minus))
-    states = [_either_way(drive, pose, torque, preloaded, downward) for torque, pose in senses]
+    limits = (None, None) if neighbour is None or downward or not preloaded else (neighbour[:, 0], neighbour[:, 1])
+    states = [
+        _either_way(drive, pose, torque, preloaded, downward, limit)
+        for (torque, pose), limit in zip(senses, limits, strict=True)
+    ]
     return Equilibria.joined(states, axis=1)
 
 
-def _either_way(drive: Drive, pose: Real, levels: Real, preloaded: bool, downward: bool) -> Equilibria:
+def _either_way(
+    drive: Drive, pose: Real, levels: Real, preloaded: bool, downward: bool, limit: Equilibria | None
+) -> Equilibria:
     """As ``_solved``; samples that are lost on their way are solved on the other, unless more of their states are."""
-    states = _solved(drive, pose, levels, preloaded, downward)
+    states = _solved(drive, pose, levels, preloaded, downward, limit)
     if states.converged.all():
         return states
     lost = np.flatnonzero(~np.all(states.converged, axis=1))
@@ -136,14 +153,24 @@ def _either_way(drive: Drive, pose: Real, levels: Real, preloaded: bool, downwar
     return states
 
 
-def _solved(drive: Drive, pose: Real, levels: Real, preloaded: bool, downward: bool) -> Equilibria:
-    """Ends of play and equilibria (n, 1 + n_levels) in one direction, all samples ``preloaded`` or none."""
+def _solved(
+    drive: Drive,
+    pose: Real,
+    levels: Real,
+    preloaded: bool,
+    downward: bool,
+    limit: Equilibria | None = None,
+) -> Equilibria:
+    """Ends of play and equilibria (n, 1 + n_levels) in one direction, all samples ``preloaded`` or none.
+
+    The first of them is sought from the ``limit`` (n,) of neighbours.
+    """
     torque = levels
     if preloaded:
         torque = np.append(np.sign(levels[0]) * drive.rated_torque * np.array([LIMIT_TORQUE, SMALL_TORQUE]), levels)
     if downward:
         torque = torque[::-1]
-    states = drive.softened_equilibria(first_poses(drive, pose, levels[-1 if downward else 0]), torque)
+    states = drive.softened_equilibria(first_poses(drive, pose, levels[-1 if downward else 0]), torque, limit)
     if downward:
         states = states[:, ::-1]
     if preloaded:

@@ -83,8 +83,8 @@ def both_ways(monkeypatch, drive):
     """The curve of the drive, and that with each sample solved in the other direction first."""
     curve, way = backbone(drive, SHARES), load_cycle._solved
 
-    def reversed_way(drive, pose, levels, preloaded, downward):
-        return way(drive, pose, levels, preloaded, not downward)
+    def reversed_way(drive, pose, levels, preloaded, downward, limit=None):
+        return way(drive, pose, levels, preloaded, not downward, limit)
 
     monkeypatch.setattr(load_cycle, "_solved", reversed_way)
     return curve, backbone(drive, SHARES)
@@ -107,8 +107,8 @@ def test_samples_that_are_lost_on_their_way_are_solved_on_the_other(name, monkey
     drive = small_drive(6, **{**LOOSE, **PRELOADED}[name])
     expected, way, solves = backbone(drive, SHARES), load_cycle._solved, []
 
-    def losing(drive, pose, levels, preloaded, downward):
-        states = way(drive, pose, levels, preloaded, downward)
+    def losing(drive, pose, levels, preloaded, downward, limit=None):
+        states = way(drive, pose, levels, preloaded, downward, limit)
         if not downward:
             states.motion[2], states.converged[2, 1] = np.nan, False
         solves.append((downward, len(pose)))
@@ -139,6 +139,19 @@ def test_preloaded_drive_has_no_play_and_carries_force_without_torque():
     stiffness = np.diff(curve.torque[[MIDDLE, -1]]) / np.diff(curve.angle[:, [MIDDLE, -1]], axis=1)
     loose = backbone(small_drive(3), SHARES)
     assert np.all(stiffness > np.diff(loose.torque[[MIDDLE, -1]]) / np.diff(loose.angle[:, [MIDDLE, -1]], axis=1))
+
+
+@pytest.mark.parametrize("distance", [0.01, 30])
+def test_preload_that_is_sought_from_a_neighbour_is_that_of_the_drive_alone(distance):
+    drive = small_drive(6, **PRELOADED["preloaded_by_10_um"])
+    change = np.random.default_rng(3).uniform(-distance, distance, drive.gap.shape) * MICROMETRE
+    neighbour = backbone(drive.shifted(change), SHARES)
+    alone, beside = backbone(drive, SHARES), backbone(drive, SHARES, neighbour)
+    assert np.all(beside.states.converged)
+    np.testing.assert_allclose(beside.angle, alone.angle, rtol=0, atol=1e-9 * np.ptp(alone.angle))
+    np.testing.assert_allclose(beside.states.force, alone.states.force, rtol=0, atol=1e-8 * alone.states.force.max())
+    if distance < 1:
+        assert beside.limits.iterations.sum() < alone.limits.iterations.sum()
 
 
 def test_shifted_drive_has_the_gaps_of_one_whose_shift_was_replaced():
