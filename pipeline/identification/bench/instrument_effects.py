@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.identification.bench.simulator import NMM_PER_NM, Instrument
 from pipeline.model.effects import Parameter
-from pipeline.model.effects.effect import CRANKS, TIME, EffectDescription
+from pipeline.model.effects.effect import CRANKS, LOOPS, TIME, TORQUES, EffectDescription
 from pipeline.model.load_history.friction.output_path import Ripple
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -53,6 +53,7 @@ EFFECTS = (
         told_apart_by="the torque sensor unloaded and unmounted",
         bounds=lambda rated, span, hours: ((-0.3 * rated, 0.3 * rated),),
         apply=lambda instrument, values: replace(instrument, torque_zero=values[0]),
+        needs=frozenset({TORQUES}),
     ),
     InstrumentEffect(
         name="torque_gain",
@@ -66,6 +67,7 @@ EFFECTS = (
         told_apart_by="the torque sensor under a known weight",
         bounds=lambda rated, span, hours: ((-0.3, 0.5),),
         apply=lambda instrument, values: replace(instrument, torque_gain=values[0]),
+        needs=frozenset({TORQUES}),
     ),
     InstrumentEffect(
         name="angle_drift",
@@ -120,7 +122,7 @@ EFFECTS = (
             (float(np.log10(FEWEST_WAVES * 2 * np.pi * ARCMIN / span)), float(np.log10(120 * np.pi * ARCMIN / span))),
         ),
         apply=_ripple,
-        needs=frozenset({CRANKS}),
+        needs=frozenset({CRANKS, LOOPS}),
     ),
 )
 

@@ -87,8 +87,46 @@ class Rows:
             yield int(self.position[start]), int(self.cycle[start]), slice(int(start), int(stop))
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """What the files of a unit hold, in the order of reading.
+
+    Attributes
+    ----------
+    table : quantities in standard units, and `line`; a column without values is missing.
+    source : (n,) number of each row's file.
+    missing, extra : as of ``Rows``.
+    """
+
+    table: pd.DataFrame
+    source: Whole
+    missing: tuple[tuple[str, str, str], ...]
+    extra: pd.DataFrame
+
+    def quantity(self, name: str) -> Real:
+        """The values of a quantity (n,); NaN where it was not measured."""
+        return self.table[name].to_numpy(float) if name in self.table else np.full(len(self.table), np.nan)
+
+    @property
+    def cycle(self) -> tuple[Whole, Truth]:
+        """Cycle of each row (n,), -1 where it is no integer, and where it is one (n,)."""
+        cycle = self.quantity("cycle")
+        integer = np.isfinite(cycle) & (np.abs(cycle) < 2**31)
+        integer[integer] = cycle[integer] == np.round(cycle[integer])
+        return np.where(integer, cycle, -1).astype(np.int64), integer
+
+
 def read_rows(unit: UnitFile) -> Rows:
-    """All rows of a unit that its files select.
+    """All rows of a unit that its files select, each at the position of its crank angle; see ``recorded``."""
+    record = recorded(unit)
+    crank = np.round(record.quantity("crank_deg"), CRANK_DIGITS)
+    cranks = np.unique(crank[np.isfinite(crank)])
+    position = np.where(np.isfinite(crank), np.searchsorted(cranks, crank), -1)
+    return rows_of(record, unit, cranks, position)
+
+
+def recorded(unit: UnitFile) -> Recorded:
+    """What the files of a unit hold.
 
     A value that is no number becomes NaN and a missing column NaN throughout; `data_faults` reports both.
 
@@ -112,7 +150,7 @@ def read_rows(unit: UnitFile) -> Rows:
     table = pd.concat(parts, ignore_index=True)
     mapped = {_column(unit, name).name for name in (*REQUIRED, *OPTIONAL)}
     extra = pd.concat([frame.drop(columns=mapped & set(frame)) for frame in frames], ignore_index=True)
-    return _ordered(table, source, unit, tuple(missing), extra)
+    return Recorded(table, source, tuple(missing), extra)
 
 
 def training_rows(unit: UnitFile, rows: Rows) -> Truth:
@@ -240,37 +278,24 @@ def _numbers(column: pd.Series, decimal: str) -> Real:
     return pd.to_numeric(column, errors="coerce").to_numpy(float)
 
 
-def _ordered(
-    table: pd.DataFrame,
-    source: Whole,
-    unit: UnitFile,
-    missing: tuple[tuple[str, str, str], ...],
-    extra: pd.DataFrame,
-) -> Rows:
-    def quantity(name: str) -> Real:
-        return table[name].to_numpy(float) if name in table else np.full(len(table), np.nan)
-
-    crank, cycle = np.round(quantity("crank_deg"), CRANK_DIGITS), quantity("cycle")
-    integer = np.isfinite(cycle) & (np.abs(cycle) < 2**31)
-    integer[integer] = cycle[integer] == np.round(cycle[integer])
-    is_finite = np.isfinite(crank)
-    cranks = np.unique(crank[is_finite])
-    position = np.where(is_finite, np.searchsorted(cranks, crank), -1)
+def rows_of(record: Recorded, unit: UnitFile, cranks: Real, position: Whole) -> Rows:
+    """The rows of a record by position (n,), -1 where it is unknown, of those at ``cranks`` (n_positions,) [deg]."""
+    quantity, (cycle, integer) = record.quantity, record.cycle
     order = np.argsort(position, kind="stable")
-    optional = [quantity(name)[order] if name in table else None for name in OPTIONAL]
+    optional = [quantity(name)[order] if name in record.table else None for name in OPTIONAL]
     return Rows(
         cranks=cranks,
         position=position[order],
-        cycle=np.where(integer, cycle, -1)[order].astype(np.int64),
-        misnumbered=(~integer | ~is_finite)[order],
+        cycle=cycle[order],
+        misnumbered=(~integer | (position < 0))[order],
         torque=quantity("torque_Nm")[order],
         angle=quantity("angle_arcmin")[order],
         time=optional[0],
         temperature=optional[1],
         command=optional[2],
-        file=source[order],
-        line=table["line"].to_numpy(np.int64)[order],
+        file=record.source[order],
+        line=record.table["line"].to_numpy(np.int64)[order],
         files=tuple(file.path for file in unit.files),
-        missing=missing,
-        extra=extra.iloc[order].reset_index(drop=True),
+        missing=record.missing,
+        extra=record.extra.iloc[order].reset_index(drop=True),
     )

@@ -21,6 +21,8 @@ from pipeline.identification.measurement.columns import Columns, Text
 T = TypeVar("T")
 UNIT_FILE = "unit.toml"
 UNKNOWN = "unknown"
+NEITHER = "neither"
+"""Of the ends, locked: the crank turns."""
 
 
 class DataFile(Section):
@@ -58,10 +60,11 @@ class Environment(Section):
 class HeldOut(Section):
     """Which data judge the model: whole crank positions if there are two, else whole cycles; never single rows.
 
-    `train` lists the crank angles [deg] or cycles to fit; by default every second one, from the first.
+    `train` lists the crank angles [deg] or cycles to fit; by default every second one, from the first. Of a turning
+    drive whole cycles, held torques [N m] or senses of the crank (1, -1), each in turn by default.
     """
 
-    by: Literal["position", "cycle"] | None = None
+    by: Literal["position", "cycle", "torque", "sense"] | None = None
     train: tuple[float, ...] = ()
 
 
@@ -76,7 +79,8 @@ class UnitSettings(Section):
     """A file unit.toml: of a drive with a design, its study and dimensions, or of a ``generic`` one.
 
     `crank_angles` says whether `crank_deg` was measured from the drawing's zero; of "unknown" ones it tells positions
-    apart and no more.
+    apart and no more. With neither end `locked` the crank turns while a torque is held, and `angle` says whether the
+    column is the error of the output against the ideal ratio, or the angle of the output itself.
     """
 
     title: Text
@@ -84,8 +88,9 @@ class UnitSettings(Section):
     design: Text | None = None
     study: Text | None = None
     generic: Generic | None = None
-    locked: Literal["input", "output"]
+    locked: Literal["input", "output", "neither"]
     offset: Literal["per_position", "common"]
+    angle: Literal["error", "absolute"] = "error"
     crank_angles: Literal["measured", "unknown"] = "measured"
     as_measured: Text | None = None
     instrument: InstrumentSection = InstrumentSection()
@@ -168,6 +173,7 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     files = parts.get("files") or tuple(DataFile(path=name) for name in _csv_names(path.parent))
     problems += _file_problems(files, path.parent) if "files" in parts or "files" not in raw else []
     problems += _held_out_problems(parts)
+    problems += _turning_problems(parts)
     problems += _output_problems(design)
     raise_if(problems, file, lines)
     return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
@@ -263,6 +269,31 @@ def _output_problems(design: Design | None) -> list[Mistake]:
         return []
     allowed = 'its cycloid.fixed must be "housing": measured angles are read at the flange against the housing'
     return [Mistake("design", None, allowed)]
+
+
+def _turning_problems(parts: Mapping[str, Any]) -> list[Mistake]:
+    """A record of a turning drive has a design and one zero; other units are held out by position or cycle."""
+    by, turns = parts.get("held_out", HeldOut()).by, parts.get("locked") == NEITHER
+    refused: tuple[tuple[bool, str, Any, str], ...]
+    if not turns:
+        refused = (
+            (by in ("torque", "sense"), "held_out.by", by, 'must be "position" or "cycle"'),
+            (parts.get("angle") == "absolute", "angle", "absolute", 'asks for locked = "neither"'),
+        )
+    else:
+        offset, known = parts.get("offset", "common"), parts.get("crank_angles", "measured")
+        refused = (
+            (by == "position", "held_out.by", by, 'must be "cycle", "torque" or "sense" where the crank turns'),
+            (offset != "common", "offset", offset, 'must be "common" where the crank turns: all rows have one zero'),
+            (
+                known != "measured",
+                "crank_angles",
+                known,
+                "a crank that turns is read from the drawing's zero",
+            ),
+            (bool(parts.get("generic")), "locked", NEITHER, "of a drive without a design loops alone are read"),
+        )
+    return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
 
 
 def _held_out_problems(parts: Mapping[str, Any]) -> list[Mistake]:

@@ -14,6 +14,8 @@ from pipeline.registry import EFFECTS
 CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE = "cranks", "cycles", "time", "temperature", "still", "rate"
 """What data must offer for an effect to be testable: at least 3 crank angles, 2 cycles, time stamps, a temperature that
 varies, a crank that stays within half a pitch of the pins, a rate of the torque that changes (or a dwell)."""
+LOOPS, SENSES, TORQUES = "loops", "senses", "torques"
+"""The same: a torque that turns back at a standing crank, both senses of motion, several torques. Loops have all."""
 
 LARGEST_CLEARANCE = 1 / 3
 """Clearance that an effect may give, over the eccentricity."""

@@ -38,7 +38,7 @@ def test_all_problems_of_all_files_are_reported_at_once(tmp_path):
     )
     lines = "\n".join(problems(write_unit(tmp_path / "u", {}, text)))
     for part in (
-        "u/unit.toml: locked = \"middle\"; must be 'input' or 'output'",
+        "u/unit.toml: locked = \"middle\"; must be 'input', 'output' or 'neither'",
         "offset is missing; add it",
         "design",
         "instrument.angle_noise_arcmin = 0; must be > 0",

@@ -29,13 +29,19 @@ TURNING_SHARE = 0.1
 """Crank angles in rows from which the crank was not locked: a loop has tens of rows at the least."""
 
 
+def recording_faults(measurement: MeasuredRows) -> list[Fault]:
+    """Faults of the recording, whatever was measured: columns, numbers, order, files that repeat each other."""
+    rows, good = measurement.rows, measurement.numeric
+    faults = [*_missing_columns(rows), *_not_numbers(rows)]
+    return [*faults, *_order(rows, good), *_duplicates(rows)] if good.any() else faults
+
+
 def data_faults(measurement: MeasuredRows) -> list[Fault]:
     """All faults of the data; those that rest on numbers are looked for only if there are any."""
     unit, rows, good = measurement.unit, measurement.rows, measurement.numeric
-    faults = [*_missing_columns(rows), *_not_numbers(rows)]
+    faults = recording_faults(measurement)
     if not good.any():
         return faults
-    faults += [*_order(rows, good), *_duplicates(rows)]
     unread = [*_turning_crank(rows, good)] or [*_constant(rows, good)]
     faults += unread
     if any(fault.severity == "fatal" for fault in unread):
@@ -150,8 +156,9 @@ def _turning_crank(rows: Rows, good: Truth) -> Iterator[Fault]:
     if len(rows.cranks) > TURNING_SHARE * good.sum() and len(rows.cranks) > 1:
         yield Fault(
             "turning crank",
-            f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle, and only "
-            "loops at a locked crank are read; give the angle of the locked position, such as a constant of the file",
+            f"crank_deg takes {len(rows.cranks)} values in {good.sum()} rows: the crank turns within a cycle. A "
+            'record of a turning drive that has a design is read where unit.toml says locked = "neither"; of loops '
+            "give the angle of the locked position, such as a constant of the file",
             "fatal",
         )
 

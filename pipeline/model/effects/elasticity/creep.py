@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.effects.effect import RATE, TIME, Conditions, Effect, Parameter, largest_twist
+from pipeline.model.effects.effect import LOOPS, RATE, TIME, Conditions, Effect, Parameter, largest_twist
 from pipeline.model.load_history.drive import Creep, Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -27,5 +27,5 @@ EFFECT = Effect(
     told_apart_by="the angle over an hour at constant load",
     bounds=lambda drive: ((0.0, largest_twist(drive)), (0.05, 1e4)),
     apply=_apply,
-    needs=frozenset({TIME, RATE}),
+    needs=frozenset({TIME, RATE, LOOPS}),
 )

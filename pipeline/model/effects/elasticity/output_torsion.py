@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.effects.effect import Conditions, Effect, Parameter, largest_twist
+from pipeline.model.effects.effect import TORQUES, Conditions, Effect, Parameter, largest_twist
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -24,4 +24,5 @@ EFFECT = Effect(
     told_apart_by="the twist between the reducer's flange and the lever",
     bounds=lambda drive: ((0.0, largest_twist(drive)),),
     apply=_apply,
+    needs=frozenset({TORQUES}),
 )

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.effects.effect import Conditions, Effect, Parameter, largest_twist
+from pipeline.model.effects.effect import TORQUES, Conditions, Effect, Parameter, largest_twist
 from pipeline.model.load_history.drive import Drive, HardeningSpring
 from pipeline.model.units import ARCMIN
 
@@ -35,4 +35,5 @@ EFFECT = Effect(
     ),
     apply=_apply,
     limit_case="output_torsion",
+    needs=frozenset({TORQUES}),
 )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.model.contact.friction_elements import output_sliders
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import SENSES, Conditions, Effect, Parameter
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -31,4 +31,5 @@ EFFECT = Effect(
     "at another rate as wide as before; viscous friction grows with the rate, and loops of one rate do not tell it",
     bounds=lambda drive: ((0.0, 0.5e-3 * drive.rated_torque),),
     apply=_apply,
+    needs=frozenset({SENSES}),
 )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pipeline.model.contact.friction_elements import load_slider
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import SENSES, Conditions, Effect, Parameter
 from pipeline.model.effects.friction.coulomb import DISTANCE
 from pipeline.model.load_history.drive import Drive
 
@@ -32,4 +32,5 @@ EFFECT = Effect(
     bounds=lambda drive: ((0.0, 0.6), (0.0, 0.6)),
     apply=_apply,
     limit_case="load_friction",
+    needs=frozenset({SENSES}),
 )

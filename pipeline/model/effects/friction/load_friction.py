@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from pipeline.model.contact.friction_elements import load_slider
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import SENSES, Conditions, Effect, Parameter
 from pipeline.model.effects.friction.coulomb import DISTANCE
 from pipeline.model.load_history.drive import Drive
 
@@ -25,4 +25,5 @@ EFFECT = Effect(
     told_apart_by="the same loop at two loads: its width is in proportion to the torque",
     bounds=lambda drive: ((0.0, 0.6),),
     apply=_apply,
+    needs=frozenset({SENSES}),
 )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.model.contact.friction_elements import output_sliders
-from pipeline.model.effects.effect import Conditions, Effect, Parameter
+from pipeline.model.effects.effect import LOOPS, Conditions, Effect, Parameter
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -35,4 +35,5 @@ EFFECT = Effect(
     limit_case="coulomb",
     bounds=lambda drive: ((0.0, 0.5e-3 * drive.rated_torque), (0.1, 10.0)),
     apply=_apply,
+    needs=frozenset({LOOPS}),
 )

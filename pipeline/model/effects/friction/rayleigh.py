@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.model.effects.effect import Conditions, Effect, Parameter, largest_twist
+from pipeline.model.effects.effect import LOOPS, Conditions, Effect, Parameter, largest_twist
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN, NMM_PER_NM
 
@@ -28,4 +28,5 @@ EFFECT = Effect(
     told_apart_by="the same loop at a tenth of the speed, or a hold under load: creep goes on, this stands still",
     bounds=lambda drive: ((0.0, 1e3 * largest_twist(drive) / drive.rated_torque),),
     apply=_apply,
+    needs=frozenset({LOOPS}),
 )

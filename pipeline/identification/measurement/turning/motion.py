@@ -1,0 +1,180 @@
+"""How the crank of a record turns: senses, turns, held torques, and intervals of its angle.
+
+Rows are averaged over the intervals. These span whole pitches of the pins, so that what repeats with the pitch is
+averaged out and the middles of all of them stand alike in it: the model, which is asked at the middles, then shows none
+of it either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.measurement.branches import turning_points
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+TURN_DEG = 360.0
+"""Of the crank."""
+MOST_INTERVALS = 24
+"""Intervals of a turn at most: each costs the model a position; orders up to half of them are seen."""
+FEWEST_ROWS = 3
+"""Rows in an interval: fewer give no scatter about a line."""
+MOST_POSITIONS = 96
+"""Intervals of the record at most; of longer records turns are left out evenly."""
+TURN_BACK_DEG = 5.0
+"""Angle by which the crank must come back for its sense to have changed."""
+LARGEST_STEP = 0.5
+"""Share of a turn beyond which a step from row to row is that of an angle counted from 0 to 360 degrees."""
+LEVEL_SHARE = 0.05
+"""Share of the largest torque within which two turns are of one held torque."""
+HELD_SHARE = 0.1
+"""Share of the largest torque by which a row may differ from the torque held."""
+LEAST_TURN = 0.5
+"""Share of a turn's intervals that it must have to count: pieces at the ends of a pass are left out."""
+CENTRED = 0.2
+"""Share of an interval by which the mean angle of its rows may lie off its middle."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of the crank, row by row in time order.
+
+    Attributes
+    ----------
+    crank : (n,) [deg] from the drawing's zero, counted on over the turns; NaN where it is no number.
+    sense : (n,) 1 where the crank turns forward, -1 backward.
+    turn : (n,) number of the turn: rows of one cycle, one sense and one revolution at one held torque; -1 of rows in no
+        whole turn, and of those whose torque is not the one held.
+    level : (n,) number of the held torque.
+    levels : (n_levels,) held torques [N m], ascending.
+    interval : (n,) number of the interval of the crank over a turn of the output; -1 where the crank is unknown.
+    pitches : pitches of the pins in an interval.
+    width : of an interval [deg].
+    left_out : turns that are left out, evenly, of a record that is too long.
+    """
+
+    crank: Real
+    sense: Whole
+    turn: Whole
+    level: Whole
+    levels: Real
+    interval: Whole
+    pitches: int
+    width: float
+    left_out: int
+
+
+def unwrapped(crank: Real, run: Whole) -> Real:
+    """The crank (n,) [deg] counted on within each run (n,) of rows where it falls back by a turn."""
+    counted_on = crank.copy()
+    for number in np.unique(run):
+        rows = np.flatnonzero((run == number) & np.isfinite(crank))
+        step = np.diff(crank[rows], prepend=crank[rows[:1]])
+        jumps = -np.sign(step) * (np.abs(step) > LARGEST_STEP * TURN_DEG)
+        counted_on[rows] += TURN_DEG * np.cumsum(jumps)
+    return counted_on
+
+
+def motion(crank: Real, run: Whole, torque: Real, pins: int, lobes: int) -> Motion:
+    """The motion of a record.
+
+    Parameters
+    ----------
+    crank : (n,) [deg] counted on over the turns, in time order.
+    run : (n,) number of the cycle and file of each row; -1 where that is unknown.
+    torque : (n,) [N m] that the bench steers.
+    """
+    known = np.isfinite(crank) & np.isfinite(torque) & (run >= 0)
+    largest = float(np.max(np.abs(torque[known]), initial=0.0))
+    sense, segment = _segments(crank, run, _grouped(torque, LEVEL_SHARE * largest), known)
+    held = _held(torque, segment)
+    revolution = np.where(known, np.floor(np.where(known, crank, 0.0) / TURN_DEG), 0).astype(np.int64)
+    keys = np.column_stack([segment, revolution])
+    turn = np.full(len(crank), -1)
+    turn[known] = _numbered(keys[known])
+    level = _grouped(held, LEVEL_SHARE * largest)
+    levels = np.array([held[level == number].mean() for number in range(int(level.max(initial=-1)) + 1)])
+    turn[np.abs(torque - held) > HELD_SHARE * largest] = -1
+    counts = np.bincount(turn[turn >= 0]) if np.any(turn >= 0) else np.ones(1, int)
+    pitches = _pitches(float(np.median(counts[counts >= LEAST_TURN * counts.max()])), pins, lobes)
+    width = TURN_DEG * pitches / pins
+    interval = np.full(len(crank), -1)
+    interval[known] = np.floor(np.mod(crank[known], lobes * TURN_DEG) / width).astype(np.int64)
+    left_out = _thinned(turn, revolution, pins / pitches)
+    for number in np.unique(turn[turn >= 0]):
+        of_turn = turn == number
+        if len(np.unique(interval[of_turn])) < LEAST_TURN * pins / pitches:
+            turn[of_turn] = -1
+    turn[turn >= 0] = np.unique(turn[turn >= 0], return_inverse=True)[1]
+    return Motion(crank, sense, turn, level, levels, interval, pitches, width, left_out)
+
+
+def _segments(crank: Real, run: Whole, level: Whole, known: Truth) -> tuple[Whole, Whole]:
+    """Sense of each row (n,), and number of the stretch of one torque in which the crank turns on; -1 if unknown."""
+    sense, segment, count = np.ones(len(crank), np.int64), np.full(len(crank), -1), 0
+    rows = np.flatnonzero(known)
+    changes = np.flatnonzero((np.diff(run[rows]) != 0) | (np.diff(level[rows]) != 0)) + 1
+    for stretch in np.split(rows, changes):
+        turns = turning_points(crank[stretch], TURN_BACK_DEG) if len(stretch) > 1 else np.zeros(1, np.int64)
+        reached = [_reached(crank[stretch], int(last_turn)) for last_turn in turns]
+        for number, (first_turn, last_turn) in enumerate(zip(turns[:-1], turns[1:], strict=True)):
+            begin = first_turn + (number > 0 and reached[number] == first_turn)
+            part = stretch[begin : reached[number + 1] + 1 if number + 2 < len(turns) else last_turn + 1]
+            sense[part] = 1 if crank[stretch[last_turn]] >= crank[stretch[first_turn]] else -1
+            segment[part], count = count, count + 1
+    return sense, segment
+
+
+def _reached(crank: Real, last: int) -> int:
+    """First of the rows of one angle up to the row ``last``: one sense ends there, the other begins at the last."""
+    first = last
+    while first > 0 and crank[first - 1] == crank[last]:
+        first -= 1
+    return first
+
+
+def _held(torque: Real, segment: Whole) -> Real:
+    """Median torque (n,) [N m] of the stretch of each row; NaN outside of all."""
+    held = np.full(len(torque), np.nan)
+    for number in np.unique(segment[segment >= 0]):
+        held[segment == number] = np.median(torque[segment == number])
+    return held
+
+
+def _grouped(values: Real, gap: float) -> Whole:
+    """Number (n,) of each value's group, ascending: groups lie further apart than the ``gap``; -1 of no numbers."""
+    group, finite = np.full(len(values), -1), np.isfinite(values)
+    steps = np.unique(values[finite])
+    if steps.size:
+        of_step = np.concatenate([[0], np.cumsum(np.diff(steps) > gap)])
+        group[finite] = of_step[np.searchsorted(steps, values[finite])]
+    return group
+
+
+def _numbered(keys: Whole) -> Whole:
+    """Numbers (n,) of equal rows of ``keys``, in the order in which they come first."""
+    _, first_row, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first_row))[number.ravel()], np.int64)
+
+
+def _pitches(rows: float, pins: int, lobes: int) -> int:
+    """Fewest pitches in an interval with few enough intervals and enough of a turn's ``rows`` in each.
+
+    A whole number of intervals fits into a turn of the output.
+    """
+    fewest = max(1, -(-pins // MOST_INTERVALS), int(np.ceil(FEWEST_ROWS * pins / max(rows, 1.0))))
+    return next((pitches for pitches in range(fewest, pins) if pins * lobes % pitches == 0), pins)
+
+
+def _thinned(turn: Whole, revolution: Whole, per_turn: float) -> int:
+    """Leave revolutions of a long record out of its turns (n,), evenly; how many."""
+    revolutions = np.unique(revolution[turn >= 0])
+    stride = int(np.ceil(len(revolutions) * per_turn / MOST_POSITIONS))
+    remaining = revolutions[:: max(stride, 1)]
+    turn[~np.isin(revolution, remaining)] = -1
+    return len(revolutions) - len(remaining)
