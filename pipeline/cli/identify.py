@@ -4,12 +4,14 @@ import argparse
 
 from pipeline.cli import settings
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.turning.reading import read_measurement
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def identify_unit(options: argparse.Namespace) -> None:
     """Say why a measured unit differs from its model, or describe a drive without one."""
-    measurement = Measurement.read(load_measured_unit(options.unit, settings.ROOT))
+    measurement = read_measurement(load_measured_unit(options.unit, settings.ROOT))
     print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
     from pipeline.cli.measured import describe_generic, identify_designed  # seconds of imports, behind the first lines
 
@@ -27,6 +29,9 @@ def plan(measurement: Measurement) -> list[str]:
     cycles = len({*measurement.rows.cycle.tolist()})
     if unit.settings.held_out.train:
         split = "what unit.toml holds out judges"
+    elif isinstance(measurement, TurningMeasurement):
+        by = measurement.held_out_by
+        split = f"each {by} is predicted from the others" if by else "nothing can be held out"
     elif cranks > 1:
         split = f"each of {cranks} crank positions is predicted from the others"
     else:

@@ -11,11 +11,13 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.config.studies.study import Study
 from pipeline.identification.fitting.build import build_problem
+from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
-from pipeline.identification.selection.baselines import Cycles, baselines
+from pipeline.identification.selection.baselines import METHODS, Cycles, baselines
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
 from pipeline.identification.selection.judgement import MOST_NAMED, Selection
 from pipeline.identification.selection.model_selection import MOST_EFFECTS, Selector
@@ -24,6 +26,7 @@ from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder, remainder
 from pipeline.identification.selection.statements.statement import Statement, fault_statement, stated
 from pipeline.identification.selection.statements.verdict import ADEQUATE, FAULT, MOSTLY, UNEXPLAINED, Verdict, judge
+from pipeline.identification.selection.turn_baselines import TURN_METHODS
 
 Real = NDArray[np.float64]
 Condensed = Callable[[Study, Sequence[float]], Sequence[Real]]
@@ -81,7 +84,7 @@ class Identification:
 
 def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Identification | FaultyUnit:
     """From a unit's files to its verdict; see ``identify_measured``."""
-    return identify_measured(Measurement.read(unit), condensed, nested)
+    return identify_measured(read_measurement(unit), condensed, nested)
 
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other, and move last digits
@@ -110,7 +113,8 @@ def identify_measured(
     selector = Selector(fitter, trained, MOST_EFFECTS if nested else MOST_NAMED)
     selection = selector.extended(selector.select(trained), trained)
     verdict = judge(fitter, selection, trained)
-    untraced = verdict.verdict in (MOSTLY, UNEXPLAINED)
+    turns = isinstance(data, TurningData)
+    untraced = verdict.verdict in (MOSTLY, UNEXPLAINED) and not turns
     folds = predicted_folds(selector, selection, trained, nested, carry_over=untraced)
     curves = folds.curves(bool(verdict.named))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
@@ -120,16 +124,18 @@ def identify_measured(
     structure_left = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
     cells = measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
-    baseline_angles = baselines(data, cycles, splits_of(data, trained), fitter.offsets)
+    methods = TURN_METHODS if turns else METHODS
+    baseline_angles = baselines(data, cycles, splits_of(data, trained), fitter.offsets, methods)
     zeros = np.zeros(len(data))
     adequate = verdict.verdict == ADEQUATE and not folds.in_sample
     limits = detection_limits(fitter, selection.base, trained, selector.testable) if adequate else ()
     effects = selection.description.fit.model.effects
+    in_sample = ("turn" if turns else "loop") if folds.in_sample else ""
     reasons = {name: fitter.problem.why_not(effect, trained) for name, effect in candidates().items()}
     return Identification(
         measurement,
         verdict,
-        stated(verdict, selection, errors["recalibrated"], best, structure_left, folds.in_sample),
+        stated(verdict, selection, errors["recalibrated"], best, structure_left, in_sample),
         fitter.problem,
         selection,
         {name: reason for name, reason in reasons.items() if reason},

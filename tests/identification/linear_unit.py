@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import SCALE_REACH, Fit, Prediction
-from pipeline.identification.fitting.problem import Data, Model, candidates
+from pipeline.identification.fitting.problem import Model, candidates
 
 MODELS = {k: tuple(candidates()[name] for name in names) for k, names in enumerate([(), ("coulomb",), ("ovality_2",)])}
 

@@ -12,7 +12,8 @@ import pandas as pd
 from pipeline import assembly
 from pipeline.config import load_study
 from pipeline.config.studies.study import Study
-from pipeline.identification.bench.simulator import Course, Forward
+from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.simulator import Forward
 from pipeline.identification.fitting.build import build_problem
 from pipeline.identification.fitting.problem import Model, Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement

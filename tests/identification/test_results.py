@@ -24,15 +24,15 @@ from pipeline.engine.store import Output
 from pipeline.identification.identify import identify_measured
 from pipeline.identification.results import corrected_design, tables
 from pipeline.identification.results.residual_signatures import (
-    _Cells,
+    SignatureCells,
     _friction,
-    _judged,
-    _line,
     _over_the_angle,
     _over_the_crank,
     _over_time,
     _play,
     _rigidity,
+    judged,
+    trend,
 )
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.remainder import Remainder
@@ -44,7 +44,9 @@ from pipeline.statistics.curve_scatter import CurveScatter
 ROOT = Path(__file__).parents[2]
 
 
-def simulated(positions: int = 3, cycles: int = 3, noise: float = 0.01, seed: int = 3, **parts: float) -> _Cells:
+def simulated(
+    positions: int = 3, cycles: int = 3, noise: float = 0.01, seed: int = 3, **parts: float
+) -> SignatureCells:
     """Cells of loops whose residual holds known parts."""
     rng = np.random.default_rng(seed)
     rows = []
@@ -68,7 +70,7 @@ def simulated(positions: int = 3, cycles: int = 3, noise: float = 0.01, seed: in
         + noise * rng.standard_normal(len(torque))
     )
     hours = np.arange(len(torque)) / 3600
-    return _Cells(
+    return SignatureCells(
         residual,
         torque,
         falling,
@@ -130,7 +132,7 @@ def test_a_coefficient_that_is_not_there_is_seen_in_one_residual_of_twenty() -> 
         for draw in range(800):
             residual = rng.standard_normal(len(block)) + 0.5 * rng.standard_normal(n_blocks)[block]
             cells = SimpleNamespace(residual=residual, position=np.zeros(len(block), int), block=block)
-            alarms.append(_judged("", "", "", _line(cells, everything, columns, draw % 3)).significant)
+            alarms.append(judged("", "", "", trend(cells, everything, columns, draw % 3)).significant)
     assert np.mean(alarms) == pytest.approx(0.05, abs=0.009)
 
 

@@ -7,11 +7,11 @@ made of it, not itself.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.bench.course import Course, slid_torque
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone, backbone, torque_levels
 from pipeline.model.load_history.cell_means import means, means_along
 from pipeline.model.load_history.drive import Drive
@@ -61,45 +61,6 @@ class Instrument:
     def true_torque(self, read: Real) -> Real:
         """Torque [N mm] that is read as ``read`` [N m]."""
         return NMM_PER_NM * (read - self.torque_zero) / (1 + self.torque_gain)
-
-
-@dataclass(frozen=True)
-class Course:
-    """What one position was put through, and where it was read.
-
-    Attributes
-    ----------
-    torque : (n_turns,) [N m] from the first to the last, turning at each.
-    leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
-    state : (n_turns - 1,) state of the drive on each leg.
-    cell_torques : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the
-        angle of a cell is the mean over them.
-    time : (n_cells,) [s] from the unit's first cell, or zeros.
-    encoder_turns : turns of the encoder per turn of the output.
-    encoder_place : [rad] of the encoder at this position.
-    """
-
-    torque: Real
-    leg: Whole
-    state: Whole
-    cell_torques: Real
-    time: Real
-    encoder_turns: float
-    encoder_place: float
-
-    def without_states(self) -> Course:
-        """The course with all its legs in the drive's first state."""
-        return replace(self, state=np.zeros_like(self.state))
-
-    @cached_property
-    def states(self) -> tuple[int, ...]:
-        """Numbers of the states of its legs, ascending."""
-        return tuple(np.unique(self.state).tolist())
-
-    @cached_property
-    def sense(self) -> Whole:
-        """Of each leg (n_turns - 1,): 1 where the torque rises, -1 where it falls."""
-        return np.where(np.diff(self.torque) > 0, 1, -1)
 
 
 @dataclass(frozen=True)
@@ -189,7 +150,9 @@ class Forward:
         torque, edges = instrument.true_torque(course.torque), instrument.true_torque(course.cell_torques)
         unsound = int(np.count_nonzero(curve.states.residual > UNSOUND))
         sound = unsound <= UNSOUND_SHARE * curve.states.residual.size
-        if len(drive.sliders.acting) or instrument.ripple.amplitude:
+        if course.sliding is not None:
+            path = _slid(drive, course, curve, torque, edges)
+        elif len(drive.sliders.acting) or instrument.ripple.amplitude:
             path, leg_path = self._along(drive, course, curve, instrument.ripple, torque, edges)
             sound = sound and leg_path
         else:
@@ -310,6 +273,22 @@ def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, edg
         elastic_angle = curve.angle[state] + drive.twist(nodes)
         angle[cells], slope[cells] = means(edges[cells], nodes, elastic_angle)
     return LoadPath(angle, slope, (0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1), torque)
+
+
+def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
+    """The way of an output that slides all along in one sense at each cell: see ``slid_torque``."""
+    assert course.sliding is not None
+    angle, slope, carried_torque = np.empty((3, len(edges)))
+    state_of, leaning = course.state[course.leg], 1 + drive.lean
+    for state in np.unique(state_of):
+        cells = state_of == state
+        nodes = leaning * drive.stiffening(state) * curve.torque
+        elastic_angle = curve.angle[state] + drive.twist(nodes / leaning)
+        edges_carried, share = slid_torque(edges[cells], course.sliding[cells], drive.sliders.of_scaled_load(leaning))
+        angle[cells], rise = means(edges_carried, nodes, elastic_angle)
+        slope[cells] = rise * share
+        carried_torque[cells] = (0.5 * (edges_carried[:, 1:] + edges_carried[:, :-1])).mean(axis=1) / leaning
+    return LoadPath(angle, slope, carried_torque, torque)
 
 
 def _steps(torque: Real, nodes: Real) -> tuple[Real, Whole]:

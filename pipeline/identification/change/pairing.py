@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
-from pipeline.identification.fitting.problem import Data
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.branches import ALIKE
 from pipeline.identification.measurement.measurement import Measurement
 

@@ -18,6 +18,7 @@ from pipeline.identification.change.kinds import KINDS
 from pipeline.identification.change.pairing import Pair, State, pairs
 from pipeline.identification.change.pattern import Pattern, pattern
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import NEITHER
 
 VERDICT_FILE = "verdict.json"
 CHANGES = Table(
@@ -180,10 +181,15 @@ def answer(
 
     Raises
     ------
-    InputError : a measurement has a fatal fault or is named twice, or they have nothing in common, or a further one
-        lacks a position.
+    InputError : a measurement is of a turning crank, has a fatal fault or is named twice, or they have nothing in
+        common, or a further one lacks a position.
     """
     measurements = (measurement_before, measurement_after, *further)
+    turning = [measurement.unit.name for measurement in measurements if measurement.unit.settings.locked == NEITHER]
+    if turning:
+        raise InputError(
+            f"{', '.join(turning)}: the crank turns; states are compared by loops at a standing crank alone"
+        )
     faults = [f"{measurement.unit.name}: {fault.line}" for measurement in measurements for fault in measurement.fatal]
     folders = [measurement.unit.folder.resolve() for measurement in measurements]
     faults += [

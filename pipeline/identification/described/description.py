@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from pipeline.identification.fitting.cell_torques import followed_torques
 from pipeline.identification.fitting.cells_in_noise import data_of
-from pipeline.identification.fitting.problem import Data
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
-from pipeline.identification.selection.cross_validation import LEAST_LOSS, groups
+from pipeline.identification.selection.cross_validation import LEAST_LOSS
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS
 from pipeline.identification.selection.parameter_intervals import CONFIDENCE, STRUCTURE
@@ -203,7 +203,7 @@ def _tested(measurement: Measurement, data: Data, splits: list[tuple[Truth, Trut
 
 def _numbers(data: Data, torque: Real, training: Truth, tested: Mapping[str, float]) -> tuple[Number, ...]:
     """Every number, by the fit with all terms and by those without each group of the cells seen."""
-    group = groups(data, training)
+    group = data.held_out_parts(training)
     left_out = [training & (group != number) for number in np.unique(group[training])]
     drive = _fit(data, torque, training, frozenset(TERMS))
     resampled = len(left_out) >= FEWEST_GROUPS

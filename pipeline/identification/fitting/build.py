@@ -10,16 +10,21 @@ from numpy.typing import NDArray
 from pipeline import assembly
 from pipeline.config.designs.design import Design
 from pipeline.config.studies.study import Study
-from pipeline.identification.bench.simulator import BEYOND, Course, Forward
+from pipeline.errors import InputError
+from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.simulator import BEYOND, Forward
 from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.offered import offered
 from pipeline.identification.fitting.plausible_range import LAWS, plausible_range
 from pipeline.identification.fitting.problem import PriorModes, Problem, first_states
 from pipeline.identification.fitting.scaled_drives import drives_of
+from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.measurement.unit_file import UnitFile
-from pipeline.model.effects import Conditions
+from pipeline.model.effects import Conditions, library
+from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.drive import Drive
 from pipeline.sampling import Errors as SampledErrors
@@ -69,6 +74,8 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     """
     unit, rows = measurement.unit, measurement.rows
     study = unit.study
+    if isinstance(measurement, TurningMeasurement):
+        _refuse_paths(unit)
     states, conditions = _states(measurement)
     visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
     courses = [_course(measurement, states, position, visible_cells) for position in range(len(rows.cranks))]
@@ -84,8 +91,9 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], position) for position in range(len(rows.cranks))])
     population = [drive.with_errors(_population_errors(unit, nominal)).gap for drive in nominal]
-    influences = tuple(stateless.backbone(drive).influence[0] for drive in nominal)
-
+    curves = [stateless.backbone(drive) for drive in nominal]
+    nodes = _asked_nodes(measurement, curves[0].torque)
+    influences = tuple(curve.influence[0][nodes] for curve in curves)
     components = PriorModes.of(population, influences)
 
     def trained_on(training: Truth) -> Problem:
@@ -111,10 +119,34 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     return trained_on(visible_cells)
 
 
+def _refuse_paths(unit: UnitFile) -> None:
+    """Refuse a turning drive whose declared effects depend on the way of the torque."""
+    names = [name for name in unit.study.design.effects if library()[name].needs & {LOOPS, RATE, STILL}]
+    if names:
+        raise InputError(
+            f"{unit.name}/unit.toml: design: effects.{', effects.'.join(names)} depend on the way of the torque, which "
+            "a turning crank wipes out; leave them out of the design"
+        )
+
+
+def _asked_nodes(measurement: Measurement, torque: Real) -> NDArray[np.int64] | slice:
+    """Nodes of backbones, at ``torque`` (n_nodes,) [N mm], that are asked for: all, or those of torques held."""
+    if not isinstance(measurement, TurningMeasurement):
+        return slice(None)
+    levels = assembly.NMM_PER_NM * measurement.motion.levels
+    return np.unique(np.argmin(np.abs(torque[:, None] - levels), axis=0))
+
+
 def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Conditions]]:
     """State of every leg of each position, and the conditions of each state: one per cycle."""
     rows, blocks, cells, turns = measurement.rows, measurement.branches, measurement.cells, measurement.history
+    unit = measurement.unit
     states, conditions = [], []
+    if isinstance(measurement, TurningMeasurement):
+        cycles, environment = np.unique(cells.cycle), unit.settings.environment
+        rise = _rise(cells, cycles, np.ones(len(cells), bool), environment.temperature_C)
+        condition = Conditions((cycles - cycles[0]).astype(float), rise)
+        return [np.arange(len(cycles))] * len(rows.cranks), [condition] * len(rows.cranks)
     for position in range(len(rows.cranks)):
         of_position = blocks.position == position
         cycles = np.unique(blocks.cycle[of_position])
@@ -124,20 +156,19 @@ def _states(measurement: Measurement) -> tuple[list[NDArray[np.int64]], list[Con
             if leg_state[leg] < 0:
                 leg_state[leg] = leg_state[leg - 1] if leg else 0
         states.append(leg_state)
-        rise = np.zeros(len(cycles))
-        if rows.temperature is not None:
-            temperatures = [
-                cells.temperature_mean[(cells.position == position) & (cells.cycle == cycle)] for cycle in cycles
-            ]
-            rise = np.array(
-                [
-                    np.nanmean(cell_temperatures) if np.any(np.isfinite(cell_temperatures)) else np.nan
-                    for cell_temperatures in temperatures
-                ]
-            )
-            rise = np.nan_to_num(rise - measurement.unit.settings.environment.temperature_C)
+        rise = _rise(cells, cycles, cells.position == position, unit.settings.environment.temperature_C)
         conditions.append(Conditions((cycles - cycles[0]).astype(float), rise))
     return states, conditions
+
+
+def _rise(cells: Cells, cycles: NDArray[np.int64], chosen: Truth, drawing_C: float) -> Real:
+    """Temperature over that of the drawing (n_cycles,) [K], mean of the chosen cells; 0 where it was not measured."""
+    rise = np.zeros(len(cycles))
+    for number, cycle in enumerate(cycles):
+        temperature = cells.temperature_mean[chosen & (cells.cycle == cycle)]
+        if np.any(np.isfinite(temperature)):
+            rise[number] = np.nanmean(temperature) - drawing_C
+    return rise
 
 
 def _reach(courses: Sequence[Course], trained: NDArray[np.int64]) -> float:
@@ -164,6 +195,7 @@ def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], posit
         time=time,
         encoder_turns=float(lobes) if at_input else 1.0,
         encoder_place=float(crank if at_input else -crank / lobes),
+        sliding=cells.direction[of_position] if isinstance(measurement, TurningMeasurement) else None,
     )
 
 

@@ -12,9 +12,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.fitting.problem import Data
+from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.turning.motion import TURN_DEG
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -30,12 +32,16 @@ PLAY_SHARE = 0.1
 curve scatters too."""
 CELL_WIDTH = 0.02
 """Error of a cell's torque as a share of the distance to its neighbours."""
+SECTORS = 8
+"""Of a turn of the crank: what the model's form misses goes with the pins that carry, a quarter of the circle."""
 LEAST_FLOOR = 1e-4
 """Noise floor [arcmin] of data without any noise, below what an encoder of a bench resolves."""
 
 
 def data_of(measurement: Measurement, training: Truth) -> Data:
     """The cells of a measurement with their noise, which is that of the training cells (n_cells,)."""
+    if isinstance(measurement, TurningMeasurement):
+        return _of_turns(measurement, training)
     blocks, cells, noise = measurement.branches, measurement.cells, measurement.noise_of(training)
     floor = max(noise.floor.value, LEAST_FLOOR)
     kinds = np.column_stack([blocks.position, blocks.kind])
@@ -58,6 +64,39 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
         noise=floor,
         sigma=np.sqrt(cell_variance + slope**2 * (torque_noise**2 + (CELL_WIDTH * width) ** 2) + jumps**2),
         common_offset=measurement.unit.settings.offset == "common",
+    )
+
+
+def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
+    """The cells of a turning crank.
+
+    A fault of the model's form is alike in a sector of the crank, however often it is passed in one sense at one
+    torque: that is their branch.
+    """
+    cells, noise = measurement.cells, measurement.noise_of(training)
+    floor = max(noise.floor.value, LEAST_FLOOR)
+    crank = measurement.rows.cranks[cells.position]
+    sector = np.floor(crank / TURN_DEG * SECTORS).astype(np.int64)
+    kinds = np.column_stack([measurement.branches.kind[cells.block], sector])
+    usual_share = np.mean(1 / cells.count[training])
+    white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(usual_share))
+    return TurningData(
+        position=cells.position,
+        cycle=cells.cycle,
+        block=cells.block,
+        branch=np.unique(kinds, axis=0, return_inverse=True)[1].ravel(),
+        torque=cells.torque_mean,
+        angle=cells.angle_mean,
+        count=cells.count,
+        spread=cells.angle_spread,
+        noise=floor,
+        sigma=np.sqrt(floor**2 + white**2 * (1 / cells.count - usual_share)),
+        common_offset=True,
+        part=measurement.parts,
+        direction=cells.direction,
+        level=measurement.level,
+        crank=crank,
+        per_turn=TURN_DEG / measurement.motion.width,
     )
 
 

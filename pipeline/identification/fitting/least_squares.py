@@ -8,8 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Prediction, Vector
-from pipeline.identification.fitting.problem import Data, Model, Problem
+from pipeline.identification.fitting.problem import Model, Problem
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.fitting.problem import FEWEST_CRANKS
+from pipeline.identification.fitting.data import FEWEST_CRANKS
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
+from pipeline.model.effects.effect import CRANKS, CYCLES, LOOPS, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
 from pipeline.model.load_history.load_cycle import ARCMIN
 
 Real = NDArray[np.float64]
@@ -23,13 +24,13 @@ DWELL = 0.2
 
 def offered(measurement: Measurement, training: Truth) -> frozenset[str]:
     """What the training cells (n_cells,) have of what effects need."""
-    unit, rows, cells = measurement.unit, measurement.rows, measurement.cells
-    present = set()
-    gear, position, cycle = unit.study.design.cycloid, cells.position[training], cells.cycle[training]
-    positions, angle = np.unique(position), cells.angle_mean[training]
-    lobe_turns = max(np.ptp(angle[position == p]) for p in positions) * gear.lobes / ARCMIN
-    if unit.settings.locked == "input" or lobe_turns < np.pi / gear.pins:
-        present.add(STILL)
+    if isinstance(measurement, TurningMeasurement):
+        present = _of_turns(measurement, training)
+    else:
+        present = _of_loops(measurement, training)
+    rows, cells = measurement.rows, measurement.cells
+    position, cycle = cells.position[training], cells.cycle[training]
+    positions = np.unique(position)
     if measurement.known_cranks and len(positions) >= FEWEST_CRANKS:
         present.add(CRANKS)
     if any(len(np.unique(cycle[position == p])) > 1 for p in positions):
@@ -39,9 +40,24 @@ def offered(measurement: Measurement, training: Truth) -> frozenset[str]:
         present.add(TIME)
     if rows.temperature is not None and np.nanstd(temperature) > LEAST_WARMING:
         present.add(TEMPERATURE)
-    if TIME in present and rate_changes(measurement, training):
+    if TIME in present and LOOPS in present and rate_changes(measurement, training):
         present.add(RATE)
     return frozenset(present)
+
+
+def _of_loops(measurement: Measurement, training: Truth) -> set[str]:
+    """What loops at standing cranks have, and whether the crank stays where it is."""
+    gear, cells, settings = measurement.unit.study.design.cycloid, measurement.cells, measurement.unit.settings
+    position, angle = cells.position[training], cells.angle_mean[training]
+    lobe_turns = max(np.ptp(angle[position == p]) for p in np.unique(position)) * gear.lobes / ARCMIN
+    still = settings.locked == "input" or lobe_turns < np.pi / gear.pins
+    return {LOOPS, SENSES, TORQUES, *([STILL] if still else [])}
+
+
+def _of_turns(measurement: TurningMeasurement, training: Truth) -> set[str]:
+    """What a turning crank has: one or both senses, one or several torques."""
+    several = {SENSES: measurement.cells.direction, TORQUES: measurement.level}
+    return {name for name, values in several.items() if len(np.unique(values[training])) > 1}
 
 
 def rate_changes(measurement: Measurement, training: Truth) -> bool:

@@ -12,8 +12,9 @@ from scipy.linalg import svd
 
 from pipeline.identification.bench.instrument_effects import InstrumentEffect, instrument_effects
 from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward, Instrument
+from pipeline.identification.fitting.data import FEWEST_CRANKS, Data, TurningData
 from pipeline.model.effects import Conditions, Effect, library
-from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME
+from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -21,8 +22,6 @@ Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Candidate = Effect | InstrumentEffect
 
-FEWEST_CRANKS = 3
-"""Crank positions that an effect with a phase over the crank angle needs."""
 STATE_EFFECTS = frozenset({CYCLES, TEMPERATURE})
 LIMIT = 3.0
 """Standard deviations of the population within which a dimension is no effect."""
@@ -30,64 +29,6 @@ LEAST_RECORD = 2.0
 """Longest time constant over the shortest where the record is no longer than its sampling interval."""
 HIDDEN = 0.75
 """Rms in noise floors that no structure shows: with the noise it makes ``parameter_intervals.STRUCTURE``."""
-
-
-@dataclass(frozen=True)
-class Data:
-    """Cells of all positions, position by position.
-
-    Attributes
-    ----------
-    position, cycle, block : (n_cells,) block: position x cycle x monotone branch.
-    branch : (n_cells,) position x monotone branch: its blocks repeat each other from cycle to cycle, so that a fault of
-        the model's form is alike in all of them.
-    torque, angle : (n_cells,) [N m], [arcmin].
-    count, spread : rows in each cell, and scatter of their angle about its line [arcmin].
-    noise : floor of the angle of a cell [arcmin].
-    sigma : (n_cells,) [arcmin]: the floor, and the noise of the torque times the slope of the measured curve.
-    common_offset : whether all positions share one zero of the angle.
-    """
-
-    position: Whole
-    cycle: Whole
-    block: Whole
-    branch: Whole
-    torque: Real
-    angle: Real
-    count: Whole
-    spread: Real
-    noise: float
-    sigma: Real
-    common_offset: bool
-
-    def __len__(self) -> int:
-        return len(self.angle)
-
-    @cached_property
-    def group(self) -> Whole:
-        """Cells that share an offset (n_cells,)."""
-        return np.zeros_like(self.position) if self.common_offset else self.position
-
-    @cached_property
-    def groups(self) -> tuple[NDArray[np.bool_], ...]:
-        """Of each group that shares an offset, whether a cell belongs to it (n_cells,)."""
-        return tuple(self.group == number for number in np.unique(self.group))
-
-    @cached_property
-    def spans(self) -> tuple[slice, ...]:
-        """The same as ranges of the cells."""
-        starts = np.flatnonzero(np.diff(self.group, prepend=-1)).tolist()
-        return tuple(slice(start, end) for start, end in zip(starts, [*starts[1:], len(self)], strict=True))
-
-    def offsets(self, angle: Real, fitted: NDArray[np.bool_], sigma: Real) -> Real:
-        """Offset of every cell (n_cells,) [arcmin]: over the cells fitted of its group, or its own where none is."""
-        offsets, weight = np.zeros(len(self)), 1 / sigma**2
-        for in_group in self.groups:
-            use = in_group & fitted if np.any(in_group & fitted) else in_group
-            use = use & np.isfinite(angle)
-            if np.any(use):
-                offsets[in_group] = np.sum(weight[use] * (self.angle - angle)[use]) / np.sum(weight[use])
-        return offsets
 
 
 @dataclass(frozen=True)
@@ -202,33 +143,33 @@ class Problem:
 
     def _left_by_tolerances(self, gaps: Sequence[Real]) -> float:
         """Rms [arcmin] of what modes within ``LIMIT`` leave of a change of gaps, per position (1, n_contacts) [mm]."""
-        (change,), patterns = _curves(gaps, self.influences), _curves(self.modes, self.influences)
+        one_zero = isinstance(self.data, TurningData)
+        (change,) = _curves(gaps, self.influences, one_zero)
+        patterns = _curves(self.modes, self.influences, one_zero)
         sizes = np.linalg.lstsq(patterns.T, change, rcond=None)[0]
         sizes *= min(1.0, LIMIT / max(float(np.linalg.norm(sizes)), LIMIT))
         return float(np.sqrt(np.mean((change - sizes @ patterns) ** 2)))
 
     def why_not(self, candidate: Candidate, cells: NDArray[np.bool_] | None = None) -> str:
         """Why the data, or some cells (n_cells,) of them, cannot test an effect; empty if they can."""
-        shortfalls = {
-            CRANKS: f"fewer than {FEWEST_CRANKS} crank positions of known angle to fit",
-            CYCLES: "fewer than 2 cycles",
-            TIME: "no time stamps",
-            TEMPERATURE: "no temperature that varies",
-            RATE: "neither a change of the torque's rate nor a dwell: see rayleigh",
-            STILL: "the locked output lets the crank turn by more than half a pitch of the pins: see load_friction",
-        }
         offered_names = set(self.offered)
         if cells is not None and len(np.unique(self.data.position[cells])) < FEWEST_CRANKS:
             offered_names.discard(CRANKS)
-        reasons = [shortfalls[need] for need in sorted(candidate.needs - offered_names)]
+        reasons = [self.data.shortfalls[need] for need in sorted(candidate.needs - offered_names)]
         if isinstance(candidate, InstrumentEffect) and candidate.common_offset and not self.data.common_offset:
             reasons.append("every position has its own zero of the angle")
         return "; ".join(reasons)
 
 
-def _curves(gaps: Sequence[Real], influences: Sequence[Real]) -> Real:
-    """Change of the curves of all positions (n, n_nodes n_positions) [arcmin] by gaps, per position (n, n_contacts)."""
+def _curves(gaps: Sequence[Real], influences: Sequence[Real], one_zero: bool) -> Real:
+    """Change of the curves of all positions (n, n_nodes n_positions) [arcmin] by gaps, per position (n, n_contacts).
+
+    Each less its mean, or with ``one_zero`` less that of all.
+    """
     curves = [ARCMIN * gap @ influence.T for gap, influence in zip(gaps, influences, strict=True)]
+    if one_zero:
+        joined = np.concatenate(curves, axis=1)
+        return joined - joined.mean(axis=1, keepdims=True)
     return np.concatenate([curve - curve.mean(axis=1, keepdims=True) for curve in curves], axis=1)
 
 

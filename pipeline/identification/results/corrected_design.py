@@ -181,7 +181,7 @@ def _study_content(study: Study, identification: Identification, kind: str) -> M
     claim = ": it describes, nothing is claimed" if kind == BEST else ""
     content["title"] = f"{unit.settings.title}: {kind} model"
     content["description"] = f"The {kind} model of the measured unit {unit.name}{claim}."
-    cranks = tuple(dict.fromkeys(round(float(crank) % 360, 6) for crank in identification.measurement.drive_cranks))
+    cranks = tuple(sorted({round(float(crank) % 360, 6) for crank in identification.measurement.drive_cranks}))
     cycle = {key: value for key, value in content["cycle"].items() if key != "loaded_angles"}
     content["cycle"] = {**cycle, "crank_deg": cranks, "keep_contacts": (0,)}
     if unit.dimensions is not None:

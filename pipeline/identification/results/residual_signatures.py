@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats is slow to import
 
-from pipeline.identification.fitting.problem import Data
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.statistics.blocks import resampled_means
 
@@ -62,7 +62,7 @@ class Signature:
 
 
 @dataclass(frozen=True)
-class _Cells:
+class SignatureCells:
     """The cells with a residual (n,): torque [N m], sense of the torque's change, crank angle [rad], and the rest."""
 
     residual: Real
@@ -99,12 +99,12 @@ def signatures(measurement: Measurement, data: Data, predicted: Real) -> tuple[S
     )
 
 
-def _cells(measurement: Measurement, data: Data, predicted: Real) -> _Cells:
+def _cells(measurement: Measurement, data: Data, predicted: Real) -> SignatureCells:
     cells = measurement.cells
     residual = data.angle - predicted
     finite = np.isfinite(residual)
     zero = cells.angle_mean - np.array([cells.angle_mean[cells.position == p].mean() for p in cells.position])
-    return _Cells(
+    return SignatureCells(
         residual=residual[finite],
         torque=data.torque[finite],
         falling=-cells.direction[finite].astype(float),
@@ -118,8 +118,8 @@ def _cells(measurement: Measurement, data: Data, predicted: Real) -> _Cells:
     )
 
 
-def _line(
-    cells: _Cells, selected: Truth, columns: Real, column: int, free_offset: bool = True
+def trend(
+    cells: SignatureCells, selected: Truth, columns: Real, column: int, free_offset: bool = True
 ) -> tuple[Real, Real, int]:
     """Coefficient (1,), its resamples (RESAMPLES,), number of blocks, of column ``column`` of ``columns`` (n, k)."""
     residual, columns = cells.residual[selected], columns[selected]
@@ -145,7 +145,7 @@ def _line(
     return value[column : column + 1], resampled[:, column], n
 
 
-def _judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
+def judged(name: str, title: str, unit: str, line: tuple[Real, Real, int]) -> Signature:
     """The signature of a coefficient; few blocks widen its interval as Student's t does.
 
     Resampled coefficients of n blocks scatter by (n - 1)/n of the variance, as in ``parameter_intervals``.
@@ -165,7 +165,7 @@ def not_testable(name: str, title: str, unit: str, reason: str) -> Signature:
     return Signature(name, title, unit, np.nan, np.nan, np.nan, np.nan, False, reason)
 
 
-def _friction(cells: _Cells) -> tuple[Signature, ...]:
+def _friction(cells: SignatureCells) -> tuple[Signature, ...]:
     all_cells = np.ones(len(cells.residual), bool)
     columns = np.column_stack(
         [cells.falling, cells.falling * np.abs(cells.torque), cells.torque, np.sign(cells.torque)]
@@ -179,43 +179,43 @@ def _friction(cells: _Cells) -> tuple[Signature, ...]:
             ),
         )
     return (
-        _judged(
+        judged(
             "branch_half_difference",
             "half-difference of the branches at no load",
             "arcmin",
-            _line(cells, all_cells, columns, 0),
+            trend(cells, all_cells, columns, 0),
         ),
-        _judged(
+        judged(
             "branch_growth",
             "half-difference of the branches, growth with the load",
             "arcmin/(N m)",
-            _line(cells, all_cells, columns, 1),
+            trend(cells, all_cells, columns, 1),
         ),
     )
 
 
-def _play(cells: _Cells) -> tuple[Signature, ...]:
+def _play(cells: SignatureCells) -> tuple[Signature, ...]:
     near_zero = cells.near_zero()
     columns = np.column_stack([0.5 * np.sign(cells.torque), cells.falling])
     even_columns = np.column_stack([np.abs(cells.torque), cells.torque, np.sign(cells.torque), cells.falling])
     return (
-        _judged("play", "step of the branch mean across zero torque", "arcmin", _line(cells, near_zero, columns, 0)),
-        _judged(
+        judged("play", "step of the branch mean across zero torque", "arcmin", trend(cells, near_zero, columns, 0)),
+        judged(
             "asymmetry",
             "part of the branch mean that is equal in both senses of load, per torque",
             "arcmin/(N m)",
-            _line(cells, np.ones(len(near_zero), bool), even_columns, 0),
+            trend(cells, np.ones(len(near_zero), bool), even_columns, 0),
         ),
     )
 
 
-def _rigidity(cells: _Cells) -> Signature:
+def _rigidity(cells: SignatureCells) -> Signature:
     columns = np.column_stack([cells.torque, np.sign(cells.torque), cells.falling])
-    line = _line(cells, cells.loaded(), columns, 0)
-    return _judged("compliance", "slope of the branch mean at high torque", "arcmin/(N m)", line)
+    line = trend(cells, cells.loaded(), columns, 0)
+    return judged("compliance", "slope of the branch mean at high torque", "arcmin/(N m)", line)
 
 
-def _over_the_crank(cells: _Cells, n_positions: int) -> list[Signature]:
+def _over_the_crank(cells: SignatureCells, n_positions: int) -> list[Signature]:
     signatures = []
     near_zero = cells.near_zero()
     step = 0.5 * np.sign(cells.torque)
@@ -229,11 +229,11 @@ def _over_the_crank(cells: _Cells, n_positions: int) -> list[Signature]:
                 continue
             quadrature = np.sin(order * cells.crank) if name == "cosine" else np.cos(order * cells.crank)
             columns = np.column_stack([step * wave, step * quadrature, step, cells.falling])
-            signatures.append(_judged(key, title, "arcmin", _line(cells, near_zero, columns, 0)))
+            signatures.append(judged(key, title, "arcmin", trend(cells, near_zero, columns, 0)))
     return signatures
 
 
-def _over_the_angle(all_cells: _Cells) -> tuple[Signature, ...]:
+def _over_the_angle(all_cells: SignatureCells) -> tuple[Signature, ...]:
     """Strongest period of the residual over the output angle, branch by branch less its line.
 
     Its p value is the share of wholly flipped blocks (signs drawn for each) whose strongest period is as strong.
@@ -279,7 +279,7 @@ def _over_the_angle(all_cells: _Cells) -> tuple[Signature, ...]:
     )
 
 
-def _over_time(cells: _Cells) -> list[Signature]:
+def _over_time(cells: SignatureCells) -> list[Signature]:
     near_zero, step = cells.near_zero(), 0.5 * np.sign(cells.torque)
     all_cells = np.ones(len(near_zero), bool)
     signatures = []
@@ -291,30 +291,30 @@ def _over_time(cells: _Cells) -> list[Signature]:
             signatures.append(not_testable(key, title, unit, "fewer than 2 cycles"))
             continue
         columns = np.column_stack([column, step, cells.falling])
-        signatures.append(_judged(key, title, unit, _line(cells, rows, columns, 0)))
+        signatures.append(judged(key, title, unit, trend(cells, rows, columns, 0)))
     title, unit = "drift of the angle with time", "arcmin/h"
     if not np.all(np.isfinite(cells.hours)) or np.ptp(cells.hours) == 0:
         return [*signatures, not_testable("drift", title, unit, "no time stamps")]
     columns = np.column_stack([cells.hours - cells.hours.mean(), step, cells.falling, cells.torque])
-    return [*signatures, _judged("drift", title, unit, _line(cells, all_cells, columns, 0))]
+    return [*signatures, judged("drift", title, unit, trend(cells, all_cells, columns, 0))]
 
 
-def _over_temperature(cells: _Cells) -> Signature:
+def _over_temperature(cells: SignatureCells) -> Signature:
     name, title, unit = "play_per_kelvin", "growth of the play with the temperature", "arcmin/K"
     finite = np.isfinite(cells.warmer)
     if not finite.all() or np.ptp(cells.warmer) < 0.2:
         return not_testable(name, title, unit, "no temperature that varies")
     step = 0.5 * np.sign(cells.torque)
     columns = np.column_stack([step * (cells.warmer - cells.warmer.mean()), step, cells.falling])
-    return _judged(name, title, unit, _line(cells, cells.near_zero(), columns, 0))
+    return judged(name, title, unit, trend(cells, cells.near_zero(), columns, 0))
 
 
-def _shift(cells: _Cells, data: Data) -> Signature:
+def _shift(cells: SignatureCells, data: Data) -> Signature:
     name, title, unit = "shift", "constant shift of the angle", "arcmin"
     if not data.common_offset:
         return not_testable(name, title, unit, "every position has its own zero of the angle")
     columns = np.column_stack([np.ones(len(cells.residual)), cells.torque])
-    return _judged(name, title, unit, _line(cells, np.ones(len(cells.residual), bool), columns, 0, free_offset=False))
+    return judged(name, title, unit, trend(cells, np.ones(len(cells.residual), bool), columns, 0, free_offset=False))
 
 
 def _hold() -> Signature:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.store import write_atomic, write_json
+from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import (
@@ -20,6 +21,8 @@ from pipeline.identification.results.corrected_design import (
 )
 from pipeline.identification.results.prediction_errors import LoopError, loop_errors
 from pipeline.identification.results.residual_signatures import Signature, signatures
+from pipeline.identification.results.turn_errors import turn_errors
+from pipeline.identification.results.turn_signatures import turn_signatures
 from pipeline.identification.results.written_study import WrittenStudy, written_study
 from pipeline.identification.selection.held_out import STAGES
 
@@ -49,14 +52,12 @@ class Findings:
 
 def findings(identification: Identification) -> Findings:
     """Signatures and errors of an identification."""
-    return Findings(
-        identification,
-        {
-            stage: signatures(identification.measurement, identification.problem.data, identification.curves[stage])
-            for stage in STAGES[1:]
-        },
-        loop_errors(identification),
-    )
+    measurement, data, curves = identification.measurement, identification.problem.data, identification.curves
+    if isinstance(data, TurningData):
+        of_turns = {stage: turn_signatures(measurement, data, curves[stage]) for stage in STAGES[1:]}
+        return Findings(identification, of_turns, turn_errors(identification))
+    of_loops = {stage: signatures(measurement, data, curves[stage]) for stage in STAGES[1:]}
+    return Findings(identification, of_loops, loop_errors(identification))
 
 
 def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.fitting.problem import Data
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.generic import play_and_friction as play_model
 
 Real = NDArray[np.float64]
@@ -32,18 +32,26 @@ class Cycles:
     kind: Whole
 
 
-def baselines(data: Data, cycles: Cycles, splits: list[tuple[Truth, Truth]], offsets: Offsets) -> Mapping[str, Real]:
+Methods = Mapping[str, Callable[[Data, Cycles, Truth], Real]]
+"""Predictions (n_cells,) [arcmin] by title, from data, cycles and training cells."""
+
+
+def baselines(
+    data: Data, cycles: Cycles, splits: list[tuple[Truth, Truth]], offsets: Offsets, methods: Methods | None = None
+) -> Mapping[str, Real]:
     """Predictions (n_cells,) [arcmin] by title, of the cells left out in each split; NaN elsewhere.
 
     Parameters
     ----------
     splits : training and judged cells (n_cells,) of each fold.
     offsets : as ``Fitter.offsets``. A kind of branch that was not trained is predicted as another of its sense.
+    methods : by title; those of loops by default.
     """
-    predictions = {title: np.full(len(data), np.nan) for title in METHODS}
+    methods = METHODS if methods is None else methods
+    predictions = {title: np.full(len(data), np.nan) for title in methods}
     for training, judged_cells in splits:
         known_cycles = _trained(cycles, training)
-        for title, method in METHODS.items():
+        for title, method in methods.items():
             angle = method(data, known_cycles, training)
             is_known = training & np.isfinite(angle)
             predictions[title][judged_cells] = (angle + offsets(angle, is_known, data.sigma))[judged_cells]
@@ -93,7 +101,7 @@ def play_and_friction(data: Data, cycles: Cycles, training: Truth) -> Real:
     return play_model.fitted(cells, training).angle(data.torque, data.position, top)
 
 
-METHODS: Mapping[str, Callable[[Data, Cycles, Truth], Real]] = {
+METHODS: Methods = {
     "replay of the training loops": replay,
     "play, Coulomb and load friction, softening spring": play_and_friction,
     "polynomial for each branch": polynomials,

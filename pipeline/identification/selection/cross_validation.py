@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.fitting.problem import Data
 
 Real = NDArray[np.float64]
-Whole = NDArray[np.int64]
 Truth = NDArray[np.bool_]
 
 LEAST_LOSS = 0.1
@@ -46,11 +45,6 @@ class Trial:
         return float(np.sqrt(np.mean(self.losses)))
 
 
-def groups(data: Data, cells: Truth) -> Whole:
-    """What is left out at once (n_cells,): positions if the cells have two, else cycles."""
-    return data.position if len(np.unique(data.position[cells])) > 1 else data.cycle
-
-
 def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
     """Held-out losses of a fitted model, each group of the cells left out in turn.
 
@@ -61,7 +55,7 @@ def trial(fitter: Fitter, fit: Fit, cells: Truth) -> Trial:
     the cells seen leave. By Woodbury's identity it is the residual of the fit to all cells, and on top of it the way
     that the fit moves when the group is left out, over its uncertainty: nothing is predicted anew. Linear in that way.
     """
-    data, group = fitter.problem.data, groups(fitter.problem.data, cells)
+    data, group = fitter.problem.data, fitter.problem.data.held_out_parts(cells)
     strain = np.zeros(len(data))
     parts = np.unique(group[cells])
     for part in parts if len(parts) > 1 else []:  # one loop alone is judged in sample

@@ -14,14 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
-from pipeline.identification.fitting.problem import Data, Model
+from pipeline.identification.fitting.problem import Model
 from pipeline.identification.selection.carried_over import expected_misfit
-from pipeline.identification.selection.cross_validation import groups, precision_of
+from pipeline.identification.selection.cross_validation import precision_of
 from pipeline.identification.selection.judgement import FEWEST_BLOCKS, Selection
 from pipeline.identification.selection.model_selection import Selector
-from pipeline.identification.selection.statements.remainder import position_scatter, senses
+from pipeline.identification.selection.statements.remainder import position_scatter
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -151,7 +152,7 @@ def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
 
     A fold leaves out a position (or a cycle of a single one), or of more than ``SINGLE_GROUPS`` every third.
     """
-    group = groups(data, visible)
+    group = data.held_out_parts(visible)
     if not np.all(visible):
         return [(visible, ~visible)]
     numbers, rank = np.unique(group, return_inverse=True)
@@ -193,7 +194,7 @@ def _carried(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, flo
     """
     data = fitter.problem.data
     residual = data.angle - fit.predicted
-    expected = expected_misfit(data.torque, senses(data), data.position, residual, data.sigma, training)
+    expected = expected_misfit(data.torque, data.senses, data.position, residual, data.sigma, training)
     angle = fit.predicted + expected.mean
     angle += fitter.offsets(angle, training, data.sigma)
     return angle, expected.deviation, expected.common_share

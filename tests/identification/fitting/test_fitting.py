@@ -15,7 +15,7 @@ from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, mapped, 
 from pipeline.identification.fitting.problem import Model, PriorModes, candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.cross_validation import groups, trial
+from pipeline.identification.selection.cross_validation import trial
 from pipeline.identification.selection.recalibration import (
     STRETCH,
     calibrated_numbers,
@@ -284,8 +284,8 @@ def test_a_split_that_the_unit_gives_is_honoured(tmp_path, condensed, monkeypatc
 
 def test_folds_leave_out_positions_else_cycles(exact_unit):
     data = exact_unit.data
-    np.testing.assert_array_equal(groups(data, everything(exact_unit)), data.position)
-    np.testing.assert_array_equal(groups(data, data.position == 1), data.cycle)
+    np.testing.assert_array_equal(data.held_out_parts(everything(exact_unit)), data.position)
+    np.testing.assert_array_equal(data.held_out_parts(data.position == 1), data.cycle)
 
 
 def test_a_dimension_is_an_effect_only_beyond_its_tolerance(exact_unit):

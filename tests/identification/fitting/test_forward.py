@@ -8,7 +8,8 @@ from synthetic_unit import ROOT
 
 from pipeline import assembly
 from pipeline.config import load_study
-from pipeline.identification.bench.simulator import Course, Forward, Instrument
+from pipeline.identification.bench.course import Course
+from pipeline.identification.bench.simulator import Forward, Instrument
 from pipeline.model.effects import Conditions, library
 from pipeline.model.load_history.backbone import backbone
 from pipeline.model.load_history.drive import Creep

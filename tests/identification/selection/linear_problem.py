@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.parameters import Fit, Vector
-from pipeline.identification.fitting.problem import Data
 from pipeline.model.effects.effect import CYCLES, TIME
 
 BLOCKS, CELLS = 24, 20

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from linear_unit import linear_data
 
-from pipeline.identification.selection.statements.remainder import TORQUE_BINS, remainder, senses
+from pipeline.identification.selection.statements.remainder import TORQUE_BINS, remainder
 
 BRANCHES, CELLS = 2, 2 * TORQUE_BINS
 
@@ -21,7 +21,7 @@ def unit(residual):
 
 def test_sense_of_loading_is_that_of_the_torque():
     data, sense = unit(lambda position, torque, sense: 0 * torque)
-    np.testing.assert_array_equal(senses(data), sense)
+    np.testing.assert_array_equal(data.senses, sense)
 
 
 def test_parts_of_a_residual_are_found_again():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.fitting.problem import Data
+from pipeline.identification.fitting.data import Data, TurningData
 from pipeline.statistics.curve_scatter import CurveScatter, curve_scatter
 
 Real = NDArray[np.float64]
@@ -47,10 +47,12 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_
     Means over the cells of a position in one interval of the torque and one sense of loading: their mean over the
     positions is common to them. The offset of each position is removed.
     """
+    if isinstance(data, TurningData):
+        return _of_turns(data, predicted, cells, structure, base_to_noise)
     residual = data.angle[cells] - predicted[cells]
     _, position = np.unique(data.position[cells], return_inverse=True)
     residual = residual - (np.bincount(position, residual) / np.bincount(position))[position]
-    torque, sense = data.torque[cells], senses(data)[cells]
+    torque, sense = data.torque[cells], data.senses[cells]
     edges = np.linspace(torque.min(), torque.max(), TORQUE_BINS + 1)
     kind = 2 * np.clip(np.searchsorted(edges, torque, side="right") - 1, 0, TORQUE_BINS - 1) + (sense > 0)
     count = np.zeros((position.max() + 1, 2 * TORQUE_BINS))
@@ -69,23 +71,36 @@ def remainder(data: Data, predicted: Real, cells: Truth, structure: float, base_
     )
 
 
+def _of_turns(data: TurningData, predicted: Real, cells: Truth, structure: float, base_to_noise: float) -> Remainder:
+    """The same of turns: common is what all turns of one sense at one torque share at equal crank angle."""
+    residual = data.angle[cells] - predicted[cells]
+    residual = residual - residual.mean()
+    places = np.column_stack([data.position[cells], data.level[cells], data.direction[cells]])
+    place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
+    common = np.bincount(place, residual) / np.bincount(place)
+    return Remainder(
+        structure,
+        1 - structure / base_to_noise,
+        float(np.sqrt(np.mean(residual**2))),
+        float(np.sqrt(np.mean(common**2))),
+        None,
+        data.noise,
+    )
+
+
 def position_scatter(data: Data, predicted: Real, cells: Truth) -> CurveScatter | None:
-    """How far positions depart from each other [arcmin] beside a prediction (n_cells,), by some cells (n_cells,)."""
+    """How far positions depart from each other [arcmin] beside a prediction (n_cells,), by some cells (n_cells,).
+
+    None of a turning crank, whose positions are neighbours on a turn.
+    """
+    if isinstance(data, TurningData):
+        return None
     finite = cells & np.isfinite(predicted)
     return curve_scatter(
         data.torque[finite],
-        (senses(data)[finite] > 0).astype(np.int64),
+        (data.senses[finite] > 0).astype(np.int64),
         data.position[finite],
         (data.angle - predicted)[finite],
         data.sigma[finite],
         own_zero=not data.common_offset,
     )
-
-
-def senses(data: Data) -> Real:
-    """+1 for cells (n_cells,) of a branch on which the torque rises, -1 where it falls."""
-    sense = np.zeros(len(data))
-    for block in np.unique(data.block):
-        block_cells = np.flatnonzero(data.block == block)
-        sense[block_cells] = np.sign(data.torque[block_cells[-1]] - data.torque[block_cells[0]])
-    return sense

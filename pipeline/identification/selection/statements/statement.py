@@ -25,10 +25,13 @@ from pipeline.identification.selection.statements.verdict import (
 
 EXPECTED = 1.1
 """Expected error in noise floors beyond which it is said."""
-ONE_LOOP = (
-    "Measure the same cycle at least three times, and at two or more other crank angles: whole positions can then be "
-    f"held out, and with {FEWEST_BLOCKS} branches or more an effect can be accepted."
-)
+MEASURE_MORE = {
+    "loop": "Measure the same cycle at least three times, and at two or more other crank angles: whole positions can "
+    f"then be held out, and with {FEWEST_BLOCKS} branches or more an effect can be accepted.",
+    "turn": "Turn the crank at least twice in both senses, at two or more held torques: whole turns can then be held "
+    f"out, and with {FEWEST_BLOCKS} of them or more an effect can be accepted.",
+}
+"""What to do where nothing can be held out, by what was measured."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ def stated(
     refitted: AngleError,
     best: AngleError,
     remainder: Remainder,
-    in_sample: bool,
+    in_sample: str,
 ) -> Statement:
     """The statement of a verdict.
 
@@ -65,10 +68,10 @@ def stated(
     ----------
     refitted, best : errors of the refitted model, and of the best one whether it is claimed or not.
     remainder : what the best one leaves.
-    in_sample : whether nothing was held out.
+    in_sample : "loop" or "turn" where nothing but that was measured, so that nothing is held out; else "".
     """
     if in_sample:
-        return Statement(_in_sample(selection, refitted), ONE_LOOP)
+        return Statement(_in_sample(selection, refitted, in_sample), MEASURE_MORE[in_sample])
     findings = "".join(f" {finding}." for finding in verdict.findings)
     return Statement(_sentence(verdict, selection, refitted, best, remainder) + findings, _advice(verdict))
 
@@ -90,17 +93,15 @@ def _open(error: AngleError) -> str:
     return f", where {error.expected_to_noise:.3g} floors are expected of what {unknown}"
 
 
-def _in_sample(selection: Selection, refitted: AngleError) -> str:
-    """One loop: a description, nothing more."""
+def _in_sample(selection: Selection, refitted: AngleError, measured: str) -> str:
+    """One loop or turn: a description, nothing more."""
     nearest = min(selection.trials, key=lambda name: selection.trials[name].rms, default="")
     described = ""
     if nearest:
-        remaining_rms = selection.trials[nearest].rms
-        described = (
-            f" Beside it {title_of(nearest)} describes the loop to {remaining_rms:.3g} floors, and is not claimed."
-        )
+        title, floors = title_of(nearest), selection.trials[nearest].rms
+        described = f" Beside it {title} describes the {measured} to {floors:.3g} floors, and is not claimed."
     return (
-        f"One loop, fitted in sample: the model with its calibrated numbers refitted leaves {_error(refitted)}."
+        f"One {measured}, fitted in sample: the model with its calibrated numbers refitted leaves {_error(refitted)}."
         f"{described} Nothing is held out, so that nothing is confirmed."
     )
 

@@ -1,0 +1,80 @@
+"""What a position was put through: torques from turn to turn, or a torque that is held while the crank turns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.model.contact.friction_elements import Sliders
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Course:
+    """What one position was put through, and where it was read.
+
+    Attributes
+    ----------
+    torque : (n_turns,) [N m] from the first to the last, turning at each.
+    leg : (n_cells,) the cell lies between torque[leg] and torque[leg + 1].
+    state : (n_turns - 1,) state of the drive on each leg.
+    cell_torques : (n_cells, n_edges) torques [N m] within each cell, ascending, with as many rows between any two: the
+        angle of a cell is the mean over them.
+    time : (n_cells,) [s] from the unit's first cell, or zeros.
+    encoder_turns : turns of the encoder per turn of the output.
+    encoder_place : [rad] of the encoder at this position.
+    sliding : (n_cells,) sense in which the output slides all along, 1 or -1, where the crank turns; None where the
+        torques decide.
+    """
+
+    torque: Real
+    leg: Whole
+    state: Whole
+    cell_torques: Real
+    time: Real
+    encoder_turns: float
+    encoder_place: float
+    sliding: Whole | None = None
+
+    def without_states(self) -> Course:
+        """The course with all its legs in the drive's first state."""
+        return replace(self, state=np.zeros_like(self.state))
+
+    @cached_property
+    def states(self) -> tuple[int, ...]:
+        """Numbers of the states of its legs, ascending."""
+        return tuple(np.unique(self.state).tolist())
+
+    @cached_property
+    def sense(self) -> Whole:
+        """Of each leg (n_turns - 1,): 1 where the torque rises, -1 where it falls."""
+        return np.where(np.diff(self.torque) > 0, 1, -1)
+
+
+def slid_torque(torque: Real, sense: Whole, sliders: Sliders) -> tuple[Real, Real]:
+    """Torque carried (n_cells, n_edges) [N mm] behind friction on the output that slides, and its share of each cell.
+
+    Parameters
+    ----------
+    torque : (n_cells, n_edges) on the output [N mm].
+    sense : (n_cells,) in which the output slides: friction resists it.
+    sliders : of the output alone.
+
+    Returns
+    -------
+    The torque carried, and d carried / d torque (n_cells,) at the first edge.
+
+    Notes
+    -----
+    T = P + s (L + k |P|) with the sums L of the limits and k of the coefficients: the end of ``output_path`` once every
+    slider has slid in the sense s.
+    """
+    limit, coefficient = float(sliders.limit.sum()), float(sliders.coefficient.sum())
+    net_torque = torque - limit * sense[:, None]
+    share = 1 / (1 + coefficient * sense[:, None] * np.sign(net_torque))
+    return net_torque * share, share[:, 0]

@@ -1,0 +1,68 @@
+"""Transmission error and its orders, read off the turns of a crank by one procedure, measured and of each curve."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.data import TurningData
+from pipeline.identification.identify import Identification
+from pipeline.identification.results.prediction_errors import METRICS, NO_LOSS, LoopError
+from pipeline.model.turn.orders import orders
+
+Real = NDArray[np.float64]
+
+NO_LOOP = "a crank that turns draws no loop"
+SPAN, ORDER = "transmission_error_arcmin", "order_{}_arcmin"
+WHOLE = 1e-6
+"""Of an interval: a turn has a whole number of them, but for rounding."""
+ORDERS = (1, 2, 3, 4)
+"""Orders of the crank that are read."""
+
+
+def turn_errors(identification: Identification) -> dict[str, LoopError]:
+    """Span of the transmission error over a turn and amplitudes of its orders: measured, and of each curve.
+
+    Notes
+    -----
+    Of the mean over the turns at each crank angle, for each held torque, sense and revolution that is whole; then the
+    mean over these. Only cells that judge count.
+    """
+    data = identification.problem.data
+    assert isinstance(data, TurningData)
+    readings = [
+        {name: _read(angles) for name, angles in turn.items()}
+        for turn in mean_turns(data, {"measured": data.angle} | identification.curves, identification.folds.cells)
+    ]
+    errors = {metric: LoopError(None, {}, 0, NO_LOOP) for metric in METRICS}
+    errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
+    for metric in (SPAN, *(ORDER.format(order) for order in ORDERS)):
+        known = [turn for turn in readings if all(metric in numbers for numbers in turn.values())]
+        if not known:
+            errors[metric] = LoopError(None, {}, 0, "no whole turn of enough intervals was held out")
+            continue
+        mean = {name: float(np.mean([turn[name][metric] for turn in known])) for name in known[0]}
+        errors[metric] = LoopError(mean.pop("measured"), mean, len(known))
+    return errors
+
+
+def mean_turns(data: TurningData, curves: dict[str, Real], cells: NDArray[np.bool_]) -> list[dict[str, Real]]:
+    """Mean angle over each whole turn of the crank (n_intervals,) [arcmin], of each curve, by torque and sense."""
+    turns = []
+    revolution = data.revolution
+    for level in np.unique(data.level):
+        for direction in np.unique(data.direction):
+            for number in np.unique(revolution):
+                chosen = cells & (data.level == level) & (data.direction == direction) & (revolution == number)
+                places, place = np.unique(data.position[chosen], return_inverse=True)
+                if len(places) and abs(len(places) - data.per_turn) < WHOLE:
+                    count = np.bincount(place)
+                    turns.append({name: np.bincount(place, angle[chosen]) / count for name, angle in curves.items()})
+    return turns
+
+
+def _read(angle: Real) -> dict[str, float]:
+    """Span and orders [arcmin] of angles evenly over a turn."""
+    waves = orders(angle[None])
+    amplitude = dict(zip(waves.order.astype(int).tolist(), waves.amplitude[0].tolist(), strict=True))
+    return {SPAN: float(np.ptp(angle))} | {ORDER.format(k): amplitude[k] for k in ORDERS if k in amplitude}
