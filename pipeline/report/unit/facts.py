@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from pipeline.identification.identify import FaultyUnit, Identification
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.selection.held_out import AngleError
 from pipeline.identification.selection.statements.discrepancy import Discrepancy
 from pipeline.identification.selection.statements.remainder import Remainder
@@ -81,8 +83,22 @@ def rows_facts(identification: Identification | FaultyUnit) -> list[tuple[str, s
     note = ", which only tell the positions apart: the angles are not known" if unknown else ""
     return [
         ("Rows", f"{counted(len(rows), 'row')} in {counted(len(rows.files), 'file')}"),
-        ("Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()]) + note),
+        crank_fact(identification.measurement, note),
     ]
+
+
+def crank_fact(measurement: Measurement, note: str) -> tuple[str, str]:
+    """Where the crank stood, or how it turned."""
+    rows = measurement.rows
+    if not isinstance(measurement, TurningMeasurement):
+        return "Crank angles", listed([f"{plain(crank)}°" for crank in rows.cranks.tolist()]) + note
+    width, torques = measurement.motion.width, [f"{digits(level)} N m" for level in measurement.motion.levels.tolist()]
+    pitches = counted(measurement.motion.pitches, "pitch", "pitches")
+    return (
+        "Turning crank",
+        f"{counted(len(rows.cranks), 'interval')} of {digits(width)}° ({pitches} of the pins), held torques "
+        f"{listed(torques)}; orders of the crank above {digits(180 / width)} are averaged out",
+    )
 
 
 def data_facts(identification: Identification) -> list[tuple[str, str]]:
@@ -95,6 +111,8 @@ def data_facts(identification: Identification) -> list[tuple[str, str]]:
         ("Between positions", noise.between_positions),
     )
     held_out_by = "crank positions" if len(measurement.rows.cranks) > 1 else "cycles"
+    if isinstance(measurement, TurningMeasurement):
+        held_out_by = f"{measurement.held_out_by or 'turn'}s"
     chosen = measurement.unit.settings.held_out.train
     counts = counted(len(measurement.branches), "branch", "branches"), counted(len(measurement.cells), "cell")
     return [

@@ -12,7 +12,9 @@ import pandas as pd
 from pipeline.engine.fingerprint import package_versions
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured.unit import MODELS, WRITTEN, candidates_figure, loops_figure, time_figure, torque_figure
+from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification
+from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
 from pipeline.identification.results import tables
 from pipeline.identification.results.write import VERDICT_FILE, Findings
 from pipeline.identification.selection.held_out import STAGES
@@ -41,6 +43,7 @@ from pipeline.report.unit.rows import (
     parameter_row,
     signature_row,
 )
+from pipeline.report.unit.turning import TURNING_CAPTIONS, turning_figures
 
 TEMPLATE = "unit/unit.html"
 STAGE_TITLES = {"declared": "As declared", "recalibrated": "Refitted"}
@@ -91,11 +94,17 @@ def write_page(findings_of_unit: Findings | FaultyUnit, folder: Path, shown_fold
 def _pictures(findings_of_unit: Findings, folder: Path) -> dict[str, Picture]:
     cells = pd.read_parquet(folder / "residual.parquet")
     candidates = pd.read_parquet(folder / "candidates.parquet")
+    models = MODELS | WRITTEN if cells["written_arcmin"].notna().any() else MODELS
+    identification = findings_of_unit.identification
+    drawn = {"candidates": candidates_figure(candidates, identification.selection.base.rms)}
+    if isinstance(identification.problem.data, TurningData):
+        figures = turning_figures(identification, cells, models) | drawn
+        return drawn_pictures(figures, CAPTIONS | TURNING_CAPTIONS, folder)
     figures = {
-        "loops": loops_figure(cells, MODELS | WRITTEN if cells["written_arcmin"].notna().any() else MODELS),
+        "loops": loops_figure(cells, models),
         "torque": torque_figure(cells),
         "time": time_figure(cells),
-        "candidates": candidates_figure(candidates, findings_of_unit.identification.selection.base.rms),
+        **drawn,
     }
     return drawn_pictures(figures, CAPTIONS, folder)
 
@@ -116,12 +125,14 @@ def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, A
         "best": verdict["best"],
         "folder": folder,
         "versions": package_versions(),
+        "turns": isinstance(identification.measurement, TurningMeasurement),
     }
 
 
 def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str, Any]:
     """What the page says of a unit that was fitted."""
     identification = findings_of_unit.identification
+    turns = isinstance(identification.problem.data, TurningData)
     titles = STAGE_TITLES | {"after": _after(identification)}
     rows = pd.DataFrame(tables.candidate_rows(identification))
     fitted = rows[rows["score_after"].notna()]
@@ -147,12 +158,14 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
         ],
         "cells": identification.errors["after"].cells,
         "floor": digits(identification.problem.data.noise),
-        "angle_errors": [error_row(titles[stage], error) for stage, error in identification.errors.items()],
+        "angle_errors": [
+            error_row(titles[stage], error, by_crank=not turns) for stage, error in identification.errors.items()
+        ],
         "baselines": [baseline_row(title, error) for title, error in other_errors(identification).items()],
         "left": structure_facts(identification),
         "could_hide": [limit_row(limit) for limit in identification.could_hide],
         "compared": comparison_sentence(identification),
-        "held_out_cranks": [digits(crank) for crank in identification.errors["after"].by_crank_deg],
+        "held_out_cranks": [] if turns else [digits(k) for k in identification.errors["after"].by_crank_deg],
         "loop_errors": [loop_row(name, error) for name, error in findings_of_unit.loops.items()],
         "calibrated": calibrated_rows(findings_of_unit, verdict["calibrated"]),
         "tolerances": "All tolerances are as measured."

@@ -22,6 +22,8 @@ LOOP_TITLES = {
     "torsional_rigidity_Nm_per_arcmin": ("Torsional rigidity", "N m/arcmin"),
     "branch_separation_arcmin": ("Separation of the branches under load", "arcmin"),
     "hysteresis_loss_arcmin": ("Hysteresis loss", "arcmin"),
+    "transmission_error_arcmin": ("Transmission error, least to largest over a turn", "arcmin"),
+    **{f"order_{order}_arcmin": (f"Order {order} of the crank", "arcmin") for order in (1, 2, 3, 4)},
 }
 
 
@@ -30,12 +32,12 @@ def headline(title: str, error: AngleError) -> tuple[str, str, str, str]:
     return title, digits(error.rms_arcmin), "arcmin", f"{digits(error.to_noise)} noise floors"
 
 
-def error_row(title: str, error: AngleError) -> dict[str, Any]:
-    """The error of the angle of one of the models, by crank angle too."""
+def error_row(title: str, error: AngleError, by_crank: bool = True) -> dict[str, Any]:
+    """The error of the angle of one of the models, by crank angle too where that is wanted."""
     return {
         "title": title,
         "rms": digits(error.rms_arcmin),
-        "by_crank": [digits(rms) for rms in error.by_crank_deg.values()],
+        "by_crank": [digits(rms) for rms in error.by_crank_deg.values()] if by_crank else [],
         "largest": digits(error.max_arcmin),
         "to_noise": digits(error.to_noise),
         "expected": digits(error.expected_to_noise),

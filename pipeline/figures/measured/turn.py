@@ -1,0 +1,96 @@
+"""Figures of a measured unit whose crank turned: its error over the crank angle against the models, and its orders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pipeline.figures.measured.unit import ACROSS, EXTREME, MODELS, ROOM, STAGES
+from pipeline.figures.style import ACCENT, ALARM, INK, legend_below, new_figure, styled
+
+MOST_PANELS = 6
+"""Held torques and senses that share a figure."""
+SENSES = {-1: ("crank forward", ACCENT, "o"), 1: ("crank backward", ALARM, "v")}
+"""By the sense in which the output slides, against that of the crank."""
+HARMONICS = {"measured": (INK, "measured"), "recalibrated": (ALARM, "refitted"), "after": (ACCENT, "after")}
+
+
+@styled
+def turns_figure(cells: pd.DataFrame, models: Mapping[str, tuple[str, str, str]] = MODELS) -> Figure:
+    """Measured cells of each held torque and sense, means over its turns, against the models; the mean is removed.
+
+    Parameters
+    ----------
+    cells : the table ``residual`` with the number of the held torque, ``level``.
+    models : by the name that begins a column: label, colour and line.
+    """
+    kinds = [frame for _, frame in cells.groupby(["level", "direction"])][:MOST_PANELS]
+    rows = -(-len(kinds) // ACROSS)
+    figure = new_figure(0.5 + 3.1 * rows)
+    panels = np.atleast_1d(figure.subplots(rows, min(len(kinds), ACROSS), squeeze=False, sharey=True)).ravel()
+    for axes, frame in zip(panels, kinds, strict=False):
+        columns = ["angle_arcmin", *(f"{stage}_arcmin" for stage in models)]
+        turn = frame.groupby("crank_deg")[columns].mean()
+        turn = turn - turn["angle_arcmin"].mean()
+        for stage, (label, colour, line) in models.items():
+            axes.plot(turn.index, turn[f"{stage}_arcmin"], color=colour, linestyle=line, linewidth=1.2, label=label)
+        axes.plot(turn.index, turn["angle_arcmin"], ".", color=INK, markersize=3.5, label="measured", zorder=1)
+        sense = SENSES[int(frame["direction"].iloc[0])][0]
+        axes.set_title(f"{frame['torque_Nm'].mean():.3g} N m, {sense}")
+        axes.set_xlabel("crank angle (°)")
+    for axes in panels[len(kinds) :]:
+        axes.set_axis_off()
+    panels[0].set_ylabel("error of the output (arcmin)")
+    legend_below(figure, panels[0])
+    return figure
+
+
+@styled
+def turn_residual_figure(cells: pd.DataFrame) -> Figure:
+    """Residual over the crank angle before and after, the senses in two colours, one scale for both."""
+    figure = new_figure(3.4)
+    panels = figure.subplots(1, 2, sharey=True)
+    residuals = np.concatenate([cells[f"residual_{stage}_arcmin"].dropna().to_numpy() for stage in STAGES])
+    reach = ROOM * max(*np.abs(np.percentile(residuals, [EXTREME, 100 - EXTREME])), 1e-6) if residuals.size else 1.0
+    for axes, (stage, title) in zip(panels, STAGES.items(), strict=True):
+        for sense, (label, colour, marker) in SENSES.items():
+            frame = cells[cells["direction"] == sense]
+            residual = frame[f"residual_{stage}_arcmin"]
+            axes.plot(
+                *(frame["crank_deg"], residual, marker),
+                color=colour,
+                markersize=2.5,
+                alpha=0.6,
+                markeredgewidth=0,
+                label=label,
+            )
+        axes.axhline(0, color=INK, linewidth=0.8)
+        axes.set(title=title, xlabel="crank angle (°)", ylim=(-reach, reach))
+    panels[0].set_ylabel("measured − predicted (arcmin)")
+    legend_below(figure, panels[0])
+    return figure
+
+
+@styled
+def orders_figure(amplitudes: Mapping[str, Sequence[float]], floor: float) -> Figure:
+    """Orders of the crank (n_orders,) [arcmin] from 1 on, means over whole turns, measured and of the models.
+
+    Parameters
+    ----------
+    amplitudes : by ``measured`` and the stages.
+    floor : noise of an amplitude [arcmin].
+    """
+    figure = new_figure(3.2)
+    axes = figure.subplots()
+    shown = {name: style for name, style in HARMONICS.items() if name in amplitudes}
+    for number, (name, (colour, label)) in enumerate(shown.items()):
+        order = np.arange(1, len(amplitudes[name]) + 1)
+        place = order + 0.8 * ((number + 0.5) / len(shown) - 0.5)
+        axes.bar(place, amplitudes[name], 0.8 / len(shown), color=colour, label=label)
+    axes.axhline(floor, color=INK, linewidth=1.0, linestyle=":", label="noise of an amplitude")
+    axes.set(xlabel="order of the crank", ylabel="amplitude (arcmin)")
+    legend_below(figure, axes)
+    return figure
