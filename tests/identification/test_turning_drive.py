@@ -30,11 +30,11 @@ def read(folder, record, rows=None):
     return read_measurement(load_measured_unit(write_record(folder, record, rows), ROOT))
 
 
-def answer(folder, record, offered=OFFERED):
+def answer(folder, record, offered=OFFERED, rows=None):
     """The identification of a record, over a few effects of the library."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in offered})
-        return identify(load_measured_unit(write_record(folder, record), ROOT), no_compliance, nested=False)
+        return identify(load_measured_unit(write_record(folder, record, rows), ROOT), no_compliance, nested=False)
 
 
 @pytest.fixture(scope="module")
@@ -200,15 +200,31 @@ def test_sentence_and_page_say_what_the_residuals_hold(oval):
     ids=["nothing", "ripple outside", "encoder", "friction"],
 )
 def test_verdicts_of_records_of_known_cause(tmp_path, record, verdict, named):
-    identification = answer(tmp_path / "u", record)
+    identification = answer(tmp_path / "u", record, (*named, "coulomb", "ovality_2"))
     assert (identification.verdict.verdict, identification.verdict.named) == (verdict, named)
     truth = {"coulomb": [record.friction], "encoder_eccentricity": record.encoder} | record.effects
     for parameter, value in zip(identification.verdict.parameters, truth.get("".join(named), ()), strict=True):
         assert parameter.ci_low < value < parameter.ci_high
 
 
+def test_repeats_of_one_cycle_are_left_out_in_turn(tmp_path, plain):
+    measurement = read(tmp_path / "u", Record(), table(Record()).assign(cycle=4))
+    assert measurement.held_out_by == "repeat"
+    np.testing.assert_array_equal(measurement.parts, plain.cells.cycle)
+    assert measurement.repeatability.repeats == plain.repeatability.repeats
+
+
+def test_fewer_than_eight_turns_claim_nothing(tmp_path):
+    identification = answer(tmp_path / "u", Record(cycles=1, effects={"ovality_2": [6.0, 4.0]}), ("ovality_2",))
+    assert len(np.unique(identification.problem.data.block)) == 4
+    assert (identification.verdict.verdict, identification.verdict.named) == ("unexplained", ())
+
+
 def test_one_turn_is_described_in_sample(tmp_path):
     identification = answer(tmp_path / "u", Record(cycles=1, torques=(HELD,), senses=(1,)))
+    findings_of_unit = findings(identification)
+    write(findings_of_unit, tmp_path / "out")
+    write_page(findings_of_unit, tmp_path / "out", tmp_path / "out")
     assert identification.folds.in_sample
     assert "One turn, fitted in sample" in identification.statement.sentence
     assert identification.verdict.named == ()
@@ -224,8 +240,7 @@ def test_held_out_torques_change_nothing_that_is_fitted(tmp_path):
     held_out = rows["torque_Nm"] == 0.5 * HELD
     stretched = rows.assign(angle_arcmin=np.where(held_out, 1.4, 1.0) * rows["angle_arcmin"])
     plain, changed = (
-        identify(load_measured_unit(write_record(tmp_path / name, record, part), ROOT), no_compliance)
-        for name, part in (("a", rows), ("b", stretched))
+        answer(tmp_path / name, record, ("coulomb",), part) for name, part in (("a", rows), ("b", stretched))
     )
     np.testing.assert_array_equal(plain.selection.base.fit.unknowns.flat, changed.selection.base.fit.unknowns.flat)
     assert plain.problem.data.noise == changed.problem.data.noise

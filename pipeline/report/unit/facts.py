@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -63,7 +64,7 @@ def comparison_sentence(identification: Identification) -> str:
 
 def _rank_beside(error: AngleError, best: AngleError) -> tuple[str, str]:
     """Ahead or behind, and by which factor."""
-    ratio = error.to_noise / best.to_noise
+    ratio = error.to_noise / best.to_noise if best.to_noise > 0 else math.inf  # in sample a replay is the data
     return ("behind", digits(ratio)) if ratio > 1 else ("ahead of", digits(1 / ratio))
 
 

@@ -235,18 +235,31 @@ class TurningMeasurement(Measurement):
 
     @cached_property
     def held_out_by(self) -> str:
-        """What is left out at once: "torque", "cycle", "revolution" or "sense"; "" where nothing can be."""
+        """What is left out at once: "torque", "cycle", "repeat", "revolution" or "sense"; "" where nothing can be."""
         if self.unit.settings.held_out.by:
             return self.unit.settings.held_out.by
-        counts = {name: len(np.unique(self._groups(name))) for name in ("torque", "cycle", "revolution", "sense")}
-        if counts["torque"] >= FEWEST_LEVELS:
+        if len(np.unique(self.level)) >= FEWEST_LEVELS:
             return "torque"
-        return next((name for name in ("cycle", "revolution", "torque", "sense") if counts[name] > 1), "")
+        names = ("cycle", "repeat", "revolution", "torque", "sense")
+        return next((name for name in names if len(np.unique(self._groups(name))) > 1), "")
 
     def _groups(self, name: str) -> Whole:
-        """Number (n_cells,) of the torque, cycle, revolution or sense of each cell."""
+        """Number (n_cells,) of the torque, cycle, repeat, revolution or sense of each cell."""
+        if name == "repeat":
+            return self._repeat
         senses = (self.cells.direction < 0).astype(np.int64)
         return {"torque": self.level, "cycle": self.cells.cycle, "revolution": self.revolution, "sense": senses}[name]
+
+    @property
+    def _repeat(self) -> Whole:
+        """How often the interval of each cell (n_cells,) was passed before in its sense at its torque."""
+        places = np.column_stack([self.branches.kind[self.cells.block], self.cells.position])
+        place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
+        order = np.lexsort((self.cells.block, place))
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(place[order])) + 1])
+        repeat = np.empty(len(place), np.int64)
+        repeat[order] = np.arange(len(place)) - np.repeat(starts, np.diff([*starts, len(place)]))
+        return repeat
 
     @cached_property
     def parts(self) -> Whole:
