@@ -163,9 +163,10 @@ class Forward:
             angle = angle + crept(carried_torque, course.time, course.leg, at_turns, *delayed)
         if drive.rayleigh:
             angle = angle + _hysteretic(drive, course, carried_torque, at_turns)
-        turns = course.encoder_turns * angle + course.encoder_place
         read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
-        read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
+        if any(instrument.encoder):
+            turns = course.encoder_turns * angle + course.encoder_place
+            read += instrument.encoder[0] * np.cos(turns) + instrument.encoder[1] * np.sin(turns)
         return Reading(read, ARCMIN * NMM_PER_NM * slope, carried_torque, sound)
 
     def _along(
@@ -267,8 +268,8 @@ def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, edg
     """The way without friction: the backbone, wherever it is."""
     angle, slope = np.empty(len(edges)), np.empty(len(edges))
     state_of = course.state[course.leg]
-    for state in np.unique(state_of):
-        cells = state_of == state
+    for state in course.states:
+        cells = state_of == state if len(course.states) > 1 else slice(None)
         nodes = drive.stiffening(state) * curve.torque
         elastic_angle = curve.angle[state] + drive.twist(nodes)
         angle[cells], slope[cells] = means(edges[cells], nodes, elastic_angle)

@@ -113,6 +113,16 @@ class Problem:
 
     def bounds(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         """(low, high) of every parameter of an effect; of a time constant within what the record resolves."""
+        if candidate.name not in self._bounds:
+            self._bounds[candidate.name] = self._bounds_of(candidate)
+        return self._bounds[candidate.name]
+
+    @cached_property
+    def _bounds(self) -> dict[str, tuple[tuple[float, float], ...]]:
+        """Bounds of the effects that were asked for, by name: a fit asks for them at every step."""
+        return {}
+
+    def _bounds_of(self, candidate: Candidate) -> tuple[tuple[float, float], ...]:
         if isinstance(candidate, InstrumentEffect):
             return candidate.bounds(self.rated_torque, self.span, self.hours)
         bounds = candidate.bounds(self.nominal[0])

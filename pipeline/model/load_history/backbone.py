@@ -1,7 +1,7 @@
 """The frictionless curve of a drive: what it turns by at torques of both senses, from the ends of its play."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -55,10 +55,8 @@ class Backbone:
         return self._over_torque(self.states.force)
 
     def _over_torque(self, values: Real) -> Real:
-        """Derivative of ``values`` (n, n_nodes, ...) by the torque [N mm], from either side of the play."""
-        middle = len(self.torque) // 2
-        sides = (slice(None, middle), slice(middle, None))
-        return np.concatenate([np.gradient(values[:, side], self.torque[side], axis=1) for side in sides], axis=1)
+        """Derivative of ``values`` (n, n_nodes, k) by the torque [N mm], from either side of the play."""
+        return _slopes_from(self.torque.tobytes()) @ values
 
     def change(self, drive: Drive, neighbour: Drive) -> Real:
         """Change of the angle (n, n_nodes) [rad], to first order, from the ``drive`` of this curve to a ``neighbour``.
@@ -84,6 +82,16 @@ class Backbone:
         return change + np.sum(self._over_torque(thrust) * (bearing_depths[0] - bearing_depths[1]), axis=2) + twisted
 
 
+@lru_cache(maxsize=8)
+def _slopes_from(torques: bytes) -> Real:
+    """Derivatives (n_nodes, n_nodes) [1/(N mm)] by a curve's torques of what is 1 at a node: a fit has one ladder."""
+    torque = np.frombuffer(torques)
+    slopes, middle = np.zeros((len(torque), len(torque))), len(torque) // 2
+    for side in (slice(None, middle), slice(middle, None)):
+        slopes[side, side] = np.gradient(np.eye(middle), torque[side], axis=0)
+    return slopes
+
+
 def torque_levels(levels: int, reach: float) -> Real:
     """Shares of the rated torque up to ``reach`` (levels,), quadratically denser towards zero, from ``NO_LOAD``."""
     steps = np.arange(1, levels) / (levels - 1)
@@ -100,8 +108,7 @@ def backbone(drive: Drive, shares: Real, neighbour: Backbone | None = None) -> B
     of_drawing = drive if drive.modulus is None else replace(drive, modulus=None, known_gap=drive.gap_of_errors)
     middle = len(shares) + 1
     states = solve_cycle(of_drawing, cycle, None if neighbour is None else neighbour.limits)
-    falling, rising = states[:, middle:], states[:, :middle]
     levels = drive.rated_torque * np.append(LIMIT_TORQUE, shares)
     torque = np.concatenate([-levels[::-1], levels])
-    states = Equilibria.joined((falling[:, ::-1], rising), axis=1)
+    states = states[:, np.append(np.arange(2 * middle)[: middle - 1 : -1], np.arange(middle))]
     return Backbone(torque, states.motion[..., drive.reducer.output_motion] + drive.twist(torque), states)

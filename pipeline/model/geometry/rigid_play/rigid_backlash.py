@@ -103,15 +103,28 @@ def _rotation_play(gap: Real, contact: Index, arm: Real) -> tuple[Real, Real, Re
     return plus, minus, overlap
 
 
-def _least_penetration(gap: Real, arm: Real, one_end: Real, other_end: Real) -> tuple[Real, Real]:
-    """Rotation (n,) and value (n,) of the least largest penetration max(-gap - arm phi), convex in phi."""
-    low, high = np.minimum(one_end, other_end), np.maximum(one_end, other_end)
-    for _ in range(BISECTIONS):
-        phi = 0.5 * (low + high)
-        worst = np.argmax(-gap - arm * phi[:, None], axis=1)
-        low, high = np.where(arm[worst] > 0, phi, low), np.where(arm[worst] > 0, high, phi)
-    phi = 0.5 * (low + high)
-    return phi, np.max(-gap - arm * phi[:, None], axis=1)
+@entry
+def _least_penetration(gap, arm, one_end, other_end):
+    """Rotation (n,) and value (n,) of the least largest penetration max(-gap - arm phi), convex in phi.
+
+    The gaps (n, n_contacts) stand in the order of the arms.
+    """
+    n = gap.shape[0]
+    rotation, penetration = np.empty(n), np.empty(n)
+    for s in range(n):
+        low, high = min(one_end[s], other_end[s]), max(one_end[s], other_end[s])
+        for step in range(BISECTIONS + 1):
+            phi, deepest, worst = 0.5 * (low + high), -np.inf, 0
+            for k in range(len(arm)):
+                depth = -gap[s, k] - arm[k] * phi
+                if depth > deepest:
+                    deepest, worst = depth, k
+            if step < BISECTIONS and arm[worst] > 0:
+                low = phi
+            elif step < BISECTIONS:
+                high = phi
+        rotation[s], penetration[s] = phi, deepest
+    return rotation, penetration
 
 
 def _floating_play(gap: Real, side: np.ndarray, arm: Real) -> tuple[Real, Real, Real]:

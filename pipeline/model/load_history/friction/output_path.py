@@ -70,11 +70,17 @@ class OutputPath(NamedTuple):
 
 
 @part
-def _resistance(angle, carried_torque, slides, ripple, anchor):
-    """Torque of the sliders and the ripple."""
-    stiffness, limit, coefficient = slides
+def _sine(angle, ripple):
+    """The ripple's torque over its amplitude; 0 without one."""
     amplitude, waves, phase = ripple
-    resistance = amplitude * np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
+    return np.sin(waves * angle + phase) if amplitude != 0.0 else 0.0
+
+
+@part
+def _resistance(angle, carried_torque, slides, rippled, anchor):
+    """Torque of the sliders, and of the ripple as it is ``rippled`` there."""
+    stiffness, limit, coefficient = slides
+    resistance = rippled
     for s in range(stiffness.shape[0]):
         largest = limit[s] + coefficient[s] * abs(carried_torque)
         resistance += min(max(stiffness[s] * (angle - anchor[s]), -largest), largest)
@@ -130,21 +136,13 @@ def _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor):
 
 
 @part
-def _steady(sense, angle, turned, gained, ripple):
-    """What a piece, turned by an angle for a torque gained in the sense of the path, gains without the ripple."""
-    amplitude, waves, phase = ripple
-    start = waves * angle + phase
-    return gained - sense * amplitude * (np.sin(start + waves * turned) - np.sin(start))
-
-
-@part
-def _share_to_peak(sense, angle, turned, gained, ripple):
-    """Share of a piece at which a ripple throws the output back; 1 if it does not."""
+def _share_to_peak(sense, angle, turned, gained, rise, ripple):
+    """Share of a piece at which a ripple, its sine rising by ``rise``, throws the output back; 1 if it does not."""
     amplitude, waves, phase = ripple
     steepest, phase_turned = amplitude * waves * abs(turned), waves * abs(turned)
     if abs(gained) > steepest * phase_turned:  # larger than what the slope varies by
         return 1.0
-    steady = _steady(sense, angle, turned, gained, ripple)
+    steady = gained - sense * amplitude * rise
     if steepest <= abs(steady):
         return 1.0
     ahead = np.mod(np.arccos(-steady / steepest) - sense * (waves * angle + phase), 2.0 * np.pi)
@@ -153,13 +151,16 @@ def _share_to_peak(sense, angle, turned, gained, ripple):
 
 
 @part
-def _share_to_goal(goal, low, high, sense, angle, turned, ripple):
-    """Share of a piece, from ``low`` below to ``high`` above the goal, at which the torque is the goal's."""
+def _share_to_goal(goal, low, high, sense, angle, turned, rise, ripple):
+    """Share of a piece, from ``low`` below to ``high`` above the goal, at which the torque is the goal's.
+
+    The ripple's sine rises by ``rise`` on it.
+    """
     amplitude, waves, phase = ripple
     share = (goal - low) / (high - low)
     if amplitude == 0.0:
         return share
-    steady = _steady(sense, angle, turned, high - low, ripple)
+    steady = high - low - sense * amplitude * rise
     start, steepest = waves * angle + phase, amplitude * waves * abs(turned)
     begin = low - sense * amplitude * np.sin(start) - goal
     first, last, small = 0.0, 1.0, ROOT_SHARE * (abs(low) + abs(high) + amplitude)
@@ -187,7 +188,8 @@ def _traced(turns, curve, slides, ripple, corners, corner_of_turn):
     x = 0.5 * (nodes.shape[0] - 1) - j
     angle, carried_torque = angles[j] + x * (angles[j + 1] - angles[j]), nodes[j] + x * (nodes[j + 1] - nodes[j])
     anchor[:] = angle
-    total = carried_torque + _resistance(angle, carried_torque, slides, ripple, anchor)
+    sine = _sine(angle, ripple)
+    total = carried_torque + _resistance(angle, carried_torque, slides, ripple[0] * sine, anchor)
     count, steps = 0, 0
     for t in range(turns.shape[0]):
         sense = 1.0 if turns[t] >= total else -1.0
@@ -195,26 +197,29 @@ def _traced(turns, curve, slides, ripple, corners, corner_of_turn):
         while sense * total < goal and -FAR < x < 1 + FAR:
             stride = wave / (WAVE if sense * total >= largest_torque else JUMP_WAVE)
             j, x, end = _stretch(sense, j, x, angle, carried_torque, curve, slides, stride, anchor)
-            point = angle, carried_torque
+            point, first_sine = (angle, carried_torque), sine
             step = angles[j] + end * (angles[j + 1] - angles[j]) - angle, nodes[j] + end * (nodes[j + 1] - nodes[j])
             step = step[0], step[1] - carried_torque
             angle, carried_torque = point[0] + step[0], point[1] + step[1]
-            low = sense * total
-            high = sense * (carried_torque + _resistance(angle, carried_torque, slides, ripple, anchor))
+            low, sine = sense * total, _sine(angle, ripple)
+            high = sense * (carried_torque + _resistance(angle, carried_torque, slides, ripple[0] * sine, anchor))
             if ripple[0] != 0.0 and step[0] != 0.0:
-                share = _share_to_peak(sense, point[0], step[0], high - low, ripple)
+                share = _share_to_peak(sense, point[0], step[0], high - low, sine - first_sine, ripple)
                 if share < 1.0:
                     end, step = x + share * (end - x), (share * step[0], share * step[1])
                     angle, carried_torque = point[0] + step[0], point[1] + step[1]
-                    high = sense * (carried_torque + _resistance(angle, carried_torque, slides, ripple, anchor))
+                    sine = _sine(angle, ripple)
+                    resistance = _resistance(angle, carried_torque, slides, ripple[0] * sine, anchor)
+                    high = sense * (carried_torque + resistance)
             steps += 1
             if count + 2 > corners.shape[1] or steps > MOST_STEPS:
                 return -1
             target = largest_torque if low < largest_torque else goal  # thrown back before: the jump ends there
             if high >= target:
-                share = _share_to_goal(target, low, high, sense, point[0], step[0], ripple)
+                share = _share_to_goal(target, low, high, sense, point[0], step[0], sine - first_sine, ripple)
                 end, high = x + share * (end - x), target
                 angle, carried_torque = point[0] + share * step[0], point[1] + share * step[1]
+                sine = _sine(angle, ripple)
             x, total, largest_torque = end, sense * high, max(largest_torque, high)
             if largest_torque <= high < goal:
                 corners[0, count], corners[1, count], corners[2, count] = total, angle, carried_torque
