@@ -1,13 +1,19 @@
 """The bench: its rates are ratios of what it timed, its table is the promised one, and its picture is drawn."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pipeline import assembly
 from pipeline.checks import bench
-from pipeline.checks.bench import rates
+from pipeline.checks.bench import preload, rates
 from pipeline.checks.bench.table import Result
+from pipeline.config import load_study
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
+from pipeline.mounting import drive_of
+from pipeline.sampling import draw
 
 RESULTS = [
     Result("loops_per_second_per_core", 6000.0, "1/s", 100, 1, "68 steps a loop"),
@@ -37,3 +43,16 @@ def test_sizes_are_active_contacts_and_motions_of_loaded_states_only():
         force = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 2.0]]])
 
     assert rates._sizes([States()], 5).tolist() == [7]
+
+
+def test_preloaded_units_of_the_bench_are_preloaded_and_the_same_with_play_are_not():
+    study = load_study("quick", Path(__file__).parents[2])
+    sampled = draw(study, 0, 20)
+    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    drawn = drive_of(study, study.cycle.crank_deg[0], None, assembly.errors(sampled), clearance)
+    variants = preload.with_preload_and_with_play(drawn)
+    assert len(variants[0].gap) == len(variants[1].gap) > 15
+    for variant, interferes in zip(variants, (True, False), strict=True):
+        play = rigid_play(variant.reducer, variant.gap, variant.bearing_clearance)
+        assert np.all(play.preloaded == interferes)
+    np.testing.assert_allclose(variants[1].gap - variants[0].gap, 2e-3 * preload.NARROWED, atol=1e-12)

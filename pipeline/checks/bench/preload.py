@@ -1,0 +1,55 @@
+"""Preloaded units: what their equilibria take over those of the same units with play.
+
+Contacts that interfere are many at no load, where units with play have none: what slows them down shows in no other
+rate of the bench.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from pipeline import assembly
+from pipeline.checks.bench.rates import seconds_of
+from pipeline.checks.bench.table import Result
+from pipeline.config import Study
+from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import solve_cycle
+from pipeline.model.units import MM_PER_UM
+from pipeline.mounting import drive_of
+from pipeline.sampling import draw
+from stages import hysteresis
+
+UNITS = 100
+"""Units that are solved, preloaded and with play."""
+NARROWED = 20.0
+"""What gaps are less than drawn [um], and more: most units of a reducer are preloaded so, and have play."""
+
+
+def preload(study: Study, shared: hysteresis.Shared) -> Iterator[Result]:
+    """Time of preloaded units over that of the same units with play, at the first crank angle; nothing without any."""
+    crank = study.cycle.crank_deg[0]
+    sampled = draw(study.model_copy(update={"samples": study.samples.model_copy(update={"count": UNITS})}), 0, UNITS)
+    clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    drawn = drive_of(study, crank, shared.compliances[0], assembly.errors(sampled), clearance, shared.laws[0])
+    tight, loose = with_preload_and_with_play(drawn)
+    if not len(tight.gap):
+        return
+    seconds = [seconds_of(partial(solve_cycle, drive, shared.curve)) for drive in (tight, loose)]
+    lost = np.count_nonzero(~np.all(solve_cycle(tight, shared.curve).converged, axis=1))
+    note = (
+        f"{len(tight.gap)} units with gaps {NARROWED:g} um smaller over the same with as much more, {lost} not solved"
+    )
+    yield Result("preload_ratio", seconds[0] / seconds[1], "1", len(tight.gap), 1, note)
+
+
+def with_preload_and_with_play(drive: Drive) -> tuple[Drive, Drive]:
+    """Those states of a drive that smaller gaps preload while larger ones leave them play, with either gaps."""
+    added_gap = np.full(drive.gap.shape, MM_PER_UM * NARROWED)
+    tight, loose = drive.shifted(-added_gap), drive.shifted(added_gap)
+    preloaded, still_preloaded = (
+        rigid_play(variant.reducer, variant.gap, variant.bearing_clearance).preloaded for variant in (tight, loose)
+    )
+    states = np.flatnonzero(preloaded & ~still_preloaded)
+    return tight.some(states), loose.some(states)
