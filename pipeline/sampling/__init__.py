@@ -2,7 +2,16 @@
 
 from pipeline.config.dimensions.pins._ovality import oval_shift
 from pipeline.sampling.designs import replicates, uniforms
-from pipeline.sampling.errors import Errors, deviations_at, dimensions, draw, errors_at
+from pipeline.sampling.errors import (
+    Errors,
+    deviations_at,
+    dimensions,
+    draw,
+    draw_as_measured,
+    errors_at,
+    unmeasured,
+    usual_beside,
+)
 from pipeline.sampling.pick_freeze import draw_mixed, drawn_units, error_groups
 
 __all__ = [
@@ -10,6 +19,7 @@ __all__ = [
     "deviations_at",
     "dimensions",
     "draw",
+    "draw_as_measured",
     "draw_mixed",
     "drawn_units",
     "error_groups",
@@ -17,4 +27,6 @@ __all__ = [
     "oval_shift",
     "replicates",
     "uniforms",
+    "unmeasured",
+    "usual_beside",
 ]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.designs.design import Design
-from pipeline.config.dimensions import dimension_library
+from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Samples
 from pipeline.config.studies.tolerances import Tolerances
@@ -18,6 +18,9 @@ from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
 
 Real = NDArray[np.float64]
+
+MIDPOINTS = 512
+"""Of the range of a probability, over which the mean of a tolerance is taken."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,49 @@ def draw(study: Drawn, start: int, stop: int) -> Errors:
     if shift and start == 0 < stop:
         drawn_errors = _joined(_nominal(study), drawn_errors)
     return drawn_errors
+
+
+def draw_as_measured(study: Drawn, measured: Case, start: int, stop: int) -> Errors:
+    """Errors of samples that have the deviations which a case states, and all others as the tolerances make them.
+
+    What acts through a stated dimension, as an ovality through the pins' places, was measured with it.
+
+    Parameters
+    ----------
+    study : as for `draw`, of samples that are drawn.
+    measured : a dimension that it does not name was not measured.
+    start, stop : first sample, and the one after the last.
+    """
+    counts = _counts(study.design)
+    values = deviations_at(study, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
+    for name, dimension in dimension_library().items():
+        if _was_measured(measured, dimension):
+            values[name] = np.broadcast_to(measured.deviation_um(name), (stop - start, counts[name]))
+            if dimension.direction:
+                values[dimension.phase] = np.zeros((stop - start, counts[dimension.phase]))
+    return _errors(values, study.design)
+
+
+def usual_beside(study: Drawn, measured: Case) -> Case:
+    """The case with the mean of its tolerance [um] for each dimension that was not measured; none of a direction."""
+    probability = (np.arange(MIDPOINTS) + 0.5) / MIDPOINTS
+    means = {}
+    for name, dimension in dimension_library().items():
+        tolerance = getattr(study.tolerances, name)
+        if not dimension.direction and not _was_measured(measured, dimension):
+            means[name] = tolerance.allowance_um + float(np.mean(tolerance.deviation(probability)))
+    return measured.model_copy(update={name: mean for name, mean in means.items() if mean})
+
+
+def unmeasured(study: Drawn, measured: Case) -> tuple[str, ...]:
+    """Names of the dimensions that vary from unit to unit in a study and that a case does not state."""
+    library = dimension_library().items()
+    return tuple(name for name, dimension in library if varies(study, name) and not _was_measured(measured, dimension))
+
+
+def _was_measured(measured: Case, dimension: Dimension) -> bool:
+    """Whether a case states a dimension, or one that it acts through."""
+    return bool({dimension.name, dimension.acts_on} & measured.model_fields_set)
 
 
 def _random(study: Drawn, start: int, stop: int) -> Errors:

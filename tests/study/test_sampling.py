@@ -18,7 +18,15 @@ from pipeline.config.distributions.triangular import Triangular
 from pipeline.config.distributions.uniform import Uniform
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.tolerances import Tolerances
-from pipeline.sampling import dimensions, draw, oval_shift, replicates
+from pipeline.sampling import (
+    dimensions,
+    draw,
+    draw_as_measured,
+    oval_shift,
+    replicates,
+    unmeasured,
+    usual_beside,
+)
 from pipeline.sampling.correlation import correlated
 from pipeline.sampling.designs import uniforms
 from stages.sample import columns_of_errors, errors_of_columns
@@ -304,3 +312,21 @@ def test_zones_and_pins_out_of_round_have_a_direction_of_each_element():
     read = errors_of_columns(columns_of_errors(errors, 1, 1))
     for name, values in vars(errors).items():
         np.testing.assert_array_equal(getattr(read, name), values, err_msg=name)
+
+
+def test_units_as_measured_have_what_was_measured_and_the_tolerances_elsewhere():
+    """An ovality acts through the pins' places: who measured these has measured it."""
+    drawn = draw(STUDY, 1, 40)
+    measured = Case(label="m", disk_profile=11.0, pin_radial=2.0)
+    samples = STUDY.samples.model_copy(update={"nominal_first": False})
+    units = draw_as_measured(STUDY.model_copy(update={"samples": samples}), measured, 0, 39)
+    assert np.all(units.disk_profile == 11.0)
+    assert np.all(units.pin_radial == 2.0)
+    np.testing.assert_array_equal(units.pin_tangential, drawn.pin_tangential)
+    np.testing.assert_array_equal(units.roller_diameter, drawn.roller_diameter)
+    others = {"lobe_profile", "pin_tangential", "pin_radius", "eccentricity", "roller_diameter"}
+    assert set(unmeasured(STUDY, measured)) == others
+    usual = usual_beside(STUDY, measured)
+    assert (usual.disk_profile, usual.pin_radial, usual.ovality_2) == (11.0, 2.0, 0.0)
+    assert usual.roller_diameter == pytest.approx(-4.0)
+    assert usual.pin_radius == pytest.approx(-0.5)

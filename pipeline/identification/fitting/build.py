@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
+from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
 from pipeline.identification.bench.course import Course
@@ -22,13 +23,11 @@ from pipeline.identification.fitting.scaled_drives import drives_of
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
-from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
-from pipeline.model.load_history.drive import Drive
 from pipeline.sampling import Errors as SampledErrors
-from pipeline.sampling import draw
+from pipeline.sampling import draw, draw_as_measured, usual_beside
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -54,13 +53,10 @@ def refitted(design: Design) -> tuple[str, ...]:
     )
 
 
-def one_unit(study: Study, dimensions: object) -> Study:
-    """The study with the as-measured dimensions (or none at all) as its one sample."""
-    cases = (dimensions,) if dimensions is not None else ()
-    samples = study.samples.model_copy(
-        update={"experiment": "cases" if cases else "monte_carlo", "count": 1, "nominal_first": not cases}
-    )
-    return study.model_copy(update={"samples": samples, "cases": cases})
+def one_unit(study: Study, dimensions: Case) -> Study:
+    """The study with these dimensions as its one sample."""
+    samples = study.samples.model_copy(update={"experiment": "cases", "count": 1, "nominal_first": False})
+    return study.model_copy(update={"samples": samples, "cases": (dimensions,)})
 
 
 def build_problem(measurement: Measurement, compliances: Sequence[Real], visible: Truth | None = None) -> Problem:
@@ -80,8 +76,11 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
     courses = [_course(measurement, states, position, visible_cells) for position in range(len(rows.cranks))]
     keys = refitted(study.design)
-    unit_dimensions = one_unit(study, unit.dimensions)
-    sampled = draw(unit_dimensions, 0, 1) if unit.dimensions is not None else _usual(_population(study))
+    measured = unit.dimensions
+    population_errors = _population(study, measured)
+    sampled = (
+        _usual(population_errors) if measured is None else draw(one_unit(study, usual_beside(study, measured)), 0, 1)
+    )
     drives = drives_of(study, keys, sampled, measurement.drive_cranks, compliances, conditions)
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated
@@ -90,7 +89,8 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     ranges = np.array([plausible_range(study.design, key).log for key in keys] + [LAWS.log] * 2).T
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], position) for position in range(len(rows.cranks))])
-    population = [drive.with_errors(_population_errors(unit, nominal)).gap for drive in nominal]
+    errors = assembly.errors(population_errors)
+    population = [drive.with_errors(_measured(errors) if measured else errors).gap for drive in nominal]
     curves = [stateless.backbone(drive) for drive in nominal]
     nodes = _asked_nodes(measurement, curves[0].torque)
     influences = tuple(curve.influence[0][nodes] for curve in curves)
@@ -200,28 +200,24 @@ def _course(measurement: Measurement, states: Sequence[NDArray[np.int64]], posit
 
 
 def _measured(errors: Errors) -> Errors:
-    """Units (POPULATION) that a measurement of one cannot tell from it."""
+    """Units (POPULATION) that measuring the dimensions cannot tell from these."""
     rng = np.random.default_rng(POPULATION)
     unit = assembly.MM_PER_UM * MEASURED_UM
 
     def spread(values: Real) -> Real:
         common = unit * rng.standard_normal((POPULATION,) + (1,) * (values.ndim - 1))
-        return values[:1] + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
+        return values + common + (unit * rng.standard_normal((POPULATION, *values.shape[1:])) * (values.ndim > 1))
 
     return Errors(**{name: spread(values) for name, values in vars(errors).items()})
 
 
-def _population_errors(unit: UnitFile, drives: Sequence[Drive]) -> Errors:
-    """Units that the tolerances make, or that measuring the dimensions cannot tell from this one."""
-    return _measured(drives[0].errors) if unit.dimensions is not None else assembly.errors(_population(unit.study))
-
-
-def _population(study: Study) -> SampledErrors:
-    """Errors [um] of units as the study's tolerances make them."""
+def _population(study: Study, measured: Case | None = None) -> SampledErrors:
+    """Errors [um] of units as the study's tolerances make them; with the dimensions that were measured of one."""
     samples = study.samples.model_copy(
         update={"experiment": "monte_carlo", "count": POPULATION, "nominal_first": False}
     )
-    return draw(study.model_copy(update={"samples": samples, "cases": ()}), 0, POPULATION)
+    drawn = study.model_copy(update={"samples": samples, "cases": ()})
+    return draw(drawn, 0, POPULATION) if measured is None else draw_as_measured(drawn, measured, 0, POPULATION)
 
 
 def _usual(population: SampledErrors) -> SampledErrors:

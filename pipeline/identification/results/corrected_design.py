@@ -22,6 +22,7 @@ from pipeline.identification.selection.cross_validation import Trial
 from pipeline.identification.selection.statements.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY, UNEXPLAINED
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
+from pipeline.sampling import usual_beside
 
 DIGITS = 6
 """Digits of a number that a written design has; its interval is wider."""
@@ -187,5 +188,5 @@ def _study_content(study: Study, identification: Identification, kind: str) -> M
     if unit.dimensions is not None:
         content.pop("tolerances", None)
         content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}
-        content["cases"] = (unit.dimensions.model_dump(exclude_defaults=True),)
+        content["cases"] = (usual_beside(study, unit.dimensions).model_dump(exclude_defaults=True),)
     return {"design": DESIGN_FILES[kind], **{key: value for key, value in content.items() if value != {}}}

@@ -16,6 +16,7 @@ from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.wording import counted, listed, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
 from pipeline.report.unit.remainder_cards import scatter_words
+from pipeline.sampling import unmeasured
 
 
 def discrepancy_facts(
@@ -66,6 +67,21 @@ def _rank_beside(error: AngleError, best: AngleError) -> tuple[str, str]:
     """Ahead or behind, and by which factor."""
     ratio = error.to_noise / best.to_noise if best.to_noise > 0 else math.inf  # in sample a replay is the data
     return ("behind", digits(ratio)) if ratio > 1 else ("ahead of", digits(1 / ratio))
+
+
+def tolerances_sentence(identification: Identification) -> str:
+    """Which dimensions were measured, and what stands for those that were not."""
+    unit = identification.measurement.unit
+    modes = f"{counted(identification.problem.n_modes, 'mode')} of them stand for what units of the study's"
+    if unit.dimensions is None:
+        return f"The tolerances were not measured: {modes} distributions differ by."
+    names = [name.replace("_", " ") for name in unmeasured(unit.study, unit.dimensions)]
+    if not names:
+        return "All tolerances are as measured."
+    file = unit.settings.as_measured
+    return (
+        f"Tolerances that {file} does not state were not measured ({listed(names)}): {modes} distributions differ by."
+    )
 
 
 def data_sentence(identification: Identification) -> str:

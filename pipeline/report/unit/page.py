@@ -21,7 +21,6 @@ from pipeline.identification.selection.held_out import STAGES
 from pipeline.identification.selection.statements.statement import title_of
 from pipeline.report.layout.pictures import Picture, drawn_pictures
 from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import counted
 from pipeline.report.unit.facts import (
     comparison_sentence,
     data_facts,
@@ -29,6 +28,7 @@ from pipeline.report.unit.facts import (
     other_errors,
     rows_facts,
     structure_facts,
+    tolerances_sentence,
 )
 from pipeline.report.unit.numbers import capitalised, digits
 from pipeline.report.unit.remainder_cards import remainder_cards, written_facts
@@ -168,10 +168,7 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
         "held_out_cranks": [] if turns else [digits(k) for k in identification.errors["after"].by_crank_deg],
         "loop_errors": [loop_row(name, error) for name, error in findings_of_unit.loops.items()],
         "calibrated": calibrated_rows(findings_of_unit, verdict["calibrated"]),
-        "tolerances": "All tolerances are as measured."
-        if identification.measurement.unit.dimensions is not None
-        else f"The tolerances were not measured: {counted(identification.problem.n_modes, 'mode')} of them "
-        "stand for what units of the study's distributions differ by.",
+        "tolerances": tolerances_sentence(identification),
     }
 
 

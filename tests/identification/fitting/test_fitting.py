@@ -189,6 +189,21 @@ def test_unknown_dimensions_are_fitted_by_their_modes_to_the_noise(unknown):
     assert np.sqrt(np.mean(fit.unknowns.modes**2)) < 1.5  # of unit variance
 
 
+def test_dimensions_that_a_file_does_not_state_were_not_measured(unknown, tmp_path, condensed):
+    """They have the study's distributions as if nothing was measured; those stated do not, and are as stated."""
+    folder = make_unit(tmp_path / "u", {}, Bench(cranks=CRANKS), condensed)
+    stated = (folder / "dimensions.toml").read_text().splitlines()
+    whole = problem_of(folder, condensed)
+    (folder / "dimensions.toml").write_text("\n".join(line for line in stated if not line.startswith("pin_")))
+    partial = problem_of(folder, condensed)
+    sizes = [np.sqrt(np.mean(np.concatenate([mode.sum(axis=0) ** 2 for mode in p.modes]))) for p in (whole, partial)]
+    assert sizes[1] > 1.5 * sizes[0]
+    errors = partial.nominal[0].errors
+    np.testing.assert_allclose(errors.lobe, whole.nominal[0].errors.lobe)
+    np.testing.assert_allclose(errors.pin_radius, -0.5e-3)  # the mean of 0 to -1 um
+    np.testing.assert_allclose(errors.pin_radial, 0.0, atol=1e-9)
+
+
 def test_influence_of_modes_is_the_difference_of_predictions(unknown):
     fitter = Fitter(unknown)
     start = fitter.start(Model())
