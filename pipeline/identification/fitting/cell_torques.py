@@ -14,15 +14,24 @@ PARTS = 5
 
 
 def within_cells(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
-    """Torques within cells (n, PARTS + 1) [N m], as many rows between any two; each row stands for its surroundings."""
+    """Torques within cells (n, PARTS + 1) [N m], as many rows between any two.
+
+    Each row stands for its surroundings, as far as the torque went: no further than where it turned or ended.
+    """
     rows, cells, usable = measurement.rows, measurement.cells, np.flatnonzero(measurement.usable)
+    turns, leg = measurement.history.torque, measurement.history.leg[cells.block[numbers]]
+    ends = np.array([turns[p][k : k + 2] for p, k in zip(cells.position[numbers], leg, strict=True)]).reshape(-1, 2)
     first_row = np.searchsorted(usable, cells.first_row[numbers])
     shares = np.arange(PARTS + 1) / PARTS
     edges = []
-    for start, count in zip(first_row, cells.count[numbers], strict=True):
+    for start, count, lowest, highest in zip(
+        first_row, cells.count[numbers], ends.min(axis=1), ends.max(axis=1), strict=True
+    ):
         torque = np.sort(rows.torque[usable[start : start + count]])
         low, high = 0.5 * (torque[1] - torque[0]), 0.5 * (torque[-1] - torque[-2])
-        known_torque = np.concatenate([[torque[0] - low], torque, [torque[-1] + high]])
+        start_torque = max(torque[0] - low, min(torque[0], lowest))
+        end_torque = min(torque[-1] + high, max(torque[-1], highest))
+        known_torque = np.concatenate([[start_torque], torque, [end_torque]])
         places = np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
         edges.append(np.interp(shares, places, known_torque))
     return np.array(edges)

@@ -30,6 +30,8 @@ within the middle 90 % (``step_scatter``)."""
 PLAY_SHARE = 0.1
 """Height of a jump, over the range of the angle at its position, from which it is a way through the play: a knee of the
 curve scatters too."""
+PLACE = 24**-0.5
+"""Rms of what half a row reaches beyond a place that is anywhere between two rows [rows]."""
 CELL_WIDTH = 0.02
 """Error of a cell's torque as a share of the distance to its neighbours."""
 SECTORS = 8
@@ -47,11 +49,13 @@ def data_of(measurement: Measurement, training: Truth) -> Data:
     kinds = np.column_stack([blocks.position, blocks.kind])
     branch = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()[cells.block]
     slope, width = _slopes(cells)
-    torque_noise = np.nan_to_num(noise.torque_noise_Nm) / np.sqrt(cells.count)
+    row_torque_noise = float(np.nan_to_num(noise.torque_noise_Nm))
+    torque_noise = row_torque_noise / np.sqrt(cells.count)
     usual_share = np.mean(1 / cells.count[training])
     white = min(np.nan_to_num(noise.row_scatter_arcmin), floor / np.sqrt(usual_share))
     cell_variance = floor**2 + white**2 * (1 / cells.count - usual_share)
     jumps = jump_errors(cells, branch, training)
+    jumps = np.hypot(jumps, place_errors(cells, jumps > 0, row_torque_noise))
     return Data(
         position=cells.position,
         cycle=cells.cycle,
@@ -101,18 +105,22 @@ def _of_turns(measurement: TurningMeasurement, training: Truth) -> TurningData:
 
 
 def _slopes(cells: Cells) -> tuple[Real, Real]:
-    """Largest slope [arcmin/(N m)] and distance [N m] of each cell to its neighbours on the branch, each (n_cells,)."""
-    slope, width = np.zeros(len(cells)), np.zeros(len(cells))
-    for block in np.unique(cells.block):
-        in_block = np.flatnonzero(cells.block == block)
-        if len(in_block) < 3:
-            continue
-        torque, angle = cells.torque_mean[in_block], cells.angle_mean[in_block]
-        step = np.maximum(np.abs(np.diff(torque)), 1e-9)
-        interval = np.abs(np.diff(angle)) / step
-        slope[in_block] = np.maximum(np.append(interval, 0.0), np.append(0.0, interval))
-        width[in_block] = np.maximum(np.append(step, 0.0), np.append(0.0, step))
-    return slope, width
+    """Largest slope [arcmin/(N m)] and distance [N m] of each cell to its neighbours, each (n_cells,)."""
+    linked = _linked(cells)
+    step = np.where(linked, np.abs(np.diff(cells.torque_mean)), 0.0)
+    interval = np.where(linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
+    return _larger_beside(interval), _larger_beside(step)
+
+
+def _linked(cells: Cells) -> Truth:
+    """Whether the torque goes on in its sense from each cell to the next (n_cells - 1,), through the end of a cycle."""
+    alike = (np.diff(cells.position) == 0) & (np.diff(cells.direction) == 0)
+    return np.array(alike & (np.diff(cells.torque_mean) * cells.direction[1:] > 0))
+
+
+def _larger_beside(of_links: Real) -> Real:
+    """Larger of what two links (n_cells - 1,) of each cell have (n_cells,)."""
+    return np.maximum(np.append(of_links, 0.0), np.append(0.0, of_links))
 
 
 def step_scatter(share: float) -> float:
@@ -150,6 +158,41 @@ def jump_errors(cells: Cells, branch: Whole, training: Truth) -> Real:
         return exceeding
     scatter = float(np.sqrt(np.mean(distance**2) / 2))
     return np.where(through_play, np.minimum(height * np.hypot(0.5 / cells.count, scatter), exceeding), exceeding)
+
+
+def place_errors(cells: Cells, jumps_within: Truth, torque_noise: float) -> Real:
+    """Errors [arcmin] (n_cells,) of the mean angle beside a way through the play between two cells; 0 elsewhere.
+
+    Parameters
+    ----------
+    jumps_within : (n_cells,) whether the angle jumps within a cell: the way to its neighbours is part of that.
+    torque_noise : of a row [N m].
+
+    Notes
+    -----
+    The play is crossed somewhere between the last row of one cell and the first row of the other, and the model's
+    cells reach to the middle of the two: ``PLACE`` of a row of each, and as many rows as the noise of the torque hides.
+    Where a record ends or begins there, a jump of another branch tells the height.
+    """
+    linked, step = _linked(cells), np.abs(np.diff(cells.torque_mean))
+    slope = np.where(linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
+    usual_slope = np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1]))
+    apart = linked & ~(jumps_within[:-1] | jumps_within[1:])
+    height = np.where(apart, (slope - usual_slope) * step, 0.0)
+    is_end = ~(np.append(linked, False) & np.append(False, linked))
+    errors = np.zeros(len(cells))
+    for position in np.unique(cells.position):
+        at_position = cells.position == position
+        top = np.ptp(cells.angle_mean[at_position])
+        for number in np.flatnonzero(at_position[:-1] & (height > PLAY_SHARE * top)):
+            pair = slice(number, number + 2)
+            distance = np.abs(cells.torque_mean - cells.torque_mean[pair].mean())
+            beside = at_position & (distance <= np.where(is_end, 1.5, 0.5) * step[number])
+            beside[pair] = True
+            hidden_rows = torque_noise * cells.count[pair].mean() / step[number]
+            error = height[number] * np.hypot(PLACE, hidden_rows) / cells.count[beside]
+            errors[beside] = np.maximum(errors[beside], np.minimum(error, height[number]))
+    return errors
 
 
 def _repeated_jumps(cells: Cells, branch: Whole, training: Truth, height: Real) -> Iterator[float]:

@@ -5,6 +5,7 @@ import pytest
 from measured_bench import measured, path_of, write_unit
 from synthetic_unit import ROOT, Bench, make_unit, problem_of
 
+from pipeline.identification.fitting.cell_torques import within_cells
 from pipeline.identification.fitting.cells_in_noise import STEP_SCATTER, data_of, step_scatter
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.measurement.measurement import Measurement
@@ -70,3 +71,27 @@ def test_a_jump_that_nothing_repeats_is_as_uncertain_as_its_rows_scatter(tmp_pat
     _, data = jumping(tmp_path, 0.0, cycles=1)
     steep = data.spread > 2.0
     assert np.all(data.sigma[steep] > 0.9 * data.spread[steep])
+
+
+def test_a_jump_between_two_cells_is_known_to_a_part_of_a_row(tmp_path):
+    """Cycles that begin and end at no torque, as a counter of loops has them: the cells on both sides have no jump.
+
+    What the model reads is the mean of the same curve over the cells. Noise of the torque mixes the rows there; a
+    record that ends at no torque does not go on through the play.
+    """
+    rng, table = np.random.default_rng(5), measured(cycles=3, per_branch=199)
+    torque = np.concatenate([path_of([0.0, 12.0, -12.0, 0.0], 199)] * 9)
+    torque += np.concatenate([[0.01], np.full(len(torque) - 1, 0.0)]) - 0.03 * np.sign(np.gradient(torque))
+    table["angle_arcmin"] = np.where(torque > 0, 20.0, -20.0) + torque / 5 + 0.02 * rng.standard_normal(len(torque))
+    table["torque_Nm"] = torque + 0.02 * rng.standard_normal(len(torque))
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path, {"rows.csv": table}), ROOT))
+    data = data_of(measurement, np.ones(len(measurement.cells), bool))
+    fine = np.linspace(0, 1, 401)
+    edges = within_cells(measurement, np.arange(len(data)))
+    followed = np.stack([np.interp(fine, np.linspace(0, 1, edges.shape[1]), edge) for edge in edges])
+    misfit = np.mean(np.where(followed > 0, 20.0, -20.0) + followed / 5, axis=1) - data.angle
+    beside = np.abs(data.torque) < 0.6
+    assert np.count_nonzero(beside) > 30
+    assert np.max(np.abs(misfit[beside])) > 10 * data.noise
+    assert np.sqrt(np.mean((misfit / data.sigma)[beside] ** 2)) < 1.5
+    assert np.median(data.sigma[~beside]) < 2 * data.noise
