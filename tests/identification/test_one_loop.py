@@ -41,6 +41,14 @@ def test_the_fit_is_in_sample_and_says_so(answer):
     assert "two or more other crank angles" in result.statement.advice
 
 
+def test_a_loop_that_replays_itself_is_no_baseline(answer):
+    """Its error is none, or rounding: the page divided by it."""
+    result, folder = answer
+    assert result.baselines
+    assert all(error.to_noise > 0.1 for error in result.baselines.values())
+    assert "replay of the training" not in (folder / "report.html").read_text()
+
+
 def test_nothing_is_claimed_of_one_loop_but_the_effect_describes_it(answer):
     result, _ = answer
     assert result.verdict.named == ()

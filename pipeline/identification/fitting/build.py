@@ -23,6 +23,7 @@ from pipeline.identification.fitting.scaled_drives import drives_of
 from pipeline.identification.measurement.cells import Cells
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
+from pipeline.identification.measurement.unit_file import UnitFile
 from pipeline.model.effects import Conditions, library
 from pipeline.model.effects.effect import LOOPS, RATE, STILL
 from pipeline.model.geometry.clearance import Errors
@@ -76,11 +77,9 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     visible_cells = np.ones(len(measurement.cells), bool) if visible is None else visible
     courses = [_course(measurement, states, position, visible_cells) for position in range(len(rows.cranks))]
     keys = refitted(study.design)
-    measured = unit.dimensions
-    population_errors = _population(study, measured)
-    sampled = (
-        _usual(population_errors) if measured is None else draw(one_unit(study, usual_beside(study, measured)), 0, 1)
-    )
+    measured, population_errors = unit.dimensions, _population(study, unit.dimensions)
+    usual = None if measured is None else one_unit(study, usual_beside(study, measured))
+    sampled = _usual(population_errors) if usual is None else draw(usual, 0, 1)
     drives = drives_of(study, keys, sampled, measurement.drive_cranks, compliances, conditions)
     rated = study.design.cycloid.rated_torque_Nm
     nmm = assembly.NMM_PER_NM * rated

@@ -20,6 +20,8 @@ Whole = NDArray[np.int64]
 Truth = NDArray[np.bool_]
 Offsets = Callable[[Real, Truth, Real], Real]
 
+EXACT = 1e-6
+"""Error in noise floors below which a prediction in sample repeats what it was made of."""
 DEGREE = 5
 """Of the polynomial of a branch."""
 
@@ -46,6 +48,11 @@ def baselines(
     splits : training and judged cells (n_cells,) of each fold.
     offsets : as ``Fitter.offsets``. A kind of branch that was not trained is predicted as another of its sense.
     methods : by title; those of loops by default.
+
+    Notes
+    -----
+    In sample the replay of a loop is that loop, and a polynomial may go through all cells of a short branch: what
+    leaves no error predicts nothing and is left out.
     """
     methods = METHODS if methods is None else methods
     predictions = {title: np.full(len(data), np.nan) for title in methods}
@@ -55,7 +62,13 @@ def baselines(
             angle = method(data, known_cycles, training)
             is_known = training & np.isfinite(angle)
             predictions[title][judged_cells] = (angle + offsets(angle, is_known, data.sigma))[judged_cells]
-    return predictions
+    in_sample = any(np.any(training & judged_cells) for training, judged_cells in splits)
+    exact = {
+        title
+        for title, angle in predictions.items()
+        if in_sample and np.nanmax(np.abs(data.angle - angle) / data.sigma) < EXACT
+    }
+    return {title: angle for title, angle in predictions.items() if title not in exact}
 
 
 def _trained(cycles: Cycles, training: Truth) -> Cycles:
