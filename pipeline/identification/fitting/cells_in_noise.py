@@ -177,7 +177,7 @@ def place_errors(cells: Cells, jumps_within: Truth, torque_noise: float) -> Real
     linked, step = _linked(cells), np.abs(np.diff(cells.torque_mean))
     slope = np.where(linked, np.abs(np.diff(cells.angle_mean)) / np.maximum(step, 1e-9), 0.0)
     usual_slope = np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1]))
-    apart = linked & ~(jumps_within[:-1] | jumps_within[1:])
+    apart = linked & (usual_slope > 0) & ~(jumps_within[:-1] | jumps_within[1:])
     height = np.where(apart, (slope - usual_slope) * step, 0.0)
     is_end = ~(np.append(linked, False) & np.append(False, linked))
     errors = np.zeros(len(cells))
