@@ -44,6 +44,7 @@ def plain(tmp_path_factory):
 
 
 def test_turns_are_read_by_torque_sense_and_cycle(plain):
+    assert [fault.kind for fault in plain.faults] == ["coarse intervals"]
     assert plain.fatal == ()
     np.testing.assert_allclose(plain.motion.levels, [-HELD, HELD])
     blocks = plain.branches
@@ -118,8 +119,13 @@ def test_faults_of_a_record_are_told(tmp_path, change, kind):
 
 
 def test_a_plan_that_cannot_be_is_refused(tmp_path):
-    for number, text in enumerate(('crank_angles = "unknown"', '[held_out]\nby = "position"\ntrain = [1.0]')):
-        with pytest.raises(InputError, match="crank turns|turning|drawing's zero"):
+    plans = (
+        ('crank_angles = "unknown"', "drawing's zero"),
+        ('[held_out]\nby = "position"\ntrain = [1.0]', 'must be "cycle", "torque" or "sense"'),
+        ("[generic]\nratio = 19.0\nrated_torque_Nm = 60.0", "of a drive without a design loops alone are read"),
+    )
+    for number, (text, reason) in enumerate(plans):
+        with pytest.raises(InputError, match=reason):
             read(tmp_path / str(number), Record(settings=text))
 
 

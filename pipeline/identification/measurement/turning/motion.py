@@ -162,12 +162,17 @@ def _numbered(keys: Whole) -> Whole:
     return np.asarray(np.argsort(np.argsort(first_row))[number.ravel()], np.int64)
 
 
+def fewest_pitches(pins: int) -> int:
+    """Pitches of the pins in an interval where rows are plenty."""
+    return -(-pins // MOST_INTERVALS)
+
+
 def _pitches(rows: float, pins: int, lobes: int) -> int:
     """Fewest pitches in an interval with few enough intervals and enough of a turn's ``rows`` in each.
 
     A whole number of intervals fits into a turn of the output.
     """
-    fewest = max(1, -(-pins // MOST_INTERVALS), int(np.ceil(FEWEST_ROWS * pins / max(rows, 1.0))))
+    fewest = max(fewest_pitches(pins), int(np.ceil(FEWEST_ROWS * pins / max(rows, 1.0))))
     return next((pitches for pitches in range(fewest, pins) if pins * lobes % pitches == 0), pins)
 
 

@@ -13,7 +13,7 @@ from pipeline.identification.measurement.faults.data_faults import recording_fau
 from pipeline.identification.measurement.faults.fault import Fault, fault_of_rows
 from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
 from pipeline.identification.measurement.faults.shape_faults import largest_span
-from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, HELD_SHARE, TURN_DEG
+from pipeline.identification.measurement.turning.motion import FEWEST_ROWS, HELD_SHARE, TURN_DEG, fewest_pitches
 
 if TYPE_CHECKING:
     from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
@@ -102,7 +102,16 @@ def _implausible(measurement: TurningMeasurement) -> Iterator[Fault]:
 
 
 def _few(measurement: TurningMeasurement) -> Iterator[Fault]:
-    cells = measurement.cells
+    cells, motion = measurement.cells, measurement.motion
+    fewest = fewest_pitches(measurement.unit.study.design.cycloid.pins)
+    if motion.pitches > fewest:
+        yield Fault(
+            "coarse intervals",
+            f"the rows of a turn fill intervals of {motion.width:.3g} deg, {motion.pitches} pitches of the pins, and "
+            f"orders near {180 / motion.width:.2g} are blurred; record the angle {motion.pitches / fewest:.2g} times "
+            "as often for the finest",
+            "note",
+        )
     turns, levels = len(np.unique(cells.block)), len(np.unique(measurement.level))
     if turns < FEWEST_BLOCKS:
         yield Fault(
