@@ -118,6 +118,23 @@ def test_faults_of_a_record_are_told(tmp_path, change, kind):
     assert measurement.fatal
 
 
+def test_a_row_without_a_torque_is_told_by_that(tmp_path):
+    rows = table(Record())
+    rows.loc[7, "torque_Nm"] = np.nan
+    messages = [fault.message for fault in read(tmp_path / "u", Record(), rows).faults if fault.kind == "not a number"]
+    assert len(messages) == 1
+    assert messages[0].startswith("torque_Nm is no number")
+
+
+def test_a_record_without_its_crank_is_a_data_fault_with_a_page(tmp_path):
+    folder = write_record(tmp_path / "u", Record(), table(Record()).drop(columns="crank_deg"))
+    faulty = identify(load_measured_unit(folder, ROOT), no_compliance)
+    write(faulty, tmp_path / "out")
+    write_page(faulty, tmp_path / "out", tmp_path / "out")
+    assert json.loads((tmp_path / "out" / "verdict.json").read_text())["verdict"] == "data fault"
+    assert "no column 'crank_deg'" in html.unescape((tmp_path / "out" / "report.html").read_text())
+
+
 def test_a_plan_that_cannot_be_is_refused(tmp_path):
     plans = (
         ('crank_angles = "unknown"', "drawing's zero"),

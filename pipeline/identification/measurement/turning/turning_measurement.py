@@ -66,7 +66,7 @@ class TurningMeasurement(Measurement):
         if unit.settings.angle == "absolute":
             error = record.quantity("angle_arcmin") + ARCMIN_A_DEGREE * crank / gear.lobes
             record = replace(record, table=record.table.assign(angle_arcmin=error))
-        intervals, known = np.unique(turning.interval[turning.turn >= 0]), turning.interval >= 0
+        intervals, known = np.unique(turning.interval[turning.turn >= 0]), np.isfinite(crank)
         last = max(len(intervals) - 1, 0)  # a row in no turn is of any position: it is not used
         position = np.where(known, np.minimum(np.searchsorted(intervals, turning.interval), last), -1)
         rows = rows_of(record, unit, np.asarray((intervals + 0.5) * turning.width, float), position)
