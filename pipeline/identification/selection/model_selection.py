@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,8 @@ FAR = 3.0
 """The first steps alone are taken of those whose misfit is beyond this ratio of the best."""
 FIRST_ITERATIONS = 3
 """Steps of a fit that rank the effects before the best are fitted in full."""
+FIRST_SHARE, EDGE = 0.1, 0.01
+"""Share of its bounds by which a parameter starts off no effect in either sense, and least one from a bound."""
 HOPELESS = 0.98
 """Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
 ALWAYS, UNPROMISING = 4, 10.0
@@ -141,12 +144,8 @@ class Selector(Judge):
             if rank >= ALWAYS and promises[name].misfit * base.cost > UNPROMISING * least_cost:
                 break
             model = Model((*base.model.effects, self.testable[name]))
-            starts = promises[name].starts
-            trial_fits = [self.fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
-            first_fits += sorted(
-                (fit for fit in trial_fits if np.isfinite(fit.cost) and fit.sound), key=lambda fit: fit.cost
-            )[:1]
-        first_fits.sort(key=lambda fit: fit.cost)
+            first_fits.append(_first_steps(self.fitter, model, cells, promises[name].starts, base))
+        first_fits = sorted((fit for fit in first_fits if np.isfinite(fit.cost)), key=lambda fit: fit.cost)
         promising = [
             fit for k, fit in enumerate(first_fits[: 2 * count]) if k < count or fit.cost < NEAR * first_fits[0].cost
         ]
@@ -155,13 +154,17 @@ class Selector(Judge):
     def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
 
-        An effect of which these cells show nothing stays out. Once more from numbers and tolerances as declared:
-        without its effect a base may have gone far to stand in for it.
+        From every start, those beside the declared numbers too: of a base that lacks its effect they stand in for it,
+        and a fit from there alone may end where they do. Once more from numbers and tolerances as declared for the same
+        reason. An effect that lowers nothing stays out.
         """
         fit = base
         for effect in model.effects:
-            promises = screened(self.fitter, cells, [fit], [effect])
-            fit = next(iter(self.fits(fit, cells, promises, 1)), fit)
+            promise = self.screen(cells, fit, (effect.name,)).get(effect.name)
+            extended_model = Model((*fit.model.effects, effect))
+            starts = [*(promise.starts if promise else ()), self._from_declared(extended_model, cells, fit.unknowns)]
+            trial_fits = [self.fitter.fit(extended_model, cells, start) for start in starts]
+            fit = min([fit, *(trial_fit for trial_fit in trial_fits if trial_fit.sound)], key=lambda fit: fit.cost)
         declared = self.fitter.start(fit.model, fit.unknowns.shares)
         refit = self.fitter.fit(fit.model, cells, declared) if fit.model.effects else fit
         return refit if refit.sound and refit.cost < fit.cost else fit
@@ -169,11 +172,27 @@ class Selector(Judge):
     def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise], base: Fit) -> Fit:
         """First steps of a model by the names of its effects, from what the screening found of each beside a base."""
         parts = name.split("+")
-        model = Model(tuple(self.testable[part] for part in parts))
-        shares = np.concatenate([promises[part].starts[0].shares for part in parts])
-        return self.fitter.fit(
-            model, cells, replace(promises[parts[0]].starts[0], shares=shares), FIRST_ITERATIONS, base
-        )
+        starts: Sequence[Vector] = promises[parts[0]].starts
+        if len(parts) > 1:
+            shares = np.concatenate([promises[part].starts[0].shares for part in parts])
+            starts = (replace(starts[0], shares=shares),)
+        return _first_steps(self.fitter, Model(tuple(self.testable[part] for part in parts)), cells, starts, base)
+
+    def _from_declared(self, model: Model, cells: Truth, base: Vector) -> Vector:
+        """Where a fit leads that holds calibrated numbers as declared: of all senses of the last effect the best.
+
+        The numbers are near there by their plausible ranges, while those of a base may be at the ends of them.
+        """
+        bounds = self.problem.bounds(model.effects[-1])
+        declared = self.fitter.start(model, np.concatenate([base.shares, np.full(len(bounds), 0.5)]))
+        zero = self.fitter.centre(model, declared)[len(declared.scales) :][: model.n_parameters]
+        held = replace(declared, reach=np.zeros_like(declared.reach))
+        fits = []
+        for senses in product((-1.0, 1.0), repeat=len(bounds)):
+            shares = np.clip(zero[-len(bounds) :] + FIRST_SHARE * np.array(senses), EDGE, 1 - EDGE)
+            start = replace(held, shares=np.concatenate([base.shares, shares]))
+            fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
+        return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared.reach)
 
     def extended(self, selection: Selection, cells: Truth) -> Selection:
         """The selection with effects added to its best, one at a time, until nothing structured is left.
@@ -296,6 +315,13 @@ class Selector(Judge):
             np.hypot(STRUCTURE, FORM * base.rms)
         )
         return unsupported(self.fitter, candidate_trial.fit, cells, base.rms, present=explains)
+
+
+def _first_steps(fitter: Fitter, model: Model, cells: Truth, starts: Sequence[Vector], base: Fit) -> Fit:
+    """First steps of a model from where they lead farthest; of an infinite cost where no equilibrium was found."""
+    first_fits = [fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
+    first_fits = [fit if fit.sound else replace(fit, cost=np.inf) for fit in first_fits]
+    return min(first_fits, key=lambda fit: fit.cost)
 
 
 def _completed(fitter: Fitter, first_fits: Sequence[Fit], cells: Truth) -> list[Fit]:

@@ -273,6 +273,18 @@ def screened(fitter: Fitter, cells: Truth, bases: Sequence[Fit], effects: Sequen
         )
         if ranked:
             least_misfit = ranked[0][0]
-            rivals = [start for misfit, start in ranked[:STARTS] if misfit <= RIVAL * least_misfit]
-            promises[effect.name] = Promise(least_misfit / screenings[0].nothing, tuple(rivals))
+            rivals = [start for misfit, start in ranked if misfit <= RIVAL * least_misfit]
+            rivals = rivals if effect.starts == PERIODIC else _by_sense(rivals, fitter.problem.bounds(effect))
+            promises[effect.name] = Promise(least_misfit / screenings[0].nothing, tuple(rivals[:STARTS]))
     return promises
+
+
+def _by_sense(ranked_starts: Sequence[Vector], bounds: Sequence[tuple[float, float]]) -> list[Vector]:
+    """Starts of an effect, the best of each sense of its parameters before the others.
+
+    Neighbours end where the best of them does. In another sense calibrated numbers and tolerances may stand in for the
+    effect as far as the fit goes, and what looks best from the base is not where the least sum of squares is.
+    """
+    senses = [tuple(value > 0 for value in mapped(bounds, start.shares[-len(bounds) :])) for start in ranked_starts]
+    first = [senses.index(sense) for sense in dict.fromkeys(senses)]
+    return [ranked_starts[k] for k in dict.fromkeys([*first, *range(len(ranked_starts))])]

@@ -1,0 +1,37 @@
+"""A model that was chosen is fitted to a fold as well as it can be, whatever stands in for its effect beside it."""
+
+import numpy as np
+import pytest
+from synthetic_unit import CRANKS, Bench, make_unit, problem_of
+
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Vector, unmapped
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.screening import _by_sense
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "position"), [("preload", (9.0,), 1), ("ovality_3", (-8.0, 8.0), 2), ("flank_wear", (15.0,), 0)]
+)
+def test_a_fold_ends_where_a_fit_from_the_truth_does(name, values, position, tmp_path, condensed):
+    """Numbers and tolerances of the base take up much of the first two: from there alone fits end at 16 and 2 times."""
+    unit = make_unit(tmp_path / "u", {name: values}, Bench(cranks=CRANKS, noise=0.01), condensed)
+    problem = problem_of(unit, condensed)
+    training, model = problem.data.position != position, Model((candidates()[name],))
+    fold = Selector(Fitter(problem), np.ones(len(problem.data), bool)).trained_on(training)
+    fitter = fold.fitter
+    base = fitter.fit(Model(), training, fitter.start(Model()))
+    reference = fitter.fit(model, training, fitter.start(model, unmapped(fitter.bounds(model), values)))
+    assert base.cost > 20 * reference.cost
+    refit = fold.refitted(model, training, base)
+    assert refit.cost < 1.05 * reference.cost
+    np.testing.assert_allclose(refit.values, reference.values, rtol=0.1)
+
+
+def test_the_best_start_of_each_sense_comes_before_the_others():
+    bounds = ((-1.0, 1.0), (-1.0, 1.0))
+    places = [(0.1, 0.2), (0.2, 0.1), (-0.3, 0.1), (0.4, 0.4), (-0.1, -0.2), (0.0, 0.3)]
+    starts = [Vector(np.zeros(0), unmapped(bounds, place), np.zeros(0)) for place in places]
+    ranks = {id(start): rank for rank, start in enumerate(starts)}
+    assert [ranks[id(start)] for start in _by_sense(starts, bounds)] == [0, 2, 4, 1, 3, 5]
