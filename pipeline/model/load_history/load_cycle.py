@@ -130,12 +130,12 @@ def _both_senses(
     neighbour: Equilibria | None = None,
 ) -> Equilibria:
     """As ``solve_cycle``, of samples (n,) which all are ``preloaded`` or none and start in one direction."""
-    senses = ((levels, pose_plus), (-levels, pose_minus))
-    limits = (None, None) if neighbour is None or downward or not preloaded else (neighbour[:, 0], neighbour[:, 1])
-    states = [
-        _either_way(drive, pose, torque, preloaded, downward, limit)
-        for (torque, pose), limit in zip(senses, limits, strict=True)
-    ]
+    states: list[Equilibria] = []
+    for number, (torque, pose) in enumerate(((levels, pose_plus), (-levels, pose_minus))):
+        limit = None
+        if preloaded and not downward and (states or neighbour is not None):
+            limit = states[0][:, 0] if neighbour is None else neighbour[:, number]
+        states.append(_either_way(drive, pose, torque, preloaded, downward, limit))
     return Equilibria.joined(states, axis=1)
 
 
