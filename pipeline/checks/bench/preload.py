@@ -23,8 +23,8 @@ from stages import hysteresis
 
 UNITS = 100
 """Units that are solved, preloaded and with play."""
-NARROWED = 20.0
-"""What gaps are less than drawn [um], and more: most units of a reducer are preloaded so, and have play."""
+NARROWED = 5.0
+"""What gaps are less than drawn [um], or more. Most units are so preloaded, by half of their contacts: the slowest."""
 
 
 def preload(study: Study, shared: hysteresis.Shared) -> Iterator[Result]:
