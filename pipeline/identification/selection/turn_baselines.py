@@ -37,7 +37,9 @@ def replay(data: Data, cycles: Cycles, training: Truth) -> Real:
 def harmonics(data: Data, cycles: Cycles, training: Truth) -> Real:
     """Orders of the crank with play, a softening spring, Coulomb and load friction (n_cells,) [arcmin]."""
     crank, torque, sense = np.radians(_turning(data).crank), data.torque, data.senses
-    waves = [wave(order * crank) for order in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
+    places = len(np.unique(np.round(np.mod(_turning(data).crank[training], TURN_DEG), 6)))
+    orders = range(1, min(HARMONICS, (places - 2) // 2) + 1)  # more would go through all intervals of a turn
+    waves = [wave(order * crank) for order in orders for wave in (np.cos, np.sin)]
     springs = [np.sign(torque), torque, torque * np.abs(torque), sense, sense * np.abs(torque)]
     columns = np.column_stack([np.ones(len(data)), *waves, *springs])
     root = 1 / data.sigma[training]

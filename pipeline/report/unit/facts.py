@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -54,6 +53,8 @@ def structure_facts(identification: Identification) -> list[tuple[str, str]]:
 
 def comparison_sentence(identification: Identification) -> str:
     """Whether the model beats the best of the baselines, by itself and with what is expected to come again."""
+    if not identification.baselines:
+        return "In sample each of them goes through all cells: none is compared."
     title, best = min(identification.baselines.items(), key=lambda item: item[1].to_noise)
     comparison, ratio = _rank_beside(identification.errors["after"], best)
     sentence = f"The model is {comparison} the best of them, {title}, by a factor of {ratio} in noise floors"
@@ -65,7 +66,7 @@ def comparison_sentence(identification: Identification) -> str:
 
 def _rank_beside(error: AngleError, best: AngleError) -> tuple[str, str]:
     """Ahead or behind, and by which factor."""
-    ratio = error.to_noise / best.to_noise if best.to_noise > 0 else math.inf  # in sample a replay is the data
+    ratio = error.to_noise / best.to_noise
     return ("behind", digits(ratio)) if ratio > 1 else ("ahead of", digits(1 / ratio))
 
 
