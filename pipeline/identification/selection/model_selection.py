@@ -14,6 +14,7 @@ from pipeline.identification.fitting.parameters import Fit, Vector
 from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
 from pipeline.identification.selection.cross_validation import Trial, trial
 from pipeline.identification.selection.judgement import MOST_NAMED, SEED, Judge, Selection, stands_for
+from pipeline.identification.selection.model_parts import less, of_parts
 from pipeline.identification.selection.pairs import promising_pairs
 from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, shortcomings, unsupported
 from pipeline.identification.selection.recalibration import STRETCH, released
@@ -211,7 +212,28 @@ class Selector(Judge):
                 break
             trials = {**selection.trials, **self._without(selection, cells)}
             selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-        return self.supported(self._with_twins(self._relieved(selection, cells), cells), cells)
+        selection = self._relieved(self._simplified(selection, cells), cells)
+        return self.supported(self._with_twins(selection, cells), cells)
+
+    def _simplified(self, selection: Selection, cells: Truth) -> Selection:
+        """The selection once effects of its best were tried as their limit cases, from where the best stands.
+
+        The fit of a limit case from the base, which went far to stand in for it, may have ended in a minimum far off.
+        """
+        if not selection.best:
+            return selection
+        fit, trials = selection.chosen.fit, dict(selection.trials)
+        parts = fit.model.split(fit.unknowns.shares.tolist())
+        for number, (effect, shares) in enumerate(parts):
+            simpler = self.testable.get(effect.limit_case)
+            if simpler is not None and simpler not in fit.model.effects:
+                model, start = of_parts(fit, [*parts[:number], (simpler, shares[:1]), *parts[number + 1 :]])
+                simpler_trial = self.trial(self.fitter.fit(model, cells, start), cells)
+                if model.name not in trials or simpler_trial.rms < trials[model.name].rms:
+                    trials[model.name] = simpler_trial
+        if all(trials[name] is selection.trials.get(name) for name in trials):
+            return selection
+        return self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
 
     def _relieved(self, selection: Selection, cells: Truth) -> Selection:
         """The selection once models that come near the best were fitted without an effect that supports no claim there.
@@ -227,7 +249,7 @@ class Selector(Judge):
                 if fit.model.n_effects == 1 or trials[name].rms ** 2 > NEAR * least_loss:
                     continue
                 for effect_name in dict(shortcomings(self.fitter, fit, cells, selection.base.rms)):
-                    reduced_model, start = _less(fit, effect_name)
+                    reduced_model, start = less(fit, effect_name)
                     if reduced_model.name not in {*trials, *reduced_trials}:
                         reduced_fit = self.fitter.fit(reduced_model, cells, start)
                         reduced_trials[reduced_model.name] = self.trial(reduced_fit, cells)
@@ -296,11 +318,7 @@ class Selector(Judge):
         for number, (effect, shares) in enumerate(parts):
             simpler = effect.limit_case
             for replacement in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
-                remaining = [*parts[:number], *replacement, *parts[number + 1 :]]
-                model = Model(tuple(kept_effect for kept_effect, _ in remaining))
-                start = replace(
-                    fit.unknowns, shares=np.array([share for _, effect_shares in remaining for share in effect_shares])
-                )
+                model, start = of_parts(fit, [*parts[:number], *replacement, *parts[number + 1 :]])
                 reduced_trial = self.trial(self.fitter.fit(model, cells, start), cells)
                 if model.name not in selection.trials or reduced_trial.rms < selection.trials[model.name].rms:
                     reduced_trials[model.name] = reduced_trial
@@ -331,10 +349,3 @@ def _completed(fitter: Fitter, first_fits: Sequence[Fit], cells: Truth) -> list[
         fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit) if fit.cost < FAR * least_cost else fit
         for fit in first_fits
     ]
-
-
-def _less(fit: Fit, effect_name: str) -> tuple[Model, Vector]:
-    """The model of a fit less one of its effects, and where the fit stands of its unknowns."""
-    parts = [part for part in fit.model.split(fit.unknowns.shares.tolist()) if part[0].name != effect_name]
-    shares = np.array([share for _, effect_shares in parts for share in effect_shares])
-    return Model(tuple(effect for effect, _ in parts)), replace(fit.unknowns, shares=shares)

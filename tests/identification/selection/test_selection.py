@@ -369,3 +369,23 @@ def test_further_starts_are_followed_where_they_lead_elsewhere_and_not_far_behin
     assert Selector.recalibrated(selector, EVERYTHING).fit.cost == taken
     first = model_selection.FIRST_ITERATIONS
     assert iterations == [steps for further in followed for steps in ([first, None] if further else [first])]
+
+
+def test_a_limit_case_that_ended_far_off_is_fitted_from_where_the_best_stands():
+    """Presliding at its least distance is no claim, and the constant friction that it is had a minimum of its own."""
+    trials = trials_of({"": 100.0, "presliding": 1.0, "coulomb": 5.5})
+    choice = selector(refusal={"presliding": "a parameter is at a bound"})
+    fits_from = []
+
+    def fit(model, cells, start):
+        fits_from.append((model.name, start.shares.tolist()))
+        return trial(model.name, 1.0).fit
+
+    choice.fitter = SimpleNamespace(fit=fit)
+    choice.trial = lambda fit, cells: trial(fit.model.name, 1.0)
+    base = trials.pop("")
+    choice._with_twins = lambda selection, cells: selection
+    selection = choice.extended(choice.judged(base, trials, {}, EVERYTHING), EVERYTHING)
+    assert fits_from == [("coulomb", [pytest.approx(0.1)])]
+    assert selection.claimed == "coulomb"
+    assert selection.trials["coulomb"].rms == 1.0
