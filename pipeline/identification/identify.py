@@ -25,7 +25,15 @@ from pipeline.identification.selection.statements.detection import DetectionLimi
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.statements.remainder import Remainder, remainder
 from pipeline.identification.selection.statements.statement import Statement, fault_statement, stated
-from pipeline.identification.selection.statements.verdict import ADEQUATE, FAULT, MOSTLY, UNEXPLAINED, Verdict, judge
+from pipeline.identification.selection.statements.verdict import (
+    ADEQUATE,
+    FAULT,
+    MOSTLY,
+    UNEXPLAINED,
+    Verdict,
+    judge,
+    withdrawn,
+)
 from pipeline.identification.selection.turn_baselines import TURN_METHODS
 
 Real = NDArray[np.float64]
@@ -114,14 +122,18 @@ def identify_measured(
     selection = selector.extended(selector.select(trained), trained)
     verdict = judge(fitter, selection, trained)
     turns = isinstance(data, TurningData)
+    carry_over = verdict.verdict in (MOSTLY, UNEXPLAINED) and not turns
+    folds = predicted_folds(selector, selection, trained, nested, carry_over)
+    refitted = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
+    best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
+    if verdict.named and not folds.in_sample and best.to_noise > refitted.to_noise:
+        verdict = withdrawn(verdict, fitter, selection, trained)
     untraced = verdict.verdict in (MOSTLY, UNEXPLAINED) and not turns
-    folds = predicted_folds(selector, selection, trained, nested, carry_over=untraced)
     curves = folds.curves(bool(verdict.named))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
-    best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
     described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
     carried = angle_error(data, cranks, folds.carried, folds.open_carried, folds.cells)
-    structure_left = remainder(data, folds.best, folds.cells, best.to_noise, errors["recalibrated"].to_noise)
+    structure_left = remainder(data, folds.best, folds.cells, best.to_noise, refitted.to_noise)
     cells = measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
     methods = TURN_METHODS if turns else METHODS
@@ -135,7 +147,7 @@ def identify_measured(
     return Identification(
         measurement,
         verdict,
-        stated(verdict, selection, errors["recalibrated"], best, structure_left, in_sample),
+        stated(verdict, selection, refitted, best, structure_left, in_sample),
         fitter.problem,
         selection,
         {name: reason for name, reason in reasons.items() if reason},
@@ -145,6 +157,6 @@ def identify_measured(
         structure_left,
         discrepancy_of(fitter, selection.answer.fit, cells.direction, trained) if untraced else None,
         None if verdict.named and selection.description is selection.answer or not effects else described,
-        carried if untraced and not folds.in_sample else None,
+        carried if carry_over and not folds.in_sample else None,
         limits,
     )

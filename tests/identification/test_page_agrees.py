@@ -6,6 +6,7 @@
 import json
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results.write import findings, write
 from pipeline.identification.selection import model_selection
+from pipeline.identification.selection.held_out import predicted_folds
 from pipeline.report.unit.page import STAGE_TITLES, write_page
 
 CRANKS = (0.0, 40.0, 95.0)
@@ -47,6 +49,27 @@ def answer(request, tmp_path_factory, condensed):
     write_page(findings_of_unit, home, home)
     verdict = json.loads((home / "verdict.json").read_text())
     return verdict, (home / "report.html").read_text(), pd.read_parquet(home / "residual.parquet")
+
+
+def test_an_effect_that_predicts_held_out_cells_worse_is_not_claimed(tmp_path, condensed, monkeypatch):
+    """Friction that is there, but the folds' predictions with it are those without it and an error of their own."""
+
+    def misled(*arguments):
+        folds = predicted_folds(*arguments)
+        return replace(folds, best=folds.recalibrated + np.sign(folds.recalibrated - folds.best))
+
+    unit = load_measured_unit(make_unit(tmp_path / "u", {"coulomb": [0.5]}, Bench(cranks=CRANKS), condensed), ROOT)
+    monkeypatch.setattr(model_selection, "candidates", lambda: {"coulomb": candidates()["coulomb"]})
+    assert identify(unit, condensed).verdict.named == ("coulomb",)
+    monkeypatch.setattr("pipeline.identification.identify.predicted_folds", misled)
+    identification = identify(unit, condensed)
+    assert (identification.verdict.verdict, identification.verdict.named) == ("unexplained", ())
+    assert identification.errors["after"] == identification.errors["recalibrated"]
+    assert "Cells held out are predicted worse with coulomb than without" in identification.statement.sentence
+    assert identification.discrepancy is not None
+    write(findings(identification), tmp_path)
+    write_page(findings(identification), tmp_path, tmp_path)
+    assert "it is not claimed" in (tmp_path / "report.html").read_text()
 
 
 def rms(cells, stage):

@@ -37,6 +37,20 @@ def test_an_effect_of_the_limits_size_shows_in_95_percent_of_draws(strength):
     assert 0.85 <= np.mean(shown_part) <= 1.0
 
 
+def test_an_effect_that_hides_is_below_its_limit():
+    """Of units whose effect adds nearly what shows: where they are found adequate, the limit is no smaller than it."""
+    rng = np.random.default_rng(4)
+    design = rng.normal(size=(len(DATA), 1))
+    size, hidden = np.sqrt(1.2**2 - 1) * 0.1, 0
+    for _ in range(20):
+        fitter, base = fitted(0.1 * rng.standard_normal(len(DATA)) + size * design[:, 0], design)
+        (limit,) = detection_limits(fitter, base, EVERYTHING, {EFFECT.name: EFFECT})
+        if base.rms <= STRUCTURE:
+            hidden += 1
+            assert limit.value >= size
+    assert hidden > 5
+
+
 def test_the_limit_is_that_of_the_closed_form():
     rng = np.random.default_rng(2)
     design = rng.normal(size=(len(DATA), 1))

@@ -62,9 +62,9 @@ def detection_limits(
 
 
 def needed_square(losses: Real) -> float:
-    """Mean square in noise that an effect must add to the losses of the branches to show."""
+    """Mean square in noise that an effect must add to show: to noise alone, since losses above it may hold the effect."""
     error = float(np.std(losses, ddof=1) / np.sqrt(len(losses))) if len(losses) > 1 else 0.0
-    return max(STRUCTURE**2 - float(np.mean(losses)), 0.0) + float(ndtri(CONFIDENCE)) * error
+    return STRUCTURE**2 - min(float(np.mean(losses)), 1.0) + float(ndtri(CONFIDENCE)) * error
 
 
 @dataclass(frozen=True)

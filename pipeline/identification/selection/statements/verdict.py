@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,18 @@ def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     corrected = chosen if members else selection.base
     numbers = calibrated_numbers(fitter, corrected.fit, cells)
     return Verdict(verdict, members, _traced(selection), parameters, numbers, tuple(findings), chosen.rms)
+
+
+def withdrawn(verdict: Verdict, fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
+    """What a verdict becomes whose model predicts held-out cells worse than the refitted one: it claims nothing.
+
+    A selection's fits start from one to all cells; those of the folds know nothing of the cells that they predict.
+    """
+    names = " or ".join(verdict.named)
+    finding = f"Cells held out are predicted worse with {names} than without: it is not claimed"
+    numbers = calibrated_numbers(fitter, selection.base.fit, cells)
+    findings = (*verdict.findings, finding)
+    return replace(verdict, verdict=UNEXPLAINED, named=(), parameters=(), calibrated=numbers, findings=findings)
 
 
 def _beside(fitter: Fitter, selection: Selection, cells: Truth, share: float) -> list[str]:
