@@ -170,6 +170,17 @@ def test_missing_cycles_one_sense_and_too_few_points(tmp_path):
     assert small_case[0].count == 10
 
 
+def test_data_that_do_not_tell_their_noise_support_no_verdict(tmp_path):
+    """Four loops of some fifteen rows, none repeated: errors would be counted in steps of the file's last digit."""
+    few = measured((0.0, 90.0, 180.0, 270.0), 1, per_branch=5)
+    faults, _ = judged(tmp_path / "few", {"rows.csv": few})
+    fault = faults["too few points"]
+    assert fault.severity == "fatal"
+    assert "no branch has the 9 rows that its scatter takes" in fault.message
+    faults, _ = judged(tmp_path / "more", {"rows.csv": measured((0.0, 90.0, 180.0, 270.0), 1, per_branch=12)})
+    assert all(fault.severity == "note" for fault in faults.values())
+
+
 def test_positions_with_their_own_offset_under_a_common_one(tmp_path):
     table = measured().assign(angle_arcmin=lambda t: t["angle_arcmin"] + t["crank_deg"])
     faults, _ = judged(tmp_path / "a", {"rows.csv": table})

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config.files.text_file import LARGEST_VALUE
+from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
 from pipeline.identification.measurement.faults.shape_faults import columns_exchanged, largest_span, standing_out
 from pipeline.identification.measurement.measured_rows import MeasuredRows
-from pipeline.identification.measurement.repeated_branches import mean_loops
+from pipeline.identification.measurement.repeated_branches import FEWEST_CELLS, mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
 from pipeline.identification.measurement.rows import Rows
 from pipeline.identification.measurement.unit_file import UnitFile
@@ -51,8 +52,20 @@ def data_faults(measurement: MeasuredRows) -> list[Fault]:
     usable, blocks = measurement.usable, measurement.branches
     faults += [*branch_faults(rows, blocks, usable), *_offsets(unit, rows, usable)]
     if not any(fault.severity == "fatal" for fault in faults):
-        faults += _standing_out(measurement)
+        faults += [*_unknown_noise(measurement), *_standing_out(measurement)]
     return faults
+
+
+def _unknown_noise(measurement: MeasuredRows) -> Iterator[Fault]:
+    noise = measurement.repeatability
+    if not np.isfinite([noise.repeats.value, noise.within_branch.value]).any():
+        yield Fault(
+            "too few points",
+            "the noise, which errors are counted in, is not known: no cycle is repeated, and no branch has the "
+            f"{FEWEST_CELLS * FEWEST_ROWS} rows that its scatter takes; "
+            "measure more rows a branch, or each cycle twice",
+            "fatal",
+        )
 
 
 def _standing_out(measurement: MeasuredRows) -> Iterator[Fault]:

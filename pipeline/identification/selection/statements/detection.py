@@ -62,7 +62,7 @@ def detection_limits(
 
 
 def needed_square(losses: Real) -> float:
-    """Mean square in noise that an effect must add to show: to noise alone, since losses above it may hold the effect."""
+    """Mean square in noise that an effect must add to noise alone to show: losses above it may hold the effect."""
     error = float(np.std(losses, ddof=1) / np.sqrt(len(losses))) if len(losses) > 1 else 0.0
     return STRUCTURE**2 - min(float(np.mean(losses)), 1.0) + float(ndtri(CONFIDENCE)) * error
 
