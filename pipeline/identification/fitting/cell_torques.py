@@ -28,13 +28,23 @@ def within_cells(measurement: Measurement, numbers: NDArray[np.intp]) -> Real:
         first_row, cells.count[numbers], ends.min(axis=1), ends.max(axis=1), strict=True
     ):
         torque = np.sort(rows.torque[usable[start : start + count]])
-        low, high = 0.5 * (torque[1] - torque[0]), 0.5 * (torque[-1] - torque[-2])
-        start_torque = max(torque[0] - low, min(torque[0], lowest))
-        end_torque = min(torque[-1] + high, max(torque[-1], highest))
-        known_torque = np.concatenate([[start_torque], torque, [end_torque]])
-        places = np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
+        before, first_place = _end(torque[1] - torque[0], torque[0] - lowest)
+        after, final_place = _end(torque[-1] - torque[-2], highest - torque[-1])
+        known_torque = np.concatenate([[torque[0] - before], torque, [torque[-1] + after]])
+        inner_places = np.arange(1, count - 1) + 0.5
+        places = np.concatenate([[0.0, first_place], inner_places, [count - final_place, count]]) / count
         edges.append(np.interp(shares, places, known_torque))
     return np.array(edges)
+
+
+def _end(step: float, reach: float) -> tuple[float, float]:
+    """How far the surroundings of a cell's last row go [N m], and how many rows lie in them.
+
+    Half of the ``step`` to the next row, as far as the torque's ``reach`` allows. Cut short they hold fewer rows, so
+    many that the mean torque of the cell stays that of its rows.
+    """
+    beyond = min(0.5 * step, max(reach, 0.0))
+    return beyond, 1.5 - (0.75 * step + 1.5 * beyond) / (step + beyond) if step > 0 else 0.5
 
 
 def followed_torques(measurement: Measurement) -> Real:

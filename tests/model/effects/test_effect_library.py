@@ -8,7 +8,18 @@ from reducers import ARCMIN, PAPER, SMALL
 
 from pipeline.identification.bench.instrument_effects import instrument_effects
 from pipeline.model.effects import Conditions
-from pipeline.model.effects.effect import CRANKS, CYCLES, RATE, STILL, TEMPERATURE, TIME, Parameter
+from pipeline.model.effects.effect import (
+    CRANKS,
+    CYCLES,
+    LOOPS,
+    RATE,
+    SENSES,
+    STILL,
+    TEMPERATURE,
+    TIME,
+    TORQUES,
+    Parameter,
+)
 from pipeline.model.load_history.backbone import backbone
 
 EVERY = pytest.mark.parametrize("name", LIBRARY)
@@ -29,7 +40,7 @@ def test_texts_are_complete_and_names_are_known(name):
     assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
     assert effect.limit_case in {"", *ALL_NAMES}
     assert effect.starts in ("secants", "periods")
-    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE}
+    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE, LOOPS, SENSES, TORQUES}
 
 
 @pytest.mark.parametrize(
