@@ -39,6 +39,7 @@ from pipeline.identification.selection.statements.remainder import Remainder
 from pipeline.identification.selection.statements.verdict import Verdict
 from pipeline.report.unit.facts import comparison_sentence, other_errors, rows_facts
 from pipeline.report.unit.remainder_cards import remainder_cards
+from pipeline.report.unit.rows import candidate_row
 from pipeline.statistics.curve_scatter import CurveScatter
 
 ROOT = Path(__file__).parents[2]
@@ -345,3 +346,31 @@ def test_data_without_a_verdict_leave_the_page_and_the_faults(tmp_path: Path, mo
 def test_an_unknown_unit_is_answered_in_one_line(capsys: pytest.CaptureFixture) -> None:
     assert cli.main(["identify", "--unit", "base_pccf_run"]) == 2
     assert "base_pccf_runin" in capsys.readouterr().err
+
+
+FITTED = {
+    "title": "constant friction",
+    "effect": "coulomb",
+    "parameters": '{"coulomb": {"torque_Nm": 0.5}}',
+    "score_before": 5.0,
+    "score_after": 2.0,
+    "t": 11.0,
+    "p": 0.001,
+    "significant": False,
+    "member_of_class": False,
+    "why_not": "",
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "judgement"),
+    [
+        ({}, "no gain beyond tolerances and refitted numbers"),
+        ({"p": 0.2}, "no significant gain"),
+        ({"why_not": "coulomb: its interval reaches zero"}, "coulomb: its interval reaches zero"),
+        ({"significant": True}, "significant gain, not named"),
+        ({"significant": True, "member_of_class": True}, "named"),
+    ],
+)
+def test_judgement_of_a_fitted_effect(changes, judgement):
+    assert candidate_row({**FITTED, **changes})["judgement"] == judgement

@@ -85,7 +85,7 @@ CANDIDATES = Table(
         Column("significant", "bool", "", "whether the gain is significant and of use"),
         Column("member_of_class", "bool", "", "whether it is among those that the verdict names"),
         Column("screened_share", "float64", "1", "least misfit on a coarse grid, in shares of the recalibrated one"),
-        Column("why_not", "label", "", "why it was not tested, or not fitted in full; empty if it was"),
+        Column("why_not", "label", "", "why it was not tested, not fitted in full, or supports no claim; else empty"),
     ),
 )
 NOT_SHORTLISTED = "screened only: its best misfit on a coarse grid is behind those that were fitted"
@@ -158,7 +158,7 @@ def candidate_rows(identification: Identification) -> Columns:
 def _candidate(identification: Identification, name: str, too_few_blocks: bool) -> dict[str, Any]:
     selection, why_not = identification.selection, identification.why_not
     trial = selection.trials.get(name)
-    reason = why_not.get(name, "" if trial else NOT_SHORTLISTED)
+    reason = why_not.get(name, selection.unsupported.get(name, "") if trial else NOT_SHORTLISTED)
     if trial and too_few_blocks:
         reason = f"fitted, but with fewer than {FEWEST_BLOCKS} branches no effect is accepted"
     return {

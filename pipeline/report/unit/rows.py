@@ -12,6 +12,7 @@ from pipeline.identification.results.prediction_errors import LoopError
 from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES, AngleError
+from pipeline.identification.selection.judgement import FAMILYWISE
 from pipeline.identification.selection.statements.detection import DetectionLimit
 from pipeline.report.layout.wording import NOTHING, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, p_value, shown_unit
@@ -85,7 +86,8 @@ def candidate_row(row: Mapping[str, Any]) -> dict[str, str]:
     elif row["significant"]:
         judgement = "significant gain, not named"
     else:
-        judgement = row["why_not"] or "no significant gain"
+        no_use = "no gain beyond tolerances and refitted numbers"
+        judgement = row["why_not"] or (no_use if row["p"] <= FAMILYWISE else "no significant gain")
     return {
         "title": capitalised(row["title"]),
         "parameters": _numbers(row["effect"], row["parameters"]),
