@@ -134,11 +134,6 @@ def identify_measured(
     described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
     carried = angle_error(data, cranks, folds.carried, folds.open_carried, folds.cells)
     structure_left = remainder(data, folds.best, folds.cells, best.to_noise, refitted.to_noise)
-    cells = measurement.cells
-    cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
-    methods = TURN_METHODS if turns else METHODS
-    baseline_angles = baselines(data, cycles, splits_of(data, trained), fitter.offsets, methods)
-    zeros = np.zeros(len(data))
     adequate = verdict.verdict == ADEQUATE and not folds.in_sample
     limits = detection_limits(fitter, selection.base, trained, selector.testable) if adequate else ()
     effects = selection.description.fit.model.effects
@@ -153,10 +148,22 @@ def identify_measured(
         {name: reason for name, reason in reasons.items() if reason},
         folds,
         errors,
-        {title: angle_error(data, cranks, curve, zeros, folds.cells) for title, curve in baseline_angles.items()},
+        _baseline_errors(measurement, fitter, folds, trained),
         structure_left,
-        discrepancy_of(fitter, selection.answer.fit, cells.direction, trained) if untraced else None,
+        discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, trained) if untraced else None,
         None if verdict.named and selection.description is selection.answer or not effects else described,
         carried if carry_over and not folds.in_sample else None,
         limits,
     )
+
+
+def _baseline_errors(
+    measurement: Measurement, fitter: Fitter, folds: Folds, trained: NDArray[np.bool_]
+) -> dict[str, AngleError]:
+    """Errors of the predictions without a reducer, by title, at the cells that judge."""
+    data, cells = fitter.problem.data, measurement.cells
+    cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
+    methods = TURN_METHODS if isinstance(data, TurningData) else METHODS
+    curves = baselines(data, cycles, splits_of(data, trained), fitter.offsets, methods)
+    known, cranks = np.zeros(len(data)), measurement.rows.cranks
+    return {title: angle_error(data, cranks, curve, known, folds.cells) for title, curve in curves.items()}

@@ -113,7 +113,7 @@ def judged(
     models: Sequence[JointModel],
     kinds: tuple[Kind, ...],
     table: Real,
-    tests: Family | None,
+    family: Family | None,
     numbers: Sequence[int],
     mounted: tuple[Kind, ...] = (),
 ) -> Change:
@@ -122,7 +122,7 @@ def judged(
     Parameters
     ----------
     table : (n_states - 1, n_positions, n_kinds) changes from the first state, those of the second state first.
-    tests : all of the pair; None with too few positions.
+    family : all tests of the pair; None with too few positions.
     numbers : (n_kinds,) of the tests of these kinds.
     mounted : kinds that are fitted to each position beside it.
     """
@@ -130,14 +130,14 @@ def judged(
     n, mean = len(models), estimates.mean(axis=0)
     low = high = p = p_family = detectable = np.full(len(kinds), np.nan)
     freedom = 0
-    if tests is not None:
+    if family is not None:
         spread = scatter(estimates, table[1:])
         freedom, quantile = spread.freedom, 0.5 + CONFIDENCE / 2
         reach = np.hypot(
             scipy.stats.t.ppf(quantile, freedom) * spread.error, scipy.stats.norm.ppf(quantile) * FORM * np.abs(mean)
         )
-        low, high, p, p_family = mean - reach, mean + reach, spread.p(mean), tests.p[numbers]
-        detectable = spread.detectable(tests.level(FAMILYWISE))
+        low, high, p, p_family = mean - reach, mean + reach, spread.p(mean), family.p[numbers]
+        detectable = spread.detectable(family.level(FAMILYWISE))
     error_without, held_out = [], []
     for model, single in zip(models, estimates, strict=True):
         rest_of_set = (estimates.sum(axis=0) - single) / (n - 1) if n > 1 else single
@@ -167,7 +167,7 @@ class _States:
         return self._estimates(KINDS)
 
     @cached_property
-    def tests(self) -> Family | None:
+    def family(self) -> Family | None:
         """All tests of the pair, of kinds alone and of kinds together; None with too few positions."""
         if len(self.models) < FEWEST_POSITIONS:
             return None
@@ -177,7 +177,7 @@ class _States:
     def alone(self) -> tuple[Change, ...]:
         """Each kind of change, all others equal in both states."""
         return tuple(
-            judged(self.models, (kind,), self.equal[:, :, [k]], self.tests, [k]) for k, kind in enumerate(KINDS)
+            judged(self.models, (kind,), self.equal[:, :, [k]], self.family, [k]) for k, kind in enumerate(KINDS)
         )
 
     def beside_mounting(self) -> tuple[Change, ...]:
@@ -195,7 +195,7 @@ class _States:
         other_kinds = tuple(kind for kind in KINDS if kind not in kinds)
         columns = [KINDS.index(kind) for kind in kinds]
         numbers = [len(KINDS) + k for k in columns]
-        return judged(self.models, kinds, self.free[:, :, columns], self.tests, numbers, other_kinds)
+        return judged(self.models, kinds, self.free[:, :, columns], self.family, numbers, other_kinds)
 
     def _estimates(self, kinds: tuple[Kind, ...]) -> Real:
         """Changes (n_states - 1, n_positions, n_kinds) from the first state of these kinds, fitted together."""

@@ -277,10 +277,8 @@ class Selector(Judge):
         for effect in effects:
             reduced_model = Model(tuple(member for member in effects if member is not effect))
             twin_effects = {name: self.testable[name] for name in twins(effect.name) if name in self.testable}
-            missing = [
-                twin for twin in twin_effects.values() if Model((*reduced_model.effects, twin)).name not in trials
-            ]
-            missing = [twin for twin in missing if twin not in reduced_model.effects]
+            missing = [twin for twin in twin_effects.values() if twin not in reduced_model.effects]
+            missing = [twin for twin in missing if Model((*reduced_model.effects, twin)).name not in trials]
             if not missing:
                 continue
             reduced_fit = trials[reduced_model.name].fit if reduced_model.name in trials else selection.base.fit
