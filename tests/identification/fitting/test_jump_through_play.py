@@ -73,7 +73,8 @@ def test_a_jump_that_nothing_repeats_is_as_uncertain_as_its_rows_scatter(tmp_pat
     assert np.all(data.sigma[steep] > 0.9 * data.spread[steep])
 
 
-def test_a_jump_between_two_cells_is_known_to_a_part_of_a_row(tmp_path):
+@pytest.mark.parametrize("torque_noise", [0.0, 0.02])
+def test_a_jump_between_two_cells_is_known_to_a_part_of_a_row(tmp_path, torque_noise):
     """Cycles that begin and end at no torque, as a counter of loops has them: the cells on both sides have no jump.
 
     What the model reads is the mean of the same curve over the cells. Noise of the torque mixes the rows there; a
@@ -83,7 +84,7 @@ def test_a_jump_between_two_cells_is_known_to_a_part_of_a_row(tmp_path):
     torque = np.concatenate([path_of([0.0, 12.0, -12.0, 0.0], 199)] * 9)
     torque += np.concatenate([[0.01], np.full(len(torque) - 1, 0.0)]) - 0.03 * np.sign(np.gradient(torque))
     table["angle_arcmin"] = np.where(torque > 0, 20.0, -20.0) + torque / 5 + 0.02 * rng.standard_normal(len(torque))
-    table["torque_Nm"] = torque + 0.02 * rng.standard_normal(len(torque))
+    table["torque_Nm"] = torque + torque_noise * rng.standard_normal(len(torque))
     measurement = Measurement.read(load_measured_unit(write_unit(tmp_path, {"rows.csv": table}), ROOT))
     data = data_of(measurement, np.ones(len(measurement.cells), bool))
     fine = np.linspace(0, 1, 401)
@@ -93,7 +94,7 @@ def test_a_jump_between_two_cells_is_known_to_a_part_of_a_row(tmp_path):
     beside = np.abs(data.torque) < 0.6
     assert np.count_nonzero(beside) > 30
     assert np.max(np.abs(misfit[beside])) > 10 * data.noise
-    assert np.sqrt(np.mean((misfit / data.sigma)[beside] ** 2)) < 1.5
+    assert np.sqrt(np.mean((misfit / data.sigma)[beside] ** 2)) < 1.2
     assert np.median(data.sigma[~beside]) < 2 * data.noise
 
 
