@@ -15,7 +15,7 @@ from pipeline.model.contact.line_laws.contact_law import ContactLaw, law_of
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.clocking import Clocking, clocking, same_places
 from pipeline.model.geometry.contacts import OUTPUT
-from pipeline.model.geometry.cycloid_profile import Complex, CycloidProfile, Real
+from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, Complex, CycloidProfile, Real
 from pipeline.model.geometry.out_of_round import ORDERS
 from pipeline.model.geometry.reducer import Bearing, OutputContacts, Reducer, nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
@@ -36,7 +36,7 @@ def reducer(design: Design, crank_deg: float) -> Reducer:
     return _reducer(profile(design), design.output, crank_deg, design.cycloid.fixed, design.disk.count)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_ANGLES)
 def _reducer(flank: CycloidProfile, output: OutputContacts, crank_deg: float, fixed_side: str, disks: int) -> Reducer:
     """Kept: a fit makes hundreds of drives of one geometry."""
     return nominal_reducer(flank, output, np.radians(crank_deg), fixed_side, disks)

@@ -263,6 +263,7 @@ AGGREGATE = Stage(
         "metrics",
         "limits",
         "cycle.crank_deg",
+        "cycle.evenly_loaded",
         "cycle.rigid_crank_deg",
         "cycle.rigid_crank_turns",
     ),

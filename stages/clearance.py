@@ -105,8 +105,10 @@ def rigid_plays(study: Study, sampled: Errors) -> Iterator[tuple[float, Drive, R
     """The drive of ``n`` units and its play with rigid bodies, at each crank angle of `rigid_angles`."""
     errors = assembly.errors(sampled)
     clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
-    for crank in rigid_angles(study):
-        drive = drive_of(study, crank, None, errors, clearance)
+    cranks = rigid_angles(study)
+    laws = assembly.contact_laws(study, assembly.reducer(study.design, float(cranks[0])))  # rigid bodies know none
+    for crank in cranks:
+        drive = drive_of(study, crank, None, errors, clearance, laws)
         yield crank, drive, rigid_play(drive.reducer, drive.gap, drive.bearing_clearance)
 
 

@@ -76,6 +76,7 @@ DRIVERS = Stage(
         "reduce",
         "tolerances",
         "drivers",
+        "cycle.evenly_loaded",
         "cycle.rigid_crank_deg",
     ),
     tables=(UNITS,),

@@ -10,6 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from pipeline.engine import progress
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sources
@@ -238,7 +240,8 @@ def _executed(
     """Run a stage and publish its output."""
     progress.announce(stage.name)
     started = datetime.now(UTC).isoformat(timespec="seconds")
-    with progress.Meter() as meter, blamed(runs / study.name / stage.name):
+    # one BLAS thread: more would spin beside the other processes, and move last digits
+    with progress.Meter() as meter, blamed(runs / study.name / stage.name), threadpool_limits(1):
         state = {"key": current.key, "chunk": resources.chunk} if stage.solve else None
         work = Work(runs / study.name, stage.name, state)
         sections = Sections(study, (*stage.sections, "name"))

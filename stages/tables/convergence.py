@@ -42,7 +42,9 @@ def angles_of_turn(study: Study, stride: int, of_play: bool) -> int:
 
 
 def strides_of(study: Study) -> list[int]:
-    """Strides over the crank angles of a study that leave enough of them, descending to 1."""
+    """Strides over the crank angles of a study that leave enough of them, descending to 1; 1 alone of uneven angles."""
+    if not study.cycle.evenly_loaded:
+        return [1]
     fewest = min(len(study.cycle.crank_deg), len(study.cycle.rigid_crank_deg))
     return [stride for stride in STRIDES if stride == 1 or fewest // stride >= FEWEST_ANGLES]
 

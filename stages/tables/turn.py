@@ -141,7 +141,7 @@ def turn_readings(
         shear_depth=running[SHEAR_DEPTH.name],
         friction_power=np.stack([running[column.name] for column in FRICTION_POWER], axis=1),
         conditions=conditions(study),
-        loaded_even=np.full(len(angles), np.allclose(angles, 360.0 * np.arange(len(angles)) / len(angles))),
+        loaded_even=np.full(len(angles), study.cycle.evenly_loaded),
         free_even=_rigid_even(study),
     )
 

@@ -6,11 +6,13 @@ from pathlib import Path
 import joblib
 import numpy as np
 import pytest
-from toy_study import ADD, Trouble
+from threadpoolctl import threadpool_info, threadpool_limits
+from toy_study import ADD, Toy, Trouble
 
 from pipeline.engine.processes import parallel
 from pipeline.engine.processes.parallel import Backend, Dumped, Value, solve_chunk, solved_chunks
-from pipeline.engine.stage import Chunk
+from pipeline.engine.runner import Resources, run
+from pipeline.engine.stage import Chunk, Job, Stage
 
 SHARED = {"powers": np.array([1.0]), "slope": 1.0, "trouble": Trouble()}
 
@@ -84,3 +86,18 @@ def test_a_chunk_without_upstream_rows_is_an_error_that_keeps_its_cause() -> Non
     with pytest.raises(parallel.ChunkError, match="samples 0 to 0 failed: KeyError") as error:
         solve_chunk(ADD, Value(SHARED), Chunk(0, 1))
     assert isinstance(error.value.__cause__, KeyError)
+
+
+def test_a_whole_stage_runs_with_one_blas_thread(tmp_path: Path) -> None:
+    """Otherwise its linear algebra spins on all cores beside the other processes."""
+    threads: list[int] = []
+
+    def body(job: Job) -> dict:
+        threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+        return {}
+
+    whole = Stage("whole", (), (), (), "toy_study", run=body)
+    with threadpool_limits(2, user_api="blas"):
+        run([whole], Toy(), ["whole"], tmp_path, Resources(1, 10))
+    assert threads
+    assert set(threads) == {1}

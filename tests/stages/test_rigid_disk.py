@@ -86,3 +86,12 @@ def test_several_disks_cannot_all_be_the_output(folder):
     design["disk"]["count"] = 2
     with pytest.raises(InputError, match='disk.count = 2; must be 1 with mechanism = "direct"'):
         parse_design(design, "stiff.toml")
+
+
+def test_six_uneven_crank_angles_run(folder, monkeypatch, tmp_path):
+    monkeypatch.setattr(settings, "RUNS", tmp_path)
+    study = (folder / "classic.toml").read_text().replace("[0.0, 91.7]", "[0.0, 20.0, 90.0, 131.0, 200.0, 301.0]")
+    (folder / "uneven.toml").write_text(study)
+    assert cli.main(["run", "aggregate", "--study", str(folder / "uneven.toml"), "--jobs", "1"]) == 0
+    convergence = pd.read_parquet(tmp_path / "uneven/aggregate/convergence.parquet")
+    assert set(convergence.loc[convergence["metric"] == "peak_pressure_MPa", "n_angles"]) == {6}

@@ -123,6 +123,12 @@ class Cycle(Section):
         return {**raw, "loaded_angles": angles, "crank_deg": tuple(360.0 * k / angles for k in range(angles))}
 
     @property
+    def evenly_loaded(self) -> bool:
+        """Whether the loaded angles stand evenly over the turn from 0."""
+        angles = len(self.crank_deg)
+        return np.allclose(self.crank_deg, 360.0 * np.arange(angles) / angles)
+
+    @property
     def curve_crank_deg(self) -> tuple[float, ...]:
         """Loaded crank angles [deg] whose whole curves are kept, evenly among all."""
         angles, curves = len(self.crank_deg), min(self.curve_angles, len(self.crank_deg))

@@ -16,6 +16,9 @@ Real = NDArray[Any]  # float64; numpy's stubs lose the type in arithmetic with c
 Complex = NDArray[Any]  # complex128
 Index = NDArray[np.intp]
 
+KEPT_ANGLES = 512
+"""Crank angles whose nominal geometry is kept: above the 212 of a study, which every chunk visits in the same order."""
+
 
 @dataclass(frozen=True)
 class CycloidProfile:

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.model.compiled import entry, part
-from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real, disk_rotation, pin_contacts
+from pipeline.model.geometry.cycloid_profile import KEPT_ANGLES, CycloidProfile, Real, disk_rotation, pin_contacts
 
 BEYOND_THE_TIP = 1.25
 """Reach of a valley's points, squared in units of half a lobe: well over the tips, and within the lobes."""
@@ -54,7 +54,7 @@ class Valleys:
     eccentric: complex
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_ANGLES)
 def valleys(profile: CycloidProfile, crank: float) -> Valleys:
     """What ``_distances`` needs of the nominal reducer at the crank angle ``crank`` [rad]; kept from call to call."""
     pins, flank = pin_contacts(profile, crank), profile.generating

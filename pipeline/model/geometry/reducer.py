@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.model.geometry.contacts import DISK, HOUSING, Contacts, DiskPose, joined, pin_list
 from pipeline.model.geometry.cycloid_profile import (
+    KEPT_ANGLES,
     CycloidProfile,
     Index,
     PinContacts,
@@ -205,7 +206,7 @@ def disk_poses(profile: CycloidProfile, crank: float, count: int) -> tuple[DiskP
     )
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_ANGLES)
 def _on_pins(profile: CycloidProfile, crank: float, count: int) -> tuple[tuple[DiskPose, ...], tuple[Contacts, ...]]:
     """``disk_poses`` and the contacts of the pins with each disk; kept, since many reducers differ in their output."""
     poses = disk_poses(profile, crank, count)
