@@ -1,10 +1,13 @@
 """What tables call by a column name, as an engineer calls it."""
 
 from pipeline.config.dimensions import dimension_library
-from pipeline.model.metrics import library
+from pipeline.model.metrics import Limited, library
+from pipeline.model.metrics.turn import turn_library
 
 METRICS = library()
 """The metrics by column name."""
+LIMITED: dict[str, Limited] = {**METRICS, **turn_library()}
+"""What a limit may be set for: the metrics of loops, then those of the whole turn."""
 
 PARAMETERS = {name: dimension.title for name, dimension in dimension_library().items()} | {"sum": "sum of all"}
 

@@ -1,6 +1,5 @@
 """Which errors drive a metric, in words: the leading indices that the samples determine."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,7 @@ import pandas as pd
 
 from pipeline.figures.labels import METRICS, parameter_title
 from pipeline.model.metrics import signed
-from pipeline.report.frames import HEADLINES, Frames
+from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import NOTHING, UNDETERMINED, percent, percent_interval
 from pipeline.report.results import Cell
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL, determined
@@ -24,14 +23,12 @@ class Driver:
 
     Attributes
     ----------
-    largest : the error that matters most, in one phrase.
     in_all, by_itself, by_rank : the leading errors by total index, first-order index and rank correlation.
     together : what errors cause only acting together, the rest of the first-order indices, with its interval.
     """
 
     metric: str
     title: str
-    largest: str
     in_all: str
     by_itself: str
     by_rank: str
@@ -70,11 +67,17 @@ def _driver_rows(table: pd.DataFrame) -> list[tuple[str, list[Cell]]]:
     return [(title, [cells[title].get(kind, Cell(NOTHING)) for kind in kinds]) for title in titles]
 
 
-def first_drivers(leading: Sequence[Driver]) -> str:
-    """The first driver of each headline metric, in one phrase."""
-    return "; ".join(
-        f"of the {METRICS[driver.metric].inline}: {driver.largest}" for driver in leading if driver.metric in HEADLINES
-    )
+def main_contributor(frames: Frames, metric: str) -> str:
+    """The tolerance that drives a metric most, with its share of the variance; empty where none is determined."""
+    table = frames.sensitivity[frames.sensitivity["metric"] == metric]
+    overs = [name for name in (frames.over, "worst", "turn") if (table["over"] == name).any()]
+    rows = table[table["over"] == overs[0]] if overs else table
+    total, ranks = _leading(rows, TOTAL), _leading(rows, RANK_CORRELATION)
+    if len(total):
+        return f"{parameter_title(total.index[0])} ({percent(float(total.iloc[0]))} of its variance)"
+    if len(ranks):
+        return f"{parameter_title(ranks.index[0])} (rank correlation {signed(float(ranks.iloc[0]), 2)})"
+    return ""
 
 
 def base_samples(frames: Frames) -> int:
@@ -92,18 +95,9 @@ def constant_metrics(frames: Frames) -> list[str]:
 
 def _driver(metric: str, table: pd.DataFrame) -> Driver:
     total, first_order, ranks = (_leading(table, kind) for kind in (TOTAL, FIRST_ORDER, RANK_CORRELATION))
-    if len(total):
-        name, share = total.index[0], float(total.iloc[0])
-        by_itself = f", {percent(float(first_order[name]))} by itself" if name in first_order else ""
-        largest = f"{parameter_title(name)}, {percent(share)} of the variance{by_itself}"
-    elif len(ranks):
-        largest = f"{parameter_title(ranks.index[0])}, rank correlation {signed(float(ranks.iloc[0]), 2)}"
-    else:
-        largest = NONE_LEADS
     return Driver(
         metric=metric,
         title=METRICS[metric].title,
-        largest=largest,
         in_all=_names([f"{name} ({percent(share)})" for name, share in _titled(total)], table, TOTAL),
         by_itself=_names([f"{name} ({percent(share)})" for name, share in _titled(first_order)], table, FIRST_ORDER),
         by_rank=_names([f"{name} ({signed(rank, 2)})" for name, rank in _titled(ranks)], table, RANK_CORRELATION),

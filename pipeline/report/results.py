@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.studies.study import ALL_LIMITS, ANGLES_TO_CONTINUE
-from pipeline.figures.labels import METRICS
+from pipeline.figures.labels import LIMITED, METRICS
 from pipeline.model.metrics import signed
 from pipeline.report.frames import HEADLINES, Frames, case_label
 from pipeline.report.layout.wording import (
@@ -65,17 +65,20 @@ class Results:
             for (metric, turn_value, crank, statistic), row in zip(keys, values, strict=True)
         }
 
-    def _estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
-        turn_value = self.frames.over if crank is None else "angle"
+    def estimate(self, metric: str, statistic: str, crank: float | None = None) -> tuple[float, float, float]:
+        """A statistic and its interval at a crank angle, or over the turn as the limits mean it; NaN where missing."""
+        whole_turn = "turn" if metric in LIMITED and metric not in METRICS else self.frames.over
+        turn_value = whole_turn if crank is None else "angle"
         return self._estimates.get((metric, turn_value, crank, statistic), (np.nan, np.nan, np.nan))
 
     def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
-        value, low, high = self._estimate(metric, statistic, crank)
+        value, low, high = self.estimate(metric, statistic, crank)
         quantity = METRICS[metric]
         return Cell(number(value, quantity), interval(low, high, quantity) if np.isfinite(value) else "")
 
-    def _share(self, metric: str, statistic: str) -> Cell:
-        value, low, high = self._estimate(metric, statistic)
+    def share(self, metric: str, statistic: str) -> Cell:
+        """A share of the units in percent, with its interval."""
+        value, low, high = self.estimate(metric, statistic)
         return Cell(percent(value), percent_interval(low, high)) if np.isfinite(value) else Cell(NOTHING)
 
     @property
@@ -101,7 +104,7 @@ class Results:
                 number(nominal[metric], METRICS[metric]),
                 tuple(self._cell(metric, statistic) for statistic in STATISTICS),
                 self.limit(metric),
-                self._share(metric, "yield"),
+                self.share(metric, "yield"),
             )
             for metric in self.frames.shown_metrics
         ]
@@ -115,17 +118,17 @@ class Results:
         """The limit of a metric with the side that it bounds."""
         if metric not in self.frames.limits:
             return NOTHING
-        return f"{'≥' if METRICS[metric].smaller_is_worse else '≤'} {plain(self.frames.limits[metric])}"
+        return f"{'≥' if LIMITED[metric].smaller_is_worse else '≤'} {plain(self.frames.limits[metric])}"
 
     @property
     def all_limits(self) -> Cell:
         """Yield against all limits together."""
-        return self._share(ALL_LIMITS, "yield")
+        return self.share(ALL_LIMITS, "yield")
 
     @property
     def preloaded(self) -> Cell:
         """Share of samples that are preloaded at some crank angle."""
-        return self._share("preloaded", "mean")
+        return self.share("preloaded", "mean")
 
     @cached_property
     def angles(self) -> str:
@@ -151,13 +154,13 @@ class Results:
 
     @cached_property
     def too_few_angles(self) -> str:
-        """Why nothing is told of twice as many crank angles, and what it takes; empty where it is told."""
+        """Why the effect of twice as many crank angles is not estimated, and what it takes; empty where it is."""
         angles = self.frames.units.iloc[0]["n_angles"]
         if self.frames.over != "worst" or angles >= ANGLES_TO_CONTINUE:
             return ""
         return (
-            f"{counted(int(angles), 'crank angle is', 'crank angles are')} too few to tell how far more of them would "
-            f"move it: that takes {ANGLES_TO_CONTINUE} or more evenly over the turn"
+            f"{counted(int(angles), 'crank angle is', 'crank angles are')} too few to estimate the effect of more: that "
+            f"takes {ANGLES_TO_CONTINUE} or more, evenly over the turn"
         )
 
     @cached_property
@@ -181,7 +184,7 @@ class Results:
             cells = []
             for metric in HEADLINES:
                 nominal = float(rows_of_crank[metric].iloc[0]) if len(rows_of_crank) else np.nan
-                low, high = (self._estimate(metric, name, crank)[0] for name in ("p05", "p95"))
+                low, high = (self.estimate(metric, name, crank)[0] for name in ("p05", "p95"))
                 cells.append(
                     (
                         number(nominal, METRICS[metric]),

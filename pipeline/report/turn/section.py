@@ -110,10 +110,10 @@ class TurnSection:
         return texts
 
     @property
-    def definitions(self) -> list[tuple[str, str]]:
-        """Title and definition of every metric of the turn."""
+    def definitions(self) -> list[tuple[str, str, str]]:
+        """Name, title and definition of every metric of the turn."""
         torques = vars(assembly.definitions(self.frames.study))
-        return [(metric.title, metric.definition.format(**torques)) for metric in turn_library().values()]
+        return [(metric.name, metric.title, metric.definition.format(**torques)) for metric in turn_library().values()]
 
     @property
     def torque(self) -> str:

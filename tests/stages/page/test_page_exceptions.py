@@ -113,18 +113,18 @@ def test_the_page_shows_what_the_limits_are_of(frames):
     assert row[1].startswith(METRICS["lost_motion_arcmin"].text(table["lost_motion_arcmin", "mean"]))
     assert row[-1].startswith(f"{100 * table['lost_motion_arcmin', 'yield']:.1f} %")
     assert "Mean value over the turn of the crank" in text
-    assert "by their mean value" in text
+    assert "It counts the mean value of each unit over 2 loaded crank angles" in text
 
 
 def test_without_a_known_yield_the_page_says_so(frames):
     unknown = frames.distributions[frames.distributions["metric"] != "all_limits"]
     text = written(replace(frames, distributions=unknown))
-    assert "All limits together are kept" not in text
-    assert "a number that has a limit holds for none of them" in text
+    assert "of the units fail" not in text
+    assert "a metric that has a limit is valid for none of them" in text
 
 
 def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
-    assert "with twice as many" not in written(frames)  # two angles tell nothing
+    assert "With twice as many" not in written(frames)  # two angles tell nothing
     rows = [("all_limits", np.nan, 0.75, 0.61), ("lost_motion_arcmin", 2.5, np.nan, np.nan)]
     table = pd.DataFrame(
         [
@@ -138,9 +138,9 @@ def test_how_a_worst_would_move_is_said_where_the_angles_tell(frames):
         ]
     )
     text = written(replace(frames, convergence=table))
-    assert "with twice as many it would be 61.0 to 71.0 %" in text
+    assert "With twice as many angles it would be an estimated 61.0 to 71.0 %" in text
     assert "the lost motion by 0.012 to 0.003 arcmin" in text
-    assert "with twice as many" not in written(replace(frames, convergence=table[~table["extrapolated"]]))
+    assert "With twice as many" not in written(replace(frames, convergence=table[~table["extrapolated"]]))
 
 
 def test_markup_in_a_title_is_text(frames):

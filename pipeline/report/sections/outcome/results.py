@@ -10,7 +10,6 @@ from pipeline.figures.samples.distributions import crank_figure, distributions_f
 from pipeline.figures.samples.units import units_figure
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
 from pipeline.report.drawing import Drawing
-from pipeline.report.drivers import drivers, first_drivers
 from pipeline.report.explorer.explorer import explored_units
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.layout.wording import counted, plain
@@ -23,7 +22,6 @@ def _values(page: Page) -> Mapping[str, object]:
         "case_rows": case_rows(frames) if frames.listed else [],
         "case_crank_rows": case_crank_rows(frames) if frames.listed else [],
         "rows_shown": ROWS_SHOWN,
-        "first_drivers": first_drivers(drivers(frames)),
         "explorer": page.explorer,
     }
 

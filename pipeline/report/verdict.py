@@ -1,0 +1,96 @@
+"""The summary of a study: how many units meet every limit, which limits the others break, and what drives those."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.figures.labels import LIMITED
+from pipeline.model.metrics.turn import turn_library
+from pipeline.report.drivers import main_contributor
+from pipeline.report.frames import Frames
+from pipeline.report.layout.wording import counted, interval, percent, percent_interval
+from pipeline.report.results import Cell, Results
+
+
+@dataclass(frozen=True)
+class LimitCard:
+    """One limit: the yield against it, how the metric is distributed, and the tolerance that drives it."""
+
+    name: str
+    title: str
+    limit: str
+    met: Cell
+    spread: str
+    contributor: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the page says first of a study with random units."""
+
+    frames: Frames
+    results: Results
+
+    @cached_property
+    def cards(self) -> list[LimitCard]:
+        """One card for each limit, the worst yield first; a metric without a yield stands last."""
+        yields = {name: self.results.estimate(name, "yield")[0] for name in self.frames.limits}
+        order = sorted(yields, key=lambda name: (bool(np.isnan(yields[name])), yields[name]))
+        return [self._card(name) for name in order]
+
+    def _card(self, name: str) -> LimitCard:
+        metric = LIMITED[name]
+        low, high = (self.results.estimate(name, statistic)[0] for statistic in ("p05", "p95"))
+        return LimitCard(
+            name=name,
+            title=metric.title,
+            limit=f"{self.results.limit(name)}{'' if metric.unit == '1' else f' {metric.unit}'}",
+            met=self.results.share(name, "yield"),
+            spread=f"{interval(low, high, metric)} {metric.unit}".removesuffix(" 1") if np.isfinite(low) else "",
+            contributor=main_contributor(self.frames, name),
+        )
+
+    @cached_property
+    def breaks(self) -> Mapping[str, NDArray[np.bool_]]:
+        """Whether each unit (n,) breaks each limit, of the units for which every limited metric holds."""
+        turn = self.frames.units.set_index("sample")[list(turn_library())]
+        values: pd.DataFrame = self.frames.over_turn.join(turn)[list(self.frames.limits)].dropna()
+        kept = self.frames.study.limits.kept({name: values[name].to_numpy(float) for name in values})
+        return {name: ~np.asarray(passes) for name, passes in kept.items()}
+
+    @property
+    def failures(self) -> str:
+        """Which limit is broken in what share of the failing units, and which tolerance drives that metric."""
+        if ALL_LIMITS not in self.breaks or not self.results.all_limits.interval:
+            return ""
+        failing = self.breaks[ALL_LIMITS]
+        _, low, high = self.results.estimate(ALL_LIMITS, "yield")
+        if not failing.any():
+            return f"No unit of {len(failing):,} fails a limit; the failing share is at most {percent(1 - low)}."
+        shares = {name: float(np.mean(broken[failing])) for name, broken in self.breaks.items() if name != ALL_LIMITS}
+        worst = max(shares, key=lambda name: shares[name])
+        contributor = main_contributor(self.frames, worst)
+        driven = f"; its main contributor is the {contributor}" if contributor else ""
+        return (
+            f"{percent(float(np.mean(failing)))} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
+            f"{percent(shares[worst])} of these on {LIMITED[worst].inline}{driven}."
+        ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
+
+    @property
+    def holds_for(self) -> str:
+        """Which crank angles the yield counts, and on which side of it the yield of a whole turn lies."""
+        if self.frames.over != "worst":
+            return f"It counts the {self.frames.over} value of each unit over {self.results.angles}."
+        angles = counted(int(self.frames.units.iloc[0]["n_angles"]), "loaded angle")
+        doubled = self.results.doubled_yield
+        more = f" With twice as many angles it would be an estimated {doubled}." if doubled else ""
+        few = f" {self.results.too_few_angles} (cycle.loaded_angles)." if self.results.too_few_angles else ""
+        return (
+            f"This is an upper bound: it counts the worst of {angles} of one crank turn. A unit repeats only after one "
+            f"turn of the output, over which more units fail.{more}{few}"
+        )

@@ -1,0 +1,87 @@
+"""The first screen: a card for each limit, the worst yield first, and the limit that fails with what drives it."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from tiny_pages import written
+
+from pipeline.config.studies.study import ALL_LIMITS, Limits
+from pipeline.figures.labels import METRICS
+from pipeline.report.frames import Frames
+from pipeline.statistics import pass_share
+
+
+def limited(frames: Frames, limits: Limits) -> Frames:
+    """The frames with other limits, and the yields against those."""
+    values = frames.over_turn
+    kept = limits.kept({name: values[name].to_numpy() for name in values})
+    rows = [
+        {"metric": name, "over": "worst", "crank_deg": np.nan, "statistic": "yield", **vars(pass_share(passes, 0.95))}
+        for name, passes in kept.items()
+    ]
+    others = frames.distributions[frames.distributions["statistic"] != "yield"]
+    study = frames.study.model_copy(update={"limits": limits})
+    return replace(frames, study=study, distributions=pd.concat([others, pd.DataFrame(rows)]))
+
+
+def failing_on_pressure(frames: Frames) -> Frames:
+    """Four of twelve units break the limit on pressure, one of them that on lost motion too; none breaks another."""
+    pressure, lost_motion = (np.sort(frames.over_turn[name]) for name in ("peak_pressure_MPa", "lost_motion_arcmin"))
+    first = frames.over_turn["peak_pressure_MPa"].idxmax()
+    lost = frames.over_turn["lost_motion_arcmin"].where(frames.over_turn.index == first, lost_motion[0])
+    units = frames.units.assign(lost_motion_arcmin_worst=frames.units["sample"].map(lost))
+    limits = Limits(
+        clearance_backlash_arcmin=99.0,
+        lost_motion_arcmin=(lost_motion[0] + lost[first]) / 2,
+        peak_pressure_MPa=(pressure[-5] + pressure[-4]) / 2,
+    )
+    shares = pd.DataFrame(
+        [("pin_tangential", 0.94, 0.9, 0.98), ("pin_radial", 0.05, 0.04, 0.06)],
+        columns=["parameter", "index", "ci_low", "ci_high"],
+    ).assign(metric="peak_pressure_MPa", over="worst", kind="total", n=400)
+    sensitivity = pd.concat([frames.sensitivity, shares])
+    return limited(replace(frames, units=units, sensitivity=sensitivity), limits)
+
+
+def test_every_limit_has_a_card_and_the_worst_yield_stands_first(frames):
+    page = written(failing_on_pressure(frames))
+    cards = re.search(r'<div class="headlines">(.*?)\n</div>\n\n?<p class="answer">', page, re.DOTALL)[1]
+    titles = re.findall(r'<p class="title"><a [^>]*>([^<]*)</a>', cards)
+    assert titles == [
+        METRICS[name].title for name in ("peak_pressure_MPa", "lost_motion_arcmin", "clearance_backlash_arcmin")
+    ]
+    assert re.findall(r'<p class="big">([\d.]+ %)', cards) == ["66.7 %", "91.7 %", "100.0 %"]
+    assert "main contributor: <b>tangential pin position (94.0 % of its variance)</b>" in cards
+
+
+def test_one_sentence_names_the_limit_that_fails_and_its_driver(frames):
+    page = written(failing_on_pressure(frames))
+    interval = pass_share(np.arange(12) < 4, 0.95)
+    assert (
+        f"33.3 % of the units fail (95 % CI {100 * interval.ci_low:.1f} to {100 * interval.ci_high:.1f} %); 100.0 % of "
+        "these on peak Hertz pressure; its main contributor is the tangential pin position (94.0 % of its variance)."
+    ) in page
+
+
+def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
+    summary = written(frames).partition('id="summary"')[2]
+    first = re.search(r'<p class="answer">(.*?)</p>', summary, re.DOTALL)[1]
+    assert "This is an upper bound: it counts the worst of 2 loaded angles of one crank turn." in first
+    mean = frames.study.limits.model_copy(update={"over": "mean"})
+    other = written(replace(frames, study=frames.study.model_copy(update={"limits": mean})))
+    assert "upper bound" not in other
+
+
+def test_where_no_unit_fails_the_page_bounds_the_failing_share(frames):
+    everything = limited(frames, Limits(clearance_backlash_arcmin=99.0))
+    high = 1 - pass_share(np.ones(12, bool), 0.95).ci_low
+    assert f"No unit of 12 fails a limit; the failing share is at most {100 * high:.1f} %." in written(everything)
+
+
+def test_without_limits_the_cards_are_those_of_the_headline_metrics(frames):
+    page = written(replace(frames, study=frames.study.model_copy(update={"limits": Limits()})))
+    assert page.count('<p class="title">') == 3
+    assert "The study sets no limits" in page
+    assert ALL_LIMITS not in page
