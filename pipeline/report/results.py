@@ -159,8 +159,8 @@ class Results:
         if self.frames.over != "worst" or angles >= ANGLES_TO_CONTINUE:
             return ""
         return (
-            f"{counted(int(angles), 'crank angle is', 'crank angles are')} too few to estimate the effect of more: that "
-            f"takes {ANGLES_TO_CONTINUE} or more, evenly over the turn"
+            f"{counted(int(angles), 'crank angle is', 'crank angles are')} too few to estimate the effect of more: "
+            f"that takes {ANGLES_TO_CONTINUE} or more, evenly over the turn"
         )
 
     @cached_property
