@@ -34,7 +34,6 @@ as_measured = "unknown"
 
 [instrument]
 angle_resolution_arcmin = 0.33
-torque_saturation_Nm = 25.0
 
 [held_out]
 by = "position"

@@ -28,8 +28,22 @@ def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
     assert set(measurement.rows.cycle.tolist()) == {0, 1}
     assert measurement.unit.settings.held_out.train == (47.0,)
     assert len(measurement.rows) == pytest.approx(3 * 2 * len(torque) / EVERY, abs=6)
+    assert not measurement.saturated.any()
     with pytest.raises(InputError, match="position1"):
         states_of([tmp_path / "unit"])
+
+
+@pytest.mark.parametrize("limit", [25.0, 40.0])
+def test_saturation_is_what_the_files_of_a_state_show(tmp_path, limit):
+    """The command goes to 40 N m in every state; the torque stops short of it in some."""
+    command = path_of([0.0, 40.0, -40.0, 0.0], 50 * EVERY)
+    torque = np.clip(command, -limit, limit)
+    rows = pd.DataFrame({"TIME": np.arange(len(torque)) / 100, "POSITION": 1e-4 * torque, "test_nr": 100})
+    rows = rows.assign(TORQUE=torque, CONTROL_TORQUE=command)
+    rows.to_csv(tmp_path / "position1.csv.gz", index=False)
+    measurement = Measurement.read(load_measured_unit(write_unit(tmp_path, tmp_path / "unit"), ROOT))
+    is_cut = np.abs(measurement.rows.command) >= limit if limit < 40.0 else np.zeros(len(measurement.rows), bool)
+    np.testing.assert_array_equal(measurement.saturated, is_cut)
 
 
 def test_the_table_has_the_best_description_and_medians(tmp_path):
