@@ -66,7 +66,8 @@ def allocate_tolerances(options: argparse.Namespace) -> None:
     if expected_failures < FEWEST_BAD:
         fewest_units = round(FEWEST_BAD / (1 - options.target))
         raise InputError(
-            f"--units = {options.units}; at this yield at least {fewest_units}, so that some break a limit"
+            f"--units {options.units} is too small for a yield of {100 * options.target:g} %; "
+            f"use at least {fewest_units}"
         )
     study = load_study(options.study, settings.ROOT)
     priced_tolerances(study)  # says what is missing before anything is condensed

@@ -1,13 +1,14 @@
 """The loosest tolerances of a study that keep all its limits at a wanted yield for the least cost.
 
-The cheapest scales of a linear model of load-solved units are the next round's, until they settle (``search``). Units
+Rounds of load-solved units lead to the cheapest scales within a trust region about the best ones (``search``). Units
 that no round has seen then judge the result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, priced_tolerances, scaled
-from pipeline.decisions.allocation.search import TRUST, Rough, Search, Tell
+from pipeline.decisions.allocation.search import TRUST, Rough, Search, Tell, Trial
 from pipeline.decisions.fresh_units import Solve
-from pipeline.errors import InputError
 from pipeline.statistics import Estimate
 
 Real = NDArray[np.float64]
@@ -51,11 +51,13 @@ class Allocation:
     Attributes
     ----------
     study : with the new tolerances.
-    stated, equal, cheapest : the study's tolerances, all scaled alike to the yield, and those of least cost; None where
-        scaling alike does not reach it.
-    tradeoff : (n, 2) yields and least costs by the last linear model; missing beyond its reach.
+    stated, equal, cheapest : the study's tolerances, all scaled alike to the yield, and those of least cost or, where
+        the yield is not reached, those that come nearest to it; None where scaling alike does not reach it.
+    hardest_limit : the limit that most units break there.
+    tradeoff : (n, 2) yields and least costs by the linear model there; missing beyond its reach.
     unmoved : tolerances that were not moved, and why.
-    solved : units that were load-solved.
+    units : in each round and in each check.
+    solved : units that were load-solved in all.
     """
 
     study: Study
@@ -64,15 +66,22 @@ class Allocation:
     stated: Choice
     equal: Choice | None
     cheapest: Choice
+    hardest_limit: str
     tradeoff: Real
     unmoved: Mapping[str, str]
+    units: int
     solved: int
+
+    @property
+    def reached(self) -> bool:
+        """Whether the yield of the cheapest tolerances reaches the target within the accuracy of its check."""
+        return self.cheapest.passed.ci_high >= self.target
 
 
 def allocate(
     study: Study, target: float, units: int, solve: Solve, rough: Rough, jobs: int = 1, tell: Tell = lambda line: None
 ) -> Allocation:
-    """The cheapest tolerances of a study at the yield ``target`` against all its limits.
+    """The cheapest tolerances of a study at the yield ``target`` against all its limits, or those that come nearest.
 
     Parameters
     ----------
@@ -83,57 +92,60 @@ def allocate(
     Raises
     ------
     InputError
-        If nothing can be moved, or the yield is out of reach: then with how near one gets.
+        If nothing can be moved.
 
     Notes
     -----
     One standard error more than the target is aimed at; where fresh units still miss it, the miss is added to the aim
-    and all is done again on other units. The last check is by units that decided nothing.
+    and the search goes on. No two rounds or checks share a unit, and the reported checks decide nothing.
     """
     priced, unmoved = priced_tolerances(study)
-    single = tuple((k,) for k in range(len(priced)))
-    search = Search(study, priced, single, units, solve, rough, jobs, tell)
-    scale, model, counted = _aimed(search, target)
-    equal_scaling = Search(study, priced, (tuple(range(len(priced))),), units, solve, rough, jobs, tell)
-    sets = 2 * (REAIMS + 1)
-    try:
-        equal_scale = equal_scaling.spread(_aimed(equal_scaling, target)[0])
-        equal = Choice(equal_scale, equal_scaling.cost(equal_scale), search.check(equal_scale, sets * units))
-    except InputError:
-        equal = None
+    groups, alike, sets = tuple((k,) for k in range(len(priced))), (tuple(range(len(priced))),), count()
+    search, equal_search = (Search(study, priced, g, units, solve, rough, jobs, tell, sets) for g in (groups, alike))
+    found = _confirmed(search, target)
+    equal = _confirmed(equal_search, target)
     low, high = search.bounds
     for k, tolerance in enumerate(priced):
-        if np.isclose(scale[k], low[k], rtol=2e-3) or np.isclose(scale[k], high[k], rtol=2e-3):
-            unmoved[tolerance.name] = f"stands at the bound of its scale, {scale[k]:.3g}"
-    unscaled = np.ones(len(priced))
+        if np.isclose(found.scale[k], low[k], rtol=2e-3) or np.isclose(found.scale[k], high[k], rtol=2e-3):
+            unmoved[tolerance.name] = f"lies at the bound of its scale, {found.scale[k]:.3g}"
     return Allocation(
-        study=scaled(study, search.names, scale),
+        study=scaled(study, search.names, found.scale),
         target=target,
         priced=priced,
-        stated=Choice(unscaled, search.cost(unscaled), search.check(unscaled, sets * units)),
-        equal=equal,
-        cheapest=Choice(scale, search.cost(scale), search.check(scale, sets * units)),
-        tradeoff=_tradeoff(search, model),
+        stated=_choice(search, np.ones(len(priced))),
+        equal=_choice(search, equal_search.spread(equal.scale)) if equal.passed.value >= target else None,
+        cheapest=_choice(search, found.scale),
+        hardest_limit=search.hardest_limit(found.units),
+        tradeoff=_tradeoff(search, found.units),
         unmoved=unmoved,
-        solved=counted,
+        units=units,
+        solved=next(sets) * units,
     )
 
 
-def _aimed(search: Search, target: float) -> tuple[Real, LinearUnits, int]:
-    """Scales (n_groups,) whose yield fresh units confirm, the last linear model, and units that were solved."""
-    n, n_solved, start = search.units, 0, 0
+def _choice(search: Search, scale: Real) -> Choice:
+    return Choice(scale, search.cost(scale), search.check(scale))
+
+
+def _confirmed(search: Search, target: float) -> Trial:
+    """The best trial, its yield by units that took no part in the search."""
     low, high = search.bounds
-    scale = np.clip(np.ones(len(search.groups)), low, high)
-    aim = target + np.sqrt(target * (1 - target) / n)
+    aim = target + np.sqrt(target * (1 - target) / search.units)
+    trial = search.trial(np.clip(np.ones(len(search.groups)), low, high))
+    confirmed: list[Trial] = []
     for _ in range(REAIMS + 1):
-        scale, units, rounds = search.settled(scale, min(aim, 1 - 1 / n), start)
-        scale = np.maximum(np.floor(scale * 10**DIGITS) / 10**DIGITS, low)
-        pass_share = search.check(search.spread(scale), start + n)[ALL_LIMITS].value
-        n_solved, start = n_solved + (rounds + 1) * n, start + 2 * n
-        if pass_share >= target:
+        trial = search.improved(trial, min(aim, 1 - 1 / search.units), target)
+        scale = np.maximum(np.floor(trial.scale * 10**DIGITS) / 10**DIGITS, low)
+        passed = search.check(search.spread(scale))[ALL_LIMITS]
+        trial = replace(trial, scale=scale, cost=search.cost(search.spread(scale)), passed=passed)
+        confirmed.append(trial)
+        if passed.value >= target or len(confirmed) > 1 and not trial.is_better(confirmed[-2], target):
             break
-        aim += target - pass_share
-    return scale, units, n_solved
+        aim += target - passed.value
+    best = confirmed[0]
+    for trial in confirmed[1:]:
+        best = trial if trial.is_better(best, target) else best
+    return best
 
 
 def _tradeoff(search: Search, units: LinearUnits) -> Real:

@@ -128,16 +128,27 @@ def _soft_yield(units: LinearUnits, soft_target: float, logs: Real) -> tuple[flo
     return value - soft_target, slope * scale
 
 
+def _log_loss(units: LinearUnits, logs: Real) -> tuple[float, Real]:
+    """Mean of -log(soft pass) of the units' worst badness, and its slope by the logarithms of the scales."""
+    scale = np.exp(logs)
+    badness = units.badness(scale)
+    worst, rows = np.argmax(badness, axis=1), np.arange(len(badness))
+    steepness = badness[rows, worst] / SOFTNESS
+    slope = (expit(steepness) / SOFTNESS) @ units.slope[rows, worst] / len(rows)
+    return float(np.mean(np.logaddexp(0.0, steepness))), slope * scale
+
+
 def _nearest(units: LinearUnits, scale: Real, target: float, low: Real, high: Real) -> Best:
-    """Scales of the largest soft yield within the bounds."""
+    """Scales of the largest soft yield within the bounds; a log loss first leads there where every unit fails."""
 
     def lost(logs: Real) -> tuple[float, Real]:
         spare, slope = _soft_yield(units, target, logs)
         return -spare, -slope
 
-    bounds = list(zip(np.log(low), np.log(high), strict=True))
-    optimum = minimize(lost, np.log(scale), jac=True, method="L-BFGS-B", bounds=bounds)
-    best = np.clip(np.exp(optimum.x), low, high)
+    logs, bounds = np.log(scale), list(zip(np.log(low), np.log(high), strict=True))
+    for objective in (partial(_log_loss, units), lost):
+        logs = minimize(objective, logs, jac=True, method="L-BFGS-B", bounds=bounds).x
+    best = np.clip(np.exp(logs), low, high)
     return Best(best, units.excess(best, target) <= 0)
 
 

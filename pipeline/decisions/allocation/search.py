@@ -1,12 +1,12 @@
-"""Rounds of an allocation: units are load-solved at the scales of a round; how they follow is told by a rough model.
+"""Rounds of an allocation: fresh units are load-solved at the scales of a round; a rough model gives their slopes.
 
-The same draws are rescaled: unit k keeps its random numbers at any tolerance. Each metric under load is taken to be
-linear in the rough model's (``population.prediction``), fitted to the round's own solves at each crank angle.
+Slopes are of the same draws rescaled: unit k keeps its random numbers at any tolerance. Each metric under load is taken
+to be linear in the rough model's (``population.prediction``), fitted to the round's own solves at each crank angle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,11 +18,10 @@ from pipeline.config.studies.study import ALL_LIMITS, Study
 from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, scaled
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
-from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.population.prediction import Tail, predicted_turn
 from pipeline.sampling import Errors, draw
-from pipeline.statistics import Estimate
+from pipeline.statistics import Estimate, pass_share
 
 Real = NDArray[np.float64]
 Rough = Callable[[Errors], Angles]
@@ -30,13 +29,42 @@ Tell = Callable[[str], None]
 """Is told in a line what a round or a check gave."""
 
 TRUST = 1.8
-"""Factor by which a scale may change in one round."""
+"""Largest factor by which a scale changes in one round."""
+SHRINKAGE = 0.5
+"""Of the trust region, in the logarithm of a scale, after a round that brought nothing better."""
+GROWTH = 1.5
+"""Of the trust region after a round that brought something better."""
 STEP = 0.15
-"""Share by which a scale is changed to see how units follow."""
-ROUNDS = 6
-"""Linear models at most; four settled in the paper's study."""
-SETTLED = 0.03
-"""Change of the scales between two rounds, in the logarithm, below which they have settled."""
+"""Share by which a scale is changed for the slopes of the rough model."""
+ROUNDS = 10
+"""Trials at most in one search."""
+SETTLED = 0.02
+"""Change of the scales, in the logarithm, below which a round would solve the same point again."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Scales that were load-solved.
+
+    Attributes
+    ----------
+    scale : (n_groups,) scales of the groups.
+    cost : of the whole reducer.
+    passed : yield against all limits, by units that took no part in choosing the scales.
+    units : the linear model about the scales.
+    """
+
+    scale: Real
+    cost: float
+    passed: Estimate
+    units: LinearUnits
+
+    def is_better(self, other: Trial, target: float) -> bool:
+        """Whether it is cheaper where both reach the target; else whether it reaches it, or comes nearer."""
+        reached, other_reached = self.passed.value >= target, other.passed.value >= target
+        if reached and other_reached:
+            return self.cost < other.cost
+        return reached or (not other_reached and self.passed.value >= other.passed.value)  # 0 % at both: go on
 
 
 @dataclass(frozen=True)
@@ -47,6 +75,7 @@ class Search:
     ----------
     groups : positions among the priced tolerances.
     units : that are load-solved in each round, and in each check.
+    sets : numbers of sets of units; each round and each check takes the next one, so that no two share a unit.
     """
 
     study: Study
@@ -57,6 +86,7 @@ class Search:
     rough: Rough
     jobs: int
     tell: Tell
+    sets: Iterator[int]
 
     @property
     def names(self) -> list[str]:
@@ -97,12 +127,19 @@ class Search:
         stop = start + self.units
         return [(k, min(k + BATCH, stop)) for k in range(start, stop, BATCH)]
 
-    def check(self, scale: Real, start: int) -> dict[str, Estimate]:
-        """Yields at scales (n_priced,) by the units from ``start`` on."""
+    def check(self, scale: Real) -> dict[str, Estimate]:
+        """Yields of a fresh set of units at scales (n_priced,)."""
         at_scale = scaled(self.study, self.names, scale)
-        yields = fresh_yields(at_scale, self.study.samples.count + start, self.units, self.solve, self.jobs)
-        self.tell(f"{100 * yields[ALL_LIMITS].value:.1f} % of {self.units} fresh units at cost {self.cost(scale):.3g}")
+        start = self.study.samples.count + next(self.sets) * self.units
+        yields = fresh_yields(at_scale, start, self.units, self.solve, self.jobs)
+        self.tell(f"check: {yield_text(yields[ALL_LIMITS], self.units)} at cost {self.cost(scale):.3g}")
         return yields
+
+    def trial(self, scale: Real) -> Trial:
+        """A fresh set of units, load-solved at scales (n_groups,), and the linear model about them."""
+        units = self.linear(scale, next(self.sets) * self.units)
+        passed = pass_share(units.value.max(axis=1) <= 0, self.study.metrics.confidence)
+        return Trial(scale, self.cost(self.spread(scale)), passed, units)
 
     def linear(self, scale: Real, start: int) -> LinearUnits:
         """The units from ``start`` on about scales (n_groups,): load-solved there, their slopes by the rough model."""
@@ -119,42 +156,45 @@ class Search:
             values.append((value - tail.limit) / spread)
             slopes.append(np.stack(changes, axis=-1))
         value, slope = np.stack(values, axis=1), np.stack(slopes, axis=1)
-        is_finite = np.isfinite(value).all(axis=1) & np.isfinite(slope).all(axis=(1, 2))
-        return LinearUnits(scale, value[is_finite], slope[is_finite])
+        typical = np.nan_to_num(np.nanmedian(slope, axis=0))  # of units for which the rough model has no value
+        slope = np.where(np.isfinite(slope), slope, typical)
+        has_metrics = np.isfinite(value).all(axis=1)
+        return LinearUnits(scale, value[has_metrics], slope[has_metrics])
 
-    def settled(self, scale: Real, aim: float, start: int) -> tuple[Real, LinearUnits, int]:
-        """Cheapest scales (n_groups,) by rounds on one set of units, the last linear model, and rounds.
+    def improved(self, best: Trial, aim: float, target: float) -> Trial:
+        """The best trial of a search from ``best``.
 
-        Raises
-        ------
-        InputError
-            If the tightest tolerances do not reach the yield either.
+        Each round solves the cheapest scales of the best trial's linear model at the yield ``aim``, within a trust
+        region about that trial. Where this brings nothing better the region shrinks and the trial is kept.
         """
         low, high = self.bounds
-        for rounds in range(1, ROUNDS + 1):  # noqa: B007  the number of the last is returned
-            units = self.linear(scale, start)
-            floor, ceiling = np.maximum(low, scale / TRUST), np.minimum(high, scale * TRUST)
-            best = cheapest(units, self.costs(), aim, floor, ceiling)
-            change = float(np.max(np.abs(np.log(best.scale / scale))))
-            cost = self.cost(self.spread(best.scale))
-            yielded = 100 * units.passed(units.scale)
-            self.tell(f"round {rounds}: {yielded:.1f} % of {len(units.value)} units, by them to cost {cost:.3g}")
-            scale = best.scale
-            if change < SETTLED:
+        radius = np.log(TRUST)
+        for number in range(1, ROUNDS + 1):
+            step = np.exp(radius)
+            floor, ceiling = np.maximum(low, best.scale / step), np.minimum(high, best.scale * step)
+            scale = cheapest(best.units, self.costs(), aim, floor, ceiling).scale
+            if np.max(np.abs(np.log(scale / best.scale))) < SETTLED:
                 break
-        if not best.meets_yield:
-            raise InputError(self._impossible(units, scale, aim))
-        return scale, units, rounds
+            trial = self.trial(scale)
+            is_better = trial.is_better(best, target)
+            self.tell(
+                f"round {number}: {yield_text(trial.passed, self.units)} at cost {trial.cost:.3g}; "
+                f"{'best so far' if is_better else 'not better, shorter steps from the best'}"
+            )
+            best, radius = (trial, min(GROWTH * radius, np.log(TRUST))) if is_better else (best, SHRINKAGE * radius)
+        return best
 
-    def _impossible(self, units: LinearUnits, scale: Real, aim: float) -> str:
+    def hardest_limit(self, units: LinearUnits) -> str:
+        """The limit that most units break, as the study states it."""
         worst = tails(self.study)[int(np.argmax(np.mean(units.value > 0, axis=0)))].metric
-        return (
-            f"study {self.study.name}: a yield of {100 * aim:.4g} % (the target and a standard error) "
-            f"is not reached: with every priced tolerance at "
-            f"{np.min(scale):.2g} to {np.max(scale):.2g} of its zone {100 * units.passed(units.scale):.4g} % of "
-            f"{len(units.value)} units keep all limits; most of the others break {worst} = "
-            f"{self.study.limits.of_metrics[worst]:g}; loosen it, change an allowance, or price further tolerances"
-        )
+        return f"{worst} = {self.study.limits.of_metrics[worst]:g}"
+
+
+def yield_text(passed: Estimate, units: int) -> str:
+    """A yield with its interval and the units behind it; how many of them have no result, if any."""
+    missing = f" of {units:,}, the others have no result" if passed.n < units else ""
+    ends = f"{100 * passed.ci_low:.1f} to {100 * passed.ci_high:.1f}"
+    return f"yield {100 * passed.value:.1f} % ({ends}; {passed.n:,} units{missing})"
 
 
 def tails(study: Study) -> list[Tail]:

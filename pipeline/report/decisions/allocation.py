@@ -26,24 +26,35 @@ CHOICES = {
 
 
 def sentence(allocation: Allocation) -> str:
-    """What was found, in a sentence or two."""
-    passing = allocation.cheapest.passed
+    """What was found, in a few sentences."""
+    found, stated = allocation.cheapest, allocation.stated
+    if not allocation.reached:
+        return (
+            f"The target of {_share(allocation.target)} is not reached. The best tolerances found give {_yield(found)} "
+            f"and cost {found.cost:.3g}; those of the study give {_yield(stated)} and cost {stated.cost:.3g}. Most "
+            f"failing units break {allocation.hardest_limit}: loosen this limit, change an allowance, or state the "
+            "cost of further tolerances."
+        )
     text = (
-        f"At a yield of {_share(passing.value)} ({_share(passing.ci_low)} to {_share(passing.ci_high)}, {passing.n:,} "
-        f"fresh units; {_share(allocation.target)} was wanted) the tolerances cost {allocation.cheapest.cost:.4g}; "
-        f"those of the study cost {allocation.stated.cost:.4g} at {_share(allocation.stated.passed.value)}."
+        f"The cheapest tolerances found for a yield of {_share(allocation.target)} cost {found.cost:.3g} and give "
+        f"{_yield(found)}; those of the study cost {stated.cost:.3g} and give {_yield(stated)}."
     )
     if allocation.equal is None:
-        return f"{text} All priced tolerances scaled alike do not reach the yield."
-    saving = 1 - allocation.cheapest.cost / allocation.equal.cost
+        return f"{text} Scaling all priced tolerances alike does not reach the target."
+    saving = 1 - found.cost / allocation.equal.cost
     return (
-        f"{text} All of them scaled alike to the same yield ({_share(allocation.equal.passed.value)}) cost "
-        f"{allocation.equal.cost:.4g}: the allocation is {100 * saving:.1f} % cheaper."
+        f"{text} Scaling all of them alike costs {allocation.equal.cost:.3g} and gives {_yield(allocation.equal)}: the "
+        f"allocation is {100 * saving:.1f} % {'cheaper' if saving >= 0 else 'dearer'}."
     )
+
+
+def _yield(choice: Choice) -> str:
+    passed = choice.passed
+    return f"{_share(passed.value)} ({100 * passed.ci_low:.1f} to {_share(passed.ci_high)}, {passed.n:,} fresh units)"
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.2f} %"
+    return f"{100 * value:.1f} %"
 
 
 def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> None:
@@ -73,11 +84,12 @@ def write_allocation_page(allocation: Allocation, file: str, folder: Path) -> No
                 "title": "All limits" if row["metric"] == ALL_LIMITS else METRICS[row["metric"]].title,
                 "yield": _share(row["yield"]),
                 "ends": f"{_share(row['ci_low'])} to {_share(row['ci_high'])}",
+                "n": f"{row['n']:,}",
                 "cost": f"{row['cost']:.4g}",
             }
             for row in checks
         ],
-        units=checks[0]["n"],
+        units=allocation.units,
         tradeoff=[
             (_share(share), f"{cost:.4g}" if np.isfinite(cost) else NOTHING) for share, cost in allocation.tradeoff
         ],
@@ -94,8 +106,8 @@ def _pictures(allocation: Allocation, folder: Path) -> dict[str, Picture]:
     points = {CHOICES[name]: _point(choice) for name, choice in choices.items() if choice is not None}
     figure = tradeoff_figure(allocation.tradeoff, points, allocation.target)
     caption = (
-        "The line is of the last linear model and was not checked; the points are load-solved units, with the "
-        "intervals of their yields. To the right fewer units are bad."
+        "The line is the linear model about the best point and was not checked; the points are load-solved units, with "
+        "the intervals of their yields. The share of failing units falls to the right."
     )
     return drawn_pictures({"tradeoff": figure}, {"tradeoff": ("Cost against yield", caption)}, folder)
 

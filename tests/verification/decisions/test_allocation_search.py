@@ -1,0 +1,85 @@
+"""The search of an allocation: shorter steps where the model misleads, no good point lost, no unit used twice."""
+
+from itertools import count
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pipeline.decisions.allocation import allocate as allocation
+from pipeline.decisions.allocation.cheapest import LinearUnits
+from pipeline.decisions.allocation.search import Search, Trial, yield_text
+from pipeline.statistics import pass_share
+
+N = 4000
+TARGET = 0.9
+COSTS = 1.0, 1.0
+
+
+class CurvedSearch(Search):
+    """Badness that grows with the fourth power of the scales: a linear model of it oscillates without damping."""
+
+    @property
+    def bounds(self):
+        return np.full(2, 0.2), np.full(2, 5.0)
+
+    def cost(self, scale):
+        return float(np.sum(np.array(COSTS) / scale))
+
+    def costs(self):
+        return [lambda scale, rate=rate: rate / scale for rate in COSTS]
+
+    def drawn_badness(self, scale):
+        rng = np.random.default_rng(next(self.sets))
+        x = np.abs(rng.standard_normal((N, 2)))
+        return x, np.sum(x * scale**4, axis=1) - 8.0
+
+    def trial(self, scale):
+        x, badness = self.drawn_badness(scale)
+        slope = (4 * x * scale**3)[:, None, :]
+        units = LinearUnits(scale, badness[:, None], slope)
+        trial = Trial(scale, self.cost(scale), pass_share(badness <= 0, 0.95), units)
+        self.tell(trial)
+        return trial
+
+    def check(self, scale):
+        _, badness = self.drawn_badness(scale)
+        return {"all_limits": pass_share(badness <= 0, 0.95)}
+
+
+@pytest.fixture
+def search():
+    seen = []
+    study = SimpleNamespace(metrics=SimpleNamespace(confidence=0.95))
+    own_sets = count(1)
+    told = CurvedSearch(study, (1, 2), ((0,), (1,)), N, None, None, 1, seen.append, own_sets)
+    return told, seen
+
+
+@pytest.mark.parametrize("start", [0.5, 1.0, 2.0])
+def test_the_search_ends_at_the_cheapest_point_and_never_below_one_that_it_has_seen(search, start):
+    own, seen = search
+    first = own.trial(np.full(2, start))
+    best = own.improved(first, TARGET, TARGET)
+    trials = [item for item in seen if isinstance(item, Trial)]
+    reaching = [trial.cost for trial in trials if trial.passed.value >= TARGET]
+    assert best.passed.value >= TARGET
+    assert best.cost == min(reaching)
+    x = np.abs(np.random.default_rng(0).standard_normal((400_000, 2)))
+    exact = (8.0 / np.quantile(x.sum(axis=1), TARGET)) ** 0.25  # by symmetry both scales are alike
+    assert best.cost == pytest.approx(2 / exact, rel=0.03)
+
+
+def test_no_two_rounds_or_checks_share_a_unit(search):
+    own, _ = search
+    found = allocation._confirmed(own, TARGET)
+    used = next(own.sets)
+    assert found.passed.value >= TARGET
+    assert used > 4, "each trial and check took a set of its own"
+
+
+def test_units_without_a_result_are_counted_in_words():
+    assert yield_text(pass_share(np.ones(3654, bool), 0.95), 4000).endswith(
+        "(99.9 to 100.0; 3,654 units of 4,000, the others have no result)"
+    )
+    assert yield_text(pass_share(np.ones(4000, bool), 0.95), 4000).endswith("(99.9 to 100.0; 4,000 units)")
