@@ -21,20 +21,29 @@ BATCH = 500
 """Units that are solved together."""
 
 
-def fresh_yields(study: Study, start: int, units: int, solve: Solve, jobs: int) -> dict[str, Estimate]:
-    """Yields by metric and against all limits of ``units`` independent draws of the study's seed, from ``start`` on."""
+def fresh_values(study: Study, start: int, units: int, solve: Solve, jobs: int) -> dict[str, Real]:
+    """Each metric over the turn (units,) of independent draws of the study's seed, from ``start`` on."""
     stop = start + units
     samples = {"count": stop, "experiment": "monte_carlo", "nominal_first": False}
     larger_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
     parts = Parallel(jobs)(
         delayed(_over_turn)(larger_study, solve, a, min(a + BATCH, stop)) for a in range(start, stop, BATCH)
     )
-    values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    yields = {}
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def yields(study: Study, values: Mapping[str, Real]) -> dict[str, Estimate]:
+    """Yield by metric and against all limits, of the units (n,) that have a value."""
+    shares = {}
     for name, within_limits in study.limits.kept(values).items():
         has_metrics = np.all([np.isfinite(values[metric]) for metric in study.limits.limited(name, values)], axis=0)
-        yields[name] = pass_share(within_limits[has_metrics], study.metrics.confidence)
-    return yields
+        shares[name] = pass_share(within_limits[has_metrics], study.metrics.confidence)
+    return shares
+
+
+def fresh_yields(study: Study, start: int, units: int, solve: Solve, jobs: int) -> dict[str, Estimate]:
+    """Yields by metric and against all limits of ``units`` independent draws of the study's seed, from ``start`` on."""
+    return yields(study, fresh_values(study, start, units, solve, jobs))
 
 
 def _over_turn(study: Study, solve: Solve, start: int, stop: int) -> Angles:

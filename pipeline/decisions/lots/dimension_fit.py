@@ -1,0 +1,242 @@
+"""One measured dimension of a lot: distribution, correlation of neighbours, capability, drift and outliers.
+
+Intervals are those of a parametric bootstrap: lots of the same size are drawn from the fitted distribution with its
+correlation, and the interval is that of the pivot (ratio of standard deviations, difference of means over the standard
+deviation, difference of logarithms of the correlation length). Source: Davison, Hinkley, Bootstrap Methods and their
+Application (1997), sections 2.4 and 5.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
+from numpy.typing import NDArray
+
+from pipeline.config.designs.design import Design
+from pipeline.config.dimensions import Dimension
+from pipeline.config.distributions import Distribution, Spread
+from pipeline.decisions.lots.fitted_distribution import FittedKind, fitted_kinds
+from pipeline.decisions.lots.measured_lot import FEWEST_PARTS
+from pipeline.sampling.correlation import correlated
+from pipeline.statistics import Estimate
+
+Real = NDArray[np.float64]
+
+REPLICATES = 399
+"""Lots of the bootstrap: the ends of a 95 % interval are order statistics 10 and 390."""
+LEVEL = 0.05
+"""Level of the tests of drift and outliers over a dimension, and of the correlation."""
+FEWEST_FOR_DRIFT = 8
+"""Parts below which a drift over the order of production is not tested."""
+LENGTHS_PER_DECADE = 24
+"""Of trial correlation lengths; the best of them is refined."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Change of a dimension over the order of production.
+
+    Attributes
+    ----------
+    change_um : from the first to the last part [um], least squares, with Student's interval.
+    p_value : Kendall's test of the parts' means against their order.
+    """
+
+    change_um: Estimate
+    p_value: float
+
+
+@dataclass(frozen=True)
+class DimensionFit:
+    """A measured dimension.
+
+    Attributes
+    ----------
+    values : (n_parts, n_elements) [um] of the parts that have it.
+    kinds : fitted distributions, the best first.
+    tolerance : of a study of this lot: the best kind with the correlation of neighbours.
+    mean, spread : mean and standard deviation [um] of the total deviation.
+    correlation_mm : correlation length along the circle [mm]; None where elements lie on none or neighbours are
+        independent by the test.
+    cp, cpk : capability against the drawing's limits; None where the drawing has no such limits.
+    drift : None for fewer than ``FEWEST_FOR_DRIFT`` parts.
+    outliers : part and element of each value that a normal lot would not hold.
+    """
+
+    dimension: Dimension
+    values: Real
+    kinds: tuple[FittedKind, ...]
+    tolerance: Distribution
+    mean: Estimate
+    spread: Estimate
+    correlation_mm: Estimate | None
+    cp: Estimate | None
+    cpk: Estimate | None
+    drift: Drift | None
+    outliers: tuple[tuple[int, int], ...]
+
+
+def dimension_fit(
+    dimension: Dimension, values: Real, drawing: Distribution, design: Design, confidence: float, seed: int
+) -> DimensionFit | None:
+    """The fit of one dimension; None where too few parts have it or all are equal.
+
+    Parameters
+    ----------
+    values : (n_parts, n_elements) [um], NaN where a part was not measured.
+    drawing : tolerance of the study.
+    confidence : level of the intervals.
+    seed : of the bootstrap.
+    """
+    values = values[np.all(np.isfinite(values), axis=1)]
+    flat = values.ravel()
+    if len(flat) < FEWEST_PARTS or np.ptp(flat) == 0:
+        return None
+    kinds = fitted_kinds(flat, dimension, drawing)
+    best, circle = kinds[0].distribution, _circumference(dimension, values, design)
+    length = correlation_length(values, circle) if circle else None
+    replicates = _replicates(best, values.shape, circle, length, np.random.default_rng(seed))
+    mean, spread = _moments(flat, replicates, confidence)
+    of_length = None
+    if length is not None and circle:
+        trials = [correlation_length(lot, circle, tested=False) or length for lot in replicates]
+        ratios = np.quantile(np.array(trials) / length, _ends(confidence))
+        of_length = Estimate(length, length / ratios[1], length / ratios[0], len(flat))
+        best = best.model_copy(update={"correlation_length_mm": float(f"{length:.3g}")})
+    cp, cpk = _capability(dimension, drawing, flat, replicates, spread, confidence)
+    return DimensionFit(
+        dimension,
+        values,
+        tuple(kinds),
+        best,
+        mean,
+        spread,
+        of_length,
+        cp,
+        cpk,
+        _drift(values.mean(axis=1), confidence),
+        _outliers(values),
+    )
+
+
+def _circumference(dimension: Dimension, values: Real, design: Design) -> float | None:
+    """Of the circle [mm] along which the measured elements were machined; None without one."""
+    elements = dimension.elements
+    if elements is None or elements.radius_mm is None or values.shape[1] < 3:
+        return None
+    return 2 * np.pi * elements.radius_mm(design)
+
+
+def correlation_length(values: Real, circumference: float, tested: bool = True) -> float | None:
+    """Correlation length [mm] of neighbours on circles (n_circles, n_elements), by maximum likelihood.
+
+    Parameters
+    ----------
+    tested : whether None is returned where the likelihood ratio does not reject independence.
+
+    Notes
+    -----
+    Normal scores of the ranks have the correlation exp(-arc/length), as the sampling has it; its circulant matrix is
+    diagonal over the waves of the circle, so a trial length costs a sum. Independence is the limit of length zero, on the
+    edge of its range: the likelihood ratio is zero half of the time and chi-square with one degree of freedom else.
+    Source: Self, Liang, J. Am. Stat. Assoc. 82 (1987) 605.
+    """
+    n = values.shape[1]
+    scores = scipy.special.ndtri((scipy.stats.rankdata(values).reshape(values.shape) - 0.5) / values.size)
+    power = np.mean(np.abs(np.fft.fft(scores, axis=1)) ** 2, axis=0) / n
+    arc = circumference / n * np.minimum(np.arange(n), n - np.arange(n))
+
+    def cost(log_length: float) -> float:
+        spectrum = np.maximum(np.fft.fft(np.exp(-arc / np.exp(log_length))).real, 1e-12)
+        return float(np.sum(power / spectrum + np.log(spectrum))) * len(values)
+
+    low, high = np.log(0.1 * circumference / n), np.log(circumference)
+    trials = np.linspace(low, high, int(LENGTHS_PER_DECADE * (high - low) / np.log(10)) + 2)
+    k = int(np.argmin([cost(trial) for trial in trials]))
+    bracket = trials[max(k - 1, 0)], trials[min(k + 1, len(trials) - 1)]
+    found = scipy.optimize.minimize_scalar(cost, bounds=bracket, method="bounded")
+    independent = float(np.sum(power)) * len(values)
+    if tested and independent - found.fun < scipy.stats.chi2.ppf(1 - 2 * LEVEL, 1):
+        return None
+    return float(np.exp(found.x))
+
+
+def _replicates(
+    distribution: Distribution, shape: tuple[int, ...], circumference: float | None, length: float | None,
+    rng: np.random.Generator,
+) -> list[Real]:
+    """Lots of the shape of the measured one, drawn from the fit [um]."""
+    lots = []
+    for _ in range(REPLICATES):
+        probability = rng.random(shape)
+        if circumference and length:
+            probability = correlated(probability, circumference, length)
+        lots.append(distribution.allowance_um + distribution.deviation(probability))
+    return lots
+
+
+def _ends(confidence: float) -> Real:
+    return np.array([(1 - confidence) / 2, (1 + confidence) / 2])
+
+
+def _moments(flat: Real, replicates: list[Real], confidence: float) -> tuple[Estimate, Estimate]:
+    """Mean and standard deviation [um] with the intervals of their pivots."""
+    mean, spread = float(np.mean(flat)), float(np.std(flat, ddof=1))
+    means = np.array([np.mean(lot) for lot in replicates])
+    spreads = np.array([np.std(lot, ddof=1) for lot in replicates])
+    centre, width = np.mean(means), np.sqrt(np.mean(spreads**2))
+    shift_low, shift_high = np.quantile((means - centre) / spreads, _ends(confidence))
+    ratio_low, ratio_high = np.quantile(spreads / width, _ends(confidence))
+    return (
+        Estimate(mean, mean - shift_high * spread, mean - shift_low * spread, len(flat)),
+        Estimate(spread, spread / ratio_high, spread / ratio_low, len(flat)),
+    )
+
+
+def _capability(
+    dimension: Dimension, drawing: Distribution, flat: Real, replicates: list[Real], spread: Estimate, confidence: float
+) -> tuple[Estimate | None, Estimate | None]:
+    """C_p and C_pk against the limits of the drawing."""
+    if not drawing.varies:
+        return None, None
+    lower, upper = (drawing.allowance_um + limit for limit in drawing.limits_um)
+    two_sided = isinstance(drawing, Spread) and not dimension.one_sided
+    n, cp = len(flat), None
+    if two_sided:
+        widths = ((upper - lower) / 6 / value for value in (spread.value, spread.ci_high, spread.ci_low))
+        cp = Estimate(*widths, n)
+
+    def cpk(values: Real) -> float:
+        sides = [upper - np.mean(values), *([np.mean(values) - lower] if two_sided else [])]
+        return float(min(sides) / (3 * np.std(values, ddof=1)))
+
+    value, drawn_values = cpk(flat), np.array([cpk(lot) for lot in replicates])
+    low, high = np.quantile(drawn_values - np.mean(drawn_values), _ends(confidence))
+    return cp, Estimate(value, value - high, value - low, n)
+
+
+def _drift(part_means: Real, confidence: float) -> Drift | None:
+    n = len(part_means)
+    if n < FEWEST_FOR_DRIFT or np.ptp(part_means) == 0:
+        return None
+    order = np.arange(n)
+    line = scipy.stats.linregress(order, part_means)
+    half = scipy.stats.t.ppf((1 + confidence) / 2, n - 2) * line.stderr
+    change = Estimate(*((n - 1) * slope for slope in (line.slope, line.slope - half, line.slope + half)), n)
+    return Drift(change, float(scipy.stats.kendalltau(order, part_means).pvalue))
+
+
+def _outliers(values: Real) -> tuple[tuple[int, int], ...]:
+    """Part and element of each value farther from the median than all of a normal lot but for one lot in twenty.
+
+    The scale is 1.4826 times the median absolute deviation. Source: Iglewicz, Hoaglin, How to Detect and Handle
+    Outliers (1993), with the limit of a family of tests in place of 3.5.
+    """
+    distance = np.abs(values - np.median(values))
+    scale = 1.4826 * np.median(distance)
+    limit = scipy.stats.norm.isf(LEVEL / (2 * values.size))
+    if scale == 0:
+        return ()
+    return tuple((int(part), int(element)) for part, element in np.argwhere(distance > limit * scale))

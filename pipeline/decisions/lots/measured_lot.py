@@ -1,0 +1,158 @@
+"""Measured parts: the columns of a table of parts as deviations of toleranced dimensions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.designs.design import Design
+from pipeline.config.dimensions import Dimension, dimension_library
+from pipeline.config.files.section import nearest_name
+from pipeline.errors import InputError
+
+Real = NDArray[np.float64]
+
+PART = "part"
+"""Column that labels a part; rows of one label are the elements of one part, in their order."""
+FEWEST_PARTS = 5
+"""Values of a dimension below which no distribution is fitted."""
+
+
+@dataclass(frozen=True)
+class MeasuredLot:
+    """Parts in the order of production.
+
+    Attributes
+    ----------
+    name : of the lot, for messages and pages.
+    parts : label of each part (n_parts,).
+    values : of each measured dimension (n_parts, n_elements) [um], total deviations with the signs of the dimensions;
+        NaN where a part has no value. Dimensions without elements have one column.
+    ignored : columns of the table that are no dimension.
+    """
+
+    name: str
+    parts: tuple[str, ...]
+    values: Mapping[str, Real]
+    ignored: tuple[str, ...]
+
+
+def measured_lot(name: str, columns: Mapping[str, Sequence[str]], design: Design) -> MeasuredLot:
+    """The lot in a table of texts.
+
+    Parameters
+    ----------
+    name : of the file.
+    columns : texts by column (n_rows,). A column is named after a dimension, as ``disk_profile`` or ``disk_profile_um``,
+        or after one of its elements, as ``pin_radial_0`` to ``pin_radial_79``. ``part`` labels the parts; a label that
+        is repeated continues its part with the next element.
+    design : of the reducer; it states how many elements a part has.
+
+    Raises
+    ------
+    InputError
+        If a value is no number, a part lacks elements, a dimension has none in this reducer, or nothing was measured.
+    """
+    problems: list[str] = []
+    read: dict[str, dict[int | None, Real]] = {}
+    ignored = []
+    for column, texts in columns.items():
+        if column == PART:
+            continue
+        named = _dimension_of(column, design)
+        if named is None:
+            ignored.append(column)
+            continue
+        dimension, element = named
+        if dimension.count(design) == 0:
+            problems.append(f"{name}: column {column}: {dimension.refusal(design)}")
+            continue
+        read.setdefault(dimension.name, {})[element] = _numbers(name, column, texts, problems)
+    if not read and not problems:
+        hints = [f"{column!r}: {nearest_name(column, tuple(dimension_library()))}" for column in ignored[:3]]
+        problems.append(
+            f"{name}: no column is named after a toleranced dimension ({'; '.join(hints) or 'the table is empty'})"
+        )
+    if problems:
+        raise InputError(problems)
+    labels = [str(label) for label in columns[PART]] if PART in columns else None
+    n_rows = len(next(iter(columns.values())))
+    starts = _starts(labels, n_rows)
+    values = {
+        key: _by_part(name, dimension_library()[key], design, parts, starts, n_rows) for key, parts in read.items()
+    }
+    part_labels = tuple(labels[k] if labels else str(k + 1) for k in starts)
+    return MeasuredLot(name, part_labels, values, tuple(ignored))
+
+
+def _dimension_of(column: str, design: Design) -> tuple[Dimension, int | None] | None:
+    """Dimension and number of the element that a column is named after."""
+    bare = column.strip().removesuffix("_um")
+    library = dimension_library()
+    if bare in library:
+        return library[bare], None
+    match = re.fullmatch(r"(.+)_(\d+)", bare)
+    if match and match[1] in library and library[match[1]].elements:
+        return library[match[1]], int(match[2])
+    return None
+
+
+def _numbers(name: str, column: str, texts: Sequence[str], problems: list[str]) -> Real:
+    """Values [um] of a column, NaN where it is empty; what is no number is added to the problems."""
+    values = np.full(len(texts), np.nan)
+    for row, text in enumerate(texts):
+        if not str(text).strip():
+            continue
+        try:
+            values[row] = float(text)
+        except ValueError:
+            values[row] = np.inf
+        if not np.isfinite(values[row]) or abs(values[row]) > LARGEST_DEVIATION:
+            problems.append(
+                f"{name}:{row + 2}: {column} = {text}; must be a deviation in um, at most {LARGEST_DEVIATION:g}"
+            )
+            values[row] = np.nan
+    return values
+
+
+LARGEST_DEVIATION = 1e5
+"""Deviation [um] beyond which a column holds sizes, not deviations from the nominal size."""
+
+
+def _starts(labels: Sequence[str] | None, n_rows: int) -> list[int]:
+    """First row of each part."""
+    if labels is None:
+        return list(range(n_rows))
+    return [row for row in range(n_rows) if row == 0 or labels[row] != labels[row - 1]]
+
+
+def _by_part(
+    name: str, dimension: Dimension, design: Design, parts: Mapping[int | None, Real], starts: Sequence[int], n_rows: int
+) -> Real:
+    """Values (n_parts, n_elements) of one dimension."""
+    ends = [*starts[1:], n_rows]
+    of_one_part = dimension.elements.count(design) if dimension.elements else 1
+    if None not in parts:
+        if sorted(number for number in parts if number is not None) != list(range(of_one_part)):
+            raise InputError(
+                f"{name}: columns of {dimension.name} have {len(parts)} numbers; give {dimension.name}_0 to "
+                f"{dimension.name}_{of_one_part - 1}"
+            )
+        return np.column_stack([parts[number] for number in range(of_one_part)])[list(starts)]
+    rows = parts[None]
+    groups = [rows[start:end] for start, end in zip(starts, ends, strict=True)]
+    groups = [group[np.isfinite(group)] for group in groups]
+    sizes = {len(group) for group in groups if len(group)}
+    if dimension.elements is None and sizes - {1}:
+        raise InputError(f"{name}: a part has several values of {dimension.name}; a part has one")
+    if sizes <= {1}:
+        return np.array([group[0] if len(group) else np.nan for group in groups])[:, None]
+    if sizes != {of_one_part}:
+        raise InputError(
+            f"{name}: parts have {', '.join(map(str, sorted(sizes)))} values of {dimension.name}; a part has {of_one_part}"
+        )
+    return np.array([group if len(group) else np.full(of_one_part, np.nan) for group in groups])
