@@ -76,7 +76,9 @@ def allocate_tolerances(options: argparse.Namespace) -> None:
     trial = draw(tails.population(study, TRIAL), 0, TRIAL)
     rough = partial(prediction.rough_metrics, study, springs(shared, trial))
     tell = partial(say, "allocate")
-    allocation = allocate(study, options.target, options.units, partial(_loaded, shared), rough, condensed.jobs, tell)
+    allocation = allocate(
+        study, options.target, options.units, partial(loaded_units, shared), rough, condensed.jobs, tell
+    )
     folder = settings.RUNS / "allocate" / study.name
     allocation_results.write_tables(allocation, folder)
     file = f"{allocation_results.study_name(study)}.toml"
@@ -97,7 +99,7 @@ def reweigh_run(options: argparse.Namespace) -> None:
     answer = reweighted(_run(wide, options), narrow)
     condensed = up_to_date(narrow, ["springs", "reduce"], options)
     shared = hysteresis.prepare(Job(narrow, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
-    fresh = fresh_yields(narrow, wide.samples.count, options.check, partial(_loaded, shared), condensed.jobs)
+    fresh = fresh_yields(narrow, wide.samples.count, options.check, partial(loaded_units, shared), condensed.jobs)
     kinds = {"reweighted": answer.yields, "fresh": fresh}
     rows = pd.DataFrame(
         [{"metric": name, "units": kind, **vars(shares[name])} for name in fresh for kind, shares in kinds.items()]
@@ -111,7 +113,7 @@ def reweigh_run(options: argparse.Namespace) -> None:
     print(f"table: {settings.shown(table)}")
 
 
-def _loaded(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]:
+def loaded_units(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]:
     """Every metric of ``n`` units at the loaded angles (n, n_angles), and over the turn as the limits mean it (n,)."""
     study = shared.study
     loops = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)

@@ -118,6 +118,14 @@ def _decisions(command: Commands) -> None:
     _study(bounding)
     _where(bounding)
 
+    judging = command("lots", "lots.judge_lots", "yield of a study made from measured parts, and what costs most of it")
+    judging.add_argument(
+        "--csv", required=True, type=Path, action="append", help="measured parts; twice: two lots side by side"
+    )
+    judging.add_argument("--units", type=int, default=2_000, help="load-solved for each yield; default: 2,000")
+    _study(judging)
+    _where(judging)
+
     handing = command("joints", "handover.write_joints", "backlash, stiffness, friction of a study for simulators")
     _study(handing)
     _where(handing)

@@ -8,6 +8,7 @@ Application (1997), sections 2.4 and 5.2.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +55,8 @@ class DimensionFit:
 
     Attributes
     ----------
-    values : (n_parts, n_elements) [um] of the parts that have it.
+    parts : labels of the parts that have it.
+    values : (n_parts, n_elements) [um] of these parts.
     kinds : fitted distributions, the best first.
     tolerance : of a study of this lot: the best kind with the correlation of neighbours.
     mean, spread : mean and standard deviation [um] of the total deviation.
@@ -66,6 +68,7 @@ class DimensionFit:
     """
 
     dimension: Dimension
+    parts: tuple[str, ...]
     values: Real
     kinds: tuple[FittedKind, ...]
     tolerance: Distribution
@@ -79,18 +82,26 @@ class DimensionFit:
 
 
 def dimension_fit(
-    dimension: Dimension, values: Real, drawing: Distribution, design: Design, confidence: float, seed: int
+    dimension: Dimension,
+    parts: Sequence[str],
+    values: Real,
+    drawing: Distribution,
+    design: Design,
+    confidence: float,
+    seed: int,
 ) -> DimensionFit | None:
     """The fit of one dimension; None where too few parts have it or all are equal.
 
     Parameters
     ----------
+    parts : label of each part.
     values : (n_parts, n_elements) [um], NaN where a part was not measured.
     drawing : tolerance of the study.
     confidence : level of the intervals.
     seed : of the bootstrap.
     """
-    values = values[np.all(np.isfinite(values), axis=1)]
+    complete = np.all(np.isfinite(values), axis=1)
+    parts, values = [label for label, known in zip(parts, complete, strict=True) if known], values[complete]
     flat = values.ravel()
     if len(flat) < FEWEST_PARTS or np.ptp(flat) == 0:
         return None
@@ -108,6 +119,7 @@ def dimension_fit(
     cp, cpk = _capability(dimension, drawing, flat, replicates, spread, confidence)
     return DimensionFit(
         dimension,
+        tuple(parts),
         values,
         tuple(kinds),
         best,
@@ -117,7 +129,7 @@ def dimension_fit(
         cp,
         cpk,
         _drift(values.mean(axis=1), confidence),
-        _outliers(values),
+        _outliers(values, replicates),
     )
 
 
@@ -139,8 +151,8 @@ def correlation_length(values: Real, circumference: float, tested: bool = True) 
     Notes
     -----
     Normal scores of the ranks have the correlation exp(-arc/length), as the sampling has it; its circulant matrix is
-    diagonal over the waves of the circle, so a trial length costs a sum. Independence is the limit of length zero, on the
-    edge of its range: the likelihood ratio is zero half of the time and chi-square with one degree of freedom else.
+    diagonal over the waves of the circle, so a trial length costs a sum. Independence is the limit of length zero, on
+    the edge of its range: the likelihood ratio is zero half of the time and chi-square with one degree of freedom else.
     Source: Self, Liang, J. Am. Stat. Assoc. 82 (1987) 605.
     """
     n = values.shape[1]
@@ -164,7 +176,10 @@ def correlation_length(values: Real, circumference: float, tested: bool = True) 
 
 
 def _replicates(
-    distribution: Distribution, shape: tuple[int, ...], circumference: float | None, length: float | None,
+    distribution: Distribution,
+    shape: tuple[int, ...],
+    circumference: float | None,
+    length: float | None,
     rng: np.random.Generator,
 ) -> list[Real]:
     """Lots of the shape of the measured one, drawn from the fit [um]."""
@@ -205,8 +220,8 @@ def _capability(
     two_sided = isinstance(drawing, Spread) and not dimension.one_sided
     n, cp = len(flat), None
     if two_sided:
-        widths = ((upper - lower) / 6 / value for value in (spread.value, spread.ci_high, spread.ci_low))
-        cp = Estimate(*widths, n)
+        width = (upper - lower) / 6
+        cp = Estimate(width / spread.value, width / spread.ci_high, width / spread.ci_low, n)
 
     def cpk(values: Real) -> float:
         sides = [upper - np.mean(values), *([np.mean(values) - lower] if two_sided else [])]
@@ -224,19 +239,22 @@ def _drift(part_means: Real, confidence: float) -> Drift | None:
     order = np.arange(n)
     line = scipy.stats.linregress(order, part_means)
     half = scipy.stats.t.ppf((1 + confidence) / 2, n - 2) * line.stderr
-    change = Estimate(*((n - 1) * slope for slope in (line.slope, line.slope - half, line.slope + half)), n)
+    span = n - 1
+    change = Estimate(span * line.slope, span * (line.slope - half), span * (line.slope + half), n)
     return Drift(change, float(scipy.stats.kendalltau(order, part_means).pvalue))
 
 
-def _outliers(values: Real) -> tuple[tuple[int, int], ...]:
-    """Part and element of each value farther from the median than all of a normal lot but for one lot in twenty.
+def _outliers(values: Real, replicates: list[Real]) -> tuple[tuple[int, int], ...]:
+    """Part and element of each value farther from the median than any of 95 % of the lots drawn from the fit.
 
-    The scale is 1.4826 times the median absolute deviation. Source: Iglewicz, Hoaglin, How to Detect and Handle
-    Outliers (1993), with the limit of a family of tests in place of 3.5.
+    Distances are counted in median absolute deviations, which a few outliers do not move.
     """
+    distance = _robust_distances(values)
+    limit = float(np.quantile([np.max(_robust_distances(lot)) for lot in replicates], 1 - LEVEL))
+    return tuple((int(part), int(element)) for part, element in np.argwhere(distance > limit))
+
+
+def _robust_distances(values: Real) -> Real:
     distance = np.abs(values - np.median(values))
-    scale = 1.4826 * np.median(distance)
-    limit = scipy.stats.norm.isf(LEVEL / (2 * values.size))
-    if scale == 0:
-        return ()
-    return tuple((int(part), int(element)) for part, element in np.argwhere(distance > limit * scale))
+    scale = np.median(distance)
+    return distance / scale if scale > 0 else np.zeros_like(distance)

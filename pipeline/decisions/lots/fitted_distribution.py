@@ -8,7 +8,7 @@ distribution are those of David, Nagaraja, Order Statistics (2003), unbiased rat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,7 +161,7 @@ _FITS: tuple[Callable[[Real, Dimension, Distribution], Fit], ...] = (_normal, _t
 _ZONE_FITS: tuple[Callable[[Real, Dimension, Distribution], Fit], ...] = (_uniform_in_disc, _normal_in_disc)
 
 
-def kind_table(kinds: list[FittedKind]) -> Mapping[str, float]:
+def relative_bic(kinds: Sequence[FittedKind]) -> Mapping[str, float]:
     """BIC less that of the chosen kind, by kind."""
     names: dict[str, float] = {}
     for kind in kinds:

@@ -47,9 +47,9 @@ def measured_lot(name: str, columns: Mapping[str, Sequence[str]], design: Design
     Parameters
     ----------
     name : of the file.
-    columns : texts by column (n_rows,). A column is named after a dimension, as ``disk_profile`` or ``disk_profile_um``,
-        or after one of its elements, as ``pin_radial_0`` to ``pin_radial_79``. ``part`` labels the parts; a label that
-        is repeated continues its part with the next element.
+    columns : texts by column (n_rows,). A column is named after a dimension, as ``disk_profile`` or
+        ``disk_profile_um``, or after one of its elements, as ``pin_radial_0`` to ``pin_radial_79``. ``part`` labels
+        the parts; a label that is repeated continues its part with the next element.
     design : of the reducer; it states how many elements a part has.
 
     Raises
@@ -131,7 +131,12 @@ def _starts(labels: Sequence[str] | None, n_rows: int) -> list[int]:
 
 
 def _by_part(
-    name: str, dimension: Dimension, design: Design, parts: Mapping[int | None, Real], starts: Sequence[int], n_rows: int
+    name: str,
+    dimension: Dimension,
+    design: Design,
+    parts: Mapping[int | None, Real],
+    starts: Sequence[int],
+    n_rows: int,
 ) -> Real:
     """Values (n_parts, n_elements) of one dimension."""
     ends = [*starts[1:], n_rows]
@@ -153,6 +158,7 @@ def _by_part(
         return np.array([group[0] if len(group) else np.nan for group in groups])[:, None]
     if sizes != {of_one_part}:
         raise InputError(
-            f"{name}: parts have {', '.join(map(str, sorted(sizes)))} values of {dimension.name}; a part has {of_one_part}"
+            f"{name}: parts have {', '.join(map(str, sorted(sizes)))} values of {dimension.name}; "
+            f"a part has {of_one_part}"
         )
     return np.array([group if len(group) else np.full(of_one_part, np.nan) for group in groups])

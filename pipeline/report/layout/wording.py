@@ -1,6 +1,7 @@
 """Numbers as the report writes them: their digits, their intervals, and what the samples do not determine."""
 
 import math
+from collections.abc import Sequence
 
 from pipeline.model.metrics import Quantity
 
@@ -44,6 +45,6 @@ def counted(count: int, singular: str, plural: str | None = None) -> str:
     return f"{count:,} {singular if count == 1 else plural or singular + 's'}"
 
 
-def listed(texts: list[str], conjunction: str = "and") -> str:
+def listed(texts: Sequence[str], conjunction: str = "and") -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {conjunction} {texts[-1]}" if texts else NOTHING

@@ -1,0 +1,257 @@
+"""What a comparison of measured lots with a study leaves behind: its tables, and a study file of each lot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config import parse_study
+from pipeline.config.dimensions import dimension_library
+from pipeline.config.files.writing import toml_of
+from pipeline.config.studies.study import Study
+from pipeline.decisions.fresh_units import Solve
+from pipeline.decisions.lots.dimension_fit import DimensionFit, dimension_fit
+from pipeline.decisions.lots.fitted_distribution import relative_bic
+from pipeline.decisions.lots.lot_yield import LotYield, lot_yield, study_of_lot
+from pipeline.decisions.lots.measured_lot import FEWEST_PARTS, MeasuredLot
+from pipeline.decisions.run_comparison import DIFFERENCES, ComparedRun, differences
+from pipeline.engine.store import write_atomic
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.errors import InputError
+from pipeline.statistics import Estimate
+
+NO_ESTIMATE = Estimate(np.nan, np.nan, np.nan, 0)
+
+
+def _estimate_columns(name: str, unit: str, meaning: str) -> tuple[Column, ...]:
+    return (
+        Column(name, "float64", unit, f"{meaning}; null: not defined"),
+        Column(f"{name}_ci_low", "float64", unit, f"lower end of the interval of {name}"),
+        Column(f"{name}_ci_high", "float64", unit, f"upper end of the interval of {name}"),
+    )
+
+
+FITS = Table(
+    "fits",
+    "lot, measured dimension",
+    (
+        Column("lot", "label", "", "lot"),
+        Column("dimension", "label", "", "toleranced dimension"),
+        Column("parts", "int32", "1", "parts with a value"),
+        Column("n", "int32", "1", "values"),
+        Column("distribution", "label", "", "kind of distribution with the smallest BIC"),
+        Column("next_distribution", "label", "", "kind with the next smallest BIC"),
+        Column(
+            "next_bic", "float64", "1", "BIC of the next kind less that of the chosen one; null: no other kind fits"
+        ),
+        *_estimate_columns("mean_um", "um", "mean of the total deviation"),
+        *_estimate_columns("std_um", "um", "standard deviation"),
+        *_estimate_columns("correlation_length_mm", "mm", "correlation length of neighbours along the circle"),
+        *_estimate_columns("cp", "1", "capability C_p against the drawing"),
+        *_estimate_columns("cpk", "1", "capability C_pk against the drawing"),
+        *_estimate_columns("drift_um", "um", "change of the mean from the first part to the last"),
+        Column("drift_p_value", "float64", "1", "of Kendall's test of a drift; null: too few parts"),
+    ),
+)
+OUTLIERS = Table(
+    "outliers",
+    "value that a normal lot would not hold",
+    (
+        Column("lot", "label", "", "lot"),
+        Column("dimension", "label", "", "toleranced dimension"),
+        Column("part", "label", "", "part"),
+        Column("element", "int32", "1", "element of the part; 0 of a dimension without elements"),
+        Column("value_um", "float64", "um", "total deviation"),
+    ),
+)
+YIELDS = Table(
+    "yields",
+    "lot, limit, tolerances",
+    (
+        Column("lot", "label", "", "lot"),
+        Column("metric", "label", "", "column of metrics; all_limits: all together"),
+        Column("tolerances", "label", "", "drawn: of the study; made: of the lot"),
+        Column("yield", "float64", "1", "share of fresh load-solved units within the limit"),
+        Column("ci_low", "float64", "1", "lower end of the confidence interval"),
+        Column("ci_high", "float64", "1", "upper end"),
+        Column("n", "int32", "1", "units"),
+    ),
+)
+COSTS = Table(
+    "costs",
+    "lot, measured dimension",
+    (
+        Column("lot", "label", "", "lot"),
+        Column("dimension", "label", "", "toleranced dimension"),
+        Column("yield_at_target", "float64", "1", "yield of the lot with this dimension at the drawing's mean"),
+        Column("gain", "float64", "1", "less the yield of the lot, on the same units"),
+        Column("ci_low", "float64", "1", "lower end of the confidence interval of the gain"),
+        Column("ci_high", "float64", "1", "upper end"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class LotFindings:
+    """One lot against a study.
+
+    Attributes
+    ----------
+    skipped : measured dimensions without a fit, and why.
+    """
+
+    lot: MeasuredLot
+    fits: tuple[DimensionFit, ...]
+    skipped: tuple[tuple[str, str], ...]
+    outcome: LotYield
+
+
+def lot_fits(study: Study, lot: MeasuredLot) -> tuple[tuple[DimensionFit, ...], tuple[tuple[str, str], ...]]:
+    """The fits of a lot, and the dimensions that have none with the reason.
+
+    Raises
+    ------
+    InputError
+        If no dimension of the lot can be fitted.
+    """
+    fits, skipped = [], []
+    for name, values in lot.values.items():
+        fit = dimension_fit(
+            dimension_library()[name],
+            lot.parts,
+            values,
+            getattr(study.tolerances, name),
+            study.design,
+            study.metrics.confidence,
+            study.samples.seed,
+        )
+        if fit is None:
+            skipped.append((name, f"fewer than {FEWEST_PARTS} values, or all equal"))
+        else:
+            fits.append(fit)
+    if not fits:
+        raise InputError(f"{lot.name}: no dimension has {FEWEST_PARTS} different values; measure more parts")
+    return tuple(fits), tuple(skipped)
+
+
+def lot_findings(study: Study, lot: MeasuredLot, solve: Solve, units: int, jobs: int) -> LotFindings:
+    """Fits of a lot and the yield of a study made from it."""
+    fits, skipped = lot_fits(study, lot)
+    return LotFindings(lot, fits, skipped, lot_yield(study, fits, solve, units, jobs))
+
+
+def fit_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
+    """Rows of `FITS`."""
+    rows = []
+    for found in findings:
+        for fit in found.fits:
+            others = {name: gap for name, gap in relative_bic(fit.kinds).items() if gap > 0}
+            following = min(others.items(), key=lambda item: item[1], default=("", np.nan))
+            drift = fit.drift
+            estimates = {
+                "mean_um": fit.mean,
+                "std_um": fit.spread,
+                "correlation_length_mm": fit.correlation_mm,
+                "cp": fit.cp,
+                "cpk": fit.cpk,
+                "drift_um": drift.change_um if drift else None,
+            }
+            row: dict[str, Any] = {
+                "lot": found.lot.name,
+                "dimension": fit.dimension.name,
+                "parts": len(fit.values),
+                "n": fit.values.size,
+                "distribution": fit.tolerance.name,
+                "next_distribution": following[0],
+                "next_bic": following[1],
+                "drift_p_value": drift.p_value if drift else np.nan,
+            }
+            for name, estimate in estimates.items():
+                known = estimate or NO_ESTIMATE
+                row |= {name: known.value, f"{name}_ci_low": known.ci_low, f"{name}_ci_high": known.ci_high}
+            rows.append(row)
+    return pd.DataFrame(rows, columns=[column.name for column in FITS.columns])
+
+
+def outlier_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
+    """Rows of `OUTLIERS`."""
+    rows = [
+        (found.lot.name, fit.dimension.name, fit.parts[part], element, fit.values[part, element])
+        for found in findings
+        for fit in found.fits
+        for part, element in fit.outliers
+    ]
+    return pd.DataFrame(rows, columns=[column.name for column in OUTLIERS.columns])
+
+
+def yield_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
+    """Rows of `YIELDS`."""
+    rows = [
+        (found.lot.name, metric, tolerances, share.value, share.ci_low, share.ci_high, share.n)
+        for found in findings
+        for tolerances, shares in (("drawn", found.outcome.as_drawn), ("made", found.outcome.as_made))
+        for metric, share in shares.items()
+    ]
+    return pd.DataFrame(rows, columns=[column.name for column in YIELDS.columns])
+
+
+def cost_rows(findings: Sequence[LotFindings]) -> pd.DataFrame:
+    """Rows of `COSTS`."""
+    rows = [
+        (found.lot.name, cost.name, cost.yield_at_target, cost.gain.value, cost.gain.ci_low, cost.gain.ci_high)
+        for found in findings
+        for cost in found.outcome.costs
+    ]
+    return pd.DataFrame(rows, columns=[column.name for column in COSTS.columns])
+
+
+def lot_differences(study: Study, findings: Sequence[LotFindings]) -> pd.DataFrame:
+    """Rows of `DIFFERENCES`: metrics and yields of units made from the second lot less those of the first."""
+    runs = [
+        ComparedRun(_named(study_of_lot(study, found.fits), found.lot.name), _frame(found), pd.DataFrame())
+        for found in findings
+    ]
+    return pd.DataFrame(differences(*runs))
+
+
+def _frame(found: LotFindings) -> pd.DataFrame:
+    return pd.DataFrame(dict(found.outcome.values))
+
+
+def _named(study: Study, name: str) -> Study:
+    """The study as a run of its units alone: sample 0 is a drawn one."""
+    samples = study.samples.model_copy(update={"nominal_first": False})
+    return study.model_copy(update={"name": name, "samples": samples})
+
+
+def study_text(study: Study, fits: Sequence[DimensionFit], lot: str, name: str, design: str) -> str:
+    """The study with the distributions of a lot as a TOML file; ``design`` names its design."""
+    made = study_of_lot(study, fits)
+    content: dict[str, Any] = made.model_dump(exclude_defaults=True, exclude={"name", "design"})
+    content["title"] = f"{study.title or study.name}: parts of {lot}"
+    if study.cycle.loaded_angles:
+        content["cycle"].pop("crank_deg", None)
+    content = {"design": design, **{key: value for key, value in content.items() if value != {}}}
+    parse_study(content, name, f"{name}.toml", lambda _: study.design)
+    return f"# {study.name} with distributions fitted to the measured parts of {lot}.\n" + toml_of(content)
+
+
+def write_tables(study: Study, findings: Sequence[LotFindings], folder: Path) -> None:
+    """Write all tables as CSV and Parquet into ``folder``; differences of two lots where there are two."""
+    tables: list[tuple[Table, pd.DataFrame]] = [
+        (FITS, fit_rows(findings)),
+        (OUTLIERS, outlier_rows(findings)),
+        (YIELDS, yield_rows(findings)),
+        (COSTS, cost_rows(findings)),
+    ]
+    if len(findings) == 2:
+        tables.append((DIFFERENCES, lot_differences(study, findings)))
+    for table, rows in tables:
+        columns: Columns = {name: rows[name].to_numpy() for name in rows} if len(rows) else table.empty()
+        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+        write_atomic(folder / f"{table.name}.csv", rows.to_csv(index=False, float_format="%.8g").encode())

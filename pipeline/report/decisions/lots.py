@@ -1,0 +1,163 @@
+"""The page on measured lots against a study."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.config.studies.study import ALL_LIMITS, Study
+from pipeline.decisions.lots.results import LotFindings, cost_rows, fit_rows, lot_differences, outlier_rows, yield_rows
+from pipeline.engine.store import write_atomic
+from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.figures.samples.lots import lots_figure
+from pipeline.report.layout.pictures import drawn_picture
+from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.wording import NOTHING, listed
+
+TEMPLATE = "decisions/lots.html"
+DRIFT_LEVEL = 0.05
+"""Familywise level of the drifts that the page names, over all dimensions of a lot (Bonferroni)."""
+
+
+def sentences(found: LotFindings, study: Study) -> list[str]:
+    """The yield of a lot, what costs most of it, and what to do next."""
+    made, drawn = found.outcome.as_made[ALL_LIMITS], found.outcome.as_drawn[ALL_LIMITS]
+    text = (
+        f"{found.lot.name}: {_percent(made.value)} of units made from these parts meet every limit (95 % CI "
+        f"{_percent(made.ci_low)} to {_percent(made.ci_high)}); with the tolerances of {study.name} it is "
+        f"{_percent(drawn.value)}."
+    )
+    costly = [cost for cost in found.outcome.costs if cost.gain.ci_low > 0]
+    if not costly:
+        return [text, "No measured dimension by itself costs yield beyond the confidence interval."]
+    first = costly[0]
+    return [
+        text,
+        f"{PARAMETERS[first.name].capitalize()} costs most yield: at the drawing's mean in every part the yield would "
+        f"be {_percent(first.yield_at_target)} ({_points(first.gain.value)} percentage points more, 95 % CI "
+        f"{_points(first.gain.ci_low)} to {_points(first.gain.ci_high)}).",
+    ]
+
+
+def remarks(found: LotFindings) -> list[str]:
+    """Drifts, outliers, dimensions without a fit, and columns that were not used."""
+    texts, lot = [], found.lot.name
+    for fit in found.fits:
+        if fit.drift and fit.drift.p_value < DRIFT_LEVEL / len(found.fits):
+            texts.append(
+                f"{lot}: {PARAMETERS[fit.dimension.name]} drifts over the order of production by "
+                f"{fit.drift.change_um.value:.3g} µm (p = {fit.drift.p_value:.2g})."
+            )
+    rows = outlier_rows([found])
+    if len(rows):
+        named = [f"part {row.part} ({PARAMETERS[row.dimension]}, {row.value_um:.3g} µm)" for row in rows.itertuples()]
+        texts.append(f"{lot}: outliers, which are kept in the fits: {listed(named[:10])}.")
+    texts += [f"{lot}: {PARAMETERS[name]} is not fitted: {reason}." for name, reason in found.skipped]
+    if found.lot.ignored:
+        texts.append(f"{lot}: columns that are no toleranced dimension and were not used: {listed(found.lot.ignored)}.")
+    return texts
+
+
+def write_lots_page(study: Study, findings: Sequence[LotFindings], files: Sequence[str], folder: Path) -> None:
+    """Write report.html and its figure into ``folder``; ``files`` name the study files beside it."""
+    dimensions = {fit.dimension.name: getattr(study.tolerances, fit.dimension.name) for f in findings for fit in f.fits}
+    panels = [
+        (
+            name,
+            [
+                (found.lot.name, fit.values.ravel(), fit.tolerance)
+                for found in findings
+                for fit in found.fits
+                if fit.dimension.name == name
+            ],
+            drawing,
+        )
+        for name, drawing in dimensions.items()
+    ]
+    caption = "Steps: measured parts. Dashed: fitted distribution. Dotted: limits of the drawing."
+    page = rendered(
+        TEMPLATE,
+        study=study,
+        sentences=[text for found in findings for text in sentences(found, study)],
+        files=files,
+        units=findings[0].outcome.as_made[ALL_LIMITS].n,
+        yields=_yields(yield_rows(findings)),
+        costs=[_cost(row) for row in cost_rows(findings).to_dict("records")],
+        fits=[_fit(row) for row in fit_rows(findings).to_dict("records")],
+        remarks=[text for found in findings for text in remarks(found)],
+        differences=_differences(study, findings) if len(findings) == 2 else None,
+        pictures={
+            "lots": drawn_picture(
+                lots_figure(panels), "Measured deviations and fits", caption, folder / "figures" / "lots"
+            )
+        },
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def _points(share: float) -> str:
+    return f"{100 * share:.2g}"
+
+
+def _title(metric: str) -> str:
+    return "All limits" if metric == ALL_LIMITS else METRICS[metric].title
+
+
+def _yields(table: pd.DataFrame) -> list[dict[str, str]]:
+    rows = []
+    for (lot, metric), part in table.groupby(["lot", "metric"], sort=False):
+        made, drawn = (part[part["tolerances"] == kind].iloc[0] for kind in ("made", "drawn"))
+        ends = [f"{_percent(row['ci_low'])} to {_percent(row['ci_high'])}" for row in (made, drawn)]
+        values = {"made": _percent(made["yield"]), "drawn": _percent(drawn["yield"])}
+        rows.append({"lot": lot, "title": _title(metric), **values, "made_ends": ends[0], "drawn_ends": ends[1]})
+    return rows
+
+
+def _cost(row: dict) -> dict[str, str]:
+    return {
+        "lot": row["lot"],
+        "title": PARAMETERS[row["dimension"]],
+        "gain": _points(row["gain"]),
+        "ends": f"{_points(row['ci_low'])} to {_points(row['ci_high'])}",
+        "yield": _percent(row["yield_at_target"]),
+    }
+
+
+def _fit(row: dict) -> dict[str, object]:
+    cells: dict[str, object] = {
+        "lot": row["lot"],
+        "title": PARAMETERS[row["dimension"]],
+        "parts": row["parts"],
+        "kind": row["distribution"].replace("_", " "),
+    }
+    short = {"mean_um": "mean", "std_um": "std", "cp": "cp", "cpk": "cpk", "drift_um": "drift"}
+    for name, key in {**short, "correlation_length_mm": "length"}.items():
+        known = math.isfinite(row[name])
+        cells[key] = f"{row[name]:.3g}" if known else NOTHING
+        cells[f"{key}_ends"] = f"{row[f'{name}_ci_low']:.3g} to {row[f'{name}_ci_high']:.3g}" if known else ""
+    return cells
+
+
+def _differences(study: Study, findings: Sequence[LotFindings]) -> dict[str, object]:
+    rows = lot_differences(study, findings)
+    rows = rows[rows["statistic"].isin(["mean", "std", "yield"])]
+    return {
+        "a": findings[0].lot.name,
+        "b": findings[1].lot.name,
+        "rows": [
+            {
+                "title": _title(row["metric"]),
+                "statistic": {"std": "standard deviation"}.get(row["statistic"], row["statistic"]),
+                "ends": f"{row['ci_low']:.3g} to {row['ci_high']:.3g}",
+                **{key: f"{row[key]:.3g}" for key in ("a", "b", "difference")},
+            }
+            for row in rows.to_dict("records")
+        ],
+    }

@@ -1,0 +1,168 @@
+"""Measured lots: parameters of drawn lots lie in their intervals, and yields are those of the true distributions."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.config import load_study
+from pipeline.config.dimensions import dimension_library
+from pipeline.config.distributions import library
+from pipeline.config.studies.study import ALL_LIMITS
+from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
+from pipeline.decisions.lots.fitted_distribution import fitted_kinds
+from pipeline.decisions.lots.lot_yield import lot_yield, passed, study_of_lot
+from pipeline.decisions.lots.measured_lot import measured_lot
+from pipeline.decisions.lots.results import lot_fits, study_text
+from pipeline.errors import InputError
+from pipeline.sampling.correlation import correlated
+
+ROOT = Path(__file__).parents[2]
+STUDY = load_study("quick", ROOT)
+DIMENSIONS = dimension_library()
+
+
+def drawn(kind: str, shape: tuple[int, ...], seed: int, **settings: float) -> tuple[object, np.ndarray]:
+    """A distribution and deviations drawn from it."""
+    distribution = library()[kind](distribution=kind, **settings)
+    probability = np.random.default_rng(seed).random(shape)
+    return distribution, distribution.allowance_um + distribution.deviation(probability)
+
+
+def fit(name: str, values: np.ndarray, seed: int = 0):
+    labels = [str(k) for k in range(len(values))]
+    return dimension_fit(DIMENSIONS[name], labels, values, getattr(STUDY.tolerances, name), STUDY.design, 0.95, seed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"),
+    [
+        ("normal", {"lower_um": -4.0, "upper_um": 4.0, "sigma_um": 0.5, "mean_um": 0.3}),
+        ("uniform", {"lower_um": -1.5, "upper_um": 1.0}),
+        ("triangular", {"lower_um": -2.0, "upper_um": 2.0, "mode_um": 1.8}),
+    ],
+)
+def test_the_kind_of_a_large_lot_is_found_with_its_numbers(kind, settings):
+    truth, values = drawn(kind, (600,), 5, **settings)
+    best = fitted_kinds(values, DIMENSIONS["eccentricity"], STUDY.tolerances.eccentricity)[0].distribution
+    assert best.name == kind
+    probability = np.linspace(0.02, 0.98, 25)
+    difference = best.allowance_um + best.deviation(probability) - truth.deviation(probability)
+    assert np.max(np.abs(difference)) < 0.15 * np.std(values)
+
+
+def test_parts_sorted_at_the_limits_of_the_drawing_are_a_truncated_normal():
+    _, values = drawn("normal", (1000,), 1, lower_um=-2.0, upper_um=2.0, sigma_um=1.6)
+    best = fitted_kinds(values, DIMENSIONS["eccentricity"], STUDY.tolerances.eccentricity)[0].distribution
+    assert (best.name, best.limits_um) == ("normal", (-2.0, 2.0))
+    assert best.scale_um == pytest.approx(1.6, rel=0.15)
+
+
+def test_zones_are_fitted_by_their_radius():
+    dimension = DIMENSIONS["hole_position"]
+    zone = library()["normal_in_disc"](distribution="normal_in_disc", radius_um=10.0)
+    values = zone.deviation(np.random.default_rng(2).random(2000))
+    best = fitted_kinds(values, dimension, zone)[0].distribution
+    assert (best.name, best.radius_um) == ("normal_in_disc", pytest.approx(10.0, rel=0.03))
+
+
+def test_intervals_of_mean_spread_and_capability_hold_the_truth():
+    """Of 60 lots 95 % intervals miss on average three; eleven misses have a probability below 1e-3."""
+    misses = np.zeros(3)
+    for seed in range(60):
+        truth, values = drawn("normal", (40, 1), seed, lower_um=-4.0, upper_um=4.0, sigma_um=0.6, mean_um=0.5)
+        found = fit("eccentricity", values, seed)
+        cpk = (2.0 - 0.5) / (3 * 0.6)
+        for k, (estimate, true) in enumerate(((found.mean, 0.5), (found.spread, 0.6), (found.cpk, cpk))):
+            misses[k] += not estimate.ci_low <= true <= estimate.ci_high
+    assert np.all(misses <= 10)
+
+
+def test_the_correlation_of_neighbours_is_found_and_its_absence_too():
+    circumference = 2 * np.pi * DIMENSIONS["lobe_profile"].elements.radius_mm(STUDY.design)
+    rng = np.random.default_rng(4)
+    independent = rng.random((40, 79))
+    length = correlation_length(correlated(independent, circumference, 8.0), circumference)
+    assert length == pytest.approx(8.0, rel=0.15)
+    false_alarms = sum(correlation_length(rng.random((2, 79)), circumference) is not None for _ in range(100))
+    assert false_alarms <= 13  # of 100 at a level of 5 %: more than 13 have a probability below 1e-3
+
+
+def test_a_drift_and_an_outlier_are_named():
+    values = np.random.default_rng(1).normal(0, 0.5, (50, 1))
+    assert fit("eccentricity", values).drift.p_value > 0.05
+    alarms = sum(
+        fit("eccentricity", np.random.default_rng(k).normal(0, 0.5, (50, 1))).outliers != () for k in range(40)
+    )
+    assert alarms <= 7  # of 40 at a level of 5 %: more than 7 have a probability below 2e-3
+    shifted = values + np.linspace(0, 1.5, 50)[:, None]
+    drift = fit("eccentricity", shifted).drift
+    assert drift.p_value < 1e-4
+    assert drift.change_um.ci_low < 1.5 < drift.change_um.ci_high
+    values[17] = 6.0
+    assert (17, 0) in fit("eccentricity", values).outliers
+
+
+def lot_columns(n: int, seed: int) -> dict[str, list[str]]:
+    rng = np.random.default_rng(seed)
+    disk = 10.0 + STUDY.tolerances.disk_profile.deviation(rng.random(n)) + 1.0
+    columns = {"part": [f"unit {k}" for k in range(n)], "disk_profile_um": [str(value) for value in disk]}
+    pins = 1.2 * rng.standard_normal((n, 80))
+    return columns | {f"pin_tangential_{k}": [str(value) for value in pins[:, k]] for k in range(80)}
+
+
+def play_of_few_pins(errors):
+    """A stand-in for the load solve: linear in the disk and in the least of the tangential errors."""
+    play = 0.2 * errors.disk_profile + 0.05 * errors.pin_tangential.min(axis=1)
+    values = {name: np.where(np.isnan(play), np.nan, 0.0) for name in STUDY.limits.of_metrics}
+    values |= {"clearance_backlash_arcmin": play, "torsional_rigidity_Nm_per_arcmin": np.full(len(play), 9.0)}
+    return {}, values
+
+
+def test_the_yield_of_a_lot_is_that_of_its_true_distributions():
+    lot = measured_lot("lot", lot_columns(200, 3), STUDY.design)
+    fits, skipped = lot_fits(STUDY, lot)
+    assert not skipped
+    outcome = lot_yield(STUDY, fits, play_of_few_pins, 4000, 1)
+    rng = np.random.default_rng(9)
+    disk = 11.0 + STUDY.tolerances.disk_profile.deviation(rng.random(20_000))
+    pins = 1.2 * rng.standard_normal((20_000, 80)).min(axis=1)
+    truth = np.mean(0.2 * disk + 0.05 * pins <= STUDY.limits.clearance_backlash_arcmin)
+    share = outcome.as_made[ALL_LIMITS]
+    assert 0.2 < truth < 0.98
+    assert share.ci_low < truth < share.ci_high
+    assert share.ci_high - share.ci_low < 0.2
+    assert outcome.costs[0].name == "disk_profile"
+    assert outcome.costs[0].gain.ci_low > 0
+    assert passed(STUDY, outcome.values).mean() == share.value
+
+
+def test_the_study_of_a_lot_runs_from_its_file(tmp_path):
+    lot = measured_lot("lot", lot_columns(60, 3), STUDY.design)
+    fits, _ = lot_fits(STUDY, lot)
+    (tmp_path / "made.toml").write_text(study_text(STUDY, fits, "lot", "made", "pham2017"))
+    made = load_study(tmp_path / "made.toml", ROOT)
+    assert made.tolerances == study_of_lot(STUDY, fits).tolerances
+
+
+def test_repeated_rows_are_the_elements_of_a_part():
+    rows = {"part": ["a"] * 80 + ["b"] * 80, "pin_radius": [str(k) for k in range(160)]}
+    values = measured_lot("rings", rows, STUDY.design).values["pin_radius"]
+    assert values.shape == (2, 80)
+    assert values[1, 0] == 80
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"diameter": ["1"]}, "no column is named after a toleranced dimension"),
+        ({"disk_profile": ["1", "two"]}, "disk_profile = two"),
+        ({"pin_radial_0": ["1"], "pin_radial_1": ["1"]}, "give pin_radial_0 to pin_radial_79"),
+        ({"part": ["a", "a", "b"], "pin_radius": ["1", "2", "3"]}, "a part has 80"),
+        ({"hole_diameter": ["1"]}, "acts on nothing"),
+        ({"disk_profile": ["65000000"]}, "must be a deviation in um"),
+    ],
+)
+def test_faults_of_a_table_of_parts_are_named(columns, words):
+    with pytest.raises(InputError, match=words):
+        measured_lot("lot.csv", columns, STUDY.design)
