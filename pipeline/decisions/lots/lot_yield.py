@@ -1,8 +1,8 @@
 """The yield of a study made from measured lots, and which dimension costs most of it.
 
 The interval of the yield holds two parts: the number of solved units, and the number of measured parts. The second is
-that of lots drawn with replacement from the parts, which are fitted and solved again on the same random numbers. Source:
-Davison, Hinkley, Bootstrap Methods and their Application (1997), section 2.2.
+that of lots drawn with replacement from the parts, which are fitted and solved again on the same random numbers.
+Source: Davison, Hinkley, Bootstrap Methods and their Application (1997), section 2.2.
 """
 
 from __future__ import annotations
