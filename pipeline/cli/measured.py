@@ -98,7 +98,7 @@ def compare_population(options: argparse.Namespace) -> None:
     study = up_to_date(load_study(options.study, settings.ROOT), ["aggregate"], options).study
     population = read_population_run(settings.RUNS / study.name, study)
     confidence = study.metrics.confidence
-    comparisons = compared(units, population.metrics, confidence)
+    comparisons = compared(units, population.metrics, confidence, over=options.over)
     closings = {
         crank: closing(
             [comparison for comparison in comparisons if comparison.crank_deg == crank], population, confidence
@@ -107,9 +107,13 @@ def compare_population(options: argparse.Namespace) -> None:
     }
     folder = settings.RUNS / "population" / study.name
     population_results.write(comparisons, closings, folder)
-    write_population_page(study, options.units.name, comparisons, closings, folder)
+    write_population_page(study, options.units.name, options.over, comparisons, closings, folder)
     print((folder / "comparison.csv").read_text(), end="")
     for crank, comparison in closings.items():
-        position = "" if crank is None else f"crank at {crank:g} deg: "
-        print(f"{position}{population_results.sentence(comparison)}")
+        angles = (
+            f"{options.over} over {len(study.cycle.crank_deg)} crank angles"
+            if crank is None
+            else f"crank at {crank:g} deg"
+        )
+        print(f"{angles}: {population_results.sentence(comparison)}")
     print(f"page: {settings.shown(folder / 'population.html')}")

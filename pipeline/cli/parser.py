@@ -162,6 +162,12 @@ def _measured(command: Commands) -> None:
         "population", "measured.compare_population", "hold many measured units against the distributions of a study"
     )
     comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
+    comparing.add_argument(
+        "--over",
+        choices=("mean", "worst"),
+        default="mean",
+        help="value of each sample over the study's crank angles, for units without crank_deg; default: mean",
+    )
     _study(comparing)
     _where(comparing)
 

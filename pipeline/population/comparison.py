@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +13,10 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
 from pipeline.config.files.section import nearest_name
-from pipeline.config.files.text_file import LARGEST_VALUE, check_text, header
+from pipeline.config.files.table_file import TableFile, read_table, shortened_list
+from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.errors import InputError
+from pipeline.model.units import ARCMIN
 from pipeline.statistics import Estimate
 from pipeline.statistics.differences import welch_interval
 
@@ -29,6 +33,14 @@ QUANTILE_POINTS = 19
 """Of the quantile-quantile figure: every 5 %."""
 FEWEST_UNITS = 3
 """Units below which neither a spread nor a test says anything."""
+FURTHEST = 20.0
+"""Ratio of the medians of units and study beyond which the values are in another unit; a degree has 60 minutes."""
+LIKELY = 5.0
+"""The same ratio, within which another unit is suggested."""
+APART, ALIKE = 3.0, 1.5
+"""Ratios of medians of two metrics: beyond the first as they are, and within the second when exchanged."""
+LEAST_EXPECTED = 0.05
+"""Median of the study [arcmin or N m/arcmin] below which a ratio says nothing, as of drives with hardly any play."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +65,8 @@ class MetricComparison:
     Attributes
     ----------
     metric : column, with its unit.
-    crank_deg : where it was measured; None for the worst over the crank angles.
+    crank_deg : where it was measured; None where the units name no crank angle.
+    over : "angle", or "mean" or "worst" over the crank angles of the study, which the samples are then of.
     units, samples : (n_units,), (n_samples,) values.
     bias : mean of the units less mean of the samples, in the metric's unit, Welch's interval.
     spread_ratio : standard deviation of the units over that of the samples.
@@ -63,6 +76,7 @@ class MetricComparison:
 
     metric: str
     crank_deg: float | None
+    over: str
     units: Real
     samples: Real
     bias: Estimate
@@ -79,48 +93,49 @@ def load_population(path: Path) -> pd.DataFrame:
     InputError : no such file, no table, no metric in it, repeated units, or values that are no positive numbers.
     """
     try:
-        check_text(path, path.name)
-        frame = pd.read_csv(path, encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
+        table = read_table(path, path.name)
+    except OSError as error:
         raise InputError(f"{path.name}: no table: {error}; give a CSV file with one row per unit") from None
-    frame.columns = pd.Index(header(frame.columns, path.name))
-    problems = []
-    if frame.empty:
-        problems.append(f"{path.name}: no unit; give one row per unit below the header")
+    frame = table.cells
+    problems = [] if len(frame) else [f"{path.name}: no unit; give one row per unit below the header"]
     allowed = ("unit", "crank_deg", *POPULATION_METRICS)
     problems += [
-        f"{path.name}: column {name!r}; unknown; {nearest_name(name, allowed)}" for name in set(frame) - set(allowed)
+        f"{path.name}: column {name!r}; unknown; {nearest_name(name, allowed)}" for name in frame if name not in allowed
     ]
     if "unit" not in frame:
         problems.append(f"{path.name}: column 'unit' is missing; add it")
     metrics = [name for name in POPULATION_METRICS if name in frame]
     if not metrics:
         problems.append(f"{path.name}: no metric; give at least one of {', '.join(POPULATION_METRICS)}")
+    values = frame.copy()
     for name in [*metrics, *({"crank_deg"} & set(frame))]:
-        numbers = pd.to_numeric(frame[name], errors="coerce")
-        wrong = frame[name].notna() & ~((numbers >= 0) & (numbers <= LARGEST_VALUE))
-        problems += [
-            f"{path.name}:{row + 2}: {name} = {frame[name][row]}; must be 0 to {LARGEST_VALUE:g}, or empty"
-            for row in np.flatnonzero(wrong)
-        ]
-        frame[name] = numbers
-    if "unit" in frame:
-        keys = [name for name in ("unit", "crank_deg") if name in frame]
-        problems += [
-            f"{path.name}:{row + 2}: unit = {frame['unit'][row]} stands twice; name each unit once"
-            for row in np.flatnonzero(frame.duplicated(keys))
-        ]
+        values[name] = table.numbers(name)
+        wrong = ~table.is_blank(name) & ~((values[name] >= 0) & (values[name] <= LARGEST_VALUE)).to_numpy()
+        problems += table.faults(name, wrong, f"must be 0 to {LARGEST_VALUE:g}, or empty")
+    problems += _wrong_keys(table)
     if problems:
-        raise InputError(problems)
-    return frame
+        raise InputError(shortened_list(problems, path.name))
+    return values.reset_index(drop=True)
 
 
-def metrics_at(metrics: pd.DataFrame, crank_deg: float | None) -> pd.DataFrame:
-    """The metrics of each sample (index) at a crank angle, or the worst over all; samples that failed are left out.
+def _wrong_keys(table: TableFile) -> list[str]:
+    """Units without a name, and those that stand twice."""
+    keys = [name for name in ("unit", "crank_deg") if name in table.cells]
+    if "unit" not in keys:
+        return []
+    return [
+        *table.faults("unit", table.is_blank("unit"), "must be the name of the unit"),
+        *table.faults("unit", table.cells.duplicated(keys).to_numpy(), "stands twice; name each unit once"),
+    ]
+
+
+def metrics_at(metrics: pd.DataFrame, crank_deg: float | None, over: str = "mean") -> pd.DataFrame:
+    """The metrics of each sample (index) at a crank angle, or over all of them; samples that failed are left out.
 
     Parameters
     ----------
     metrics : the table of that name of a run; the nominal reducer is to be left out before.
+    over : "mean" or "worst" over the crank angles, where `crank_deg` is None.
 
     Raises
     ------
@@ -130,6 +145,8 @@ def metrics_at(metrics: pd.DataFrame, crank_deg: float | None) -> pd.DataFrame:
     failed = metrics.loc[metrics["status"] != "ok", "sample"].unique()
     if crank_deg is None:
         grouped = metrics.groupby("sample")
+        if over == "mean":
+            return grouped[names].mean().drop(index=failed)
         worst = grouped[names].max()
         worst[SMALLER_IS_WORSE] = grouped[SMALLER_IS_WORSE].min()
         return worst.drop(index=failed)
@@ -141,7 +158,7 @@ def metrics_at(metrics: pd.DataFrame, crank_deg: float | None) -> pd.DataFrame:
 
 
 def compared(
-    population: pd.DataFrame, metrics: pd.DataFrame, confidence: float = 0.95, seed: int = 0
+    population: pd.DataFrame, metrics: pd.DataFrame, confidence: float = 0.95, seed: int = 0, over: str = "mean"
 ) -> list[MetricComparison]:
     """Each measured metric against the study, at each crank angle that the units name.
 
@@ -151,21 +168,56 @@ def compared(
     metrics : the table of that name of a run, without the nominal reducer.
     confidence : level of the intervals.
     seed : of the permutations.
+    over : "mean" or "worst" over the crank angles of the study, for units without a crank angle.
+
+    Raises
+    ------
+    InputError : the study has no such crank angle, or values that are in another unit than their column says.
     """
     rng = np.random.default_rng(seed)
     cranks = population["crank_deg"].to_numpy() if "crank_deg" in population else np.full(len(population), np.nan)
     groups: list[tuple[float | None, NDArray[np.bool_]]] = [(None, np.isnan(cranks))]
     groups += [(float(crank), cranks == crank) for crank in np.unique(cranks[np.isfinite(cranks)])]
-    comparisons = []
+    pairs = []
     for crank, of_crank in groups:
         if not of_crank.any():
             continue
-        samples = metrics_at(metrics, crank)
+        samples = metrics_at(metrics, crank, over)
         for metric in [name for name in POPULATION_METRICS if name in population]:
             units = population.loc[of_crank, metric].dropna().to_numpy(float)
             if units.size:
-                comparisons.append(_comparison(metric, crank, units, samples[metric].to_numpy(), confidence, rng))
-    return comparisons
+                pairs.append((metric, crank, units, samples[metric].to_numpy()))
+    medians = {metric: (float(np.median(units)), float(np.nanmedian(samples))) for metric, _, units, samples in pairs}
+    if implausible := [*_exchanged(medians), *filter(None, (_implausible(*item) for item in medians.items()))]:
+        raise InputError(implausible)
+    return [
+        _comparison(metric, crank, "angle" if crank is not None else over, units, samples, confidence, rng)
+        for metric, crank, units, samples in pairs
+    ]
+
+
+def _exchanged(medians: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    """Pairs of metrics whose medians (units, study) lie far apart as they are and agree when they are exchanged."""
+    for first, second in itertools.combinations(medians, 2):
+        (a, expected_a), (b, expected_b) = medians[first], medians[second]
+        if min(a, b, expected_a, expected_b) <= 0:
+            continue
+        apart = min(abs(np.log(a / expected_a)), abs(np.log(b / expected_b)))
+        if apart > np.log(APART) and max(abs(np.log(a / expected_b)), abs(np.log(b / expected_a))) < np.log(ALIKE):
+            yield f"units.csv: {first} has the values of {second} in the study, and the reverse; exchange the columns"
+
+
+def _implausible(metric: str, medians: tuple[float, float]) -> str:
+    """Why values, by their medians (units, study), cannot be in the unit of their column; empty if they can."""
+    measured, expected = medians
+    if expected < LEAST_EXPECTED or expected / FURTHEST <= measured <= expected * FURTHEST:
+        return ""
+    factors = {"deg": 60.0, "arcsec": 1 / 60, "rad": ARCMIN, "mrad": ARCMIN / 1000}
+    if metric == SMALLER_IS_WORSE:
+        factors = {f"N m/{unit}": 1 / factor for unit, factor in factors.items()}
+    likely = [unit for unit, factor in factors.items() if expected / LIKELY <= measured * factor <= expected * LIKELY]
+    advice = f"it would be likely in {' or '.join(likely)}; convert it" if likely else "is it the right column?"
+    return f"units.csv: {metric} has a median of {measured:.4g}, the study one of {expected:.4g}; {advice}"
 
 
 def permutation_tests(units: Real, samples: Real, rng: np.random.Generator) -> tuple[Test, ...]:
@@ -224,7 +276,13 @@ def _distances(label: NDArray[np.bool_], group_end: NDArray[np.bool_]) -> Real:
 
 
 def _comparison(
-    metric: str, crank: float | None, units: Real, samples: Real, confidence: float, rng: np.random.Generator
+    metric: str,
+    crank: float | None,
+    over: str,
+    units: Real,
+    samples: Real,
+    confidence: float,
+    rng: np.random.Generator,
 ) -> MetricComparison:
     comparable = units.size >= FEWEST_UNITS and samples.size >= FEWEST_UNITS
     probability = np.arange(1, QUANTILE_POINTS + 1) / (QUANTILE_POINTS + 1)
@@ -232,6 +290,7 @@ def _comparison(
     return MetricComparison(
         metric=metric,
         crank_deg=crank,
+        over=over,
         units=units,
         samples=samples,
         bias=_bias(units, samples, confidence),

@@ -14,7 +14,7 @@ from pipeline.population.tolerance_shift import Closing
 
 
 def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
-    """One row a metric and crank angle (empty: the worst over the crank angles)."""
+    """One row a metric and crank angle (empty: `over` the crank angles of the study)."""
     rows = []
     for comparison in comparisons:
         tests = {test.name: test for test in comparison.tests}
@@ -22,6 +22,7 @@ def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
             {
                 "metric": comparison.metric,
                 "crank_deg": np.nan if comparison.crank_deg is None else comparison.crank_deg,
+                "over": comparison.over,
                 "units": comparison.units.size,
                 "samples": comparison.samples.size,
                 "units_mean": comparison.units.mean(),

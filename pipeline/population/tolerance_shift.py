@@ -151,7 +151,7 @@ def closing(comparisons: Sequence[MetricComparison], population: StudyPopulation
     if len({comparison.crank_deg for comparison in comparisons}) != 1:
         raise ValueError("comparisons of one crank angle are asked for")
     names = [comparison.metric for comparison in comparisons]
-    metrics = metrics_at(population.metrics, comparisons[0].crank_deg)[names]
+    metrics = metrics_at(population.metrics, comparisons[0].crank_deg, comparisons[0].over)[names]
     deviations = population.deviations.loc[metrics.index]
     deviations = deviations.loc[:, deviations.std() > 1e-9 * (1e-3 + deviations.abs().max())]
     bias = np.array([comparison.bias.value for comparison in comparisons])

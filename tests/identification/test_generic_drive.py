@@ -133,3 +133,32 @@ def test_a_drive_is_generic_or_has_a_design(tmp_path):
     (folder / "unit.toml").write_text(text.split("[generic]")[0])
     with pytest.raises(InputError, match=r"design is missing; add it, or \[generic\]"):
         load_measured_unit(folder, ROOT)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        ({"torque_Nm": "angle_arcmin", "angle_arcmin": "torque_Nm"}, "swapped columns"),
+        ({"angle_arcmin": -1.0}, "sign"),
+        ({"angle_arcmin": 1 / 3437.75}, "unit"),
+        ({"torque_Nm": 1e3}, "unit"),
+        ({"torque_Nm": 1e-3}, "unit"),
+    ],
+)
+def test_columns_that_are_exchanged_or_scaled_are_faults_before_any_fit(tmp_path, change, kind):
+    drive_measured(tmp_path / "right")
+    table = pd.read_csv(tmp_path / "right/rows.csv")
+    wrong = table.assign(
+        **{name: table[of] if isinstance(of, str) else of * table[name] for name, of in change.items()}
+    )
+    measurement = Measurement.read(
+        load_measured_unit(write_unit(tmp_path / "wrong", {"rows.csv": wrong}, TEXT.format(locked="input")), ROOT)
+    )
+    assert kind in [fault.kind for fault in measurement.fatal]
+
+
+def test_rows_in_reversed_time_are_a_fault(tmp_path):
+    drive_measured(tmp_path / "right")
+    table = pd.read_csv(tmp_path / "right/rows.csv")[::-1].assign(cycle=lambda rows: 2 - rows["cycle"])
+    folder = write_unit(tmp_path / "wrong", {"rows.csv": table}, TEXT.format(locked="input"))
+    assert [fault.kind for fault in Measurement.read(load_measured_unit(folder, ROOT)).fatal] == ["swapped columns"]

@@ -10,6 +10,7 @@ from scipy import stats
 
 from pipeline.config import load_study
 from pipeline.errors import InputError
+from pipeline.model.units import ARCMIN
 from pipeline.population.comparison import (
     POPULATION_METRICS,
     compared,
@@ -17,6 +18,7 @@ from pipeline.population.comparison import (
     metrics_at,
     permutation_tests,
 )
+from pipeline.population.results import comparison_frame
 from pipeline.population.tolerance_shift import StudyPopulation, closing, mean_deviations, read_population_run
 from pipeline.sampling import draw
 from stages.sample import columns_of_errors
@@ -62,8 +64,8 @@ def population(study):
 
 
 def units_of(study, count=40, seed=99):
-    worst = metrics_at(metrics_of(deviations_of(study, count, seed), seed), None)
-    return worst.rename_axis("unit").reset_index()
+    over_turn = metrics_at(metrics_of(deviations_of(study, count, seed), seed), None)
+    return over_turn.rename_axis("unit").reset_index()
 
 
 def with_tolerance(study, name, **values):
@@ -184,12 +186,46 @@ def test_a_wider_tolerance_widens_the_spread(study, population):
 
 
 def test_units_measured_at_a_crank_angle_are_compared_there(study, population):
-    units = units_of(study).drop(columns=[LOST, RIGIDITY]).assign(crank_deg=90.0)
+    at_90 = metrics_at(metrics_of(deviations_of(study, 40, 99), 99), 90.0)
+    units = at_90[[WIDTH]].rename_axis("unit").reset_index().assign(crank_deg=90.0)
     (comparisons,) = compared(units, population.metrics)
     assert comparisons.crank_deg == 90.0
     assert abs(comparisons.bias.value) < 0.03
     with pytest.raises(InputError, match="the study has 0, 90"):
         compared(units.assign(crank_deg=45.0), population.metrics)
+
+
+def test_units_without_a_crank_angle_are_compared_with_the_mean_unless_told(study, population):
+    """A bench at one position scatters about the mean over the turn; the worst over the turn lies beyond it."""
+    units = units_of(study)
+    mean, worst = (compared(units, population.metrics, over=over)[0] for over in ("mean", "worst"))
+    assert (mean.over, worst.over) == ("mean", "worst")
+    assert abs(mean.bias.value) < 0.03
+    assert worst.bias.value == pytest.approx(mean.bias.value - 0.025, abs=1e-9)  # half of the step between the angles
+    assert comparison_frame([worst])["over"].tolist() == ["worst"]
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(60.0, "arcsec"), (1 / 60, "deg"), (1 / ARCMIN, "rad")])
+def test_values_in_another_unit_are_refused_before_they_are_compared(study, population, factor, unit):
+    units = units_of(study)
+    units[[WIDTH, LOST]] *= factor
+    with pytest.raises(InputError, match=f"lost_motion_arcmin has a median of .* likely in {unit}; convert it"):
+        compared(units, population.metrics)
+
+
+def test_exchanged_columns_are_refused(study, population):
+    exchanged = units_of(study).rename(columns={WIDTH: RIGIDITY, RIGIDITY: WIDTH})
+    with pytest.raises(InputError, match="has the values of .* exchange the columns"):
+        compared(exchanged, population.metrics)
+
+
+def test_a_trailing_separator_shifts_no_column(tmp_path):
+    path = tmp_path / "units.csv"
+    path.write_text(f"unit,{WIDTH},{LOST}\na,1.0,2.0,\nb,1.1,2.1,\n")
+    assert load_population(path)[LOST].tolist() == [2.0, 2.1]
+    path.write_text(f"unit,{WIDTH},{LOST}\na,1.0,2.0\nb,1.1,2.1,\n")
+    with pytest.raises(InputError, match="units.csv:3: 4 fields, its header has 3"):
+        load_population(path)
 
 
 def test_a_failed_sample_counts_nowhere(population):
@@ -223,8 +259,8 @@ def test_problems_of_units_csv_come_at_once(tmp_path):
     lines = "\n".join(error.value.problems)
     assert "did you mean 'zero_torque_width_arcmin'" in lines
     assert "units.csv:3: lost_motion_arcmin = -2" in lines
-    assert "units.csv:4: lost_motion_arcmin = x" in lines
-    assert "units.csv:3: unit = a stands twice" in lines
+    assert 'units.csv:4: lost_motion_arcmin = "x"' in lines
+    assert 'units.csv:3: unit = "a"; stands twice' in lines
 
 
 def test_a_run_on_disk_is_read_without_its_nominal_reducer(tmp_path, study, population):

@@ -107,7 +107,7 @@ def test_an_undercut_drawn_flank_and_one_with_loops_are_refused(cycloid, flank, 
         (table([(p, 0) for p in PHASES], "angle,deviation_um"), 'column "angle" is unknown'),
         (
             table([(p, 0) for p in PHASES]).replace("20,0", "20,x"),
-            'deviation_um = "x"; must be a number; correct row 4',
+            'flank.csv:4: deviation_um = "x"; must be a number',
         ),
         (
             table([(p, 0) for p in (*PHASES[:5], 35, *PHASES[5:])]),

@@ -10,14 +10,12 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.files.section import nearest_name, shown_value
-from pipeline.config.files.text_file import check_text, header
+from pipeline.config.files.table_file import read_table, shortened_list
 from pipeline.errors import InputError
 
 DEVIATION, LOBE, PLACES = "deviation_um", "lobe", ("phase_deg", "arc_mm")
 LARGEST_TABLE = 2_000_000
 """Rows: a thousand lobes with two thousand points each."""
-SHOWN_ROWS = 5
-"""Rows that a message names."""
 
 
 def with_flank_file(raw: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -48,24 +46,18 @@ def flank_table(path: Path) -> dict[str, Any]:
     InputError : a column is missing or unknown, rows are no numbers, or lobes are not one after the other.
     """
     name = path.name
-    check_text(path, name)
-    try:
-        table = pd.read_csv(
-            path, sep=",", dtype=str, keep_default_na=False, skip_blank_lines=False, nrows=LARGEST_TABLE + 1
-        )
-    except (ValueError, UnicodeError) as error:  # no columns, ragged rows, other encodings
-        raise InputError([f"{name}: not a CSV table: {error}; give columns {_columns()}"]) from None
-    table.columns = pd.Index(header(table.columns, name))
-    station_column = _checked_columns(list(table.columns), name)
-    if not 0 < len(table) <= LARGEST_TABLE:
-        raise InputError([f"{name}: {len(table) or 'no'} rows; must be 1 to {LARGEST_TABLE} measured points"])
-    numbers = table.apply(pd.to_numeric, errors="coerce")
-    for column in numbers:
-        if len(wrong := np.flatnonzero(~np.isfinite(numbers[column].to_numpy(float)))):
-            rows = ", ".join(str(row + 2) for row in wrong[:SHOWN_ROWS])
-            shown_text = shown_value(table[column].iloc[wrong[0]])
-            remainder_text = " and more" if len(wrong) > SHOWN_ROWS else ""
-            raise InputError([f"{name}: {column} = {shown_text}; must be a number; correct row {rows}{remainder_text}"])
+    table = read_table(path, name)
+    station_column = _checked_columns(list(table.cells), name)
+    if not 0 < len(table.cells) <= LARGEST_TABLE:
+        raise InputError([f"{name}: {len(table.cells) or 'no'} rows; must be 1 to {LARGEST_TABLE} measured points"])
+    numbers = pd.DataFrame({column: table.numbers(column) for column in table.cells}, index=table.cells.index)
+    problems = [
+        line
+        for column in numbers
+        for line in table.faults(column, ~np.isfinite(numbers[column].to_numpy(float)), "must be a number")
+    ]
+    if problems:
+        raise InputError(shortened_list(problems, name))
     lists = _lobes(numbers, station_column, name)
     return {station_column: lists[0][0], DEVIATION: tuple(deviation for _, deviation in lists), "file": name}
 
@@ -95,7 +87,7 @@ def _lobes(numbers: pd.DataFrame, place_column: str, name: str) -> list[tuple[tu
     expected = np.arange(len(lobe)) // count
     if wrong := np.flatnonzero(lobe != expected).tolist():
         allowed = f"must be {expected[wrong[0]]}: {count} rows a lobe as of the first, lobes from 0, clockwise"
-        raise InputError([f"{name}: lobe = {lobe[wrong[0]]:g} in row {wrong[0] + 2}; {allowed}"])
+        raise InputError([f"{name}: lobe = {lobe[wrong[0]]:g} in row {numbers.index[wrong[0]]}; {allowed}"])
     values = (
         [numbers[column].to_numpy(float).reshape(-1, count) for column in (place_column, DEVIATION)]
         if (len(lobe) % count == 0)
@@ -106,8 +98,10 @@ def _lobes(numbers: pd.DataFrame, place_column: str, name: str) -> list[tuple[tu
     places, deviations = values
     if len(differing := np.argwhere(places != places[0])):
         k, point = differing[0]
-        shown_text = f"{place_column} = {places[k, point]:g} in row {2 + k * count + point}"
-        allowed = f"must be {places[0, point]:g} as in row {2 + point}: all lobes are measured at the same points"
+        shown_text = f"{place_column} = {places[k, point]:g} in row {numbers.index[k * count + point]}"
+        allowed = (
+            f"must be {places[0, point]:g} as in row {numbers.index[point]}: all lobes are measured at the same points"
+        )
         raise InputError([f"{name}: {shown_text}; {allowed}"])
     return [
         (tuple(stations.tolist()), tuple(deviations_of_lobe.tolist()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import zlib
 from collections.abc import Iterable
@@ -28,8 +29,8 @@ _PACKED = {
 _PACKED_ENDINGS = (".zip", ".xz", ".bz2", ".zst", ".tar", ".tgz", ".7z", ".lzma")
 
 
-def check_text(path: Path, name: str) -> None:
-    """Refuse what is no plain text and no gzip of one, in constant memory.
+def check_text(path: Path, name: str) -> str:
+    """Encoding of a text, plain or packed with gzip; anything else is refused, in constant memory.
 
     Parameters
     ----------
@@ -50,19 +51,28 @@ def check_text(path: Path, name: str) -> None:
             raise InputError(f"{name}: is {kind}; name a gzip file .csv.gz and a text .csv")
         file.seek(0)
         try:
-            _check_content(gzip.GzipFile(fileobj=file) if path.suffix.lower() == ".gz" else file, name)
+            return _encoding(gzip.GzipFile(fileobj=file) if path.suffix.lower() == ".gz" else file, name)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise InputError(f"{name}: damaged gzip: {error}; copy or pack it again") from None
 
 
-def _check_content(file: BinaryIO | gzip.GzipFile, name: str) -> None:
-    size = 0
+def _encoding(file: BinaryIO | gzip.GzipFile, name: str) -> str:
+    size, decoder = 0, codecs.getincrementaldecoder("utf-8-sig")()
+    encoding = "utf-8-sig"
     while block := file.read(_AT_ONCE):
-        if b"\0" in block:
+        if not size and block.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            encoding = "utf-16"
+        elif encoding == "utf-8-sig":
+            try:
+                decoder.decode(block)
+            except UnicodeDecodeError:
+                encoding = "latin-1"
+        if b"\0" in block and encoding != "utf-16":
             raise InputError(f"{name}: no text in UTF-8 or Latin-1: it holds zero bytes; save it as CSV in UTF-8")
         size += len(block)
         if size > LARGEST_TEXT:
             raise InputError(f"{name}: more than {LARGEST_TEXT} bytes, unpacked; thin the rows, or split the file")
+    return encoding
 
 
 def header(columns: Iterable[object], name: str) -> list[str]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import gzip
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.config.files.section import nearest_name
-from pipeline.config.files.text_file import LARGEST_VALUE, check_text, header
+from pipeline.config.files.table_file import TableFile, read_table, shortened_list
+from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.errors import InputError
 from pipeline.identification.measurement.columns import FileColumn
 from pipeline.identification.measurement.unit_file import DataFile, UnitFile
@@ -24,9 +22,6 @@ Truth = NDArray[np.bool_]
 
 REQUIRED = ("cycle", "crank_deg", "torque_Nm", "angle_arcmin")
 OPTIONAL = ("time_s", "temperature_C", "command_torque_Nm")
-SEPARATORS = (",", ";", "\t")
-GUESSED_BYTES = 20_000
-"""Beginning of a file by which its separator and decimal mark are guessed."""
 CRANK_DIGITS = 6
 """Decimals of a crank angle [deg] by which positions are told apart."""
 
@@ -135,22 +130,21 @@ def recorded(unit: UnitFile) -> Recorded:
     InputError : a file is no table, or its `where` names a column it has not or selects no row; with all problems.
     """
     problems: list[str] = []
-    frames = []
+    tables = []
     for number, file in enumerate(unit.files):
         try:
-            check_text(unit.folder / file.path, file.path)
-            frames.append(_selected(_table(unit.folder / file.path, file), file, number, unit))
+            table = read_table(unit.folder / file.path, file.path, file.separator, file.decimal)
+            tables.append(_selected(table, file, number, unit))
         except InputError as error:
             problems += error.problems
     if problems:
-        raise InputError(problems)
+        raise InputError(shortened_list(problems, unit.name))
     missing: list[tuple[str, str, str]] = []
-    parts = [_standard(frame, file, unit, missing) for frame, file in zip(frames, unit.files, strict=True)]
+    parts = [_standard(table, file, unit, missing) for table, file in zip(tables, unit.files, strict=True)]
     source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    table = pd.concat(parts, ignore_index=True)
     mapped = {_column(unit, name).name for name in (*REQUIRED, *OPTIONAL)}
-    extra = pd.concat([frame.drop(columns=mapped & set(frame)) for frame in frames], ignore_index=True)
-    return Recorded(table, source, tuple(missing), extra)
+    extra = pd.concat([table.cells.drop(columns=mapped & set(table.cells)) for table in tables], ignore_index=True)
+    return Recorded(pd.concat(parts, ignore_index=True), source, tuple(missing), extra)
 
 
 def training_rows(unit: UnitFile, rows: Rows) -> Truth:
@@ -195,47 +189,8 @@ def _held_out_by(unit: UnitFile, rows: Rows) -> tuple[Real, Real, Real]:
     return of_row, np.round(held_out.train, CRANK_DIGITS) if held_out.train else cranks[::2], cranks
 
 
-def _dialect(path: Path, file: DataFile) -> tuple[str, str]:
-    """Separator and decimal mark: as declared, else as the first lines of the file have them."""
-    if file.separator is not None:
-        return file.separator, file.decimal
-    with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as stream:
-        names, *lines = stream.read(GUESSED_BYTES).decode("latin-1").splitlines() or [""]
-    separator = max(SEPARATORS, key=names.count)
-    between_digits = sum(len(re.findall(r"\d,\d", line)) for line in lines)
-    points = sum(len(re.findall(r"\d\.\d", line)) for line in lines)
-    return separator, "," if separator != "," and between_digits > points else file.decimal
-
-
-def _table(path: Path, file: DataFile) -> pd.DataFrame:
-    """The raw table, with the line of each row as its index; blank lines are left out."""
-    error: Exception
-    separator, decimal = _dialect(path, file)
-    for encoding in ("utf-8-sig", "latin-1"):
-        try:
-            frame = pd.read_csv(
-                path,
-                sep=separator,
-                decimal=decimal,
-                encoding=encoding,
-                skip_blank_lines=False,
-                skipinitialspace=True,
-                low_memory=False,
-                index_col=False,
-            )
-        except UnicodeDecodeError as failed:
-            error = failed
-            continue
-        except (ValueError, OSError) as failed:  # of pandas: no columns, or a separator that cannot be one
-            raise InputError(f"{file.path}: no table: {failed}; correct the file, or its separator") from None
-        frame.columns = pd.Index(header(frame.columns, file.path))
-        frame.index = pd.RangeIndex(2, len(frame) + 2)
-        frame.attrs["decimal"] = decimal
-        return frame.dropna(how="all")
-    raise InputError(f"{file.path}: no text: {error}")
-
-
-def _selected(frame: pd.DataFrame, file: DataFile, number: int, unit: UnitFile) -> pd.DataFrame:
+def _selected(table: TableFile, file: DataFile, number: int, unit: UnitFile) -> TableFile:
+    frame = table.cells
     key = f"{unit.name}/unit.toml: files[{number}].where"
     row_mask = np.ones(len(frame), bool)
     for name, values in file.where.items():
@@ -244,38 +199,31 @@ def _selected(frame: pd.DataFrame, file: DataFile, number: int, unit: UnitFile) 
         row_mask &= frame[name].isin(values).to_numpy()
     if not row_mask.any():
         raise InputError(f"{file.path}: no row" + (" that its where selects; widen it" if file.where else ""))
-    return frame[row_mask]
+    return replace(table, cells=frame[row_mask])
 
 
 def _column(unit: UnitFile, quantity: str) -> FileColumn:
     return getattr(unit.settings.columns, quantity)
 
 
-def _standard(frame: pd.DataFrame, file: DataFile, unit: UnitFile, missing: list[tuple[str, str, str]]) -> pd.DataFrame:
+def _standard(table: TableFile, file: DataFile, unit: UnitFile, missing: list[tuple[str, str, str]]) -> pd.DataFrame:
     """The quantities of one file in standard units; what it should have and has not is added to `missing`."""
     constants = {"crank_deg": file.crank_deg, "cycle": file.cycle}
     mapped = unit.settings.columns.model_fields_set
     values = {}
     for quantity in (*REQUIRED, *OPTIONAL):
         column = _column(unit, quantity)
-        if column.name in frame:
+        if column.name in table.cells:
             scale, shift = column.to_standard
-            numbers = _numbers(frame[column.name], frame.attrs["decimal"])
+            numbers = table.numbers(column.name)
             with np.errstate(over="ignore", invalid="ignore"):
                 value = column.factor * (scale * numbers + shift) + column.offset
                 values[quantity] = np.where(np.abs(value) <= LARGEST_VALUE, value, np.nan)
         elif constants.get(quantity) is not None:
-            values[quantity] = np.full(len(frame), constants[quantity], float)
+            values[quantity] = np.full(len(table.cells), constants[quantity], float)
         elif quantity in REQUIRED or quantity in mapped:
             missing.append((file.path, column.name, quantity))
-    return pd.DataFrame({"line": frame.index, **values})
-
-
-def _numbers(column: pd.Series, decimal: str) -> Real:
-    """The column as numbers, NaN where it is none; a single wrong cell makes pandas read the column as text."""
-    if not pd.api.types.is_numeric_dtype(column) and decimal != ".":
-        column = column.astype(str).str.replace(decimal, ".")
-    return pd.to_numeric(column, errors="coerce").to_numpy(float)
+    return pd.DataFrame({"line": table.cells.index, **values})
 
 
 def rows_of(record: Recorded, unit: UnitFile, cranks: Real, position: Whole) -> Rows:

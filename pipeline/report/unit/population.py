@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,14 +31,21 @@ TEMPLATE = "unit/population.html"
 def write_population_page(
     study: Study,
     units: str,
+    over: str,
     comparisons: Sequence[MetricComparison],
     closings: Mapping[float | None, Closing],
     folder: Path,
 ) -> None:
-    """Write population.html and its figure into ``folder``; ``units`` names the file of the units."""
+    """Write population.html and its figure into ``folder``.
+
+    Parameters
+    ----------
+    units : name of the file of the units.
+    over : "mean" or "worst" over the crank angles, of the samples that units without a crank angle are compared with.
+    """
     quantiles = quantile_frame(comparisons)
     quantiles["label"] = [
-        _where(METRICS[metric].title, crank)
+        _where(METRICS[metric].title, crank, over)
         for metric, crank in zip(quantiles["metric"], quantiles["crank_deg"], strict=True)
     ]
     quantiles["unit"] = [METRICS[metric].unit for metric in quantiles["metric"]]
@@ -55,16 +62,29 @@ def write_population_page(
         TEMPLATE,
         study=study,
         units=units,
-        sentences=[(_where("", crank), sentence(closing)) for crank, closing in closings.items()],
-        comparisons=[_comparison(row) for row in comparison_frame(comparisons).to_dict("records")],
-        candidates=[_candidate(row) for row in candidate_frame(closings).to_dict("records")],
+        angles=_angles(study, over, closings),
+        sentences=[(_where("", crank, over), sentence(closing)) for crank, closing in closings.items()],
+        comparisons=[_comparison(row, over) for row in comparison_frame(comparisons).to_dict("records")],
+        candidates=[_candidate(row, over) for row in candidate_frame(closings).to_dict("records")],
         pictures={"quantiles": picture},
     )
     write_atomic(folder / "population.html", page.encode())
 
 
-def _where(title: str, crank: float | None) -> str:
-    crank_text = "worst crank" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
+def _angles(study: Study, over: str, cranks: Iterable[float | None]) -> str:
+    """One sentence on the crank angles that the samples are taken at."""
+    if None not in cranks:
+        return "Each sample is taken at the crank angle that the unit was measured at (column crank_deg)."
+    other = "worst" if over == "mean" else "mean"
+    return (
+        f"The units name no crank angle, so each sample is taken as its {over} over the {len(study.cycle.crank_deg)} "
+        f"crank angles of the study. A bench that measures at known angles gives them in a column crank_deg; --over "
+        f"{other} takes the {other} value instead."
+    )
+
+
+def _where(title: str, crank: float | None, over: str) -> str:
+    crank_text = f"{over} over the crank angles" if crank is None or np.isnan(crank) else f"crank at {crank:g}°"
     return f"{title}, {crank_text}" if title else crank_text
 
 
@@ -73,10 +93,10 @@ def _range(low: float, high: float) -> str:
     return "" if ends == (NOTHING, NOTHING) else f"{ends[0]} to {ends[1]}"
 
 
-def _comparison(row: Mapping[str, object]) -> dict[str, object]:
+def _comparison(row: Mapping[str, object], over: str) -> dict[str, object]:
     numbers = pd.Series(row)
     return {
-        "title": _where(METRICS[str(row["metric"])].title, numbers["crank_deg"]),
+        "title": _where(METRICS[str(row["metric"])].title, numbers["crank_deg"], over),
         "unit": METRICS[str(row["metric"])].unit,
         "units": numbers["units"],
         "means": (digits(numbers["units_mean"]), digits(numbers["samples_mean"])),
@@ -88,10 +108,10 @@ def _comparison(row: Mapping[str, object]) -> dict[str, object]:
     }
 
 
-def _candidate(row: Mapping[str, object]) -> dict[str, object]:
+def _candidate(row: Mapping[str, object], over: str) -> dict[str, object]:
     numbers = pd.Series(row)
     return {
-        "title": _where(str(row["tolerance"]).replace("_", " "), numbers["crank_deg"]),
+        "title": _where(str(row["tolerance"]).replace("_", " "), numbers["crank_deg"], over),
         "shift": digits(numbers["shift_um"]),
         "shift_range": _range(numbers["shift_low_um"], numbers["shift_high_um"]),
         "room": digits(numbers["room_um"]),

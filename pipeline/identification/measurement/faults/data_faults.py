@@ -12,7 +12,12 @@ from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
 from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
-from pipeline.identification.measurement.faults.shape_faults import columns_exchanged, largest_span, standing_out
+from pipeline.identification.measurement.faults.shape_faults import (
+    columns_exchanged,
+    gains_energy,
+    largest_span,
+    standing_out,
+)
 from pipeline.identification.measurement.measured_rows import MeasuredRows
 from pipeline.identification.measurement.repeated_branches import FEWEST_CELLS, mean_loops
 from pipeline.identification.measurement.row_filters import SATURATION_RULE
@@ -208,6 +213,13 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
             "swapped columns",
             "the loops are flat near zero torque and steep under load, as torque over angle is: exchange the columns "
             "of torque_Nm and angle_arcmin in [columns]",
+            "fatal",
+        )
+    elif all(gains_energy(rows.torque[loop], rows.angle[loop]) for loop in loops):
+        yield Fault(
+            "swapped columns",
+            "every loop gives back more work than it takes, which no drive does: exchange the columns of torque_Nm and "
+            "angle_arcmin in [columns], put the rows into the order of time, or give one column factor = -1",
             "fatal",
         )
     yield from (Fault("unit", message, "fatal") for message in findings if message)

@@ -11,8 +11,8 @@ Real = NDArray[np.float64]
 
 LARGEST_TORQUE = 20.0
 """Times the rated torque: no reducer stands more."""
-SMALLEST_TORQUE = 1e-4
-"""Times the rated torque: below it a cycle says nothing about the reducer."""
+SMALLEST_TORQUE = 5e-3
+"""Times the rated torque: below it a cycle says nothing about the reducer; torques in kN m lie there."""
 LIKELY_TORQUE = (0.05, 5.0)
 """Times the rated torque, of a bench: by which other units are suggested."""
 REVOLUTION = 21600.0

@@ -17,6 +17,8 @@ LOW, HIGH = 0.2, 0.5
 """Shares of the largest torque below which a row is near zero torque, and above which it is loaded."""
 BENT = 2.0
 """Ratio of the slopes near zero and under load by which a curve is bent: play makes it larger than 1, never half."""
+GAINED = 0.01
+"""Work that a loop gives back, in parts of torque range times angle range; noise makes less than a tenth of it."""
 FEWEST_ROWS = 20
 """Rows of a sense below which its shape is not judged."""
 APART = 3.0
@@ -49,6 +51,18 @@ def largest_span(design: Design, torque: float) -> float:
 def columns_exchanged(torque: Real, angle: Real) -> bool:
     """Whether a loop is bent as one of torque over angle is: flat near zero and steep under load."""
     return _bend(torque, angle) < 1 / BENT and _bend(angle, torque) > BENT
+
+
+def gains_energy(torque: Real, angle: Real) -> bool:
+    """Whether rows in time order, closed from the last to the first, give back more work than they take.
+
+    Notes
+    -----
+    The work taken is the integral of the torque over the angle, which of a passive drive is not negative over a closed
+    cycle. With the columns exchanged, or the rows reversed in time, it has the other sign.
+    """
+    work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
+    return work < -GAINED * float(np.ptp(torque) * np.ptp(angle))
 
 
 def _bend(load: Real, twist: Real) -> float:

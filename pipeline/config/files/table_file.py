@@ -1,0 +1,241 @@
+"""The one reader of tables that others wrote: every row has the fields of the header, and every fault its line."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+from pyarrow import csv as arrow_csv
+
+from pipeline.config.files.section import shown_value
+from pipeline.config.files.text_file import check_text, header
+from pipeline.errors import InputError
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
+
+SEPARATORS = ("\t", ";", ",")
+"""In the order in which they are tried: a comma may also be a decimal mark, or part of a name."""
+GUESSED_BYTES = 1 << 20
+"""Beginning of a file by which its separator and decimal mark are guessed; also the longest line."""
+GUESSED_LINES = 200
+"""Lines of it that are looked at."""
+MOST_LINES = 20
+"""Lines of an answer on one file."""
+BLANK = ("", "NA", "N/A", "NaN", "nan", "null")
+"""Cells without a value."""
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """A table of text as its file has it.
+
+    Attributes
+    ----------
+    name : of the file in messages.
+    cells : columns by their names; numbers where every cell of a column is one or blank, else text. The index is the
+        line of each row in the file (the header has the first that is not blank); blank rows are left out.
+    decimal : decimal mark, "." or ",".
+    """
+
+    name: str
+    cells: pd.DataFrame
+    decimal: str
+
+    def numbers(self, column: str) -> Real:
+        """The cells of a column as numbers (n,); NaN where there is none."""
+        values = self.cells[column]
+        if pd.api.types.is_numeric_dtype(values):
+            return values.to_numpy(float)
+        return pd.to_numeric(_with_point(values, self.decimal), errors="coerce").to_numpy(float)
+
+    def is_blank(self, column: str) -> Truth:
+        """Whether the cells of a column hold nothing (n,)."""
+        values = self.cells[column]
+        return (values.isna() | values.isin(BLANK)).to_numpy(bool)
+
+    def place(self, row: int) -> str:
+        """`file:line` of a row."""
+        return f"{self.name}:{self.cells.index[row]}"
+
+    def faults(self, column: str, wrong: Truth, allowed: str) -> list[str]:
+        """One line for each of the first ``wrong`` cells (n,) of a column, and how many there are beyond."""
+        rows = np.flatnonzero(wrong)
+        lines = [
+            f"{self.place(row)}: {column} = {_shown(self.cells[column].iloc[row])}; {allowed}"
+            for row in rows[:MOST_LINES]
+        ]
+        return shortened_list(lines, self.name, len(rows))
+
+
+def shortened_list(problems: Iterable[str], name: str, count: int = 0) -> list[str]:
+    """The first problems of a file, with a last line that says how many of ``count`` there are beyond `MOST_LINES`."""
+    lines = list(problems)
+    count = max(count, len(lines))
+    return lines if count <= MOST_LINES else [*lines[: MOST_LINES - 1], f"{name}: {count - MOST_LINES + 1} more faults"]
+
+
+def read_table(path: Path, name: str, separator: str | None = None, decimal: str = ".") -> TableFile:
+    """A table of text, in UTF-8, UTF-16 with its mark, or Latin-1, plain or packed with gzip.
+
+    Parameters
+    ----------
+    name : of the file in messages.
+    separator, decimal : as declared; without a separator both are guessed from the first lines.
+
+    Raises
+    ------
+    InputError : no table, or rows that have not as many fields as the header, each with its line.
+    """
+    encoding = check_text(path, name)
+    with _opened(path) as stream:
+        beginning = stream.read(GUESSED_BYTES).decode(encoding, "ignore").splitlines()
+    skipped = next((number for number, line in enumerate(beginning) if line.strip()), len(beginning))
+    lines = [line for line in beginning[skipped : skipped + GUESSED_LINES] if line.strip()]
+    if not lines:
+        raise InputError(f"{name}: no table: it holds no text; give a header and a row for each measurement")
+    if separator is None:
+        separator = _separator(lines)
+        decimal = _decimal(lines[1:], separator, decimal)
+    if not separator.isascii() or not (separator.isprintable() or separator == "\t"):
+        raise InputError(f"{name}: separator = {shown_value(separator)}; must be a printed ASCII character or a tab")
+    names = _names(lines, separator, name)
+    cells, line = _rows(path, name, encoding, separator, names, skipped + 1)
+    columns: dict[str, pd.Series] = {}
+    for number, column in enumerate(names):
+        if column or pc.any(pc.not_equal(cells[number], "")).as_py():
+            columns[column or f"column {number + 1}"] = _column(cells[number], decimal)
+    frame = pd.DataFrame(columns).set_axis(line)
+    return TableFile(name, frame[~np.all(frame.isna().to_numpy(), axis=1)], decimal)
+
+
+def _opened(path: Path) -> BinaryIO | gzip.GzipFile:
+    return gzip.open(path, "rb") if path.suffix.lower() == ".gz" else path.open("rb")
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+
+
+def _separator(lines: list[str]) -> str:
+    """The first separator that divides the header and the row below it into as many fields, else the most frequent."""
+    for separator in SEPARATORS:
+        counts = [len(_fields(line, separator)) for line in lines[:2]]
+        if counts[0] > 1 and len(set(counts)) == 1:
+            return separator
+    return max(reversed(SEPARATORS), key=lines[0].count)
+
+
+def _decimal(lines: list[str], separator: str, declared: str) -> str:
+    commas, points = (sum(len(re.findall(rf"\d\{mark}\d", line)) for line in lines) for mark in ",.")
+    return "," if separator != "," and commas > points else declared
+
+
+def _names(lines: list[str], separator: str, name: str) -> list[str]:
+    """Names of the columns; empty ones for fields beyond the header that the first row has at its end, all blank."""
+    try:
+        names, first_row = (_fields(line, separator) for line in (lines * 2)[:2])
+    except (csv.Error, TypeError, ValueError) as error:
+        raise InputError(f"{name}: no table: {error}; correct its header, or its separator") from None
+    header([column for column in names if column], name)
+    surplus = first_row[len(names) :]
+    return names + ([""] * len(surplus) if not any(surplus) else [])
+
+
+def _rows(
+    path: Path, name: str, encoding: str, separator: str, names: list[str], skipped: int
+) -> tuple[list[pa.ChunkedArray], NDArray[np.int64]]:
+    """Cells (n,) of each column without blanks around them, and the line of each row (n,)."""
+    unequal: dict[int, int] = {}
+
+    def note(row: arrow_csv.InvalidRow) -> str:
+        unequal[row.number] = row.actual_columns if row.text.strip() else 0
+        return "skip"
+
+    keys = [str(number) for number in range(len(names))]
+    reading = arrow_csv.ReadOptions(
+        use_threads=False, encoding=encoding, column_names=keys, skip_rows=skipped, block_size=GUESSED_BYTES
+    )
+    parsing = arrow_csv.ParseOptions(delimiter=separator, ignore_empty_lines=False, invalid_row_handler=note)
+    try:
+        with _opened(path) as stream:
+            texts = arrow_csv.ConvertOptions(column_types=dict.fromkeys(keys, pa.string()))
+            table = arrow_csv.read_csv(stream, reading, parsing, texts)
+    except (pa.ArrowException, ValueError, TypeError, UnicodeError) as error:
+        if "Could not skip" in str(error):
+            raise InputError(f"{name}: no row below its header") from None
+        raise InputError(f"{name}: no table: {error}; correct the file, or its separator") from None
+    columns = [pc.utf8_trim_whitespace(table[key]) for key in keys]
+    line = np.setdiff1d(np.arange(skipped + 1, skipped + 1 + len(table) + len(unequal)), list(unequal))
+    wrong = [(number, count) for number, count in unequal.items() if count]
+    if problems := [*_open_quotes(columns, line, name), *_unequal(wrong, len(names), line, separator, name)]:
+        raise InputError(problems)
+    return columns, line
+
+
+def _open_quotes(columns: list[pa.ChunkedArray], line: NDArray[np.int64], name: str) -> list[str]:
+    """A cell that spans lines: its quotation mark was never closed, and swallowed rows."""
+    for column in columns:
+        spans = pc.match_substring_regex(column, "[\r\n]").to_numpy(zero_copy_only=False).astype(bool)
+        if spans.any():
+            return [f"{name}:{line[spans.argmax()]}: a quotation mark is opened and not closed in its line; remove it"]
+    return []
+
+
+def _unequal(
+    wrong: list[tuple[int, int]], fields: int, line: NDArray[np.int64], separator: str, name: str
+) -> list[str]:
+    if not wrong:
+        return []
+    advice = "give each row one field for each column"
+    if all(found > fields for _, found in wrong) and separator == ",":
+        advice += "; if the decimal mark is a comma, separate the fields by another character"
+    elif len(wrong) == 1 and wrong[0][0] > line.max(initial=0):
+        advice = "the file ends within a row; copy it again, or remove that row"
+    lines = [
+        f"{name}:{number}: {found} fields, its header has {fields}; {advice}" for number, found in wrong[:MOST_LINES]
+    ]
+    return shortened_list(lines, name, len(wrong))
+
+
+def _with_point(values: pd.Series, decimal: str) -> pd.Series:
+    """Texts of numbers with a decimal point; where the mark is a comma, a point is no part of a number."""
+    if decimal == ".":
+        return values
+    texts = values.astype(str)
+    return texts.where(~texts.str.contains(".", regex=False), "no number").str.replace(decimal, ".")
+
+
+def _column(cells: pa.ChunkedArray, decimal: str) -> pd.Series:
+    """A column as numbers, if all of its cells are numbers or blank; else as text, None where it is blank."""
+    blank = pc.is_in(cells, pa.array(BLANK))
+    filled = pc.if_else(blank, pa.scalar(None, pa.string()), cells)
+    texts = filled
+    if decimal == ",":
+        pointed = pc.match_substring(filled, ".")
+        texts = pc.if_else(pointed, "no number", pc.replace_substring(filled, ",", "."))
+    try:
+        return pd.Series(pc.cast(texts, pa.float64()).to_numpy())
+    except pa.ArrowInvalid:
+        return filled.to_pandas()
+
+
+def _shown(value: object) -> str:
+    """A cell as it is in the file; one that is no number in quotes."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    try:
+        float(str(value))
+    except ValueError:
+        return shown_value(value)
+    return str(value)
