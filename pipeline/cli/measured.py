@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from pipeline.identification.described import results as described_results
 from pipeline.identification.described.description import described
 from pipeline.identification.identify import FaultyUnit, identify_measured
 from pipeline.identification.measurement.measurement import Measurement
-from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
 from pipeline.identification.results import write as results
 from pipeline.identification.selection.statements.verdict import FAULT
 from pipeline.population import results as population_results
@@ -67,10 +68,15 @@ def describe_generic(measurement: Measurement) -> None:
 
 def compare_states(options: argparse.Namespace) -> None:
     """Say what changed between two measurements of one drive."""
-    state_before, state_after, *more_states = (
-        Measurement.read(load_measured_unit(name, settings.ROOT))
-        for name in (options.before, options.after, *options.also)
-    )
+    compared = [load_measured_unit(name, settings.ROOT) for name in (options.before, options.after)]
+    known = [unit.folder.resolve() for unit in compared]
+    further = [
+        unit
+        for name in options.also
+        for unit in load_measured_units(name, settings.ROOT)
+        if unit.name == Path(name).name or unit.folder.resolve() not in known
+    ]
+    state_before, state_after, *more_states = (Measurement.read(unit) for unit in (*compared, *further))
     print("\n".join(line for state in (state_before, state_after, *more_states) for line in state.summary), flush=True)
     answers = answer(state_before, state_after, more_states)
     folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
@@ -83,6 +89,7 @@ def compare_states(options: argparse.Namespace) -> None:
                 [
                     f"{answers.comparison.verdict}: {answers.sentence}",
                     answers.limits_sentence,
+                    answers.unmeasured_sentence,
                     answers.pattern_sentence,
                     answers.advice,
                 ],

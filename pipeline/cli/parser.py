@@ -155,7 +155,10 @@ def _measured(command: Commands) -> None:
             f"--{state}", required=True, help="folder with a unit.toml, or the name of one, as for identify"
         )
     changing.add_argument(
-        "--also", nargs="*", default=[], help="further states of the drive, which tell how far mounting scatters"
+        "--also",
+        nargs="*",
+        default=[],
+        help="further states of the drive, or folders of them: they give the scatter of mounting",
     )
 
     comparing = command(

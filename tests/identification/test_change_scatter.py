@@ -4,49 +4,85 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.identification.change.scatter import POWER, scatter
+from pipeline.identification.change.scatter import POWER, Layout
+from pipeline.statistics import rotations
 
-N_POSITIONS, DRAWS = 3, 4000
+N_POSITIONS, DRAWS = 3, 300
+LEVEL = 0.02
 
 
-def drawn(rng: np.random.Generator, n_states: int, change: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Changes from the first state: mounting scatters each state at each position by 1, states and positions differ."""
-    states = 5.0 * rng.standard_normal((n_states, 1)) + 7.0 * rng.standard_normal(N_POSITIONS)
-    states[1] = states[0] + change
-    mounted = states + rng.standard_normal((n_states, N_POSITIONS))
-    return (mounted[1] - mounted[0])[:, None], (mounted[2:] - mounted[0])[:, :, None]
+def drawn(rng: np.random.Generator, n_states: int, change: float = 0.0, n_numbers: int = 1) -> Layout:
+    """Mounting scatters each state at each position by 1; states and positions differ; the second state changes."""
+    shape = (n_states, N_POSITIONS, n_numbers)
+    levels = 5.0 * rng.standard_normal((n_states, 1, n_numbers)) + 7.0 * rng.standard_normal((1, *shape[1:]))
+    levels[1] += levels[0, 0] - levels[1, 0] + change
+    state, position = (values.ravel() for values in np.indices(shape[:2]))
+    return Layout(state, position, (levels + rng.standard_normal(shape)).reshape(-1, n_numbers))
+
+
+@pytest.fixture(autouse=True)
+def _fewer_rotations(monkeypatch):
+    """A p of 2 % is known to 0.1 %, which is well below what so many draws see."""
+    monkeypatch.setattr(rotations, "ROTATIONS", 20_000)
+
+
+def pair_weights(n_states: int) -> list[float]:
+    return [-1.0, 1.0, *[0.0] * (n_states - 2)]
 
 
 def test_two_states_are_the_test_of_the_mean_difference():
-    estimates, others = drawn(np.random.default_rng(1), 2, 3.0)
-    reference = stats.ttest_1samp(estimates[:, 0], 0.0)
-    found = scatter(estimates, others)
-    assert found.freedom == N_POSITIONS - 1
-    assert found.p(estimates.mean(axis=0))[0] == pytest.approx(reference.pvalue, rel=1e-12)
+    layout = drawn(np.random.default_rng(1), 2, 3.0)
+    before, after = layout.values[:, 0].reshape(2, -1)
+    reference = stats.ttest_rel(after, before)
+    found = layout.contrast([-1.0, 1.0])
+    assert layout.freedom == N_POSITIONS - 1
+    assert found.p[0] == pytest.approx(reference.pvalue, rel=1e-9)
+    assert found.mean[0] == pytest.approx(np.mean(after - before), rel=1e-12)
+
+
+def test_missing_cells_keep_what_the_rest_determines():
+    layout = drawn(np.random.default_rng(2), 3)
+    rows = np.arange(len(layout.values)) != 8
+    partial = Layout(layout.state[rows], layout.position[rows], layout.values[rows])
+    assert partial.freedom == layout.freedom - 1
+    exact = Layout(
+        layout.state[rows], layout.position[rows], 2.0 * layout.state[rows, None] + layout.position[rows, None]
+    )
+    assert exact.contrast([-1.0, 0.0, 1.0]).mean[0] == pytest.approx(4.0, abs=1e-9)
+
+
+def test_states_without_a_common_position_are_not_compared():
+    state, position = np.array([0, 0, 1, 1, 2, 2]), np.array([0, 1, 2, 3, 2, 3])
+    layout = Layout(state, position, np.random.default_rng(3).standard_normal((6, 1)))
+    assert layout.contrast([-1.0, 1.0, 0.0]) is None
 
 
 @pytest.mark.parametrize(("n_states", "freedom"), [(2, 2), (4, 6), (6, 10)])
-def test_without_a_change_p_is_even_and_the_limit_is_sure_as_often_as_it_says(n_states, freedom):
+def test_without_a_change_p_is_even_and_the_limit_is_shown_as_often_as_it_says(n_states, freedom):
     """The scatter is known here: the limit of a drawn unit, over its error, is that of all."""
-    rng, level = np.random.default_rng(n_states), 0.0025
-    without, p_values = np.sqrt(2 / N_POSITIONS), []
+    rng, weights, p_values = np.random.default_rng(n_states), pair_weights(n_states), []
     for _ in range(DRAWS):
-        estimates, others = drawn(rng, n_states)
-        found = scatter(estimates, others)
-        p_values.append(found.p(estimates.mean(axis=0))[0])
+        found = drawn(rng, n_states).contrast(weights)
+        p_values.append(found.p[0])
     assert found.freedom == freedom
+    assert found.family.p[0] == pytest.approx(p_values[-1], abs=0.02)
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
-    limit = without * float(found.detectable(level)[0] / found.error[0])
-    shown = 0
-    for _ in range(DRAWS):
-        estimates, others = drawn(rng, n_states, limit)
-        shown += scatter(estimates, others).p(estimates.mean(axis=0))[0] < level
+    limit = np.sqrt(2 / N_POSITIONS) * float(found.detectable(LEVEL)[0] / found.error[0])
+    shown = sum(drawn(rng, n_states, limit).contrast(weights).p[0] < LEVEL for _ in range(DRAWS))
     low, high = stats.binom.ppf([1e-3, 1 - 1e-3], DRAWS, POWER)
     assert low <= shown <= high
 
 
-def test_further_states_show_a_fifth_of_the_change_that_two_of_three_positions_need():
-    estimates, others = np.zeros((3, 1)), np.zeros((4, 3, 1))
-    few, many = scatter(estimates, others[:0]), scatter(estimates, others)
-    ratio = float(many.detectable(0.0025)[0] / few.detectable(0.0025)[0])
-    assert 0.15 < ratio < 0.25
+def test_of_pairs_without_a_change_two_in_a_hundred_are_named_over_all_numbers():
+    rng = np.random.default_rng(8)
+    alarms = sum(np.any(drawn(rng, 4, n_numbers=6).contrast(pair_weights(4)).family.p < LEVEL) for _ in range(DRAWS))
+    low, high = stats.binom.ppf([1e-3, 1 - 1e-3], DRAWS, LEVEL)
+    assert low <= alarms <= high
+
+
+def test_further_states_show_a_third_of_the_change_that_two_of_three_positions_need():
+    rng, limits = np.random.default_rng(9), []
+    for n_states in (2, 5):
+        found = drawn(rng, n_states).contrast(pair_weights(n_states))
+        limits.append(float(found.detectable(LEVEL)[0] / found.error[0]))
+    assert 0.3 < limits[1] / limits[0] < 0.5

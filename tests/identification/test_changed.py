@@ -8,12 +8,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from measured_bench import ROOT, path_of, write_unit
+from scipy import stats
 
 from pipeline import cli
 from pipeline.cli import settings
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import CHANGED, NOTHING
+from pipeline.identification.change.loops import State
 from pipeline.identification.change.results import ChangeAnswer, answer, write
+from pipeline.identification.change.scatter import POWER
+from pipeline.identification.change.table import loop_table
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -43,13 +47,22 @@ def followed(torque: np.ndarray, drive: dict[str, float], phase: float) -> np.nd
     return np.array(angle)
 
 
-def drive_measured(folder: Path, changes: dict[str, float], mounting: float, seed: int, cranks=CRANKS) -> Measurement:
-    """A drive with shares of its numbers added, each also scattered by the ``mounting`` at every position."""
+def drive_measured(
+    folder: Path, changes: dict[str, float], mounting: float, seed: int, cranks=CRANKS, pattern=None
+) -> Measurement:
+    """A drive with shares of its numbers added, each also scattered by the ``mounting`` at every position.
+
+    ``pattern`` has factors (n_positions,) of some numbers that are the positions' own.
+    """
     rng = np.random.default_rng(seed)
     parts = []
     for number, crank in enumerate(cranks):
         scatter = dict(zip(DRIVE, 1 + mounting * rng.standard_normal(len(DRIVE)), strict=True))
-        drive = {name: scatter[name] * value * (1 + changes.get(name, 0.0)) for name, value in DRIVE.items()}
+        own = {name: factors[number] for name, factors in (pattern or {}).items()}
+        drive = {
+            name: scatter[name] * value * own.get(name, 1.0) * (1 + changes.get(name, 0.0))
+            for name, value in DRIVE.items()
+        }
         drive["zero"] = changes.get("zero", 0.0) + 0.3 * mounting * rng.standard_normal()
         torque = np.tile(path_of([0.0, 12.0, -12.0, 0.0], 60)[1:], 2)
         angle = followed(torque, drive, 2.0 * number) + 50.0 * rng.random() + 0.05 * rng.standard_normal(torque.size)
@@ -67,29 +80,39 @@ def pair(folder: Path, changes: dict[str, float], mounting: float = 0.04, seed: 
 @pytest.mark.parametrize(
     ("changes", "words", "kind", "true"),
     [
-        ({"friction": 0.5}, "friction grows", "friction", 0.3),
-        ({"friction": -0.5}, "friction falls", "friction", -0.3),
-        ({"play": -0.3}, "play closes", "play", -6.0),
-        ({"compliance": 0.2}, "stiffness falls", "compliance", 0.2 * 48 / 51),
+        ({"friction": 0.5, "load": 0.5}, "friction grows", "friction", 0.5),
+        ({"friction": -0.5, "load": -0.5}, "friction falls", "friction", -0.5),
+        ({"play": -0.3}, "play closes", "play", -6 / 26),
+        ({"compliance": 0.2}, "stiffness falls", "compliance", 0.2),
     ],
 )
 def test_what_changed_is_named_with_its_sign_and_size(tmp_path, changes, words, kind, true):
     result = pair(tmp_path, changes, mounting=0.02).comparison
+    (change,) = (change for change in result.changes if change.number.kind.name == kind)
     assert result.verdict == CHANGED
-    assert result.named[0].words == words
-    (low,), (high,) = result.named[0].low, result.named[0].high
-    assert low < result.named[0].mean[0] < high
-    assert result.named[0].mean[0] == pytest.approx(true, rel=0.25)
-    assert result.named[0].gain < 0.75
-    assert [change.kinds[0].name for change in result.named] == [kind]
+    assert change in result.named
+    assert change.words == words
+    assert change.low < change.mean < change.high
+    assert change.mean == pytest.approx(true, rel=0.25)
 
 
-def test_the_interval_of_a_change_that_all_positions_agree_upon_holds_what_the_model_misses(tmp_path, monkeypatch):
+def test_nothing_at_a_bound_is_claimed(tmp_path, monkeypatch):
+    """A spring that almost vanishes and friction that fills the loop: shares of positive numbers stay above -100 %."""
     monkeypatch.setitem(DRIVE, "ripple", 0.0)
-    change = pair(tmp_path, {"friction": 0.5}, mounting=0.0).comparison.named[0]
-    error = change.by_position.std(ddof=1) / np.sqrt(len(change.by_position))
-    assert abs(change.mean[0] - 0.3) > 4 * error  # positions alike do not say what play with soft ends adds
-    assert change.low[0] < 0.3 < change.high[0] < 0.36
+    drastic = [{"compliance": -0.95}, {"friction": 12.0}, {"play": -0.999}, {"friction": -0.999, "load": -0.999}]
+    for number, changes in enumerate(drastic):
+        for change in pair(tmp_path / str(number), changes, mounting=0.0).comparison.changes:
+            if change.number.kind.positive:
+                assert -1 < change.low <= change.mean <= change.high
+
+
+def test_loops_that_do_not_load_the_spring_say_nothing_of_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(DRIVE, "play", 200.0)
+    monkeypatch.setitem(DRIVE, "friction", 4.0)
+    monkeypatch.setitem(DRIVE, "load", 0.0)
+    table = loop_table([State.of(drive_measured(tmp_path / name, {}, 0.3, 1)) for name in "ab"], 2)
+    assert {number.kind.name for number in table.unmeasured} >= {"play"}
+    assert "width" in {number.kind.name for number in table.numbers}
 
 
 def test_where_nothing_changed_nothing_is_named(tmp_path):
@@ -98,27 +121,41 @@ def test_where_nothing_changed_nothing_is_named(tmp_path):
 
 
 def test_two_changes_are_named_together(tmp_path):
-    result = pair(tmp_path, {"friction": 0.6, "compliance": 0.25}, mounting=0.02).comparison
-    assert result.named[0].words == "friction grows and stiffness falls"
-    assert result.verdict == CHANGED
+    result = pair(tmp_path, {"friction": 0.6, "load": 0.6, "compliance": 0.25}, mounting=0.02).comparison
+    assert {"friction grows", "stiffness falls"} <= {change.words for change in result.named}
 
 
 def test_further_states_show_what_three_positions_alone_do_not(tmp_path):
     cranks = CRANKS[:3]
     state_before = drive_measured(tmp_path / "before", {}, 0.04, 1, cranks)
-    state_after = drive_measured(tmp_path / "after", {"friction": 0.5}, 0.04, 1001, cranks)
+    state_after = drive_measured(tmp_path / "after", {"friction": 0.3, "load": 0.3}, 0.04, 1001, cranks)
     further = [drive_measured(tmp_path / str(seed), {}, 0.04, seed, cranks) for seed in (2001, 3001, 4001)]
     alone, result = answer(state_before, state_after), answer(state_before, state_after, further)
     assert not alone.comparison.named
-    assert [change.words for change in result.comparison.named] == ["friction grows"]
-    assert result.comparison.named[0].freedom == 8
-    assert "could hide" in alone.limits_sentence
-    assert "scatter over the positions of 2 states (2 degrees of freedom)" in alone.limits_sentence
-    limits = [change.detectable[0] for change in alone.comparison.beside]
-    assert all(limit > abs(change.mean[0]) for limit, change in zip(limits, alone.comparison.beside, strict=True))
+    assert "friction grows" in [change.words for change in result.comparison.named]
+    assert result.comparison.freedom == 8
+    assert "chance of 80 %" in alone.limits_sentence
+    assert "2 states (2 degrees of freedom)" in alone.limits_sentence
     lacking = drive_measured(tmp_path / "lacking", {}, 0.04, 5001, CRANKS[:2])
-    with pytest.raises(InputError, match="lacking: nothing to compare at 140 deg"):
-        answer(state_before, state_after, [lacking])
+    assert answer(state_before, state_after, [lacking]).comparison.freedom == 3
+
+
+def test_positions_of_another_assembly_keep_a_pattern_of_their_own(tmp_path):
+    """Another assembly shuffles the positions: counted as the same positions, its pattern would be scatter."""
+    cranks = CRANKS[:3]
+    pattern = {"play": np.array([0.6, 1.0, 1.5])}
+    states = [drive_measured(tmp_path / name, {}, 0.01, seed, cranks, pattern) for name, seed in (("a", 1), ("b", 2))]
+    shuffled = {"play": pattern["play"][::-1]}
+    for name, seed in (("c", 3), ("d", 4)):
+        drive_measured(tmp_path / name, {}, 0.01, seed, cranks, shuffled)
+    scatter = {}
+    for assembly in ("", "second"):
+        for name in "cd":
+            (tmp_path / name / "unit.toml").write_text(TEXT + f'[state]\nassembly = "{assembly}"\n')
+        further = [Measurement.read(load_measured_unit(tmp_path / name, ROOT)) for name in "cd"]
+        changes = answer(*states, further).comparison.changes
+        scatter[assembly] = next(change.scatter for change in changes if change.number.kind.name == "width")
+    assert scatter["second"] < 0.05 < 0.2 < scatter[""]
 
 
 def test_a_state_that_is_named_twice_is_refused(tmp_path):
@@ -131,16 +168,16 @@ def test_a_state_that_is_named_twice_is_refused(tmp_path):
 
 
 def test_a_torque_that_reads_another_zero_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(DRIVE, "ripple", 0.2)  # a ripple shifts with the torque and drops out of no difference
-    result = pair(tmp_path, {"zero": 0.8}, mounting=0.0).comparison
-    assert result.named[0].words == "zero of the torque rises, or a preload"
-    assert result.named[0].mean[0] == pytest.approx(0.8, rel=0.35)
+    monkeypatch.setitem(DRIVE, "ripple", 0.2)  # a ripple is part of the asymmetry
+    result = pair(tmp_path, {"zero": 0.8}, mounting=0.02).comparison
+    (change,) = (change for change in result.named if change.number.kind.name == "torque_zero")
+    assert change.mean == pytest.approx(0.8, rel=0.35)
 
 
 def test_one_position_claims_nothing_and_says_why(tmp_path):
     result = pair(tmp_path, {"friction": 0.5}, cranks=(0.0,))
     assert result.comparison.verdict == NOTHING
-    assert "at 1 position" in result.sentence
+    assert "1 position" in result.sentence
     assert "3 or more crank positions" in result.advice
 
 
@@ -154,31 +191,56 @@ def test_positions_that_were_shuffled_are_seen(tmp_path):
 
 
 def test_the_files_hold_what_the_sentence_says(tmp_path):
-    result = pair(tmp_path, {"friction": 0.5}, mounting=0.02)
+    result = pair(tmp_path, {"friction": 0.5, "load": 0.5}, mounting=0.02)
     write(result, tmp_path / "out")
     verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
-    changes = pd.read_parquet(tmp_path / "out" / "changes.parquet")
-    changes = changes[changes["others"] == result.comparison.best.other_kinds].set_index("kind")
-    cells = pd.read_parquet(tmp_path / "out" / "difference.parquet")
+    changes = pd.read_parquet(tmp_path / "out" / "changes.parquet").set_index("kind")
+    positions = pd.read_parquet(tmp_path / "out" / "positions.parquet").set_index(["kind", "state"])["value"]
+    loops = pd.read_parquet(tmp_path / "out" / "loops.parquet")
     assert verdict["sentence"] == result.sentence
     assert changes.loc["friction", "named"]
-    assert f"{changes.loc['friction', 'change']:+.3g} N m" in verdict["sentence"]
-    residuals = [
-        np.sum(((cells["difference_arcmin"] - cells[f"{name}_arcmin"]) / cells["sigma_arcmin"]) ** 2)
-        for name in ("held_out", "without")
-    ]
-    assert np.sqrt(residuals[0] / residuals[1]) == pytest.approx(result.comparison.named[0].gain, rel=0.02)
+    assert f"{100 * changes.loc['friction', 'change']:+.3g} %" in verdict["sentence"]
+    before, after = (np.exp(np.log(positions["friction"][name]).mean()) for name in ("before", "after"))
+    assert changes.loc["friction", "change"] == pytest.approx(after / before - 1, rel=1e-9)
+    assert set(loops["state"]) == {"before", "after"}
 
 
 def test_the_command_writes_a_page_that_says_what_it_prints(tmp_path, monkeypatch, capsys):
-    for name, changes, seed in (("before", {}, 1), ("after", {"play": -0.3}, 2)):
-        drive_measured(tmp_path / name, changes, 0.02, seed, CRANKS[:3])
+    for name, changes, seed in (("before", {}, 1), ("after", {"play": -0.3}, 2), ("again", {}, 3), ("cold", {}, 4)):
+        drive_measured(tmp_path / "states" / name, changes, 0.02, seed, CRANKS[:3])
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
-    assert cli.main(["changed", "--before", str(tmp_path / "before"), "--after", str(tmp_path / "after")]) == 0
+    states = [str(tmp_path / "states" / name) for name in ("before", "after")]
+    command = ["changed", "--before", states[0], "--after", states[1], "--also", str(tmp_path / "states")]
+    assert cli.main(command) == 0
     printed = capsys.readouterr().out
     page = (tmp_path / "runs" / "changed" / "before-after" / "report.html").read_text().replace("\u00a0", " ")
     assert "play closes" in printed
+    assert "4 states with 6 degrees of freedom" in page.replace("\n", " ")
     assert next(line for line in printed.splitlines() if "play closes" in line).split(": ", 1)[1] in page
+
+
+@pytest.mark.attack
+def test_false_alarms_and_power_on_drawn_pairs(tmp_path):
+    """Of pairs without a change 2 % are named at most; a growth that has 80 % power is named about as often."""
+    cranks, sizes, alarms = CRANKS[:3], [], 0
+    for seed in range(120):
+        further = [
+            drive_measured(tmp_path / f"{seed}-{k}", {}, 0.04, 10_000 * (k + 1) + seed, cranks) for k in range(3)
+        ]
+        result = answer(*further[:2], further[2:]).comparison
+        alarms += bool(result.named)
+        sizes += [change.detectable for change in result.changes if change.number.kind.name == "friction"]
+    assert alarms <= stats.binom.ppf(0.99, 120, 0.02)
+    growth = float(np.median(sizes))
+    shown = 0
+    for seed in range(60):
+        states = [drive_measured(tmp_path / f"p{seed}-{k}", {}, 0.04, 77_000 * (k + 1) + seed, cranks) for k in (0, 2)]
+        changes = {"friction": growth, "load": growth}
+        after = drive_measured(tmp_path / f"p{seed}-1", changes, 0.04, 88_000 + seed, cranks)
+        named = answer(states[0], after, states[1:]).comparison.named
+        shown += "friction" in {change.number.kind.name for change in named}
+    low, high = stats.binom.ppf([0.005, 0.995], 60, POWER)
+    assert low <= shown <= high
 
 
 def test_measurements_with_nothing_in_common_are_refused(tmp_path):
@@ -230,22 +292,13 @@ def rig(tmp_path_factory):
 
 
 @pytest.mark.skipif(not INTERVENTIONS.is_dir(), reason="the measured interventions are not here")
-def test_a_drive_that_was_preloaded_is_told_and_one_measured_twice_is_not(rig):
-    result = answer(rig("conic_onyx_runin"), rig("conic_onyx_2pre")).comparison
-    assert not result.named  # three positions, and a scatter between them that leaves two degrees of freedom
-    assert {"stiffness grows"} <= {change.words for change in result.near} <= {"stiffness grows", "play closes"}
+def test_the_known_interventions_are_named_and_a_drive_measured_twice_is_not(rig):
+    """Width at zero torque of the small loops: 83, 67, 35, 38, 39 arcmin over the turns of the preload screw."""
+    preloads = [rig(f"conic_onyx_{turns}pre") for turns in (1, 3, 4)]
+    result = answer(rig("conic_onyx_runin"), rig("conic_onyx_2pre"), preloads).comparison
+    assert [change.number.kind.name for change in result.named] == ["width"]
+    assert -0.6 < result.named[0].mean < -0.3
+    for state_before, state_after in (("conic_onyx_2pre", "conic_onyx_3pre"), ("conic_onyx_3pre", "conic_onyx_4pre")):
+        others = [rig(name) for name in ("conic_onyx_runin", "conic_onyx_1pre")]
+        assert answer(rig(state_before), rig(state_after), others).comparison.verdict == NOTHING
     assert answer(rig("conic_onyx_runin"), rig("conic_onyx_runin", repeat=True)).comparison.verdict == NOTHING
-
-
-@pytest.mark.attack
-@pytest.mark.skipif(not INTERVENTIONS.is_dir(), reason="the measured interventions are not here")
-def test_the_known_interventions_have_their_class_and_sign(rig):
-    def words(state_before: str, state_after: str) -> list[str]:
-        return [change.words for change in answer(rig(state_before), rig(state_after)).comparison.near]
-
-    assert words("split_pccf_runin", "split_pccf_1pre") == ["play closes"]
-    assert words("split_pccf_1pre", "split_pccf_reassembled") == ["play opens"]
-    assert words("split_pccf_runin", "split_pccf_reassembled") == []
-    assert words("conic_onyx_2pre", "conic_onyx_3pre") == []
-    assert words("conic_onyx_3pre", "conic_onyx_4pre") == []
-    assert answer(rig("conic_onyx_1pre"), rig("conic_onyx_1pre", repeat=True)).comparison.verdict == NOTHING

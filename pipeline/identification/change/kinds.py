@@ -1,74 +1,175 @@
-"""Kinds of change of a drive that are looked for between two measurements."""
+"""Numbers of a loop that are compared between states of a drive.
+
+Each is read off the measured loop without a model of the drive: no fit can end at a bound. Positive numbers are
+compared on a log scale, where scatter that grows with the size is even.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from pipeline.identification.generic.play_and_friction import PlayAndFriction
+import numpy as np
+
+from pipeline.identification.change.loops import Loop
+
+LOADED = 0.5
+"""Share of the largest torque from which a loop shows the spring: the upper half."""
+PLAY_LOADS = 0.35, 0.7
+"""Shares of the largest torque between which the centre line is extrapolated to no torque: above, after the turn, the
+falling branch sticks."""
+STRAIGHT = 2.0
+"""Ratio of the slopes of the upper and lower half of the loaded part beyond which the play is crossed there."""
+LARGEST_ZERO = 0.3
+"""Largest zero of the torque that is looked for, as a share of the largest torque; beyond: not measurable."""
+TRIED_ZEROS = 121
+"""Zeros of the torque that are tried."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One number by which the second state differs from the first.
+    """One number of a loop by which states may differ.
 
     Attributes
     ----------
-    name, title : of the number.
-    unit : of the number.
-    grows, falls : what is said of a change of either sign.
-    put : drive and change to the changed drive.
-    told_apart_by : the measurement that tells it from the others.
+    name, title, unit : of the number.
+    positive : whether it is positive, and compared on a log scale.
+    grows, falls : words for a change of either sign.
+    value : of a loop; NaN where these loops do not show it.
+    measurement : the measurement that determines it directly.
     """
 
     name: str
     title: str
     unit: str
+    positive: bool
     grows: str
     falls: str
-    put: Callable[[PlayAndFriction, float], PlayAndFriction]
-    told_apart_by: str
+    value: Callable[[Loop], float]
+    measurement: str
+
+
+def zero_torque_width(loop: Loop) -> float:
+    """Width of the loop at no torque [arcmin]."""
+    return float(np.interp(0.0, loop.torque, loop.width))
+
+
+def friction_torque(loop: Loop) -> float:
+    """Loss of the loop over twice its travel: the mean friction torque [N m].
+
+    The loss of a loop with Coulomb friction is 2 Tc times its travel, whatever the play and the spring are.
+    """
+    travel = float(loop.middle[-1] - loop.middle[0])
+    return float(np.trapezoid(loop.width, loop.torque)) / (2 * travel) if travel > 0 else np.nan
+
+
+def compliance(loop: Loop) -> float:
+    """Slope of the loading branches over the upper half of the torque [arcmin/(N m)], mean of both senses.
+
+    NaN where the play is crossed in it: there the slope is none of the spring.
+    """
+    means = []
+    for sense, angle in ((1, loop.rising), (-1, loop.falling)):
+        load = sense * loop.torque / loop.torque[-1]
+        lower, upper = ((load >= low) & (load <= low + LOADED / 2) for low in (LOADED, 1 - LOADED / 2))
+        slopes = [_slope(loop.torque[part], angle[part]) for part in (lower, upper, lower | upper)]
+        if min(slopes) <= 0 or max(slopes[:2]) > STRAIGHT * min(slopes[:2]):
+            return np.nan
+        means.append(slopes[2])
+    return float(np.mean(means))
+
+
+def play(loop: Loop) -> float:
+    """Angle at no torque between the centre lines of both senses, extrapolated from the loaded parts [arcmin].
+
+    Friction alike in both senses of motion drops out. NaN where the loops do not load the spring.
+    """
+    if not np.isfinite(compliance(loop)):
+        return np.nan
+    intercepts = []
+    for sense in (1, -1):
+        load = sense * loop.torque / loop.torque[-1]
+        part = (load >= PLAY_LOADS[0]) & (load <= PLAY_LOADS[1])
+        intercepts.append(np.polyfit(loop.torque[part], loop.middle[part], 1)[1])
+    return float(intercepts[0] - intercepts[1])
+
+
+def torque_zero(loop: Loop) -> float:
+    """Torque [N m] about which the loop is symmetric; NaN where that lies at the end of the range of search."""
+    top = float(loop.torque[-1])
+    tried = np.linspace(-LARGEST_ZERO, LARGEST_ZERO, TRIED_ZEROS) * top
+    steps = np.linspace(0.0, (1 - LARGEST_ZERO) * top, len(loop.torque) // 2)
+    misfit = np.array([_asymmetry(loop, zero, steps) for zero in tried])
+    best = int(np.argmin(misfit))
+    if best in (0, TRIED_ZEROS - 1):
+        return np.nan
+    before, lowest, after = misfit[best - 1 : best + 2]
+    curvature = before - 2 * lowest + after
+    shift = 0.5 * (before - after) / curvature if curvature > 0 else 0.0
+    return float(tried[best] + shift * (tried[1] - tried[0]))
+
+
+def _asymmetry(loop: Loop, zero: float, steps: np.ndarray) -> float:
+    """Mean square [arcmin^2] by which a loop differs from itself turned about a torque, its offset removed."""
+    above, below = zero + steps, zero - steps
+    rising = np.interp(above, loop.torque, loop.rising) + np.interp(below, loop.torque, loop.falling)
+    falling = np.interp(above, loop.torque, loop.falling) + np.interp(below, loop.torque, loop.rising)
+    return float(np.var(np.concatenate([rising, falling])))
+
+
+def _slope(torque: np.ndarray, angle: np.ndarray) -> float:
+    return float(np.polyfit(torque, angle, 1)[0])
 
 
 KINDS = (
     Kind(
+        "width",
+        "width at zero torque",
+        "arcmin",
+        True,
+        "the width at zero torque grows",
+        "the width at zero torque falls",
+        zero_torque_width,
+        "small loops, repeated: their width at zero torque holds the play and what friction turns into angle",
+    ),
+    Kind(
         "play",
         "play",
         "arcmin",
+        True,
         "play opens",
         "play closes",
-        lambda drive, amount: replace(drive, play_arcmin=drive.play_arcmin + amount),
+        play,
         "a small torque by hand in both senses: play is crossed at next to no torque",
     ),
     Kind(
         "friction",
-        "friction",
+        "friction torque",
         "N m",
+        True,
         "friction grows",
         "friction falls",
-        lambda drive, amount: replace(drive, friction_Nm=drive.friction_Nm + amount),
+        friction_torque,
         "the torque that turns the drive slowly without load",
     ),
     Kind(
         "compliance",
-        "compliance, as a share",
-        "1",
+        "compliance",
+        "arcmin/(N m)",
+        True,
         "stiffness falls",
         "stiffness grows",
-        lambda drive, amount: replace(
-            drive,
-            compliance_arcmin_per_Nm=(1 + amount) * drive.compliance_arcmin_per_Nm,
-            softening_arcmin_per_Nm2=(1 + amount) * drive.softening_arcmin_per_Nm2,
-        ),
+        compliance,
         "the slope of the same branch between half and all of the load",
     ),
     Kind(
         "torque_zero",
         "zero of the torque, or preload of one sense",
         "N m",
-        "zero of the torque rises, or a preload",
-        "zero of the torque falls, or a preload",
-        lambda drive, amount: replace(drive, torque_zero_Nm=drive.torque_zero_Nm + amount),
+        False,
+        "the zero of the torque rises, or a preload",
+        "the zero of the torque falls, or a preload",
+        torque_zero,
         "the reading of the torque with the drive taken off",
     ),
 )

@@ -9,10 +9,13 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.identification.change.pairing import State, difference
+from pipeline.identification.change.loops import Loop
+from pipeline.identification.change.table import LoopTable
 
 Real = NDArray[np.float64]
 
+FEWEST = 3
+"""Positions below which no pairing can be told from the true one."""
 MOST_EXACT = 6
 """Positions up to which every pairing is tried."""
 PAIRINGS = 999
@@ -43,22 +46,21 @@ class Pattern:
         return self.p <= max(1 / self.pairings, 0.05) + 1e-12
 
 
-def pattern(state_before: State, state_after: State, cranks: Sequence[float]) -> Pattern:
-    """The pattern over crank angles that both states have.
+def pattern(table: LoopTable, cranks: Sequence[float]) -> Pattern:
+    """The pattern over crank angles that the first two states of a table have, by their largest loops.
 
     Notes
     -----
     A permutation test: what all positions have in common is in every pairing alike (Good, Permutation, Parametric and
     Bootstrap Tests of Hypotheses (2005)). Of more than six positions a sample of the pairings is taken.
     """
-    n = len(cranks)
-    distance = np.array(
-        [
-            [_distance(state_before, crank_before, state_after, crank_after) for crank_before in cranks]
-            for crank_after in cranks
-        ]
+    n, size = len(cranks), table.numbers[-1].size
+    before, after = (
+        [table.loops[np.flatnonzero((table.state == state) & (table.crank == crank))[0]][size] for crank in cranks]
+        for state in (0, 1)
     )
-    if n < 3 or not np.all(np.isfinite(distance)):
+    distance = np.array([[_distance(first, second) for first in before] for second in after])
+    if n < FEWEST:
         return Pattern(float("nan"), 1, distance)
     if n <= MOST_EXACT:
         permutations_tried = np.array(list(permutations(range(n))))
@@ -69,9 +71,6 @@ def pattern(state_before: State, state_after: State, cranks: Sequence[float]) ->
     return Pattern(float(np.mean(sums <= np.trace(distance) * (1 + 1e-12))), len(permutations_tried), distance)
 
 
-def _distance(state_before: State, crank_before: float, state_after: State, crank_after: float) -> float:
-    distance = difference(
-        state_before, state_before.cells_at(crank_before), state_after, state_after.cells_at(crank_after)
-    )
-    distance = distance[np.isfinite(distance)]
-    return float(np.var(distance)) if distance.size else float("nan")
+def _distance(before: Loop, after: Loop) -> float:
+    """Mean square difference [arcmin^2] of two loops, its offset removed."""
+    return float(np.var(np.concatenate([after.rising - before.rising, after.falling - before.falling])))

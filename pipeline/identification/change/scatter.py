@@ -1,8 +1,10 @@
-"""How far mounting a drive again scatters what is estimated at its positions, and the change that this could hide."""
+"""Scatter of mounting over the states and positions of a drive, and contrasts of states tested against it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy  # its statistics are slow to import: they are when they are called
@@ -12,67 +14,118 @@ from scipy.optimize import brentq
 from pipeline.statistics.rotations import Family, family
 
 Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
 
-POWER = 0.95
-"""Chance with which a change of the detection limit is sure."""
+POWER = 0.8
+"""Chance with which a change of the detection limit is shown."""
 LARGEST = 1e3
 """Non-centrality beyond which no power is sought."""
+FEWEST_FREEDOM = 2
+"""Degrees of freedom below which the scatter is unknown: with one the t distribution has no mean."""
+ESTIMABLE = 1e-9
+"""Distance of a contrast from what the rows determine, beyond which it is not estimable."""
+LEAST_ERROR = 1e-12
+"""Standard error of tests of data without scatter."""
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """Scatter of the mean change over the positions.
+class Contrast:
+    """A linear combination of state levels with its standard error.
 
     Attributes
     ----------
-    error : (n_kinds,) standard error of the mean change.
-    freedom : degrees of freedom that it is known with.
-    interaction : (n_states n_positions, n_kinds) what mounting adds to each state at each position.
-    positions : their number.
+    mean, error : (n_kinds,)
+    size : standard deviation of the mean over that of a row.
+    residuals : (n_rows, n_kinds) what mounting adds.
+    freedom : degrees of freedom of the scatter.
     """
 
+    mean: Real
     error: Real
+    size: float
+    residuals: Real
     freedom: int
-    interaction: Real
-    positions: int
 
-    def p(self, mean: Real) -> Real:
-        """Two-sided p of no change (n_kinds,)."""
-        return 2 * scipy.stats.t.sf(np.abs(mean) / self.error, self.freedom)
+    @cached_property
+    def family(self) -> Family:
+        """Tests of all kinds together."""
+        return family(self.mean / self.size, self.residuals, self.freedom)
 
-    def family(self, mean: Real) -> Family:
-        """Tests of mean changes (n_kinds,), which share their positions."""
-        return family(np.sqrt(self.positions / 2) * mean, self.interaction, self.freedom)
+    @property
+    def p(self) -> Real:
+        """Two-sided p (n_kinds,) of no difference, each kind by itself."""
+        return 2 * scipy.stats.t.sf(np.abs(self.mean) / self.error, self.freedom)
 
-    def detectable(self, level: float) -> Real:
-        """Size (n_kinds,) of a change that a two-sided test at ``level`` shows with the chance ``POWER``.
+    def reach(self, confidence: float) -> Real:
+        """Half of the confidence interval (n_kinds,)."""
+        return float(scipy.stats.t.ppf(0.5 + confidence / 2, self.freedom)) * self.error
 
-        By the noncentral t distribution, of the scatter as estimated: Cohen, Statistical Power Analysis (1988), ch. 2.
+    def detectable(self, chance: float) -> Real:
+        """Size (n_kinds,) that the tests of all kinds, of which any errs with ``chance``, show with ``POWER``.
+
+        By the noncentral t distribution of the scatter as estimated: Cohen, Statistical Power Analysis (1988), ch. 2.
         """
-        critical = float(scipy.stats.t.isf(level / 2, self.freedom))
-        shift = brentq(lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 2, LARGEST)
+        critical = float(scipy.stats.t.isf(self.family.level(chance) / 2, self.freedom))
+        shift = brentq(lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 4, LARGEST)
         return shift * self.error
 
 
-def scatter(estimates: Real, other_states: Real) -> Scatter:
-    """The scatter of changes from a first state.
+@dataclass(frozen=True)
+class Layout:
+    """Numbers of states at positions: a level for each state, a number of its own for each position, and scatter.
 
-    Parameters
+    Every state has a level, every position a number that all states share, and mounting adds to each: the interaction
+    of a two-way layout (Scheffe, The Analysis of Variance (1959), ch. 4), here with any cells missing.
+
+    Attributes
     ----------
-    estimates : (n_positions, n_kinds) change of the second state at each position.
-    other_states : (n_others, n_positions, n_kinds) the same of further states of the drive, (0, n_positions, n_kinds)
-        without any.
-
-    Notes
-    -----
-    Every state has a level, every position a number of its own that all states share, and mounting adds to each: the
-    interaction of a two-way layout (Scheffe, The Analysis of Variance (1959), ch. 4). The first state is its row of
-    zeros, since what is subtracted is each position's own. With two states this is the variance of the differences.
+    state, position : (n_rows,) number of each.
+    values : (n_rows, n_kinds)
     """
-    table = np.concatenate([np.zeros_like(estimates)[None], estimates[None], other_states])
-    interaction = table - table.mean(axis=1, keepdims=True)
-    interaction = interaction - interaction.mean(axis=0)
-    freedom = (table.shape[0] - 1) * (table.shape[1] - 1)
-    variance = np.sum(interaction**2, axis=(0, 1)) / freedom
-    error = np.maximum(np.sqrt(2 * variance / table.shape[1]), 1e-12)
-    return Scatter(error, freedom, interaction.reshape(-1, table.shape[2]), table.shape[1])
+
+    state: Whole
+    position: Whole
+    values: Real
+
+    @cached_property
+    def freedom(self) -> int:
+        """Degrees of freedom that the scatter is known with."""
+        return len(self.values) - int(np.linalg.matrix_rank(self._columns)) if len(self.values) else 0
+
+    @cached_property
+    def residuals(self) -> Real:
+        """What mounting adds to each row (n_rows, n_kinds), as far as levels and positions do not explain it."""
+        return np.asarray(self.values - self._columns @ (self._inverse @ self.values), float)
+
+    @cached_property
+    def scatter(self) -> Real:
+        """Standard deviation (n_kinds,) of what mounting adds; NaN where it is unknown."""
+        if self.freedom < FEWEST_FREEDOM:
+            return np.full(self.values.shape[1], np.nan)
+        return np.asarray(np.sqrt(np.sum(self.residuals**2, axis=0) / self.freedom), float)
+
+    def contrast(self, weights: Sequence[float]) -> Contrast | None:
+        """The contrast of the states' levels by ``weights`` (n_states,); None where it or the scatter is unknown."""
+        coefficients = np.zeros(self._columns.shape[1])
+        coefficients[: len(weights)] = weights
+        of_rows = coefficients @ self._inverse
+        if self.freedom < FEWEST_FREEDOM or np.max(np.abs(of_rows @ self._columns - coefficients)) > ESTIMABLE:
+            return None
+        size = float(np.linalg.norm(of_rows))
+        mean = of_rows @ self.values
+        error = np.maximum(size * self.scatter, LEAST_ERROR)
+        return Contrast(mean, error, size, self.residuals, self.freedom)
+
+    @cached_property
+    def _columns(self) -> Real:
+        """Indicators (n_rows, n_states + n_positions) of state and position."""
+        return np.column_stack(
+            [
+                np.asarray(values[:, None] == np.arange(values.max(initial=-1) + 1), float)
+                for values in (self.state, self.position)
+            ]
+        )
+
+    @cached_property
+    def _inverse(self) -> Real:
+        return np.asarray(np.linalg.pinv(self._columns), float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -57,6 +58,16 @@ class Environment(Section):
     lubricant: str = ""
 
 
+class StateSection(Section):
+    """The state of a drive among others: the assembly that it was measured in, and numbers that order the states.
+
+    Within one ``assembly`` positions keep their pattern. ``values`` are numbers such as the turns of a preload screw.
+    """
+
+    assembly: str = ""
+    values: dict[Text, float] = {}
+
+
 class HeldOut(Section):
     """Which data judge the model: whole crank positions if there are two, else whole cycles; never single rows.
 
@@ -95,6 +106,7 @@ class UnitSettings(Section):
     as_measured: Text | None = None
     instrument: InstrumentSection = InstrumentSection()
     environment: Environment = Environment()
+    state: StateSection = StateSection()
     held_out: HeldOut = HeldOut()
     files: tuple[DataFile, ...] = ()
     columns: Columns = Columns()
@@ -177,6 +189,22 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     problems += _output_problems(design)
     raise_if(problems, file, lines)
     return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
+
+
+def load_measured_units(path_or_name: str | Path, root: Path) -> list[UnitFile]:
+    """The units of a folder: that of its unit.toml, else those of all folders in it that have one, by name.
+
+    Raises
+    ------
+    InputError : as ``load_measured_unit``, with the problems of all units.
+    """
+    folders = [folder for folder in (Path(path_or_name), root / path_or_name) if folder.is_dir()]
+    files = sorted(folders[0].glob(f"*/{UNIT_FILE}")) if folders and not (folders[0] / UNIT_FILE).is_file() else []
+    lines: list[str] = []
+    units = [_collected(lines, partial(load_measured_unit, file, root), True) for file in files]
+    if lines:
+        raise InputError(lines)
+    return [unit for unit in units if unit] or [load_measured_unit(path_or_name, root)]
 
 
 def _unit_path(typed: Path, root: Path) -> Path:

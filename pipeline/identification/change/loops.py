@@ -1,0 +1,156 @@
+"""Loops of a measured state: the mean curves of rising and falling torque at each position, by the size of the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.identification.fitting.cells_in_noise import data_of
+from pipeline.identification.fitting.data import Data
+from pipeline.identification.measurement.cells import CELL_POWER, CELLS_PER_SENSE
+from pipeline.identification.measurement.measurement import Measurement
+
+Real = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+SAME_SIZE = 1.3
+"""Ratio of the largest torques of two loops below which they are loops of one size."""
+POINTS = 401
+"""Torques at which a loop is read, from its largest negative to its largest positive one."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A measured state of a drive with its cells.
+
+    Attributes
+    ----------
+    reach : (n_blocks,) largest torque of each branch [N m], commanded where that is known.
+    """
+
+    measurement: Measurement
+    data: Data
+    reach: Real
+
+    @classmethod
+    def of(cls, measurement: Measurement) -> State:
+        """The state of a measurement without fatal faults."""
+        data = data_of(measurement, np.ones(len(measurement.cells), bool))
+        coordinate = np.abs(measurement.rows.coordinate)
+        reach = [float(np.nanmax(coordinate[rows], initial=0.0)) for rows in measurement.branches.rows]
+        return cls(measurement, data, np.array(reach))
+
+    @property
+    def name(self) -> str:
+        """The unit's name."""
+        return self.measurement.unit.name
+
+    @property
+    def cranks(self) -> Real:
+        """Crank angles (n_positions,) [deg]."""
+        return self.measurement.rows.cranks
+
+    def cells_at(self, crank: float, size: LoopSize) -> Numbers:
+        """Cells of loops of a size at a crank angle, in time order, without those of the position's first branch.
+
+        Where the first branch of a position started is unknown.
+        """
+        cells = np.flatnonzero(self.cranks[self.data.position] == crank)
+        blocks = np.unique(self.data.block[cells])[1:]
+        blocks = blocks[(self.reach[blocks] >= size.lowest) & (self.reach[blocks] <= size.highest)]
+        return cells[np.isin(self.data.block[cells], blocks)]
+
+
+@dataclass(frozen=True)
+class LoopSize:
+    """Loops whose largest torques [N m] lie between two values."""
+
+    lowest: float
+    highest: float
+
+    @property
+    def label(self) -> str:
+        """The largest torque in words."""
+        return f"{self.highest:.3g} N m"
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Mean curves of the loops of one size at one position, each over rising torques.
+
+    Attributes
+    ----------
+    torque, angle : by sense of loading, +1 and -1: (n_points,) [N m], [arcmin].
+    """
+
+    torque: Mapping[int, Real]
+    angle: Mapping[int, Real]
+
+    @property
+    def reach(self) -> float:
+        """Largest torque [N m] that both senses reach on both sides; 0 where one of them was not measured."""
+        if any(values.size == 0 for values in self.torque.values()):
+            return 0.0
+        return max(0.0, *(float(min(-values[0], values[-1])) for values in self.torque.values()))
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A loop at torques from the largest negative to the largest positive one.
+
+    Attributes
+    ----------
+    torque : (n,) [N m].
+    rising, falling : (n,) [arcmin] angle of each sense of loading.
+    """
+
+    torque: Real
+    rising: Real
+    falling: Real
+
+    @property
+    def width(self) -> Real:
+        """Angle (n,) [arcmin] between the two senses."""
+        return self.falling - self.rising
+
+    @property
+    def middle(self) -> Real:
+        """Mean angle (n,) [arcmin] of the two senses."""
+        return 0.5 * (self.falling + self.rising)
+
+
+def loop_sizes(states: Sequence[State]) -> tuple[LoopSize, ...]:
+    """Sizes of the loops of all states, the smallest first."""
+    reaches = np.unique(np.concatenate([state.reach[np.unique(state.data.block)] for state in states]))
+    reaches = reaches[reaches > 0]
+    cuts = np.flatnonzero(reaches[1:] > SAME_SIZE * reaches[:-1]) + 1
+    return tuple(LoopSize(float(part[0]), float(part[-1])) for part in np.split(reaches, cuts) if part.size)
+
+
+def curves_at(state: State, crank: float, size: LoopSize) -> Curves:
+    """Mean curves of a position over all of its loops of a size: means of cells of equal torque."""
+    cells = state.cells_at(crank, size)
+    torque, angle = state.data.torque[cells], state.data.angle[cells]
+    top = float(np.max(np.abs(torque), initial=0.0))
+    levels = top * (np.arange(CELLS_PER_SENSE + 1) / CELLS_PER_SENSE) ** CELL_POWER
+    edges = np.concatenate([-levels[:0:-1], levels])[1:-1]
+    torques, angles = {}, {}
+    for sense in (1, -1):
+        chosen = state.measurement.cells.direction[cells] == sense
+        interval = np.searchsorted(edges, torque[chosen])
+        count = np.bincount(interval)
+        filled = count > 0
+        torques[sense], angles[sense] = (
+            np.bincount(interval, values[chosen])[filled] / count[filled] for values in (torque, angle)
+        )
+    return Curves(torques, angles)
+
+
+def loop_of(curves: Curves, top: float) -> Loop:
+    """The loop of curves up to a torque ``top`` [N m] that they reach."""
+    torque = np.linspace(-top, top, POINTS)
+    rising, falling = (np.interp(torque, curves.torque[sense], curves.angle[sense]) for sense in (1, -1))
+    return Loop(torque, rising, falling)

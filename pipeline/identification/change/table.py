@@ -1,0 +1,155 @@
+"""Numbers of the loops of several states at all positions, as a layout of states and positions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.identification.change.kinds import KINDS, Kind
+from pipeline.identification.change.loops import Curves, Loop, LoopSize, State, curves_at, loop_of, loop_sizes
+from pipeline.identification.change.scatter import Layout
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+SHORT = 0.5
+"""Share of the largest reach of loops of one size below which a loop is left out: a reading that saturates early."""
+
+
+@dataclass(frozen=True)
+class LoopNumber:
+    """A number of loops of one size."""
+
+    kind: Kind
+    size: LoopSize
+
+    @property
+    def title(self) -> str:
+        """The number and its loops in words."""
+        return f"{self.kind.title}, loops to {self.size.label}"
+
+
+@dataclass(frozen=True)
+class LoopTable:
+    """Numbers of the loops of states.
+
+    Attributes
+    ----------
+    states : in order.
+    numbers : that all loops of the compared states show.
+    unmeasured : numbers that some of these loops do not show.
+    state, position : (n_rows,) number of each row; positions are numbered within an assembly.
+    crank : (n_rows,) [deg].
+    values : (n_rows, n_numbers) in the unit of each.
+    loops : by row and size, up to the torque that all loops of the size reach.
+    """
+
+    states: tuple[State, ...]
+    numbers: tuple[LoopNumber, ...]
+    unmeasured: tuple[LoopNumber, ...]
+    state: Whole
+    position: Whole
+    crank: Real
+    values: Real
+    loops: tuple[dict[LoopSize, Loop], ...]
+
+    @cached_property
+    def positive(self) -> NDArray[np.bool_]:
+        """Numbers (n_numbers,) that are compared on a log scale."""
+        return np.array([number.kind.positive for number in self.numbers], bool)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The layout of logarithms of positive numbers, and of the others as they are."""
+        safe = np.where(self.positive, self.values, 1.0)
+        return Layout(self.state, self.position, np.where(self.positive, np.log(safe), self.values))
+
+    def level(self, state: int, cranks: Sequence[float]) -> Real:
+        """Mean (n_numbers,) of a state over some positions, geometric of positive numbers."""
+        rows = (self.state == state) & np.isin(self.crank, cranks)
+        means = self.layout.values[rows].mean(axis=0)
+        return np.where(self.positive, np.exp(np.where(self.positive, means, 0.0)), means)
+
+
+def loop_table(states: Sequence[State], compared: int) -> LoopTable:
+    """The numbers of all states.
+
+    Parameters
+    ----------
+    compared : number of states, the first ones, that are compared: what their loops do not all show is left out.
+        Further states give the scatter of mounting; positions of theirs that lack a number are left out.
+
+    Raises
+    ------
+    InputError : the compared states have no loops of one size, or a further state has no loop like theirs.
+    """
+    sizes = [size for size in loop_sizes(states) if all(_has(state, size) for state in states[:compared])]
+    if not sizes:
+        found = "; ".join(f"{state.name} to {_labels(state)}" for state in states[:compared])
+        raise InputError(f"no loops of one size in all states: {found}; measure the same loops")
+    rows = [(number, float(crank)) for number, state in enumerate(states) for crank in state.cranks]
+    loops = [dict(_loops(states[number], crank, sizes)) for number, crank in rows]
+    tops = {size: _common_reach([curves[size] for curves in loops]) for size in sizes}
+    read = [
+        {size: loop_of(curve, tops[size]) for size, curve in curves.items() if curve.reach >= tops[size] > 0}
+        for curves in loops
+    ]
+    every = tuple(LoopNumber(kind, size) for size in sizes for kind in KINDS)
+    values = np.array([[_value(number, curves) for number in every] for curves in read]).reshape(len(rows), len(every))
+    state = np.array([number for number, _ in rows])
+    complete = np.isfinite(values[state < compared]).all(axis=0)
+    kept = np.isfinite(values[:, complete]).all(axis=1) & bool(complete.any())
+    for number, entry in enumerate(states):
+        if not kept[state == number].any():
+            raise InputError(f"{entry.name}: no position has loops like those of the states that are compared")
+    crank = np.array([crank for _, crank in rows])
+    return LoopTable(
+        tuple(states),
+        tuple(number for number, is_kept in zip(every, complete, strict=True) if is_kept),
+        tuple(number for number, is_kept in zip(every, complete, strict=True) if not is_kept),
+        state[kept],
+        _positions(states, state[kept], crank[kept], compared),
+        crank[kept],
+        values[np.ix_(kept, complete)],
+        tuple(curves for curves, is_kept in zip(read, kept, strict=True) if is_kept),
+    )
+
+
+def _positions(states: Sequence[State], state: Whole, crank: Real, compared: int) -> Whole:
+    """Number (n_rows,) of each position: a crank angle of an assembly; the compared states are of one."""
+    assemblies = [entry.measurement.unit.settings.state.assembly for entry in states]
+    own = set(assemblies[:compared])
+    groups = ["" if assembly in own else f"other {assembly}" for assembly in assemblies]
+    keys = [(groups[number], float(angle)) for number, angle in zip(state, crank, strict=True)]
+    known = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    return np.array([known[key] for key in keys])
+
+
+def _has(state: State, size: LoopSize) -> bool:
+    return any(curves_at(state, crank, size).reach > 0 for crank in state.cranks)
+
+
+def _labels(state: State) -> str:
+    return " and ".join(size.label for size in loop_sizes([state]))
+
+
+def _loops(state: State, crank: float, sizes: Sequence[LoopSize]) -> Iterator[tuple[LoopSize, Curves]]:
+    for size in sizes:
+        yield size, curves_at(state, crank, size)
+
+
+def _common_reach(curves: Sequence[Curves]) -> float:
+    """Torque [N m] that all loops reach but those that saturate early."""
+    reaches = np.array([curve.reach for curve in curves])
+    return float(reaches[reaches >= SHORT * reaches.max()].min())
+
+
+def _value(number: LoopNumber, loops: dict[LoopSize, Loop]) -> float:
+    loop = loops.get(number.size)
+    value = np.nan if loop is None else number.kind.value(loop)
+    return value if value > 0 or not number.kind.positive else np.nan
