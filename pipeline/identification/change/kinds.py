@@ -130,7 +130,7 @@ KINDS = (
         "the width at zero torque grows",
         "the width at zero torque falls",
         zero_torque_width,
-        "small loops, repeated: their width at zero torque holds the play and what friction turns into angle",
+        "the angle of the output between two small torques of opposite sense",
     ),
     Kind(
         "play",
@@ -140,7 +140,7 @@ KINDS = (
         "play opens",
         "play closes",
         play,
-        "a small torque by hand in both senses: play is crossed at next to no torque",
+        "a small torque by hand in both senses",
     ),
     Kind(
         "friction",
