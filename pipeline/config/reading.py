@@ -59,7 +59,7 @@ def load_design(path_or_stem: str | Path, root: Path) -> Design:
     InputError : the file is missing, is no TOML, or holds values that are not allowed; with all of its problems.
     """
     path = found_file(path_or_stem, root, "designs", [Path(), root])
-    return parse_design(_design_tables(path), path.name)
+    return parse_design(_design_tables(path), file_label(path))
 
 
 def load_study(path_or_stem: str | Path, root: Path) -> Study:
@@ -75,7 +75,7 @@ def load_study(path_or_stem: str | Path, root: Path) -> Study:
     InputError : a file is missing, is no TOML, or holds values that are not allowed; with all problems of both files.
     """
     path = found_file(path_or_stem, root, "studies", [Path(), root])
-    return parse_study(read_toml(path), path.stem, path.name, lambda name: _study_design(name, path, root))
+    return parse_study(read_toml(path), path.stem, file_label(path), lambda name: _study_design(name, path, root))
 
 
 def load_unit(path: Path, design: str, study: str | Path, root: Path) -> Study:
@@ -106,7 +106,7 @@ def load_unit(path: Path, design: str, study: str | Path, root: Path) -> Study:
     }
     if isinstance(ordinary.get("cycle", {}), dict):
         settings["cycle"] = {**ordinary.get("cycle", {}), "keep_contacts": "all"}
-    return parse_study(settings, f"unit-{path.stem}", path.name, lambda _: nominal)
+    return parse_study(settings, f"unit-{path.stem}", file_label(path), lambda _: nominal)
 
 
 def parse_design(data: Mapping[str, Any], file: str) -> Design:
@@ -255,15 +255,18 @@ def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file; InputError if it is none, or larger or deeper than settings are."""
     size = path.stat().st_size
     if size > LARGEST_FILE:
-        raise InputError([f"{path.name}: has {size} bytes, settings have at most {LARGEST_FILE}; is it another file?"])
+        allowed = f"settings have at most {LARGEST_FILE}; is it another file?"
+        raise InputError([f"{file_label(path)}: has {size} bytes, {allowed}"])
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
-        raise InputError([f"{path.name}: not a settings file: lists or tables nested too deeply; flatten it"]) from None
+        problem = f"{file_label(path)}: not a settings file: lists or tables nested too deeply; flatten it"
+        raise InputError([problem]) from None
     except ValueError as error:  # no TOML, no text, or a number of thousands of digits
-        raise InputError([f"{path.name}: not a TOML file: {error}; correct the line"]) from None
+        raise InputError([f"{file_label(path)}: not a TOML file: {error}; correct the line"]) from None
     if _depth(tables) > DEEPEST_TABLE:
-        raise InputError([f"{path.name}: tables nested deeper than {DEEPEST_TABLE}; settings are not; correct a key"])
+        problem = f"{file_label(path)}: tables nested deeper than {DEEPEST_TABLE}; settings are not; correct a key"
+        raise InputError([problem])
     return tables
 
 
@@ -282,8 +285,13 @@ def _depth(value: Any) -> int:
 
 
 def _study_design(name: str, study: Path, root: Path) -> Design:
-    path = found_file(name, root, "designs", [study.parent, root], f"{study.name}: design")
-    return parse_design(_design_tables(path), path.name)
+    path = found_file(name, root, "designs", [study.parent, root], f"{file_label(study)}: design")
+    return parse_design(_design_tables(path), file_label(path))
+
+
+def file_label(path: Path) -> str:
+    """A file in messages, with its folder: a study and its design may have one name."""
+    return f"{path.resolve().parent.name}/{path.name}"
 
 
 def _design_tables(path: Path) -> dict[str, Any]:
@@ -292,7 +300,7 @@ def _design_tables(path: Path) -> dict[str, Any]:
         return with_flank_file(read_toml(path), path.parent)
     except InputError as error:
         raise InputError(
-            [line if line.startswith(path.name) else f"{path.name}: {line}" for line in error.problems]
+            [line if line.startswith(file_label(path)) else f"{file_label(path)}: {line}" for line in error.problems]
         ) from None
 
 

@@ -145,11 +145,23 @@ def _former_seconds(stage: Stage, study: Any, runs: Path) -> float | None:
     if not records:
         return None
     records[1:] = sorted(records[1:], key=lambda record: record["started"], reverse=True)
+    if stage.items is None:
+        comparable = [record for record in records if _optional(record["settings"]) == _optional_of(stage, study)]
+        return float(comparable[0]["seconds"]) if comparable else None
     record = records[0]
-    if stage.items is None or not record.get("items"):
+    if not record.get("items"):
         return float(record["seconds"])
     job = Job(Sections(study, (*stage.sections, "name")), 1, runs, {}, Cache(runs / ".cache", ""))
     return float(record["seconds"]) * stage.items(job) / record["items"]
+
+
+def _optional(settings: Mapping[str, Any]) -> frozenset[str]:
+    """Settings without a value: a run that had none of a section did not do its work."""
+    return frozenset(name for name, value in settings.items() if value is None)
+
+
+def _optional_of(stage: Stage, study: Any) -> frozenset[str]:
+    return _optional(fingerprint(stage, study, {}).settings)
 
 
 def _staleness(

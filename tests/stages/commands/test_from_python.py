@@ -6,13 +6,17 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from pipeline import cli
 from pipeline.cli import settings
 from pipeline.config import Study
+from pipeline.config.studies.tails import Tails
+from pipeline.engine import runner
 from pipeline.errors import InputError
+from stages.tails import TAILS
 
 ROOT = Path(__file__).parent.parent.parent.parent
 NOTEBOOK = ROOT / "data/examples/reading_results.ipynb"
@@ -72,6 +76,17 @@ def test_a_dry_run_says_what_would_run_and_runs_nothing(
     seconds = json.loads((own_runs / "quick/hysteresis/record.json").read_text())["seconds"]
     assert message["hysteresis"] == f"would run, about {seconds * 102 / 51:.3g} s: never run"
     assert not (own_runs / "twice").exists()
+
+
+def test_tails_of_another_study_are_no_timing_of_one_that_asks_for_none(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asking = study.model_copy(update={"tails": Tails(units=100_000)})
+    record = {"seconds": 119.0, "started": "2026", "settings": runner.fingerprint(TAILS, asking, {}).settings}
+    (tmp_path / "asking").mkdir()
+    monkeypatch.setattr(runner.Output, "open", lambda folder: SimpleNamespace(record=record))
+    assert runner._former_seconds(TAILS, asking, tmp_path) == 119.0
+    assert runner._former_seconds(TAILS, study, tmp_path) is None
 
 
 def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
