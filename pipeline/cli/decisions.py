@@ -18,7 +18,13 @@ from pipeline.decisions.bounds import results as bounds_results
 from pipeline.decisions.bounds.box import Box
 from pipeline.decisions.fresh_units import Angles, fresh_yields
 from pipeline.decisions.reweighting import moved_tolerances, reweighted
-from pipeline.decisions.run_comparison import ComparedRun, differences, differing_inputs, driver_changes
+from pipeline.decisions.run_comparison import (
+    ComparedRun,
+    check_comparable,
+    differences,
+    differing_inputs,
+    driver_changes,
+)
 from pipeline.engine.cache import Cache
 from pipeline.engine.progress import Line, say
 from pipeline.engine.stage import Job
@@ -29,7 +35,7 @@ from pipeline.population import prediction, tails
 from pipeline.report.decisions.allocation import sentence as allocation_sentence
 from pipeline.report.decisions.allocation import write_allocation_page
 from pipeline.report.decisions.bounds import write_bounds_page
-from pipeline.report.decisions.compare import sentence, write_comparison
+from pipeline.report.decisions.compare import answer_lines, write_comparison
 from pipeline.sampling import Errors, draw
 from stages import hysteresis
 from stages.aggregate import over_turn
@@ -43,19 +49,38 @@ DESIGN_FILE = "design.toml"
 
 
 def compare_runs(options: argparse.Namespace) -> None:
-    """Hold run B against run A."""
-    a, b = (_run(load_study(name, settings.ROOT), options) for name in (options.a, options.b))
+    """Compare two studies: run what is missing of both, then write the differences."""
+    a, b = (_run(study, options) for study in _comparable_studies(options.a, options.b))
     rows = differences(a, b)
     folder = settings.RUNS / "compare" / f"{a.label}-{b.label}"
     write_comparison(a, b, differing_inputs(a.study, b.study), rows, driver_changes(a, b), folder)
-    print(sentence(a, b, pd.DataFrame(rows)))
+    print("\n".join(answer_lines(a, b, pd.DataFrame(rows))))
     print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def _comparable_studies(*names: str) -> list[Study]:
+    """Two studies, both checked before anything runs."""
+    studies, problems = [], []
+    for name in names:
+        try:
+            studies.append(load_study(name, settings.ROOT))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    check_comparable(*studies)
+    return studies
 
 
 def _run(study: Study, options: argparse.Namespace) -> ComparedRun:
     outputs = up_to_date(study, ["aggregate"], options)
     units, sensitivity = (pd.DataFrame(outputs.outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
-    return ComparedRun(outputs.study, over_turn(units, study.limits.over), sensitivity)
+    return ComparedRun(outputs.study, _random_units(study, units), sensitivity)
+
+
+def _random_units(study: Study, units: pd.DataFrame) -> pd.DataFrame:
+    """The metrics of the units of a study over the turn, as its limits count them, without the nominal reducer."""
+    return over_turn(units, study.limits.over).drop(index=[0] * study.samples.nominal_first, errors="ignore")
 
 
 def allocate_tolerances(options: argparse.Namespace) -> None:
@@ -130,8 +155,7 @@ def bound_metrics(options: argparse.Namespace) -> None:
     run_outputs = up_to_date(study, ["aggregate"], options)
     study, outputs = run_outputs.study, run_outputs.outputs
     shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
-    units = over_turn(pd.DataFrame(outputs["aggregate"].read("units")), study.limits.over)
-    units = units.drop(index=[0] if study.samples.nominal_first else [], errors="ignore")
+    units = _random_units(study, pd.DataFrame(outputs["aggregate"].read("units")))
     cranks = study.cycle.curve_crank_deg
     with Line("bounds", "metrics and angles", len(cranks) * len(bounds_results.all_bounded(study))) as line:
         solve = partial(_at_crank, shared)

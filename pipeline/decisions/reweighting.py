@@ -67,7 +67,7 @@ def reweighted(wide: ComparedRun, narrow: Study) -> Reweighted:
     InputError
         If anything else differs, a ring moves, narrow zones leave the wide ones, or too few effective units are left.
     """
-    units = wide.units[wide.units.index >= int(wide.study.samples.nominal_first)]  # nobody drew the nominal reducer
+    units = wide.units
     ratios = _ratios(wide.study, units.index.to_numpy(), narrow, moved_tolerances(wide.study, narrow))
     weight = np.prod(list(ratios.values()), axis=0) if ratios else np.ones(len(units))
     effective = effective_units(weight)

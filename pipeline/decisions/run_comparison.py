@@ -73,7 +73,10 @@ UNCOMPARED = ("name", "title", "description", "run", "costs", "design.title", "d
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """A study with the metrics of its units over the turn, as its limits mean them, (n,) each, indexed by sample."""
+    """A study with the metrics of its units over the turn, as its limits mean them, (n,) each, indexed by sample.
+
+    The nominal reducer is none of the units.
+    """
 
     study: Study
     units: pd.DataFrame
@@ -126,19 +129,29 @@ def shared_draws(a: Study, b: Study) -> int:
     return n
 
 
-def differences(a: ComparedRun, b: ComparedRun) -> Columns:
-    """Rows of `DIFFERENCES`: `b` less `a`.
+def check_comparable(a: Study, b: Study) -> None:
+    """Refuse two studies that cannot be compared.
 
     Raises
     ------
     InputError
-        If one study lists cases and the other draws samples, or the lists have no label in common.
+        If they share a name though they differ, one lists cases and the other draws samples, or no case is in both.
     """
-    has_cases = [run.study.samples.experiment == "cases" for run in (a, b)]
+    if a.name == b.name and differing_inputs(a, b):
+        raise InputError(f"A and B are both named {a.name}, and a run is stored by its name; rename one of the files")
+    has_cases = [study.samples.experiment == "cases" for study in (a, b)]
     if any(has_cases) and not all(has_cases):
-        name = (a if has_cases[0] else b).label
-        raise InputError(f"study {name}: listed cases are no sample of anything; compare it with another list of cases")
-    rows = _case_rows(a, b) if all(has_cases) else _sample_rows(a, b)
+        name = (a if has_cases[0] else b).name
+        raise InputError(
+            f"study {name}: it lists cases, the other study draws samples; compare two lists of cases"
+        )
+    if all(has_cases) and not {case.label for case in a.cases} & {case.label for case in b.cases}:
+        raise InputError(f"studies {a.name} and {b.name}: no case has the same label in both; rename some")
+
+
+def differences(a: ComparedRun, b: ComparedRun) -> Columns:
+    """Rows of `DIFFERENCES`: `b` less `a`."""
+    rows = _case_rows(a, b) if a.study.samples.experiment == "cases" else _sample_rows(a, b)
     frame = pd.DataFrame(rows, columns=[column.name for column in DIFFERENCES.columns])
     return {name: frame[name].to_numpy() for name in frame}
 
@@ -147,8 +160,6 @@ def _case_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
     """The cases of equal labels, one by one: nothing about them is random."""
     values = [_by_label(run) for run in (a, b)]
     common = [label for label in values[0].index if label in values[1].index]
-    if not common:
-        raise InputError(f"studies {a.label} and {b.label}: no case has the same label in both; rename some")
     rows = []
     for label in common:
         for metric in library():
@@ -183,7 +194,6 @@ class _Pair:
 def _sample_rows(a: ComparedRun, b: ComparedRun) -> list[tuple]:
     n = shared_draws(a.study, b.study)
     frames = [run.units.set_axis(run.units.index - int(run.study.samples.nominal_first)) for run in (a, b)]
-    frames = [frame[frame.index >= 0] for frame in frames]
     if n:
         common = frames[0].index.intersection(frames[1].index)
         frames = [frame.loc[common[common < n]] for frame in frames]

@@ -11,15 +11,15 @@ import pandas as pd
 
 from pipeline.config.files.section import shown_value
 from pipeline.config.studies.study import ALL_LIMITS
-from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, ComparedRun
+from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, ComparedRun, differing_inputs
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
-from pipeline.figures.labels import METRICS, parameter_title
+from pipeline.figures.labels import LIMITED, METRICS, parameter_title
 from pipeline.figures.samples.overlay import overlay_figure
 from pipeline.model.metrics import Quantity, signed
 from pipeline.report.layout.pictures import Picture, drawn_pictures
 from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING, SHARE, interval, number, percent
+from pipeline.report.layout.wording import NOTHING, SHARE, counted, interval, number, percent
 from pipeline.statistics import FIRST_ORDER, RANK_CORRELATION, SUM, TOTAL
 
 TEMPLATE = "decisions/compare.html"
@@ -54,7 +54,9 @@ def write_comparison(
         a=a,
         b=b,
         settings=[(key, *(value or NOTHING for value in pair)) for key, *pair in settings],
-        sentence=sentence(a, b, frame),
+        warnings=warnings(a, b),
+        sentence=yield_sentence(a, b, frame),
+        answers=metric_answers(a, b, frame),
         paired=bool(len(frame) and frame["paired"].iloc[0]),
         listed=a.study.samples.experiment == "cases",
         rows=[_row(row) for row in frame.to_dict("records") if row["metric"] in (*metrics, ALL_LIMITS)],
@@ -65,21 +67,69 @@ def write_comparison(
     write_atomic(folder / "report.html", page.encode())
 
 
-def sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:
-    """What the comparison says of the yield against all limits, else of the first headline metric."""
-    shares = rows[(rows["metric"] == ALL_LIMITS) & (rows["statistic"] == "yield")]
-    if len(shares):
-        row = shares.iloc[0]
-        is_significant = row["ci_low"] > 0 or row["ci_high"] < 0
-        change = f"{signed(100 * row['difference'], 1)} percentage points"
-        ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
-        visible = "" if is_significant else " The samples do not tell the two apart."
-        return (
-            f"Of {a.label} {percent(row['a'])} of the units keep all limits, of {b.label} {percent(row['b'])}: "
-            f"{change} ({ends}).{visible}"
+ANSWERED = ("mean", "std")
+"""Statistics of a metric that its answer names."""
+
+
+def answer_lines(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> list[str]:
+    """Warnings, then one sentence for the yield and for each metric."""
+    answers = [f"{item['title']}: {item['text']}" for item in metric_answers(a, b, rows)]
+    return [*warnings(a, b), *([sentence] if (sentence := yield_sentence(a, b, rows)) else []), *answers]
+
+
+def warnings(a: ComparedRun, b: ComparedRun) -> list[str]:
+    """What makes the two runs differ beside their tolerances."""
+    texts, limits = [], [run.study.limits.of_metrics for run in (a, b)]
+    if limits[0] != limits[1] or a.study.limits.over != b.study.limits.over:
+        names = [name for name in LIMITED if limits[0].get(name) != limits[1].get(name)]
+        pairs = [f"{name} {limits[0].get(name, NOTHING)} in A, {limits[1].get(name, NOTHING)} in B" for name in names]
+        what = "; ".join(pairs) or f"over = {a.study.limits.over} in A, {b.study.limits.over} in B"
+        texts.append(f"Warning: the limits differ ({what}), so the yields answer different requirements.")
+    if keys := [key for key, *_ in differing_inputs(a.study, b.study) if key.startswith("design.")]:
+        texts.append(
+            f"Warning: the designs differ in {counted(len(keys), 'setting')} ({a.study.design.title} / "
+            f"{b.study.design.title}), so differences are not due to tolerances alone."
         )
-    count = len(rows["metric"].unique()) if len(rows) else 0
-    return f"{count} metrics are compared; no yield, since not both studies set limits."
+    return texts
+
+
+def yield_sentence(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> str:
+    """The difference of the yield against all limits; empty where not both studies set limits."""
+    shares = rows[(rows["metric"] == ALL_LIMITS) & (rows["statistic"] == "yield")]
+    if not len(shares):
+        return ""
+    row = shares.iloc[0]
+    ends = interval(100 * row["ci_low"], 100 * row["ci_high"], SHARE)
+    return (
+        f"{percent(row['a'])} of the units of {a.label} meet every limit, {percent(row['b'])} of {b.label}: "
+        f"{_difference_word(row)}, {signed(100 * row['difference'], 1)} percentage points ({ends})."
+    )
+
+
+def metric_answers(a: ComparedRun, b: ComparedRun, rows: pd.DataFrame) -> list[dict[str, str]]:
+    """For each metric that varies its title, and what its mean and spread say."""
+    answers = []
+    for name, metric in METRICS.items():
+        of_metric = rows[rows["metric"] == name].set_index("statistic")
+        if _constant(a, b, name) or not set(ANSWERED) <= set(of_metric.index):
+            continue
+        cells = {
+            statistic: _row({"metric": name, "statistic": statistic, **of_metric.loc[statistic]})
+            for statistic in ANSWERED
+        }
+        parts = [
+            f"{title} {cell['a']} in A, {cell['b']} in B, {_difference_word(of_metric.loc[statistic])} "
+            f"({cell['difference']}; {cell['ends']})"
+            for (statistic, cell), title in zip(cells.items(), ("mean", "standard deviation"), strict=True)
+        ]
+        unit = "" if metric.unit == "1" else f" [{metric.unit}]"
+        answers.append({"title": f"{metric.title}{unit}", "text": "; ".join(parts)})
+    return answers
+
+
+def _difference_word(row: pd.Series) -> str:
+    is_significant = row["ci_low"] > 0 or row["ci_high"] < 0
+    return "a statistically significant difference" if is_significant else "not statistically significant"
 
 
 def _constant(a: ComparedRun, b: ComparedRun, metric: str) -> bool:

@@ -66,7 +66,7 @@ def test_one_tolerance_changed_is_compared_unit_by_unit(
     assert table.loc["lost_motion_arcmin", "yield"]["difference"] == pytest.approx(kept_items[1] - kept_items[0])
     page = (own_runs / "compare/narrow-wide/report.html").read_text()
     assert "tolerances.eccentricity.upper_um" in page
-    assert "share their draws" in page
+    assert "share their random numbers" in page
     assert "report.html" in capsys.readouterr().out
     inputs = pd.read_csv(own_runs / "compare/narrow-wide/inputs.csv")
     assert set(inputs["key"]) == {"tolerances.eccentricity.lower_um", "tolerances.eccentricity.upper_um"}

@@ -45,7 +45,7 @@ def of_chain(errors: Errors) -> np.ndarray:
 
 
 def run_of(study: Study) -> ComparedRun:
-    values = chain(study, 0, study.samples.count + 1)
+    values = pd.Series(chain(study, 0, study.samples.count + 1)).drop(0)  # the nominal reducer is no unit
     return ComparedRun(study, pd.DataFrame({BACKLASH: values}), pd.DataFrame())
 
 
@@ -90,7 +90,7 @@ def test_wide_runs_know_the_yield_of_a_narrow_study() -> None:
         answer = reweighted(run_of(wide), narrow)
         shares.append(answer.yields[BACKLASH])
         assert set(answer.keeps) == set(NARROW)
-        assert answer.units == 1500  # without the nominal reducer, which is sample 0
+        assert answer.units == 1500
         assert answer.effective == pytest.approx(np.prod(list(answer.keeps.values())) * answer.units, rel=0.1)
     width = np.mean([share.ci_high - share.ci_low for share in shares])
     assert abs(truth - exact_yield(wide)) > 2 * width  # the weights do it
