@@ -18,7 +18,7 @@ from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.report.samples.known_yield import needed_sentences, yield_estimate
+from pipeline.report.samples.known_yield import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
 from stages.chain import STAGES
 from stages.sample import SAMPLED, errors_of_columns
@@ -35,7 +35,11 @@ def run_stages(options: argparse.Namespace) -> None:
     if options.dry_run:
         print("\n".join(_planned(study, stages)))
         return
-    up_to_date(study, stages, options)
+    outputs = up_to_date(study, stages, options).outputs
+    if "aggregate" in outputs:
+        distributions = pd.DataFrame(outputs["aggregate"].read("distributions"))
+        if warning := preload_warning(distributions, study.limits.over):
+            print(f"Warning: {warning}")
     report = settings.RUNS / study.name / "report" / "report.html"
     if STAGES[-1].name in stages:
         print(f"report: {settings.shown(report)}")
@@ -66,6 +70,8 @@ def show_run(options: argparse.Namespace) -> None:
         pd.DataFrame(outputs["aggregate"].read("distributions")),
         outputs["aggregate"].record["settings"],
     )
+    if warning := preload_warning(distributions, known_statistics["limits.over"]):
+        print(f"Warning: {warning}")
     print("\n".join(summary(distributions, folder.name)))
     if share := yield_estimate(distributions, known_statistics["limits.over"]):
         print("\n".join(needed_sentences(share, known_statistics["metrics.confidence"])))

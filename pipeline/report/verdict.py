@@ -15,6 +15,7 @@ from pipeline.report.drivers import main_contributor
 from pipeline.report.frames import Frames
 from pipeline.report.layout.wording import counted, interval, percent, percent_interval
 from pipeline.report.results import Cell, Results
+from pipeline.report.samples.known_yield import preload_warning
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,11 @@ class Verdict:
             f"{percent(float(np.mean(failing)))} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
             f"{percent(shares[worst])} of these on {LIMITED[worst].inline}{driven}."
         ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
+
+    @property
+    def preload_warning(self) -> str:
+        """A warning where most units are preloaded; else empty."""
+        return preload_warning(self.frames.distributions, self.frames.over)
 
     @property
     def holds_for(self) -> str:

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 from pipeline.config import load_design, parse_study
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.notation.iso286 import DEVIATIONS_UM, TOLERANCES_UM, UP_TO_MM, limit_deviations
 from pipeline.errors import InputError
+from pipeline.sampling import draw
+from stages.clearance import rigid_ends
 
 ROOT = Path(__file__).parents[2]
 STUDY = tomllib.loads((ROOT / "data/studies/pin_in_hole.toml").read_text())
+DESIGN = load_design(STUDY["design"], ROOT)
 ENDS = np.array([1.0, *UP_TO_MM])
 ABOVE = slice(1, None)
 """The smallest range, up to 3 mm, is the standard's own: its mean size is not that of the formulas."""
@@ -109,6 +113,56 @@ def test_a_diameter_on_the_drawing_is_half_of_it_on_a_radius():
     assert equal.limits_um == (-5.0, 5.0)
 
 
+def test_a_ground_profile_takes_the_sign_that_the_file_names():
+    """A disk made 10 to 25 um smaller has that much material off, which opens the gaps."""
+    written = {"distribution": "uniform", "limits_mm": "-0.010/-0.025"}
+    message = refused(written, "disk_profile")
+    assert "tolerances.disk_profile.convention is missing; must be" in message
+    assert '"drawing" (a larger part is positive: 10 to 25 um of material off, opens the gaps)' in message
+    assert '"material_off" (material off is positive: -25 to -10 um, closes the gaps)' in message
+    for convention, limits in (("drawing", (10.0, 25.0)), ("material_off", (-25.0, -10.0))):
+        for name in ("disk_profile", "lobe_profile"):
+            read = getattr(tolerances(**{name: {**written, "convention": convention}}), name)
+            assert read.limits_um == limits
+    allowance = {"distribution": "uniform", "lower_um": -1.0, "upper_um": 1.0, "allowance_um": 10.0}
+    assert tolerances(disk_profile=allowance).disk_profile.allowance_um == 10.0
+
+
+SIGNED = [name for name, item in dimension_library().items() if item.gap_sign and item.count(DESIGN)]
+
+
+@pytest.mark.parametrize("name", SIGNED)
+def test_the_sign_of_a_dimension_is_what_it_does_to_the_play(name):
+    base = {"disk_profile": 30.0, "hole_diameter": 30.0, "roller_diameter": -10.0}
+    cases = [{"label": "as it is", **base}, {"label": "more", **base, name: base.get(name, 0.0) + 5.0}]
+    raw = {**STUDY, "samples": {"experiment": "cases", "nominal_first": False}, "cases": cases}
+    raw["cycle"] = {**STUDY["cycle"], "rigid_angles": 3}
+    raw = {key: value for key, value in raw.items() if key not in ("tolerances", "costs", "drivers", "tails")}
+    study = parse_study(raw, "signs", "signs.toml", lambda name: load_design(name, ROOT))
+    ends = rigid_ends(study, draw(study, 0, 2))
+    play = np.mean(ends[:, 0] - ends[:, 1], axis=1)
+    assert np.sign(play[1] - play[0]) == dimension_library()[name].gap_sign
+
+
+def test_the_signed_dimensions_are_those_of_pins_disk_holes_and_bearings():
+    assert {"disk_profile", "lobe_profile", "pin_radial", "pin_radius", "hole_diameter"} <= set(SIGNED)
+    assert [name for name, item in dimension_library().items() if item.drawing_sign < 0] == [
+        "disk_profile",
+        "lobe_profile",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("pin_radial", {"limits_mm": "±0.01", "convention": "material_off"}, 'must be "drawing", the only sign'),
+        ("disk_profile", {"lower_um": 0.0, "upper_um": 1.0, "convention": "drawing"}, "belongs to limits_mm"),
+    ],
+)
+def test_a_sign_that_a_dimension_does_not_have_is_refused(name, settings, message):
+    assert message in refused(settings, name)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -120,7 +174,7 @@ def test_a_diameter_on_the_drawing_is_half_of_it_on_a_radius():
         ({"iso": "6h2"}, "grades are 3 to 11"),
         ({"iso": "loose"}, 'must be as "4h5" or "h5"'),
         ({"iso": "6h5", "of": "radius"}, 'of = "radius"; must be "diameter"'),
-        ({"of": "radius", "lower_um": -1.0, "upper_um": 0.0}, "says of what limits_mm are"),
+        ({"of": "radius", "lower_um": -1.0, "upper_um": 0.0}, "belongs to limits_mm; delete it"),
     ],
 )
 def test_what_no_drawing_says_is_refused(settings, message):

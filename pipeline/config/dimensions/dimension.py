@@ -97,6 +97,8 @@ class Dimension:
     need : what a reducer must have for it, None where all have it.
     size_um : nominal size that no deviation may use up, where it has one.
     measure : whether it is a diameter or a radius; empty if neither. A drawing may state the one for the other.
+    drawing_sign : -1 where a positive deviation is material off, so that a drawing has the other sign; else 1.
+    gap_sign : 1 where a positive deviation opens gaps, -1 where it closes them, 0 where it may do either.
     acts_on : dimension of elements through which it acts, in place of a gap of its own.
     counted_where_varied : whether it has places in the design of experiment only in studies that vary it, so that all
         others draw what they drew before it was known.
@@ -119,6 +121,8 @@ class Dimension:
     need: Need | None = None
     size_um: Callable[[Design], float] | None = None
     measure: Literal["", "diameter", "radius"] = ""
+    drawing_sign: Literal[1, -1] = 1
+    gap_sign: Literal[1, 0, -1] = 0
     acts_on: str = ""
     counted_where_varied: bool = False
     shift: Callable[[Real, Real, Design], Real] | None = None

@@ -13,7 +13,10 @@ from pipeline.config.files.section import MISSING, Mistake
 from pipeline.config.notation.iso286 import limit_deviations
 from pipeline.model.units import UM_PER_MM
 
-LIMITS, ISO, OF, POSITION = "limits_mm", "iso", "of", "position"
+LIMITS, ISO, OF, POSITION, CONVENTION = "limits_mm", "iso", "of", "position", "convention"
+NOTATION = (LIMITS, ISO, OF, POSITION, CONVENTION)
+DRAWING, MATERIAL_OFF = "drawing", "material_off"
+"""Signs that limits in mm may have: a larger part positive, or material taken off positive."""
 PLAIN = ("lower_um", "upper_um")
 RADIUS = "radius_um"
 IN_DISC = {"uniform": "uniform_in_disc", "normal": "normal_in_disc"}
@@ -36,7 +39,7 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
     resolved, problems = {}, []
     for name, settings in tolerances.items():
         dimension = dimension_library().get(name)
-        if not isinstance(settings, Mapping) or not {LIMITS, ISO, OF, POSITION} & set(settings) or dimension is None:
+        if not isinstance(settings, Mapping) or not set(NOTATION) & set(settings) or dimension is None:
             resolved[name] = settings
             continue
         if design is None:
@@ -47,7 +50,7 @@ def with_notation(tolerances: object, design: Design | None) -> tuple[Any, list[
         if isinstance(settings_of_tolerance, Mistake):
             problems.append(settings_of_tolerance)
             continue
-        remaining = {key: value for key, value in settings.items() if key not in (LIMITS, ISO, OF, POSITION)}
+        remaining = {key: value for key, value in settings.items() if key not in NOTATION}
         resolved[name] = {**remaining, **settings_of_tolerance}
     return resolved, problems
 
@@ -57,7 +60,7 @@ def _zone(dimension: Dimension, settings: Mapping[str, Any]) -> dict[str, Any] |
     key, text = f"tolerances.{dimension.name}", settings[POSITION]
     if not dimension.zone:
         return Mistake(f"{key}.{POSITION}", text, f"{dimension.title} is no point in a zone; take {LIMITS}")
-    for other_key in (LIMITS, ISO, OF, RADIUS, *PLAIN):
+    for other_key in (LIMITS, ISO, OF, CONVENTION, RADIUS, *PLAIN):
         if other_key in settings:
             return Mistake(
                 f"{key}.{other_key}", settings[other_key], f"stands beside {POSITION}; keep the one or the other"
@@ -83,7 +86,8 @@ def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -
     key = f"tolerances.{dimension.name}"
     stated_keys = [name for name in (LIMITS, ISO, *PLAIN) if name in settings]
     if not stated_keys or stated_keys[0] in PLAIN:
-        return Mistake(f"{key}.{OF}", settings[OF], f"says of what {LIMITS} are, and stands beside them; delete it")
+        extra_key = OF if OF in settings else CONVENTION
+        return Mistake(f"{key}.{extra_key}", settings[extra_key], f"belongs to {LIMITS}; delete it")
     if len(stated_keys) > 1:
         return Mistake(
             f"{key}.{stated_keys[1]}",
@@ -103,7 +107,33 @@ def _limits(dimension: Dimension, settings: Mapping[str, Any], design: Design) -
     if not dimension.measure and reading is not None:
         return Mistake(f"{key}.{OF}", reading, f"{dimension.title} is neither a diameter nor a radius; delete it")
     factor = UM_PER_MM * _share(dimension, str(reading or ""))
-    return round(factor * pair[0], 9), round(factor * pair[1], 9)
+    sign = _sign(dimension, settings, pair)
+    if isinstance(sign, Mistake):
+        return sign
+    lower, upper = sorted(round(sign * factor * value, 9) + 0.0 for value in pair)
+    return lower, upper
+
+
+def _sign(dimension: Dimension, settings: Mapping[str, Any], pair: tuple[float, float]) -> int | Mistake:
+    """-1 where limits as on a drawing have the other sign than the dimension has here, or what is wrong."""
+    key, convention = f"tolerances.{dimension.name}.{CONVENTION}", settings.get(CONVENTION)
+    if dimension.drawing_sign > 0:
+        allowed = f'must be "{DRAWING}", the only sign that {dimension.title} has; or delete it'
+        return 1 if convention in (None, DRAWING) else Mistake(key, convention, allowed)
+    if convention in (DRAWING, MATERIAL_OFF):
+        return -1 if convention == DRAWING else 1
+    low, high = (UM_PER_MM * value for value in pair)
+    allowed = (
+        f'must be "{DRAWING}" (a larger part is positive: {-high:g} to {-low:g} um of material off, '
+        f'{_gap_words(-high, -low)}) or "{MATERIAL_OFF}" (material off is positive: {low:g} to {high:g} um, '
+        f"{_gap_words(low, high)})"
+    )
+    return Mistake(key, MISSING if convention is None else convention, allowed)
+
+
+def _gap_words(low: float, high: float) -> str:
+    """What so much material off [um] does to the gaps."""
+    return "opens the gaps" if low >= 0 else "closes the gaps" if high <= 0 else "opens or closes the gaps"
 
 
 def _pair(text: object) -> tuple[float, float] | None:

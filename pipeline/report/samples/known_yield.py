@@ -13,6 +13,8 @@ from pipeline.statistics.sample_size import units_for_yield
 
 HALF_WIDTHS = (0.02, 0.01, 0.005, 0.001)
 """Of the interval of a yield."""
+MOSTLY_PRELOADED = 0.5
+"""Share of preloaded units from which on a study says so first."""
 
 
 def yield_estimate(distributions: pd.DataFrame, turn_value: str) -> Estimate | None:
@@ -28,6 +30,18 @@ def yield_estimate(distributions: pd.DataFrame, turn_value: str) -> Estimate | N
     for row in rows.itertuples():
         return Estimate(float(row.value), float(row.ci_low), float(row.ci_high), int(row.n))
     return None
+
+
+def preload_warning(distributions: pd.DataFrame, turn_value: str) -> str:
+    """A sentence where most units are preloaded, which a wrong sign or a missing allowance gives; else empty."""
+    key = {"metric": "preloaded", "over": turn_value, "statistic": "mean"}
+    share = distributions.loc[(distributions[list(key)] == pd.Series(key)).all(axis=1), "value"]
+    if share.empty or share.iloc[0] < MOSTLY_PRELOADED:
+        return ""
+    return (
+        f"{100 * share.iloc[0]:.3g} % of the units are preloaded: they have no clearance at some contact. Check the "
+        "signs of the tolerances (python -m pipeline keys tolerances) and the allowances (allowance_um)."
+    )
 
 
 def needed_units(estimate: Estimate, confidence: float) -> list[tuple[float, int]]:

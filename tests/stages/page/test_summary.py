@@ -74,6 +74,14 @@ def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
     assert "upper bound" not in other
 
 
+def test_a_study_of_preloaded_units_says_so_first(frames):
+    tight = frames.distributions["value"].where(frames.distributions["metric"] != "preloaded", 1.0)
+    page = written(replace(frames, distributions=frames.distributions.assign(value=tight)))
+    summary = page.partition('id="summary"')[2]
+    assert summary.index("100 % of the units are preloaded") < summary.index("meet every limit")
+    assert "of the units are preloaded" not in written(frames)
+
+
 def test_where_no_unit_fails_the_page_bounds_the_failing_share(frames):
     everything = limited(frames, Limits(clearance_backlash_arcmin=99.0))
     high = 1 - pass_share(np.ones(12, bool), 0.95).ci_low

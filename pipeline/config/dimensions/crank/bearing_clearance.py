@@ -11,4 +11,5 @@ DIMENSION = Dimension(
     draw_columns=(2,),
     of_disk=True,
     one_sided=True,
+    gap_sign=1,
 )

@@ -16,4 +16,5 @@ DIMENSION = Dimension(
     acts_on="hole_diameter",
     shift=lambda clearance, direction, design: 2 * clearance,
     counted_where_varied=True,
+    gap_sign=1,
 )

@@ -10,4 +10,6 @@ DIMENSION = Dimension(
     rank=40,
     draw_columns=(1,),
     of_disk=True,
+    gap_sign=1,
+    drawing_sign=-1,
 )

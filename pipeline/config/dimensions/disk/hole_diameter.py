@@ -15,4 +15,5 @@ DIMENSION = Dimension(
     measure="diameter",
     size_um=lambda design: 2e3 * design.output.hole_radius(design.cycloid.eccentricity_mm),
     counted_where_varied=True,
+    gap_sign=1,
 )

@@ -11,4 +11,6 @@ DIMENSION = Dimension(
     draw_columns=(10,),
     of_disk=True,
     elements=LOBES,
+    gap_sign=1,
+    drawing_sign=-1,
 )

@@ -17,6 +17,7 @@ def bush_fit(
         elements=OUTPUT_PINS,
         need=BUSHES,
         measure="diameter",
+        gap_sign=1 if side < 0 else -1,
         size_um=lambda design: 2e3 * design.output.seat_radius_mm,
         acts_on="roller_diameter",
         shift=lambda diameter, direction, design: side * diameter,

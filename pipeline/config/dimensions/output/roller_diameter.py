@@ -12,4 +12,5 @@ DIMENSION = Dimension(
     elements=ROLLERS,
     measure="diameter",
     size_um=lambda design: 2e3 * design.output.contact_radius_mm,
+    gap_sign=-1,
 )

@@ -10,4 +10,5 @@ DIMENSION = Dimension(
     rank=10,
     draw_columns=(7,),
     elements=PINS,
+    gap_sign=1,
 )

@@ -12,4 +12,5 @@ DIMENSION = Dimension(
     elements=PINS,
     measure="radius",
     size_um=lambda design: 1e3 * design.cycloid.pin_radius_mm,
+    gap_sign=-1,
 )
