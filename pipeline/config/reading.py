@@ -17,7 +17,7 @@ from pipeline.config.files.messages import problems_of
 from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, shown_value
 from pipeline.config.notation import with_notation
 from pipeline.config.studies.cases import Case, case_problems
-from pipeline.config.studies.consistency import provenance_problems, study_problems
+from pipeline.config.studies.consistency import provenance_problems, study_problems, with_turn
 from pipeline.config.studies.costs import Costs, cost_problems
 from pipeline.config.studies.study import Study
 from pipeline.config.studies.tolerances import Tolerances, tolerance_problems
@@ -42,6 +42,8 @@ from pipeline.errors import InputError
 
 LARGEST_FILE = 1 << 24
 """Bytes of a settings file: measured deviations of a thousand units with a hundred pins fit three times."""
+CRANK_TURNS = 'unknown key; it follows from turn = "output" or "crank" and the design'
+"""Said of the turns of the crank in a file."""
 DEEPEST_TABLE = 20
 """Tables within tables that are read; settings need three."""
 
@@ -151,6 +153,10 @@ def parse_study(data: Mapping[str, Any], name: str, file: str, read_design: Call
     cases = raw.get("cases", ()) if isinstance(raw.get("cases", ()), tuple) else ()
     if isinstance(raw.get("samples"), dict) and raw["samples"].get("experiment") == "cases":
         raw["samples"].setdefault("count", max(1, len(cases)))
+    if design is not None and isinstance(raw.get("cycle"), dict):
+        if "crank_turns" in raw["cycle"]:
+            unreadable.append(Mistake("cycle.crank_turns", raw["cycle"]["crank_turns"], CRANK_TURNS))
+        raw["cycle"] = with_turn(raw["cycle"], design)
     problems, parts = validated(Study, {**raw, "name": name, "design": design})
     problems = unreadable + [problem for problem in problems if problem.key != "design"]
     problems += study_problems(parts, raw)

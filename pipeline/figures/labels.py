@@ -9,6 +9,8 @@ METRICS = library()
 LIMITED: dict[str, Limited] = {**METRICS, **turn_library()}
 """What a limit may be set for: the metrics of loops, then those of the whole turn."""
 
+FULL_TURN = 360.0
+"""Crank angle [deg] beyond which loaded angles stand more than a turn of the crank apart: no line joins them."""
 PARAMETERS = {name: dimension.title for name, dimension in dimension_library().items()} | {"sum": "sum of all"}
 
 

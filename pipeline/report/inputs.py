@@ -192,8 +192,8 @@ def _crank_angles(cycle: Cycle) -> str:
         angles_text = f"{cycle.loaded_angles} evenly over the turn"
     else:
         angles_text = listed([f"{plain(crank)}°" for crank in cycle.crank_deg])
-    turns = "a turn" if cycle.rigid_crank_turns == 1 else f"each of {cycle.rigid_crank_turns} turns"
-    return f"loaded at {angles_text}; rigid bodies at these and at {cycle.rigid_angles} of {turns}"
+    turn = f"{cycle.turn} ({cycle.crank_turns} turns of the crank)" if cycle.crank_turns > 1 else "crank"
+    return f"loaded at {angles_text}; rigid bodies at these and at {cycle.rigid_angles} evenly; turn of the {turn}"
 
 
 def study_facts(frames: Frames) -> list[tuple[str, str]]:

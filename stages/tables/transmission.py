@@ -64,14 +64,15 @@ def transmission_rows(study: Study, samples: np.ndarray, readings: TurnReadings)
 def order_rows(study: Study, samples: np.ndarray, readings: TurnReadings) -> Columns:
     """Rows of the table of orders: of the play from the angles of rigid bodies, under load from the loaded ones.
 
-    None where the angles are too few or not even.
+    None where the angles are not even, or fewer than `FEWEST_ANGLES` to a turn of the crank.
     """
     held_torque, parts = assembly.definitions(study).rigidity_high, [pd.DataFrame(ORDERS.empty())]
     curves = (
-        (0.0, readings.free_angle[..., readings.free_even], study.cycle.rigid_crank_turns),
-        (held_torque, readings.loaded_angle[..., readings.loaded_even], 1),
+        (0.0, readings.free_angle[..., readings.free_even]),
+        (held_torque, readings.loaded_angle[..., readings.loaded_even]),
     )
-    for torque, angle, turns in (curve for curve in curves if curve[1].shape[2] >= FEWEST_ANGLES):
+    turns = study.cycle.crank_turns
+    for torque, angle in (curve for curve in curves if curve[1].shape[2] >= FEWEST_ANGLES * turns):
         harmonics = orders(ARCSEC_PER_ARCMIN * angle, turns)
         sample, sense, order = repeated(samples, np.arange(2), harmonics.order)
         parts.append(

@@ -1,4 +1,4 @@
-"""The metrics of units over the turn of the crank, from the readings of their loops and the play of rigid bodies."""
+"""The metrics of units over the turn, from the readings of their loops and the play of rigid bodies."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -101,12 +101,12 @@ def _with_rigid(study: Study, loaded_values: np.ndarray, rigid: np.ndarray) -> n
 
     Where the ``rigid`` ones are missing, straight from one loaded angle to the next.
     """
-    rigid_deg, values = rigid_angles(study), rigid.copy()
+    rigid_deg, values, turn_deg = rigid_angles(study), rigid.copy(), study.cycle.turn_deg
     values[np.isnan(loaded_values[:, 0])] = np.nan
     values[:, np.isin(rigid_deg, study.cycle.crank_deg)] = loaded_values
     for unit in np.flatnonzero(np.isnan(values).any(axis=1) & ~np.isnan(loaded_values[:, 0])):
         gaps = np.isnan(values[unit])
-        values[unit, gaps] = np.interp(rigid_deg[gaps], study.cycle.crank_deg, loaded_values[unit], period=360.0)
+        values[unit, gaps] = np.interp(rigid_deg[gaps], study.cycle.crank_deg, loaded_values[unit], period=turn_deg)
     return values
 
 

@@ -137,7 +137,7 @@ def _study(rng: np.random.Generator, design: dict[str, Any]) -> dict[str, Any]:
         },
         "cycle": {
             "crank_deg": [float(rng.choice([0.0, rng.uniform(0, 360)]))],
-            "rigid_angles": 3,
+            "rigid_angles": 1,
             "levels_per_branch": 4,
             "torque_fraction": 1.0,
             "keep_contacts": "all",

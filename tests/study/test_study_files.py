@@ -1,8 +1,8 @@
 """Study files: what is accepted, and how every mistake of a study and of its design is reported."""
 
-import itertools
 import tomllib
 
+import numpy as np
 import pytest
 from changed_files import ROOT, changed, read_design
 
@@ -105,7 +105,14 @@ def test_a_case_lists_one_diameter_for_each_output_pin():
         ("samples.randomisations", 4, "samples.randomisations = 4; must be >= 8"),
         ("samples.experiment", "cases", "cases is missing; experiment"),
         ("cases", [{"label": "a"}], 'samples.experiment = "monte_carlo"; must be "cases" where'),
-        ("cycle.crank_deg", [0.0, 360.0], "cycle.crank_deg[1] = 360.0; must be < 360"),
+        ("cycle.crank_deg", [0.0, 28440.0], "cycle.crank_deg[1] = 28440.0; must be < 28440, a turn of the output"),
+        ("cycle.crank_turns", 5, "cycle.crank_turns = 5; unknown key; it follows from turn"),
+        (
+            "cycle.rigid_angles",
+            237,
+            "cycle.rigid_angles = 237; must share no factor with the 79 lobes, or the angles "
+            "see 3 phases of their pitch; take 239",
+        ),
         ("cycle.crank_deg", [0.0, 0.0], "cycle.crank_deg = [0.0, 0.0]; angles must rise"),
         ("cycle.loaded_angles", 31, "cycle.crank_deg = [0.0, 90.0]; stands beside loaded_angles; keep the one"),
         (
@@ -131,15 +138,20 @@ def test_a_wrong_study_names_file_key_value_and_remedy(study_data, key, value, l
     assert any(problem.startswith(f"s.toml: {line}") for problem in problems), problems
 
 
-def test_loaded_angles_stand_evenly_over_the_turn_and_see_every_phase_of_the_pins(study_data):
+@pytest.mark.parametrize(("turn", "crank_turns"), [("output", 79), ("crank", 1)])
+def test_loaded_angles_stand_evenly_over_the_turn_and_see_every_phase_of_the_pins(study_data, turn, crank_turns):
     del study_data["cycle"]["crank_deg"]
+    study_data["cycle"]["turn"] = turn
     cycle = parse_study(study_data, "s", "s.toml", read_design).cycle
-    assert cycle.crank_deg == tuple(360 * k / 31 for k in range(31))
-    assert cycle.curve_crank_deg == tuple(360 * k / 31 for k in (0, 7, 15, 23))
-    pitch = 360 / 80
-    phases = sorted(crank % pitch for crank in cycle.crank_deg)
-    assert min(next_phase - phase for phase, next_phase in itertools.pairwise(phases)) == pytest.approx(pitch / 31)
-    assert cycle.rigid_crank_deg == tuple(360 * k / 181 for k in range(181))
+    turn_deg = 360 * crank_turns
+    assert cycle.evenly_loaded
+    assert cycle.crank_deg == tuple(turn_deg * k / 31 for k in range(31))
+    assert cycle.curve_crank_deg == tuple(turn_deg * k / 31 for k in (0, 7, 15, 23))
+    pitches = [360 / 80] + [360 * 79 / 80] * (turn == "output")  # of the pins; a turn of the eccentric in the disk
+    for pitch in pitches:
+        phases = np.sort(np.mod(np.array(cycle.crank_deg) / pitch + 1e-9, 1))
+        np.testing.assert_allclose(np.diff(phases), 1 / 31)
+    assert cycle.rigid_crank_deg == tuple(turn_deg * k / 181 for k in range(181))
     (problem,) = study_problems(changed(study_data, "cycle.loaded_angles", 32))
     assert problem.endswith("the angles see 2 phases of their pitch; take 33")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from pipeline.config.designs.contact_laws import stiffness_problems
@@ -14,6 +14,7 @@ from pipeline.config.designs.effects import study_effect_problems
 from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name
 from pipeline.config.studies.study import (
     FEWEST_BASE_SAMPLES,
+    LOADED_ANGLES,
     Clearance,
     Cycle,
     Drivers,
@@ -206,18 +207,47 @@ def _mesh(reduce: Reduce, design: Design) -> Iterator[Mistake]:
         )
 
 
+def periods(cycle: Mapping[str, Any] | Cycle, design: Design) -> dict[str, int]:
+    """Numbers of parts, in words, with which angles evenly over the turn must share no factor to see all phases."""
+    turn = cycle.turn if isinstance(cycle, Cycle) else cycle.get("turn", "output")
+    parts = {f"{design.cycloid.pins} pins": design.cycloid.pins}
+    if turn == "output":
+        parts[f"{design.cycloid.lobes} lobes"] = design.cycloid.lobes
+        parts[f"{design.disk.count} disks"] = design.disk.count
+        holes = design.output.holes(design.cycloid)
+        if holes:
+            parts[f"{len(holes.centres)} holes"] = len(holes.centres)
+    return parts
+
+
+def with_turn(cycle: Mapping[str, Any], design: Design) -> dict[str, Any]:
+    """The section `cycle` of a study file with what follows from its design.
+
+    That is how many turns of the crank its turn has and, where the file states no angles, how many are loaded.
+    """
+    turns = 1 if cycle.get("turn", "output") == "crank" else design.cycloid.lobes
+    stated = {"crank_deg", "loaded_angles"} & set(cycle)
+    angles = {} if stated else {"loaded_angles": _next_coprime(LOADED_ANGLES, periods(cycle, design).values())}
+    return {**cycle, "crank_turns": turns, **angles}
+
+
+def _next_coprime(number: int, parts: Iterable[int]) -> int:
+    numbers = tuple(parts)
+    return next(k for k in itertools.count(number) if all(math.gcd(k, part) == 1 for part in numbers))
+
+
 def _phases(cycle: Cycle, design: Design | None) -> Iterator[Mistake]:
-    """Evenly spread angles that share a factor with the pins: they see few phases of the pins' pitch."""
+    """Evenly spread angles that share a factor with the parts: they see few phases of their pitch."""
     if design is None:
         return
-    pins = design.cycloid.pins
+    parts = periods(cycle, design)
     counts = {"loaded_angles": cycle.loaded_angles or 1, "rigid_angles": cycle.rigid_angles}
-    for name, angles in counts.items():
-        shared = math.gcd(angles, pins)
+    for (name, angles), (part, number) in itertools.product(counts.items(), parts.items()):
+        shared = math.gcd(angles, number)
         if shared > 1 and angles > 1:
-            coprime = next(k for k in itertools.count(angles + 1) if math.gcd(k, pins) == 1)
-            allowed = f"must share no factor with the {pins} pins, or the angles see {angles // shared} phase"
-            yield Mistake(f"cycle.{name}", angles, f"{allowed}{'s' * (angles > shared)} of their pitch; take {coprime}")
+            phases = f"{angles // shared} phase{'s' * (angles > shared)}"
+            allowed = f"must share no factor with the {part}, or the angles see {phases} of their pitch"
+            yield Mistake(f"cycle.{name}", angles, f"{allowed}; take {_next_coprime(angles + 1, parts.values())}")
 
 
 def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -225,6 +255,9 @@ def _cycle(cycle: Cycle, samples: Samples | None, raw: Mapping[str, Any]) -> Ite
         yield Mistake("cycle.crank_deg", cycle.crank_deg, "stands beside loaded_angles; keep the one or the other")
     if any(angle_after <= angle_before for angle_before, angle_after in itertools.pairwise(cycle.crank_deg)):
         yield Mistake("cycle.crank_deg", cycle.crank_deg, "angles must rise")
+    if cycle.crank_deg[-1] >= cycle.turn_deg:
+        allowed = f"must be < {cycle.turn_deg:g}, a turn of the {cycle.turn}"
+        yield Mistake(f"cycle.crank_deg[{len(cycle.crank_deg) - 1}]", cycle.crank_deg[-1], allowed)
     if cycle.keep_contacts == "all":
         return
     if len(set(cycle.keep_contacts)) < len(cycle.keep_contacts):

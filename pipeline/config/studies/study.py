@@ -91,22 +91,24 @@ class Reduce(Section):
 
 
 LOADED_ANGLES = 31
-"""Crank angles of a turn that are loaded unless the study says otherwise."""
+"""Crank angles of a turn that are loaded unless the study says otherwise, or the next number that suits the design."""
 
 
 class Cycle(Section):
     """Load cycle 0 -> +T -> -T -> +T at the loaded crank angles, T being `torque_fraction` of the rated torque.
 
-    The loaded angles are `loaded_angles` evenly over a crank turn from 0, or the list `crank_deg`; whole curves are
-    kept at `curve_angles` of them. The play of rigid bodies is taken at `rigid_angles` of each of `rigid_crank_turns`
-    turns and at the loaded ones. A branch has `levels_per_branch` equal steps and the torques of the metrics; with 0
-    steps, those alone.
+    The turn is that of the `"output"`, after which a unit repeats, or the first one of the `"crank"`; it has
+    `crank_turns`, which follow from the design. The loaded angles are `loaded_angles` evenly over it from 0, or the
+    list `crank_deg`; whole curves are kept at `curve_angles` of them. The play of rigid bodies is taken at
+    `rigid_angles` evenly over the turn and at the loaded ones. A branch has `levels_per_branch` equal steps and the
+    torques of the metrics; with 0 steps, those alone.
     """
 
+    turn: Literal["output", "crank"] = "output"
+    crank_turns: Annotated[int, Field(ge=1, exclude=True)] = 1
     loaded_angles: Annotated[int, Field(ge=1, le=3600)] | None = None
-    crank_deg: Annotated[tuple[Annotated[float, Field(ge=0, lt=360)], ...], Field(min_length=1)]
+    crank_deg: Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=1)]
     rigid_angles: Annotated[int, Field(ge=1, le=36_000)] = 181
-    rigid_crank_turns: Annotated[int, Field(ge=1, le=1000)] = 1
     curve_angles: Annotated[int, Field(ge=1, le=3600)] = 4
     levels_per_branch: Annotated[int, Field(ge=0, le=10_000)]
     torque_fraction: Annotated[float, Field(gt=0, le=10)] = 1.0
@@ -120,13 +122,19 @@ class Cycle(Section):
         angles = raw.get("loaded_angles", LOADED_ANGLES)
         if not isinstance(angles, int) or angles < 1:
             return raw
-        return {**raw, "loaded_angles": angles, "crank_deg": tuple(360.0 * k / angles for k in range(angles))}
+        turn_deg = 360.0 * raw.get("crank_turns", 1)
+        return {**raw, "loaded_angles": angles, "crank_deg": tuple(turn_deg * k / angles for k in range(angles))}
+
+    @property
+    def turn_deg(self) -> float:
+        """The turn as an angle of the crank [deg]."""
+        return 360.0 * self.crank_turns
 
     @property
     def evenly_loaded(self) -> bool:
         """Whether the loaded angles stand evenly over the turn from 0."""
         angles = len(self.crank_deg)
-        return np.allclose(self.crank_deg, 360.0 * np.arange(angles) / angles)
+        return np.allclose(self.crank_deg, self.turn_deg * np.arange(angles) / angles)
 
     @property
     def curve_crank_deg(self) -> tuple[float, ...]:
@@ -136,8 +144,8 @@ class Cycle(Section):
 
     @property
     def rigid_crank_deg(self) -> tuple[float, ...]:
-        """Crank angles [deg] at which rigid bodies are looked at beside the loaded ones, over `rigid_crank_turns`."""
-        return tuple(360.0 * k / self.rigid_angles for k in range(self.rigid_angles * self.rigid_crank_turns))
+        """Crank angles [deg] at which rigid bodies are looked at beside the loaded ones, evenly over the turn."""
+        return tuple(self.turn_deg * k / self.rigid_angles for k in range(self.rigid_angles))
 
 
 class Metrics(Section):

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from pipeline.figures.labels import FULL_TURN
 from pipeline.figures.style import ACCENT, ACCENT_LIGHT, ALARM, INK, legend_below, new_figure, styled
 
 SENSES = {"+": (ACCENT, "-o"), "-": (ALARM, "--s")}
@@ -125,12 +126,22 @@ def _band(axes: Axes, spread: pd.DataFrame | None) -> None:
     if spread is None:
         return
     crank = spread["crank_deg"]
-    axes.fill_between(crank, spread["low"], spread["high"], color=ACCENT_LIGHT, linewidth=0, label=BAND)
-    axes.plot(crank, spread["middle"], color=INK, linewidth=1.0, linestyle=":", label="median, sense +")
+    if _joined(spread):
+        axes.fill_between(crank, spread["low"], spread["high"], color=ACCENT_LIGHT, linewidth=0, label=BAND)
+    else:
+        axes.vlines(crank, spread["low"], spread["high"], color=ACCENT_LIGHT, linewidth=4, label=BAND)
+    style = ":" if _joined(spread) else "_"
+    axes.plot(crank, spread["middle"], style, color=INK, linewidth=1.0, label="median, sense +")
+
+
+def _joined(rows: pd.DataFrame) -> bool:
+    """Whether the crank angles stand so near to each other that a line through them says something."""
+    return bool(rows["crank_deg"].max() < FULL_TURN)
 
 
 def _senses(axes: Axes, rows: pd.DataFrame, column: str) -> None:
     for sense, (colour, line) in SENSES.items():
         part = rows[rows["sense"] == sense]
         name = sense.replace("-", "−")
-        axes.plot(part["crank_deg"], part[column], line, color=colour, markersize=2.5, label=f"sense {name}")
+        drawn_line = line if _joined(rows) else line[-1]
+        axes.plot(part["crank_deg"], part[column], drawn_line, color=colour, markersize=2.5, label=f"sense {name}")

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pipeline.figures.labels import METRICS
+from pipeline.figures.labels import FULL_TURN, METRICS
 from pipeline.figures.style import ACCENT, ALARM, INK, MUTED, legend_below, new_figure, styled
 
 BARS = "#a9cbe4"
@@ -140,7 +140,7 @@ def crank_figure(
     figure = new_figure(2.8)
     for axes, metric in zip(figure.subplots(1, len(metrics), squeeze=False)[0], metrics, strict=True):
         rows = estimates[estimates["metric"] == metric].pivot(index="crank_deg", columns="statistic", values="value")
-        count = len(rows) > FEW_ANGLES
+        count = len(rows) > FEW_ANGLES and rows.index.max() < FULL_TURN
         if count:
             axes.fill_between(rows.index, rows["p05"], rows["p95"], color=ACCENT, alpha=0.25, linewidth=0, label=BAND)
         else:
@@ -154,7 +154,7 @@ def crank_figure(
             axes.axhline(limits[metric], color=ALARM, linewidth=1.2, label="limit")
         axes.set(xlabel="crank angle (degrees)", title=METRICS[metric].title, ylabel=METRICS[metric].unit)
         axes.margins(x=0.15, y=0.12)
-        if not count:
+        if len(rows) <= FEW_ANGLES:
             axes.set_xticks(rows.index)
     legend_below(figure, axes)
     return figure

@@ -66,7 +66,7 @@ def _transmission(frames: Frames) -> Drawing:
             spreads[title] = spread
     return Drawing(
         "transmission",
-        "Transmission error over a turn of the crank",
+        f"Transmission error over a turn of the {frames.study.cycle.turn}",
         f"Angle of the output less that of the nominal ratio, about its mean: {frames.owner(label)} in both senses"
         f"{', and the spread of the samples in the sense +' if spreads else ''}.",
         partial(transmission_figure, panels, spreads),
@@ -109,7 +109,7 @@ def _forces(frames: Frames) -> Drawing:
     force = "largest force of a disk on a" if several else "force of the disk on the"
     return Drawing(
         "turn_forces",
-        "Forces over a turn of the crank",
+        f"Forces over a turn of the {frames.study.cycle.turn}",
         f"{held_torque} N m held. Left: {force} {bearing}{_whose(frames, label, spread)}"
         f"{UNBALANCED if frames.units['bearing_force_peak_N'].isna().all() else ''}."
         f"{TILT if frames.study.design.disk.count > 1 else ''} "

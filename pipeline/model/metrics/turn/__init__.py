@@ -1,4 +1,4 @@
-"""The numbers of a unit over a whole turn of the crank, one file each.
+"""The numbers of a unit over the whole turn, one file each.
 
 A file defines ``TURN_METRIC``; adding one is adding a file: its column in the table of units, its limit in a study
 file, its distribution, its row and its definition in the report follow from it.

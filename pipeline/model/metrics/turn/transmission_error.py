@@ -7,7 +7,7 @@ TURN_METRIC = TurnMetric(
     title="Transmission error under load",
     unit="arcsec",
     definition="Angle of the output less that of the nominal ratio while {rigidity_high:g} N m are held in one sense: "
-    "peak to peak over a turn of the crank, the larger of both senses.",
+    "peak to peak over the turn, the larger of both senses.",
     rank=0,
     decimals=2,
     value=lambda turn: peak_to_peak(turn.loaded_angle),

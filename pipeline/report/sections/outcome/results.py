@@ -73,7 +73,7 @@ def _cranks(frames: Frames, metrics: list[str]) -> Drawing:
     by_crank = frames.distributions[frames.distributions["over"] == "angle"]
     return Drawing(
         "cranks",
-        "The metrics over the turn of the crank",
+        f"The metrics over the turn of the {frames.study.cycle.turn}",
         "Mean and band of 90 % of the samples at each loaded crank angle, and the nominal reducer. A unit's worst lies "
         "beyond the band of a single angle: it is the worst of them all.",
         partial(crank_figure, by_crank, frames.nominal, metrics, frames.limits),

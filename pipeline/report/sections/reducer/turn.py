@@ -1,4 +1,4 @@
-"""What a whole turn of the crank does: transmission error, forces on bearings and pins."""
+"""What a whole turn does: transmission error, forces on bearings and pins."""
 
 from pathlib import Path
 
