@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, make_dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -154,6 +154,28 @@ def draw_as_measured(study: Drawn, measured: Case, start: int, stop: int) -> Err
             values[name] = np.broadcast_to(measured.deviation_um(name), (stop - start, counts[name]))
             if dimension.direction:
                 values[dimension.phase] = np.zeros((stop - start, counts[dimension.phase]))
+    return _errors(values, study.design)
+
+
+def draw_with_parts(study: Drawn, measured: Mapping[str, Real], start: int, stop: int) -> Errors:
+    """Errors of samples whose measured dimensions differ from sample to sample, and all others as the tolerances say.
+
+    What acts through a measured dimension, as an ovality through the pins' places, was measured with it. Directions of
+    measured amplitudes are drawn.
+
+    Parameters
+    ----------
+    study : as for `draw`, of samples that are drawn.
+    measured : total deviations by dimension (stop - start, n_elements) [um]; one column for elements that are alike.
+    start, stop : first sample, and the one after the last.
+    """
+    counts = _counts(study.design)
+    values = deviations_at(study, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
+    for name, dimension in dimension_library().items():
+        if name in measured:
+            values[name] = np.broadcast_to(measured[name], (stop - start, counts[name]))
+        elif dimension.acts_on in measured:
+            values[name] = np.zeros((stop - start, counts[name]))
     return _errors(values, study.design)
 
 

@@ -1,0 +1,50 @@
+"""Ovalities of measured pin circles, separated from the positions of the single pins.
+
+A measured radial position contains the ovality of the ring, which a study has as a dimension of its own. A ring's wave of
+order k has the amplitude of its Fourier coefficient; what the single pins contribute to it by chance is the mean power of
+orders that no ovality has, and is taken off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config.dimensions import dimension_library
+from pipeline.config.studies.study import Study
+from pipeline.decisions.lots.measured_lot import MeasuredLot
+
+Real = NDArray[np.float64]
+
+FIRST_FREE_ORDER, FREE_ORDERS = 4, 5
+"""Orders beyond the ovalities from whose power the chance part is estimated: 4 to 8."""
+
+
+def with_separate_ovalities(lot: MeasuredLot, study: Study) -> MeasuredLot:
+    """The lot with ovalities taken out of the pins' radial positions, where the study varies them.
+
+    A lot whose rings are not measured whole, or that states the ovalities itself, is returned as it is.
+    """
+    name = "pin_radial"
+    library, values = dimension_library(), lot.values.get(name)
+    orders = {
+        other: int(other.rsplit("_", 1)[1])
+        for other, dimension in library.items()
+        if dimension.acts_on == name and getattr(study.tolerances, other).varies
+    }
+    if values is None or values.shape[1] < 2 * (FIRST_FREE_ORDER + FREE_ORDERS) or set(orders) & set(lot.values):
+        return lot
+    measured = {**lot.values, name: values.copy()}
+    coefficients = 2 * np.fft.rfft(values, axis=1) / values.shape[1]
+    chance = np.nanmean(np.abs(coefficients[:, FIRST_FREE_ORDER : FIRST_FREE_ORDER + FREE_ORDERS]) ** 2)
+    turn = 2j * np.pi * np.arange(values.shape[1]) / values.shape[1]
+    for other, order in orders.items():
+        wave = coefficients[:, order]
+        size = np.abs(wave)
+        amplitude = np.sqrt(np.maximum(size**2 - chance, 0.0))
+        share = np.divide(amplitude, size, out=np.zeros_like(size), where=size > 0)
+        measured[name] -= ((share * wave)[:, None] * np.exp(order * turn)).real
+        measured[other] = amplitude[:, None]
+    return replace(lot, values=measured)

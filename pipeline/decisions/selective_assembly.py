@@ -1,0 +1,167 @@
+"""Which measured parts to put together: predicted margins of every pair, and the best assignment.
+
+Source of the assignment: Crouse, On implementing 2D rectangular assignment algorithms, IEEE Trans. Aerosp. Electron.
+Syst. 52 (2016) 1679, as SciPy has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from pipeline.config.dimensions import dimension_library
+from pipeline.config.distributions.fixed import Fixed
+from pipeline.config.studies.study import Study
+from pipeline.decisions.fresh_units import BATCH, Solve
+from pipeline.decisions.lots.lot_yield import passed
+from pipeline.decisions.lots.measured_lot import MeasuredLot
+from pipeline.errors import InputError
+from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import turn_library
+from pipeline.sampling import Errors, draw_with_parts
+from pipeline.statistics import Estimate, pass_share
+
+Real = NDArray[np.float64]
+Mounting = Callable[[Errors], Real]
+"""Errors of ``n`` units to the largest contact force without torque (n,) [N]."""
+
+MOST_PAIRS = 10_000
+"""Pairs that are load-solved: a hundred parts with a hundred."""
+DRAWS = 10
+"""Units of each assigned pair, with drawn dimensions in place of those that were not measured."""
+PASS_SCORE = 1e3
+"""Of a pair that keeps all limits, in margins: one more good unit is worth more than all margins."""
+MIDPOINTS = 512
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Pairs of parts of two lots.
+
+    Attributes
+    ----------
+    margin : (n_first, n_second) smallest margin over all limits, as a share of the limit; the dimensions that were not
+        measured have the mean of their tolerance.
+    passes : (n_first, n_second) whether a pair keeps all limits then.
+    pairs : (n_pairs, 2) parts of the best assignment.
+    random, selected : yields of fresh units assembled at random and by the assignment.
+    mounting_N : (n_first, n_second) largest contact force without torque [N]; None where no limit was stated.
+    """
+
+    first: MeasuredLot
+    second: MeasuredLot
+    margin: Real
+    passes: NDArray[np.bool_]
+    pairs: NDArray[np.intp]
+    random: Estimate
+    selected: Estimate
+    mounting_N: Real | None
+
+
+def assembled(
+    study: Study, first: MeasuredLot, second: MeasuredLot, solve: Solve, jobs: int, mounting: Mounting | None = None
+) -> Assembly:
+    """The best assignment of the parts of one lot to those of another.
+
+    Parameters
+    ----------
+    solve : of the study.
+    mounting : contact forces without torque, where a limit of them is asked for.
+
+    Raises
+    ------
+    InputError
+        If the lots have a dimension in common or parts without a value, there are too many pairs, or the study has no
+        limits.
+    """
+    common = sorted(set(first.values) & set(second.values))
+    if common:
+        raise InputError(f"{first.name} and {second.name} both have {', '.join(common)}; a unit has one of each")
+    if not study.limits.of_metrics:
+        raise InputError(f"study {study.name}: [limits] is empty; a margin needs a limit")
+    n_first, n_second = len(first.parts), len(second.parts)
+    if n_first * n_second > MOST_PAIRS:
+        raise InputError(f"{n_first} x {n_second} parts; at most {MOST_PAIRS:,} pairs are solved; split the lots")
+    _check_complete(first)
+    _check_complete(second)
+    rows, columns = (index.ravel() for index in np.indices((n_first, n_second)))
+    mean_study = _unmeasured_at_mean(study, {*first.values, *second.values})
+    values = _solved(mean_study, _measured(first, rows) | _measured(second, columns), solve, jobs)
+    margin = _margins(study, values).reshape(n_first, n_second)
+    passes = passed(study, values).reshape(n_first, n_second)
+    score = PASS_SCORE * passes + np.clip(np.nan_to_num(margin, nan=-1.0), -1.0, 1.0)
+    pairs = np.stack(linear_sum_assignment(score, maximize=True), axis=1)
+    rng = np.random.default_rng(study.samples.seed)
+    shuffled = np.stack([rng.permutation(n_first)[: len(pairs)], rng.permutation(n_second)[: len(pairs)]], axis=1)
+    shares = [_verified(study, first, second, choice, solve, jobs) for choice in (shuffled, pairs)]
+    forces = None
+    if mounting is not None:
+        measured = _measured(first, rows) | _measured(second, columns)
+        forces = mounting(_errors(mean_study, measured, 0, len(rows))).reshape(n_first, n_second)
+    return Assembly(first, second, margin, passes, pairs, shares[0], shares[1], forces)
+
+
+def _check_complete(lot: MeasuredLot) -> None:
+    for name, values in lot.values.items():
+        missing = np.flatnonzero(~np.all(np.isfinite(values), axis=1))
+        if len(missing):
+            raise InputError(f"{lot.name}: part {lot.parts[missing[0]]} has no {name}; measure it or delete the part")
+
+
+def _measured(lot: MeasuredLot, rows: NDArray[np.intp]) -> dict[str, Real]:
+    return {name: values[rows] for name, values in lot.values.items()}
+
+
+def _unmeasured_at_mean(study: Study, measured: set[str]) -> Study:
+    """The study whose dimensions that were not measured have the mean of their tolerance."""
+    probability = (np.arange(MIDPOINTS) + 0.5) / MIDPOINTS
+    means = {
+        name: Fixed(
+            distribution="fixed",
+            allowance_um=tolerance.allowance_um,
+            value_um=float(np.mean(tolerance.deviation(probability))),
+        )
+        for name, tolerance in study.tolerances
+        if name not in measured and tolerance.varies and not dimension_library()[name].direction
+    }
+    return study.model_copy(update={"tolerances": study.tolerances.model_copy(update=means)})
+
+
+def _errors(study: Study, measured: Mapping[str, Real], start: int, stop: int) -> Errors:
+    samples = {"count": max(stop, 1), "experiment": "monte_carlo", "nominal_first": False}
+    larger_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
+    return draw_with_parts(larger_study, {name: part[start:stop] for name, part in measured.items()}, start, stop)
+
+
+def _solved(study: Study, measured: Mapping[str, Real], solve: Solve, jobs: int) -> dict[str, Real]:
+    """Each metric over the turn (n,) of units with these parts."""
+    n = len(next(iter(measured.values())))
+    parts = Parallel(jobs)(
+        delayed(solve)(_errors(study, measured, start, min(start + BATCH, n))) for start in range(0, n, BATCH)
+    )
+    return {name: np.concatenate([part[1][name] for part in parts]) for name in parts[0][1]}
+
+
+def _margins(study: Study, values: Mapping[str, Real]) -> Real:
+    """Smallest distance (n,) to a limit, as a share of it; negative beyond a limit."""
+    metrics = {**library(), **turn_library()}
+    margins = []
+    for name, limit in study.limits.of_metrics.items():
+        if name in values:
+            distance = np.asarray(values[name]) - limit
+            margins.append((distance if metrics[name].smaller_is_worse else -distance) / limit)
+    return np.min(margins, axis=0)
+
+
+def _verified(
+    study: Study, first: MeasuredLot, second: MeasuredLot, pairs: NDArray[np.intp], solve: Solve, jobs: int
+) -> Estimate:
+    """Yield of ``DRAWS`` fresh units of each pair."""
+    rows = np.repeat(pairs, DRAWS, axis=0)
+    values = _solved(study, _measured(first, rows[:, 0]) | _measured(second, rows[:, 1]), solve, jobs)
+    return pass_share(passed(study, values), study.metrics.confidence)
