@@ -13,7 +13,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test attack lint types docs identify rig changed population blind \
+.PHONY: help setup study $(STAGES) why test attack lint types docs identify rig changed population blind lots assemble \
 	bench paper calibrate verify coverage tails flank compare allocate bounds joints provenance check licences clean-runs
 
 help:  ## list the targets
@@ -49,6 +49,14 @@ allocate: $(VENV)/installed  ## find the cheapest tolerances of STUDY that keep 
 
 bounds: $(VENV)/installed  ## worst cases of STUDY over its tolerances, beside linear stacks and capability
 	$(PIPELINE) bounds --study $(STUDY) $(JOBS_OPTION)
+
+lots: $(VENV)/installed  ## yield of STUDY made from measured parts: make lots CSV=parts.csv [ALSO=other_lot.csv] STUDY=quick
+	$(PIPELINE) lots --csv $(or $(CSV),$(error say which parts: make lots CSV=<file>)) $(if $(ALSO),--csv $(ALSO)) \
+		--study $(STUDY) $(JOBS_OPTION)
+
+assemble: $(VENV)/installed  ## which measured parts to put together: make assemble A=rings.csv B=disks.csv STUDY=quick
+	$(PIPELINE) assemble --csv $(or $(A),$(error say which parts: make assemble A=<file> B=<file>)) \
+		--csv $(or $(B),$(error say which parts: make assemble A=<file> B=<file>)) --study $(STUDY) $(JOBS_OPTION)
 
 joints: $(VENV)/installed  ## write backlash, stiffness and friction of STUDY as joints for MuJoCo, URDF and SDFormat
 	$(PIPELINE) joints --study $(STUDY) $(JOBS_OPTION)

@@ -188,6 +188,20 @@ def solved_loops(shared: Shared, sampled: Errors) -> SolvedLoops:
     return SolvedLoops(_by_sample(loops), np.stack(status, axis=1).ravel(), np.stack(thrust, axis=2))
 
 
+def mounting_forces(shared: Shared, sampled: Errors) -> np.ndarray:
+    """Largest contact force without torque (n,) [N] of ``n`` units at any loaded angle: what mounting them takes.
+
+    A unit with play has none. Missing where a unit has no equilibrium.
+    """
+    forces = []
+    for solution in solve_samples(replace(shared, curve=shared.brief), sampled):
+        response = solution.response
+        at_rest = np.unique(response.state[response.torque == 0])
+        force = np.max(response.equilibria.force[:, at_rest], axis=(1, 2))
+        forces.append(np.where(response.converged, force, np.nan))
+    return np.max(forces, axis=0)
+
+
 def _by_sample(loops: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Columns (n_loops,) of the loops of each crank angle (n,), the angles of a sample one after the other."""
     return {name: np.stack([loop[name] for loop in loops], axis=1).ravel() for name in loops[0]}

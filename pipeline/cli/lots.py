@@ -1,24 +1,25 @@
-"""Commands on measured parts: the yield of lots."""
+"""Commands on measured parts: the yield of lots, and which parts go together."""
 
 import argparse
 from functools import partial
 from pathlib import Path
 
-import pandas as pd
-
 from pipeline.cli import settings
 from pipeline.cli.decisions import DESIGN_FILE, loaded_units
 from pipeline.cli.running import up_to_date
 from pipeline.config import load_study
-from pipeline.config.files.text_file import check_text, header
+from pipeline.config.files.table_file import read_table
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.decisions.lots import results
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
+from pipeline.decisions.lots.ovalities import with_separate_ovalities
+from pipeline.decisions.selective_assembly import assembled, write_pairs
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
+from pipeline.report.decisions.assembly import assembly_sentences, write_assembly_page
 from pipeline.report.decisions.lots import sentences, write_lots_page
 from stages import hysteresis
 
@@ -54,12 +55,28 @@ def judge_lots(options: argparse.Namespace) -> None:
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 
+def assemble_parts(options: argparse.Namespace) -> None:
+    """Assign the measured parts of one lot to those of another so that most units meet every limit."""
+    study = load_study(options.study, settings.ROOT)
+    if len(options.csv) != MOST_LOTS:
+        raise InputError(f"--csv given {len(options.csv)} times; give it twice: the lots whose parts go together")
+    if options.mounting_force is not None and not options.mounting_force > 0:
+        raise InputError(f"--mounting-force = {options.mounting_force:g}; must be above 0 N")
+    first, second = (read_lot(path, study) for path in options.csv)
+    condensed = up_to_date(study, ["springs", "reduce"], options)
+    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
+    mounting = None if options.mounting_force is None else partial(hysteresis.mounting_forces, shared)
+    assembly = assembled(study, first, second, partial(loaded_units, shared), condensed.jobs, mounting)
+    folder = settings.RUNS / "assemble" / f"{study.name}-{first.name}-{second.name}"
+    write_pairs(assembly, folder)
+    write_assembly_page(study, assembly, options.mounting_force, folder)
+    print("\n".join(assembly_sentences(assembly, options.mounting_force)))
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
 def read_lot(path: Path, study: Study) -> MeasuredLot:
     """The parts of a CSV file."""
-    try:
-        check_text(path, path.name)
-        frame = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path.name}: no table: {error}; give a CSV file with one row per part") from None
-    columns = dict(zip(header(frame.columns, path.name), (frame[name].tolist() for name in frame), strict=True))
-    return measured_lot(path.stem, columns, study.design)
+    if not path.is_file():
+        raise InputError(f"--csv = {path}; no such file; give a CSV file with one row per part")
+    lot = measured_lot(path.stem, read_table(path, path.name), study.design)
+    return with_separate_ovalities(lot, study)

@@ -126,6 +126,12 @@ def _decisions(command: Commands) -> None:
     _study(judging)
     _where(judging)
 
+    pairing = command("assemble", "lots.assemble_parts", "which measured parts of two lots to put together")
+    pairing.add_argument("--csv", required=True, type=Path, action="append", help="measured parts; given twice")
+    pairing.add_argument("--mounting-force", type=_finite, metavar="N", help="allowed contact force without torque")
+    _study(pairing)
+    _where(pairing)
+
     handing = command("joints", "handover.write_joints", "backlash, stiffness, friction of a study for simulators")
     _study(handing)
     _where(handing)

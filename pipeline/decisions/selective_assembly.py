@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
@@ -20,6 +22,8 @@ from pipeline.config.studies.study import Study
 from pipeline.decisions.fresh_units import BATCH, Solve
 from pipeline.decisions.lots.lot_yield import passed
 from pipeline.decisions.lots.measured_lot import MeasuredLot
+from pipeline.engine.store import write_atomic
+from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.model.metrics.turn import turn_library
@@ -37,6 +41,19 @@ DRAWS = 10
 PASS_SCORE = 1e3
 """Of a pair that keeps all limits, in margins: one more good unit is worth more than all margins."""
 MIDPOINTS = 512
+
+
+PAIRS = Table(
+    "pairs",
+    "unit of the assignment",
+    (
+        Column("first", "label", "", "part of the first lot"),
+        Column("second", "label", "", "part of the second lot"),
+        Column("margin", "float64", "1", "smallest predicted distance to a limit, as a share of it"),
+        Column("passes", "bool", "", "whether the unit is predicted to meet every limit"),
+        Column("mounting_force_N", "float64", "N", "largest contact force without torque; null: not asked for"),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -61,6 +78,11 @@ class Assembly:
     random: Estimate
     selected: Estimate
     mounting_N: Real | None
+
+    def binding_share(self, limit_N: float) -> float:
+        """Share of all pairs whose contacts are pressed by more than a force [N] without torque."""
+        assert self.mounting_N is not None
+        return float(np.mean(~(self.mounting_N <= limit_N)))
 
 
 def assembled(
@@ -165,3 +187,26 @@ def _verified(
     rows = np.repeat(pairs, DRAWS, axis=0)
     values = _solved(study, _measured(first, rows[:, 0]) | _measured(second, rows[:, 1]), solve, jobs)
     return pass_share(passed(study, values), study.metrics.confidence)
+
+
+def pair_rows(assembly: Assembly) -> pd.DataFrame:
+    """Rows of `PAIRS`, the smallest margin first."""
+    rows, columns = assembly.pairs.T
+    forces = np.full(len(rows), np.nan) if assembly.mounting_N is None else assembly.mounting_N[rows, columns]
+    frame = pd.DataFrame(
+        {
+            "first": [assembly.first.parts[k] for k in rows],
+            "second": [assembly.second.parts[k] for k in columns],
+            "margin": assembly.margin[rows, columns],
+            "passes": assembly.passes[rows, columns],
+            "mounting_force_N": forces,
+        }
+    )
+    return frame.sort_values("margin", kind="stable").reset_index(drop=True)
+
+
+def write_pairs(assembly: Assembly, folder: Path) -> None:
+    """Write the table of pairs as CSV and Parquet into ``folder``."""
+    rows = pair_rows(assembly)
+    write_atomic(folder / "pairs.parquet", PAIRS.part({name: rows[name].to_numpy() for name in rows}).data)
+    write_atomic(folder / "pairs.csv", rows.to_csv(index=False, float_format="%.8g").encode())

@@ -1,5 +1,7 @@
 """Measured lots: parameters of drawn lots lie in their intervals, and yields are those of the true distributions."""
 
+import tempfile
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +10,17 @@ import pytest
 from pipeline.config import load_study
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import library
+from pipeline.config.files.table_file import TableFile, read_table
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.lots.dimension_fit import correlation_length, dimension_fit
 from pipeline.decisions.lots.fitted_distribution import fitted_kinds
 from pipeline.decisions.lots.lot_yield import lot_yield, passed, study_of_lot
-from pipeline.decisions.lots.measured_lot import measured_lot
+from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
+from pipeline.decisions.lots.ovalities import with_separate_ovalities
 from pipeline.decisions.lots.results import lot_fits, study_text
+from pipeline.decisions.selective_assembly import assembled
 from pipeline.errors import InputError
+from pipeline.sampling import draw
 from pipeline.sampling.correlation import correlated
 
 ROOT = Path(__file__).parents[2]
@@ -103,6 +109,15 @@ def test_a_drift_and_an_outlier_are_named():
     assert (17, 0) in fit("eccentricity", values).outliers
 
 
+def table(columns: dict[str, list[str]]) -> TableFile:
+    """Columns as the reader returns them."""
+    rows = [",".join(columns)] + [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "lot.csv"
+        path.write_text("\n".join(rows) + "\n")
+        return read_table(path, "lot.csv")
+
+
 def lot_columns(n: int, seed: int) -> dict[str, list[str]]:
     rng = np.random.default_rng(seed)
     disk = 10.0 + STUDY.tolerances.disk_profile.deviation(rng.random(n)) + 1.0
@@ -120,7 +135,7 @@ def play_of_few_pins(errors):
 
 
 def test_the_yield_of_a_lot_is_that_of_its_true_distributions():
-    lot = measured_lot("lot", lot_columns(200, 3), STUDY.design)
+    lot = measured_lot("lot", table(lot_columns(200, 3)), STUDY.design)
     fits, skipped = lot_fits(STUDY, lot)
     assert not skipped
     outcome = lot_yield(STUDY, fits, play_of_few_pins, 4000, 1)
@@ -138,7 +153,7 @@ def test_the_yield_of_a_lot_is_that_of_its_true_distributions():
 
 
 def test_the_study_of_a_lot_runs_from_its_file(tmp_path):
-    lot = measured_lot("lot", lot_columns(60, 3), STUDY.design)
+    lot = measured_lot("lot", table(lot_columns(60, 3)), STUDY.design)
     fits, _ = lot_fits(STUDY, lot)
     (tmp_path / "made.toml").write_text(study_text(STUDY, fits, "lot", "made", "pham2017"))
     made = load_study(tmp_path / "made.toml", ROOT)
@@ -147,7 +162,7 @@ def test_the_study_of_a_lot_runs_from_its_file(tmp_path):
 
 def test_repeated_rows_are_the_elements_of_a_part():
     rows = {"part": ["a"] * 80 + ["b"] * 80, "pin_radius": [str(k) for k in range(160)]}
-    values = measured_lot("rings", rows, STUDY.design).values["pin_radius"]
+    values = measured_lot("rings", table(rows), STUDY.design).values["pin_radius"]
     assert values.shape == (2, 80)
     assert values[1, 0] == 80
 
@@ -156,7 +171,7 @@ def test_repeated_rows_are_the_elements_of_a_part():
     ("columns", "words"),
     [
         ({"diameter": ["1"]}, "no column is named after a toleranced dimension"),
-        ({"disk_profile": ["1", "two"]}, "disk_profile = two"),
+        ({"disk_profile": ["1", "two"]}, 'disk_profile = "two"'),
         ({"pin_radial_0": ["1"], "pin_radial_1": ["1"]}, "give pin_radial_0 to pin_radial_79"),
         ({"part": ["a", "a", "b"], "pin_radius": ["1", "2", "3"]}, "a part has 80"),
         ({"hole_diameter": ["1"]}, "acts on nothing"),
@@ -165,4 +180,56 @@ def test_repeated_rows_are_the_elements_of_a_part():
 )
 def test_faults_of_a_table_of_parts_are_named(columns, words):
     with pytest.raises(InputError, match=words):
-        measured_lot("lot.csv", columns, STUDY.design)
+        measured_lot("lot", table(columns), STUDY.design)
+
+
+def test_ovalities_are_taken_out_of_measured_pin_circles():
+    """Rings of the study: the amplitudes come back, and what is left has the spread of the single pins."""
+    radial = draw(STUDY.model_copy(update={"samples": STUDY.samples.model_copy(update={"count": 400})}), 1, 401)
+    columns = {f"pin_radial_{k}": radial.pin_radial[:, k] for k in range(80)}
+    lot = with_separate_ovalities(measured_lot("rings", table(columns), STUDY.design), STUDY)
+    assert np.mean(lot.values["ovality_2"]) == pytest.approx(1.0, abs=0.12)  # uniform from 0 to 2 um
+    assert np.mean(lot.values["ovality_3"]) == pytest.approx(0.5, abs=0.12)
+    single = STUDY.tolerances.pin_radial.deviation(np.random.default_rng(0).random(100_000))
+    assert np.std(lot.values["pin_radial"]) == pytest.approx(np.std(single), rel=0.05)
+
+
+def lots_for_assembly(n: int) -> tuple[MeasuredLot, MeasuredLot]:
+    rng = np.random.default_rng(6)
+    disks = {"disk_profile": rng.uniform(6.0, 14.0, n)}
+    cranks = {"eccentricity": rng.uniform(-4.0, 4.0, n)}
+    return tuple(measured_lot(name, table(c), STUDY.design) for name, c in (("disks", disks), ("cranks", cranks)))
+
+
+def play_of_a_fit(errors):
+    """A stand-in for the load solve: the two parts compensate each other."""
+    size = len(errors.disk_profile)
+    play = 2.4 + 0.2 * (np.abs(errors.disk_profile - 10 + errors.eccentricity) - 1.0)
+    values = {name: np.zeros(size) for name in STUDY.limits.of_metrics}
+    values |= {"clearance_backlash_arcmin": play, "torsional_rigidity_Nm_per_arcmin": np.full(size, 9.0)}
+    return {}, values
+
+
+def test_the_assignment_is_the_best_of_all_and_its_yield_is_verified():
+    first, second = lots_for_assembly(6)
+    assembly = assembled(STUDY, first, second, play_of_a_fit, 1)
+    best = max(sum(assembly.passes[k, j] for k, j in enumerate(order)) for order in permutations(range(6)))
+    assert assembly.passes[tuple(assembly.pairs.T)].sum() == best
+    assert len({*assembly.pairs[:, 1].tolist()}) == 6
+    expected = np.abs(first.values["disk_profile"] - 10 + second.values["eccentricity"].T) <= 1.0
+    assert np.array_equal(assembly.passes, expected)
+    assert assembly.selected.value == pytest.approx(best / 6)
+
+
+def test_the_share_of_pairs_that_bind_is_that_above_the_force():
+    first, second = lots_for_assembly(5)
+    force = lambda errors: errors.disk_profile * 10.0  # noqa: E731
+    assembly = assembled(STUDY, first, second, play_of_a_fit, 1, force)
+    limit = float(np.sort(first.values["disk_profile"].ravel())[2] * 10.0)
+    assert assembly.binding_share(limit) == pytest.approx(2 / 5)
+
+
+def test_lots_with_a_common_dimension_are_refused():
+    first, _ = lots_for_assembly(5)
+    with pytest.raises(InputError, match="both have disk_profile"):
+        assembled(STUDY, first, first, play_of_a_fit, 1)

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.files.section import nearest_name
+from pipeline.config.files.table_file import TableFile, shortened_list
 from pipeline.errors import InputError
 
 Real = NDArray[np.float64]
 
 PART = "part"
 """Column that labels a part; rows of one label are the elements of one part, in their order."""
+LARGEST_DEVIATION = 1e5
+"""Deviation [um] beyond which a column holds sizes, not deviations from the nominal size."""
 FEWEST_PARTS = 5
 """Values of a dimension below which no distribution is fitted."""
 
@@ -41,26 +44,26 @@ class MeasuredLot:
     ignored: tuple[str, ...]
 
 
-def measured_lot(name: str, columns: Mapping[str, Sequence[str]], design: Design) -> MeasuredLot:
-    """The lot in a table of texts.
+def measured_lot(name: str, table: TableFile, design: Design) -> MeasuredLot:
+    """The lot in a table of parts.
 
     Parameters
     ----------
-    name : of the file.
-    columns : texts by column (n_rows,). A column is named after a dimension, as ``disk_profile`` or
-        ``disk_profile_um``, or after one of its elements, as ``pin_radial_0`` to ``pin_radial_79``. ``part`` labels
-        the parts; a label that is repeated continues its part with the next element.
+    name : of the lot.
+    table : a column is named after a dimension, as ``disk_profile`` or ``disk_profile_um``, or after one of its
+        elements, as ``pin_radial_0`` to ``pin_radial_79``. ``part`` labels the parts; a label that is repeated
+        continues its part with the next element.
     design : of the reducer; it states how many elements a part has.
 
     Raises
     ------
     InputError
-        If a value is no number, a part lacks elements, a dimension has none in this reducer, or nothing was measured.
+        If a value is no deviation, a part lacks elements, a dimension has none in this reducer, or none is measured.
     """
     problems: list[str] = []
     read: dict[str, dict[int | None, Real]] = {}
     ignored = []
-    for column, texts in columns.items():
+    for column in table.cells:
         if column == PART:
             continue
         named = _dimension_of(column, design)
@@ -69,24 +72,29 @@ def measured_lot(name: str, columns: Mapping[str, Sequence[str]], design: Design
             continue
         dimension, element = named
         if dimension.count(design) == 0:
-            problems.append(f"{name}: column {column}: {dimension.refusal(design)}")
+            problems.append(f"{table.name}: column {column}: {dimension.refusal(design)}")
             continue
-        read.setdefault(dimension.name, {})[element] = _numbers(name, column, texts, problems)
+        values = table.numbers(column)
+        wrong = ~table.is_blank(column) & ~(np.abs(values) <= LARGEST_DEVIATION)
+        problems += table.faults(column, wrong, f"must be a deviation in um, at most {LARGEST_DEVIATION:g}")
+        read.setdefault(dimension.name, {})[element] = values
     if not read and not problems:
         hints = [f"{column!r}: {nearest_name(column, tuple(dimension_library()))}" for column in ignored[:3]]
         problems.append(
-            f"{name}: no column is named after a toleranced dimension ({'; '.join(hints) or 'the table is empty'})"
+            f"{table.name}: no column is named after a toleranced dimension "
+            f"({'; '.join(hints) or 'the table is empty'})"
         )
     if problems:
-        raise InputError(problems)
-    labels = [str(label) for label in columns[PART]] if PART in columns else None
-    n_rows = len(next(iter(columns.values())))
+        raise InputError(shortened_list(problems, table.name))
+    n_rows = len(table.cells)
+    labels = table.cells[PART].astype(str).tolist() if PART in table.cells else None
     starts = _starts(labels, n_rows)
-    values = {
-        key: _by_part(name, dimension_library()[key], design, parts, starts, n_rows) for key, parts in read.items()
+    values_of = {
+        key: _by_part(table.name, dimension_library()[key], design, parts, starts, n_rows)
+        for key, parts in read.items()
     }
     part_labels = tuple(labels[k] if labels else str(k + 1) for k in starts)
-    return MeasuredLot(name, part_labels, values, tuple(ignored))
+    return MeasuredLot(name, part_labels, values_of, tuple(ignored))
 
 
 def _dimension_of(column: str, design: Design) -> tuple[Dimension, int | None] | None:
@@ -99,28 +107,6 @@ def _dimension_of(column: str, design: Design) -> tuple[Dimension, int | None] |
     if match and match[1] in library and library[match[1]].elements:
         return library[match[1]], int(match[2])
     return None
-
-
-def _numbers(name: str, column: str, texts: Sequence[str], problems: list[str]) -> Real:
-    """Values [um] of a column, NaN where it is empty; what is no number is added to the problems."""
-    values = np.full(len(texts), np.nan)
-    for row, text in enumerate(texts):
-        if not str(text).strip():
-            continue
-        try:
-            values[row] = float(text)
-        except ValueError:
-            values[row] = np.inf
-        if not np.isfinite(values[row]) or abs(values[row]) > LARGEST_DEVIATION:
-            problems.append(
-                f"{name}:{row + 2}: {column} = {text}; must be a deviation in um, at most {LARGEST_DEVIATION:g}"
-            )
-            values[row] = np.nan
-    return values
-
-
-LARGEST_DEVIATION = 1e5
-"""Deviation [um] beyond which a column holds sizes, not deviations from the nominal size."""
 
 
 def _starts(labels: Sequence[str] | None, n_rows: int) -> list[int]:

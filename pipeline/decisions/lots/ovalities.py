@@ -1,8 +1,9 @@
 """Ovalities of measured pin circles, separated from the positions of the single pins.
 
-A measured radial position contains the ovality of the ring, which a study has as a dimension of its own. A ring's wave of
-order k has the amplitude of its Fourier coefficient; what the single pins contribute to it by chance is the mean power of
-orders that no ovality has, and is taken off.
+A measured radial position contains the ovality of the ring, which a study has as a dimension of its own. A ring's wave
+of order k has the amplitude of its Fourier coefficient. What the single pins contribute to it by chance is extrapolated
+from the orders that no ovality has: an exponential correlation along the circle has the power P / (1 + (k l)^2). It is
+taken off the amplitudes, and left in the positions of the pins.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from pipeline.decisions.lots.measured_lot import MeasuredLot
 
 Real = NDArray[np.float64]
 
-FIRST_FREE_ORDER, FREE_ORDERS = 4, 5
-"""Orders beyond the ovalities from whose power the chance part is estimated: 4 to 8."""
+FIRST_FREE_ORDER, FREE_ORDERS = 4, 14
+"""Orders beyond the ovalities from whose power the chance part is extrapolated: 4 to 17."""
 
 
 def with_separate_ovalities(lot: MeasuredLot, study: Study) -> MeasuredLot:
@@ -38,13 +39,20 @@ def with_separate_ovalities(lot: MeasuredLot, study: Study) -> MeasuredLot:
         return lot
     measured = {**lot.values, name: values.copy()}
     coefficients = 2 * np.fft.rfft(values, axis=1) / values.shape[1]
-    chance = np.nanmean(np.abs(coefficients[:, FIRST_FREE_ORDER : FIRST_FREE_ORDER + FREE_ORDERS]) ** 2)
+    free = np.arange(FIRST_FREE_ORDER, FIRST_FREE_ORDER + FREE_ORDERS)
+    power_of_pins = np.nanmean(np.abs(coefficients[:, free]) ** 2, axis=0)
+    slope, intercept = np.polyfit(free**2, 1 / power_of_pins, 1, w=power_of_pins)
+    largest = float(power_of_pins.max())
     turn = 2j * np.pi * np.arange(values.shape[1]) / values.shape[1]
     for other, order in orders.items():
         wave = coefficients[:, order]
+        inverse = intercept + slope * order**2
+        chance = 1 / inverse if inverse > 0 else largest
         size = np.abs(wave)
         amplitude = np.sqrt(np.maximum(size**2 - chance, 0.0))
-        share = np.divide(amplitude, size, out=np.zeros_like(size), where=size > 0)
-        measured[name] -= ((share * wave)[:, None] * np.exp(order * turn)).real
+        rest = wave * (1 - np.divide(amplitude, size, out=np.zeros_like(size), where=size > 0))
+        power = np.nanmean(np.abs(rest) ** 2)
+        kept = rest * np.sqrt(chance / power) if power > 0 else rest
+        measured[name] -= ((wave - kept)[:, None] * np.exp(order * turn)).real
         measured[other] = amplitude[:, None]
     return replace(lot, values=measured)

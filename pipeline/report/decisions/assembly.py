@@ -1,0 +1,77 @@
+"""The page on which measured parts to put together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.config.studies.study import Study
+from pipeline.decisions.selective_assembly import DRAWS, Assembly, pair_rows
+from pipeline.engine.store import write_atomic
+from pipeline.figures.samples.margins import margins_figure
+from pipeline.report.layout.pictures import drawn_picture
+from pipeline.report.layout.rendering import rendered
+from pipeline.statistics import Estimate
+
+TEMPLATE = "decisions/assembly.html"
+SHOWN_PAIRS = 30
+
+
+def assembly_sentences(assembly: Assembly, mounting_limit: float | None) -> list[str]:
+    """How much the assignment raises the yield, and how many pairs bind."""
+    gain = assembly.selected.value - assembly.random.value
+    texts = [
+        f"The assignment raises the yield from {_percent(assembly.random)} with random assembly to "
+        f"{_percent(assembly.selected)} ({100 * gain:+.2g} percentage points)."
+    ]
+    if mounting_limit is not None:
+        texts.append(
+            f"{100 * assembly.binding_share(mounting_limit):.3g} % of all combinations bind: their contacts are "
+            f"pressed by more than {mounting_limit:g} N without torque."
+        )
+    return texts
+
+
+def _percent(share: Estimate) -> str:
+    return f"{100 * share.value:.3g} % (95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g})"
+
+
+def write_assembly_page(study: Study, assembly: Assembly, mounting_limit: float | None, folder: Path) -> None:
+    """Write report.html and its figure into ``folder``."""
+    rows = pair_rows(assembly)
+    shown = [
+        {
+            "first": row.first,
+            "second": row.second,
+            "margin": f"{100 * row.margin:.3g} %" if np.isfinite(row.margin) else "no equilibrium",
+            "passes": row.passes,
+            "force": f"{row.mounting_force_N:.3g}",
+        }
+        for row in rows.head(SHOWN_PAIRS).itertuples()
+    ]
+    caption = "Shares of units below each predicted margin. Units below zero miss a limit."
+    selected = assembly.margin[tuple(assembly.pairs.T)]
+    figure = margins_figure({"all combinations": assembly.margin.ravel(), "assignment": selected})
+    page = rendered(
+        TEMPLATE,
+        study=study,
+        first=assembly.first.name,
+        second=assembly.second.name,
+        sentences=assembly_sentences(assembly, mounting_limit),
+        draws=DRAWS,
+        yields=[
+            {
+                "title": title,
+                "yield": f"{100 * share.value:.3g} %",
+                "ends": f"{100 * share.ci_low:.3g} to {100 * share.ci_high:.3g} %",
+                "units": f"{share.n:,}",
+            }
+            for title, share in (("at random", assembly.random), ("by the assignment", assembly.selected))
+        ],
+        pairs=shown,
+        n_pairs=len(rows),
+        with_forces=mounting_limit is not None,
+        pictures={"margins": drawn_picture(figure, "Predicted margins", caption, folder / "figures" / "margins")},
+    )
+    write_atomic(folder / "report.html", page.encode())
