@@ -24,6 +24,7 @@ from pipeline.report.decisions.lots import sentences, write_lots_page
 from stages import hysteresis
 
 MOST_LOTS = 2
+"""Lots that a command takes: one, or two side by side."""
 
 
 def judge_lots(options: argparse.Namespace) -> None:

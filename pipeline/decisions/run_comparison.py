@@ -142,9 +142,7 @@ def check_comparable(a: Study, b: Study) -> None:
     has_cases = [study.samples.experiment == "cases" for study in (a, b)]
     if any(has_cases) and not all(has_cases):
         name = (a if has_cases[0] else b).name
-        raise InputError(
-            f"study {name}: it lists cases, the other study draws samples; compare two lists of cases"
-        )
+        raise InputError(f"study {name}: it lists cases, the other study draws samples; compare two lists of cases")
     if all(has_cases) and not {case.label for case in a.cases} & {case.label for case in b.cases}:
         raise InputError(f"studies {a.name} and {b.name}: no case has the same label in both; rename some")
 

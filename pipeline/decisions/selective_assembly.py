@@ -40,7 +40,6 @@ DRAWS = 10
 """Units of each assigned pair, with drawn dimensions in place of those that were not measured."""
 PASS_SCORE = 1e3
 """Of a pair that keeps all limits, in margins: one more good unit is worth more than all margins."""
-MIDPOINTS = 512
 
 
 PAIRS = Table(
@@ -141,12 +140,11 @@ def _measured(lot: MeasuredLot, rows: NDArray[np.intp]) -> dict[str, Real]:
 
 def _unmeasured_at_mean(study: Study, measured: set[str]) -> Study:
     """The study whose dimensions that were not measured have the mean of their tolerance."""
-    probability = (np.arange(MIDPOINTS) + 0.5) / MIDPOINTS
     means = {
         name: Fixed(
             distribution="fixed",
             allowance_um=tolerance.allowance_um,
-            value_um=float(np.mean(tolerance.deviation(probability))),
+            value_um=tolerance.average_um,
         )
         for name, tolerance in study.tolerances
         if name not in measured and tolerance.varies and not dimension_library()[name].direction

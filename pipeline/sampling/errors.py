@@ -19,9 +19,6 @@ from pipeline.sampling.designs import uniforms
 
 Real = NDArray[np.float64]
 
-MIDPOINTS = 512
-"""Of the range of a probability, over which the mean of a tolerance is taken."""
-
 
 @dataclass(frozen=True)
 class _Errors:
@@ -181,12 +178,11 @@ def draw_with_parts(study: Drawn, measured: Mapping[str, Real], start: int, stop
 
 def usual_beside(study: Drawn, measured: Case) -> Case:
     """The case with the mean of its tolerance [um] for each dimension that was not measured; none of a direction."""
-    probability = (np.arange(MIDPOINTS) + 0.5) / MIDPOINTS
     means = {}
     for name, dimension in dimension_library().items():
         tolerance = getattr(study.tolerances, name)
         if not dimension.direction and not _was_measured(measured, dimension):
-            means[name] = tolerance.allowance_um + float(np.mean(tolerance.deviation(probability)))
+            means[name] = tolerance.allowance_um + tolerance.average_um
     return measured.model_copy(update={name: mean for name, mean in means.items() if mean})
 
 

@@ -15,6 +15,9 @@ from pipeline.registry import DISTRIBUTIONS
 
 Real = NDArray[np.float64]
 
+MIDPOINTS = 512
+"""Of the range of a probability, over which the mean of a distribution is taken."""
+
 
 class Distribution(Section):
     """Settings of a tolerance: its distribution, limits and allowance.
@@ -55,6 +58,11 @@ class Distribution(Section):
     @abstractmethod
     def deviation(self, probability: Real) -> Real:
         """Deviation [um] within the limits whose distribution function is `probability` (any shape), in [0, 1]."""
+
+    @property
+    def average_um(self) -> float:
+        """Mean of the deviation [um], without the allowance."""
+        return float(np.mean(self.deviation((np.arange(MIDPOINTS) + 0.5) / MIDPOINTS)))
 
     def density(self, deviation: Real) -> Real:
         """Probability density [1/um] at deviations (any shape) [um]; 0 beyond the limits.

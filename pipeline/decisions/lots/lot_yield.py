@@ -31,8 +31,6 @@ RESAMPLED_LOTS = 20
 """Lots drawn from the measured parts: their standard deviation is known to 16 %, which Student's t accounts for."""
 SHARE_OF_UNITS = 4
 """The units of a resampled lot are this fraction of those of the lot."""
-MIDPOINTS = 512
-"""Of the range of a probability, over which the mean of a tolerance is taken."""
 
 
 @dataclass(frozen=True)
@@ -163,9 +161,7 @@ def _refitted(fit: DimensionFit, study: Study, rng: np.random.Generator) -> Dist
 
 def _target(drawing: Distribution) -> Fixed:
     """The mean of a tolerance in every part."""
-    probability = (np.arange(MIDPOINTS) + 0.5) / MIDPOINTS
-    mean = float(np.mean(drawing.deviation(probability)))
-    return Fixed(distribution="fixed", allowance_um=drawing.allowance_um, value_um=mean)
+    return Fixed(distribution="fixed", allowance_um=drawing.allowance_um, value_um=drawing.average_um)
 
 
 def passed(study: Study, values: Mapping[str, Real]) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from pipeline.statistics import Estimate
 
 TEMPLATE = "decisions/assembly.html"
 SHOWN_PAIRS = 30
+"""Pairs of the page, those with the smallest margins."""
 
 
 def assembly_sentences(assembly: Assembly, mounting_limit: float | None) -> list[str]:
