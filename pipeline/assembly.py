@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.config.designs.design import Design, MaterialSection
 from pipeline.config.designs.flank import flank_profile
+from pipeline.config.dimensions import Dimension, dimension_library
 from pipeline.config.mechanisms.mechanism import LawInputs
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, LineContact, Material, concatenated
@@ -87,7 +88,15 @@ def errors(sampled: "SampledErrors") -> Errors:
         hole_diameter=MM_PER_UM * _of_disks(sampled.hole_diameter, sampled),
         pin_off_hole=_pins_off_holes(pins, _of_disks(holes, sampled)),
         pin_roundness=np.stack(waves, axis=-1),
+        displacement=np.hstack([_displacement(sampled, d) for d in dimension_library().values() if d.displaces]),
     )
+
+
+def _displacement(sampled: "SampledErrors", dimension: Dimension) -> Complex:
+    """Displacements (n, n_elements) [mm] of a dimension; of one without a direction along that of its element."""
+    if dimension.direction:
+        return _vector(sampled, dimension.name, 1).reshape(len(sampled), -1)
+    return (MM_PER_UM * getattr(sampled, dimension.field)).reshape(len(sampled), -1).astype(complex)
 
 
 def _vector(sampled: "SampledErrors", name: str, turns: int) -> Complex:
@@ -103,7 +112,7 @@ def _of_disks(values: np.ndarray, sampled: "SampledErrors") -> np.ndarray:
 
 def _pins_off_holes(pins: np.ndarray, holes: np.ndarray) -> np.ndarray:
     """Way of each output pin against its hole, in the shape of the holes'; none of holes in which no pins are."""
-    return (pins[:, None] if holes.ndim > pins.ndim else pins) - holes if holes.shape[-1] == pins.shape[-1] else holes
+    return (pins[:, None] if holes.ndim > pins.ndim else pins) - holes if holes.shape[-1] == pins.shape[-1] else -holes
 
 
 def bearing_clearance(design: Design, deviation_um: Real) -> Real:

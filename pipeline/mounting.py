@@ -13,6 +13,7 @@ from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.reducer import Reducer, of_each_disk
 from pipeline.model.load_history.drive import Drive, GapReading
+from pipeline.model.units import ARCMIN, NMM_PER_NM
 
 
 def drive_of(
@@ -58,6 +59,7 @@ def drive_of(
         shift=shift,
         bearing_clearance=clearance,
         modulus=modulus,
+        torsion=sum(1 / (NMM_PER_NM * ARCMIN * part.stiffness_Nm_per_arcmin) for part in study.design.series.values()),
     )
     return with_effects(drive, study.design.effects)
 

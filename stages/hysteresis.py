@@ -257,6 +257,7 @@ HYSTERESIS = Stage(
         "design.output",
         "design.operation",
         "design.flank",
+        "design.series",
         "design.effects",
         "design.thermal",
         "clearance",

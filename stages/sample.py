@@ -79,7 +79,17 @@ HOLES = Table(
     ),
 )
 
-TABLES = (REDUCER, DISKS, PINS, LOBES, ROLLERS, HOLES)
+CRANKS = Table(
+    "cranks",
+    "sample, crank",
+    (
+        SAMPLE_COLUMN,
+        Column("crank", "int32", "1", "crank of a carrier, clockwise; other mechanisms have no rows"),
+        *_columns("cranks"),
+    ),
+)
+
+TABLES = (REDUCER, DISKS, PINS, LOBES, ROLLERS, HOLES, CRANKS)
 SAMPLED = tuple(table.name for table in TABLES)
 """Names of the tables of errors."""
 
@@ -95,12 +105,14 @@ def columns_of_errors(errors: Errors, start: int, interfaces: int) -> Tables:
     }
     holes = errors.hole_diameter.shape[1] // len(disks)
     lobes, per_interface = errors.lobe_profile.shape[1] // len(disks), errors.roller_diameter.shape[1] // interfaces
+    cranks = np.arange(errors.planet_backlash.shape[1])
     keys = {
         OF_REDUCER: {"sample": number},
         OF_DISKS: dict(zip(("sample", "disk"), repeated(number, disks), strict=True)),
         "pins": dict(zip(("sample", "pin"), repeated(number, np.arange(errors.pin_radial.shape[1])), strict=True)),
         "lobes": dict(zip(("sample", "disk", "lobe"), repeated(number, disks, np.arange(lobes)), strict=True)),
         "holes": dict(zip(("sample", "disk", "hole"), repeated(number, disks, np.arange(holes)), strict=True)),
+        "cranks": dict(zip(("sample", "crank"), repeated(number, cranks), strict=True)),
         "rollers": dict(
             zip(
                 ("sample", "interface", "roller"),
@@ -151,6 +163,7 @@ SAMPLE = Stage(
         "design.output.holes_in_disk",
         "design.output.carries_disks",
         "design.output.has_bushes",
+        "design.output.has_loose_supports",
         "design.operation",
         "design.thermal",
     ),

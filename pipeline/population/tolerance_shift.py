@@ -101,7 +101,10 @@ def read_population_run(run: Path, study: Study) -> StudyPopulation:
     ------
     InputError : the run has not got them.
     """
-    stages = {"metrics": "aggregate", **dict.fromkeys(("reducer", "pins", "lobes", "rollers", "holes"), "sample")}
+    stages = {
+        "metrics": "aggregate",
+        **dict.fromkeys(("reducer", "pins", "lobes", "rollers", "holes", "cranks"), "sample"),
+    }
     paths = {name: run / stage / f"{name}.parquet" for name, stage in stages.items()}
     missing = [
         f"{run.name}: {path.relative_to(run)} is missing; run the study first"

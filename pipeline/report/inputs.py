@@ -25,6 +25,7 @@ UNITS = {
     "_Nm": "N m",
     "_mm": "mm",
     "_um": "µm",
+    "_Nm_per_arcmin": "N m/′",
     "_arcmin": "′",
 }
 RATIO = {

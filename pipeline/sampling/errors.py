@@ -82,7 +82,7 @@ if TYPE_CHECKING:
 else:
     _names = [n for d in dimension_library().values() for n in ((d.field, d.phase) if d.direction else (d.field,))]
     for _dimension in dimension_library().values():
-        if not (_dimension.shift or _dimension.field in _Errors.__dataclass_fields__):
+        if not (_dimension.shift or _dimension.displaces or _dimension.field in _Errors.__dataclass_fields__):
             raise TypeError(f"dimension {_dimension.name} acts on nothing; give it a shift, or a gap in the model")
     _fields = [(name, Real) for name in _names if name not in _Errors.__dataclass_fields__]
     Errors = make_dataclass("Errors", _fields, bases=(_Errors,), frozen=True, namespace={"__module__": __name__})

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 DESIGN = tomllib.loads((ROOT / "data/designs/rv_81_two_disks.toml").read_text(encoding="utf-8"))
 
 
-def small_study(study="rv", **changes):
+def small_study(study="rv", own_design=None, **changes):
     data = tomllib.loads((ROOT / f"data/studies/{study}.toml").read_text(encoding="utf-8"))
     data["samples"]["count"] = 3
     del data["cycle"]["loaded_angles"]
@@ -34,7 +34,7 @@ def small_study(study="rv", **changes):
     data["reduce"] |= {"flank_edges_per_lobe": 16, "patch_half_width_mm": 0.9, "growth": 0.6, "largest_edge_mm": 5.0}
     for section, values in changes.items():
         data[section] = data.get(section, {}) | values
-    return parse_study(data, "rv_small", "rv_small.toml", lambda design: load_design(design, ROOT))
+    return parse_study(data, "rv_small", "rv_small.toml", lambda name: own_design or load_design(name, ROOT))
 
 
 @pytest.mark.parametrize(("name", "rated"), [("rv", 200), ("rv_two_disks", 400)])
@@ -94,6 +94,55 @@ def test_each_crank_has_a_bearing_clearance_of_its_own():
             "quick.toml",
             lambda design: load_design(design, ROOT),
         )
+
+
+def rv_with_all_errors():
+    """Two disks on shafts in loose supports, every dimension of cranks and gears drawn."""
+    shaft = {"span_mm": 44.0, "plane_mm": 14.0, "disk_pitch_mm": 15.0, "planet_plane_mm": -8.0, "diameter_mm": 20.0}
+    shaft |= {"material": "steel", "support_stiffness_N_per_mm_power": [4e5, 3e5], "support_clearance_um": 1.0}
+    data = DESIGN | {"output": DESIGN["output"] | {"crankshaft": shaft, "cranks": 2}}
+    data["series"] = {"pillars": {"stiffness_Nm_per_arcmin": 500.0}}
+    key = "series.pillars.stiffness_Nm_per_arcmin"
+    data["provenance"] = DESIGN["provenance"] | {key: {"status": "chosen", "reason": "a test"}}
+    zone = {"distribution": "uniform_in_disc", "radius_um": 3.0}
+    size = {"distribution": "uniform", "lower_um": 0.0, "upper_um": 3.0}
+    tolerances = dict.fromkeys(("crank_position", "hole_position"), zone)
+    tolerances |= dict.fromkeys(("planet_runout", "sun_runout", "planet_backlash", "planet_timing"), size)
+    tolerances |= dict.fromkeys(("first_support_clearance", "second_support_clearance"), size)
+    tolerances |= dict.fromkeys(("crank_eccentricity", "crank_phase"), size | {"lower_um": -3.0})
+    return small_study(
+        "rv_two_disks",
+        parse_design(data, "rv.toml"),
+        tolerances=tolerances,
+        reduce={"disk": "rigid"},
+        samples={"count": 2},
+    ), tolerances
+
+
+def test_errors_of_cranks_and_gears_go_through_the_whole_chain(tmp_path):
+    study, tolerances = rv_with_all_errors()
+    outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
+    assert set(pd.DataFrame(outputs["hysteresis"].read("status"))["status"]) == {"ok"}
+    sampled, read_back = draw(study, 0, 3), {}
+    for table in ("reducer", "disks", "pins", "lobes", "rollers", "holes", "cranks"):
+        read_back[table] = {name: np.asarray(column) for name, column in outputs["sample"].read(table).items()}
+    for name, values in vars(errors_of_columns(read_back)).items():
+        np.testing.assert_array_equal(values, getattr(sampled, name), err_msg=name)
+    for name in tolerances:
+        field = name if hasattr(sampled, name) else f"{name}_amplitude"
+        assert np.all(getattr(sampled, field)[1:] != 0), name
+    loops = pd.DataFrame(outputs["hysteresis"].read("loops")).query("sample == 1")
+    stiff = study.model_copy(update={"design": study.design.model_copy(update={"series": {}})})
+    of_stiff = run(STAGES, stiff, ["hysteresis"], tmp_path / "stiff", Resources(1, 4))["hysteresis"]
+    fixed = pd.DataFrame(of_stiff.read("loops"))
+    twist = (loops["high_plus_arcmin"] - fixed.query("sample == 1")["high_plus_arcmin"]).to_numpy()
+    np.testing.assert_allclose(twist, 400.0 / 500.0, rtol=1e-9)
+
+
+def test_a_part_in_series_without_its_origin_is_refused():
+    data = DESIGN | {"series": {"pillars": {"stiffness_Nm_per_arcmin": 500.0}}}
+    with pytest.raises(InputError, match=r'provenance."series.pillars.stiffness_Nm_per_arcmin" is missing'):
+        parse_design(data, "d.toml")
 
 
 @pytest.mark.parametrize(("name", "disks", "torque"), [("rv", 1, 200.0), ("rv_two_disks", 2, 400.0)])

@@ -76,6 +76,13 @@ else:
     Output = Annotated[reduce(or_, mechanism_library().values()), Field(discriminator="mechanism")]
 
 
+class SeriesPart(Section):
+    """Part between the reducer and the torque that twists: the carrier's pillars, the housing, the output flange."""
+
+    # A thin plastic shaft has 1e-6, a flange of a metre 1e6.
+    stiffness_Nm_per_arcmin: Annotated[float, Field(ge=1e-6, le=1e6)]
+
+
 class Provenance(Section):
     """Where a number comes from, why it can be trusted or not, and within which values it is plausible.
 
@@ -93,6 +100,7 @@ class Provenance(Section):
 class Design(Section):
     """A nominal one-stage cycloid reducer. Lengths in mm, moduli in MPa, as the names say.
 
+    `series` are parts in series with the output, by names of their own; each stiffness has a provenance.
     `effects` are of the library `pipeline.model.effects`, by name, each with all of its parameters. `thermal` is no key
     of a file: it is there where a study draws temperatures.
     """
@@ -108,6 +116,7 @@ class Design(Section):
     flank: FlankSection | None = None
     output: Output
     operation: Operation | None = None
+    series: dict[str, SeriesPart] = {}
     effects: dict[str, dict[str, float]] = {}
     provenance: dict[str, Provenance] = {}
     thermal: Thermal | None = None

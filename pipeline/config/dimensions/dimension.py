@@ -51,6 +51,8 @@ LOBES = Elements(
 ROLLERS = Elements("roller", lambda design: design.output.contacts, None)
 OUTPUT_PINS = Elements("output_pin", lambda design: design.output.contacts, None, listed_with="roller")
 """Pins of the flange in holes of the disks, which are all that such an output's contacts have."""
+CRANKSHAFTS = Elements("crank", lambda design: design.output.holes_in_disk if design.output.carries_disks else 0, None)
+"""Cranks of a carrier with their planets, counted clockwise."""
 HOLES = Elements("hole", lambda design: design.output.holes_in_disk, None)
 """Holes of a disk, each about one output pin or the eccentric of one crank."""
 
@@ -70,7 +72,13 @@ class Need:
 
 
 PINS_IN_HOLES = Need(lambda design: design.output.pins_in_holes > 0, 'pins in holes, mechanism = "pin_in_hole"')
+HOLED = Need(
+    lambda design: design.output.holes_in_disk > 0, 'holes in the disks, mechanism = "pin_in_hole" or "carrier"'
+)
 CRANKS = Need(lambda design: design.output.carries_disks, 'cranks in the disks, mechanism = "carrier"')
+LOOSE_SUPPORTS = Need(
+    lambda design: design.output.has_loose_supports, "supports that are not preloaded, crankshaft.support_clearance_um"
+)
 BUSHES = Need(lambda design: design.output.has_bushes, "bushes on the output pins, [output.bush]")
 
 
@@ -102,6 +110,7 @@ class Dimension:
     acts_on : dimension of elements through which it acts, in place of a gap of its own.
     counted_where_varied : whether it has places in the design of experiment only in studies that vary it, so that all
         others draw what they drew before it was known.
+    displaces : whether it displaces an element, and the output mechanism states how that opens its contacts.
     shift : deviations (n,), directions (n,) [rad] and design to what they add to ``acts_on`` (n, n_elements).
     """
 
@@ -125,6 +134,7 @@ class Dimension:
     gap_sign: Literal[1, 0, -1] = 0
     acts_on: str = ""
     counted_where_varied: bool = False
+    displaces: bool = False
     shift: Callable[[Real, Real, Design], Real] | None = None
 
     @property

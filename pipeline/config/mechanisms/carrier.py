@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import gamma, pi, sin, sqrt
+from dataclasses import replace
+from fractions import Fraction
+from math import gamma, pi, radians, sin, sqrt, tan
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from pipeline.config.files.section import Clearance, Millimetres, Mistake, Section
+from pipeline.config.files.section import Clearance, Millimetres, Mistake, Positive, Section
+from pipeline.config.mechanisms.crankshaft import Crankshaft
 from pipeline.config.mechanisms.drawing import Circles, Panel, Points
 from pipeline.config.mechanisms.mechanism import Holes, LawInputs, OutputMechanism, Words
-from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.contact.laws import ContactLaws, Material, concatenated
 from pipeline.model.geometry.contacts import OUTPUT, Contacts, DiskPose, joined
 from pipeline.model.geometry.cycloid_profile import Complex, Index, Real
 
@@ -20,18 +23,22 @@ if TYPE_CHECKING:
     from pipeline.config.designs.cycloid import Cycloid
     from pipeline.config.designs.design import Disk
 
+RING, MESH, SUPPORT = range(3)
+"""Interfaces: rollers about an eccentric, flanks of a planet, rollers of a crank's supports."""
+
 
 class FirstStage(Section):
     """Sun on the input, held, and a planet on each crank.
 
     `backlash_um` along the pitch circle is the way of a planet from flank to flank; `mesh_stiffness_N_per_mm` is that
-    of one planet's mesh along it.
+    of one planet's mesh along it. By the pressure angle a mesh also pushes sun and planet apart.
     """
 
     sun_teeth: Annotated[int, Field(ge=5, le=1000)]
     planet_teeth: Annotated[int, Field(ge=5, le=1000)]
     backlash_um: Clearance
     mesh_stiffness_N_per_mm: Annotated[float, Field(ge=1, le=1e9)]
+    pressure_angle_deg: Annotated[float, Field(ge=10, le=35)] = 20.0
 
 
 class Carrier(OutputMechanism):
@@ -41,7 +48,8 @@ class Carrier(OutputMechanism):
     eccentric runs in a bearing in a hole of the disk: `[bearing]` of the design is the radial law of one of them, and
     its clearance theirs. A ring of `bearing_rollers` carries it, which push along their own directions; together and
     without clearance they have the stated law, a linear one alike in all directions (16 rollers with an exponent of
-    3/2: within 0.3 %).
+    3/2: within 0.3 %). Without `crankshaft` the cranks are rigid and turn in rigid bearings of the carrier;
+    `stiffness_of_cranks` are factors of all bearings of each crank.
     """
 
     words = Words(
@@ -52,7 +60,7 @@ class Carrier(OutputMechanism):
         without_pressure="Rollers of the crank bearings and teeth of the first stage have none: a peak pressure, and "
         "the shear below it, are those of the pins alone.",
         bearing="bearing of a crank",
-        rows=("roller of a crank's bearing", "flank of a planet's tooth"),
+        rows=("roller of a crank's bearing", "flank of a planet's tooth", "roller of a crank's support"),
     )
     diameter_readings = {"half_diameter": "no diameter of the output has a tolerance"}
     material_keys = ()
@@ -67,11 +75,28 @@ class Carrier(OutputMechanism):
     bearing_rollers: Annotated[int, Field(ge=8, le=60, multiple_of=2)]
     phase_deg: Annotated[float, Field(ge=-360, le=360)]
     first_stage: FirstStage
+    crankshaft: Crankshaft | None = None
+    stiffness_of_cranks: tuple[Positive, ...] | None = None
+
+    @property
+    def has_loose_supports(self) -> bool:
+        """Whether the cranks move in rollers of their supports."""
+        return self.crankshaft is not None and self.crankshaft.loose
+
+    @property
+    def material_names(self) -> Mapping[str, str]:
+        """Material of the crankshafts, by its setting."""
+        return {"crankshaft.material": self.crankshaft.material} if self.crankshaft else {}
 
     @property
     def contacts(self) -> int:
-        """Rollers of the crank bearings of a disk, and two flanks of each planet."""
-        return self.cranks * (self.bearing_rollers + 2)
+        """Rollers of the crank bearings of a disk, two flanks of each planet, and rollers of loose supports."""
+        return self.cranks * (self.bearing_rollers * (3 if self.has_loose_supports else 1) + 2)
+
+    @property
+    def bearing_factors(self) -> Real:
+        """Factor (n_cranks,) of the stiffness of all bearings of each crank."""
+        return np.ones(self.cranks) if self.stiffness_of_cranks is None else np.array(self.stiffness_of_cranks)
 
     @property
     def holes_in_disk(self) -> int:
@@ -123,10 +148,20 @@ class Carrier(OutputMechanism):
         if cycloid and cycloid.fixed != "housing":
             allowed = 'must be "housing" with a carrier, whose sun is held to the housing'
             yield Mistake("cycloid.fixed", cycloid.fixed, allowed)
+        if self.stiffness_of_cranks and len(self.stiffness_of_cranks) != self.cranks:
+            allowed = f"must be {self.cranks} factors, one of each crank"
+            yield Mistake("output.stiffness_of_cranks", self.stiffness_of_cranks, allowed)
+        if self.crankshaft:
+            yield from self.crankshaft.problems(disk.count if disk else 1)
 
     def motions_of(self, disk: DiskPose) -> tuple[str, ...]:
-        """The carrier's rotation, and that of each crank about its own axis in space."""
-        return ("output_phi", *(f"crank {j}_psi" for j in range(self.cranks)))
+        """The carrier's rotation, that of each crank about its own axis in space, and its shifts in loose supports."""
+        turns = [f"crank {j}_psi" for j in range(self.cranks)]
+        return ("output_phi", *turns, *(name for j in range(self.cranks) for name in self._shifts(j)))
+
+    def _shifts(self, crank: int) -> list[str]:
+        """Names of the motions of a crank's shaft in its two supports, x and y of the first, then of the second."""
+        return [f"crank {crank}_{s}{axis}" for s in "ab" for axis in "xy"] if self.has_loose_supports else []
 
     def contacts_of(self, disk: DiskPose) -> Contacts:
         """The rollers of each crank's bearing, from crank to crank.
@@ -147,7 +182,7 @@ class Carrier(OutputMechanism):
             kind=np.full(n, OUTPUT),
             body_a=np.full(n, disk.body),
             body_b=np.full(n, "output"),
-            interface=np.zeros(n, int),
+            interface=np.full(n, RING),
             face=np.zeros(n, int),
             end=np.full(n, crank),
             station=np.arange(n),
@@ -163,7 +198,33 @@ class Carrier(OutputMechanism):
         )
 
     def contacts_behind(self, disk: DiskPose) -> Contacts:
-        """Both flanks of each planet with the sun: the cranks turn all disks.
+        """Both flanks of each planet with the sun, then the rollers of loose supports: the cranks turn all disks."""
+        if not self.has_loose_supports:
+            return self._meshes(disk)
+        places = [(crank, support) for crank in range(self.cranks) for support in (0, 1)]
+        return joined([self._meshes(disk), *(self._support(crank, support, disk) for crank, support in places)])
+
+    def _support(self, crank: int, support: int, disk: DiskPose) -> Contacts:
+        """Rollers between the carrier and a crank's shaft; of their own radius nothing depends."""
+        ring, shaft = self._bearing(crank, disk), self.crankshaft
+        clearance = 1e-3 * (shaft.support_clearance_um or 0.0) if shaft else 0.0
+        n = len(ring)
+        return replace(
+            ring,
+            body_a=np.full(n, "output"),
+            body_b=np.full(n, f"crank {crank}"),
+            interface=np.full(n, SUPPORT),
+            face=np.full(n, support),
+            hole=np.full(n, -1),
+            label=np.array([f"crank {crank} support {support} roller {k}" for k in range(n)]),
+            gap=np.full(n, clearance),
+            curvature=np.zeros(n),
+            point=self.centres()[crank] * np.exp(1j * disk.rotation) - self.bearing_radius_mm * ring.normal,
+            arm=np.zeros(n),
+        )
+
+    def _meshes(self, disk: DiskPose) -> Contacts:
+        """Both flanks of each planet with the sun.
 
         Notes
         -----
@@ -178,7 +239,7 @@ class Carrier(OutputMechanism):
             kind=np.full(n, OUTPUT),
             body_a=np.full(n, "sun"),
             body_b=np.full(n, "output"),
-            interface=np.ones(n, int),
+            interface=np.full(n, MESH),
             face=flank,
             end=crank,
             station=flank,
@@ -197,8 +258,70 @@ class Carrier(OutputMechanism):
         """What the contacts close by the rotation of each crank, its eccentrics and its planet."""
         eccentric = -np.imag(np.conj(disk.eccentric) * contacts.normal)
         planet = self.planet_pitch_radius_mm * (1 - 2 * contacts.face)
-        lever = np.where(contacts.interface == 0, eccentric, planet)
-        return {f"crank {j}_psi": np.where(contacts.end == j, lever, 0.0) for j in range(self.cranks)}
+        lever = np.choose(contacts.interface, [eccentric, planet, np.zeros(len(contacts))])
+        turns = {f"crank {j}_psi": np.where(contacts.end == j, lever, 0.0) for j in range(self.cranks)}
+        if not (self.crankshaft and self.crankshaft.loose):
+            return turns
+        of_disk, *_, of_planet = self.crankshaft.shares(disk.number + 1)[[disk.number, -1]]
+        at_support = np.eye(2)[contacts.face * (contacts.interface == SUPPORT)]
+        share = np.choose(contacts.interface[:, None], [of_disk, of_planet, at_support])
+        push = self._push(contacts)
+        closing = -np.stack([push.real, push.imag], axis=1)[:, None, :] * share[:, :, None]
+        names = [(j, k, name) for j in range(self.cranks) for k, name in enumerate(self._shifts(j))]
+        shifts = {name: np.where(contacts.end == j, closing[:, k // 2, k % 2], 0.0) for j, k, name in names}
+        return turns | shifts
+
+    def _push(self, contacts: Contacts) -> Complex:
+        """Force on the crank (n_contacts,) per unit normal force, that of a mesh along its line of action."""
+        outwards = contacts.point / np.abs(contacts.point)
+        apart = tan(radians(self.first_stage.pressure_angle_deg)) * outwards
+        return contacts.normal + np.where(contacts.interface == MESH, apart, 0.0)
+
+    def displacements(self, disks: Sequence[DiskPose], contacts: Contacts) -> Mapping[str, Complex]:
+        """How errors of cranks and gears open their contacts, by the toleranced dimensions' names.
+
+        Notes
+        -----
+        A crank, an eccentric or a planet that is displaced by v opens a contact by the part of v along its push. A
+        crank's place turns with the carrier, an eccentric and a planet's run-out with the crank, that of the sun with
+        the sun, and with the opposite sign: the sun is the first body of the mesh.
+        """
+        push = np.where(contacts.kind == OUTPUT, self._push(contacts), 0.0)
+        cranks, first = np.arange(self.cranks), disks[0]
+        of_crank = (contacts.kind == OUTPUT)[:, None] & (contacts.end[:, None] == cranks)
+        ring, mesh, support = (of_crank & (contacts.interface == k)[:, None] for k in (RING, MESH, SUPPORT))
+        of_disks = [ring & (contacts.body_a == disk.body)[:, None] for disk in disks]
+        along = [rows * push[:, None] * np.exp(-1j * d.crank) for rows, d in zip(of_disks, disks, strict=True)]
+        eccentrics, side = np.hstack(along), (1 - 2 * contacts.face)[:, None]
+        sun_turn = first.rotation * (
+            1 + self.first_stage.planet_teeth * len(first.pins.arm) / self.first_stage.sun_teeth
+        )
+        sun = -np.where(contacts.interface == MESH, push, 0.0) * np.exp(-1j * sun_turn)
+        supports = [support & (contacts.face == k)[:, None] for k in (0, 1)]
+        return {
+            "crank_position": (ring | mesh) * push[:, None] * np.exp(-1j * first.rotation),
+            "crank_eccentricity": eccentrics,
+            "crank_phase": -1j * eccentrics,
+            "planet_runout": mesh * push[:, None] * np.exp(-1j * first.crank),
+            "planet_timing": -side * mesh + 0j,
+            "planet_backlash": 0.5 * mesh + 0j,
+            "sun_runout": sun[:, None],
+            "first_support_clearance": supports[0] + 0j,
+            "second_support_clearance": supports[1] + 0j,
+        }
+
+    def compliance(self, contacts: Contacts, disk: Index, materials: Mapping[str, Material]) -> Real | None:
+        """What the shaft of each crank gives way between the contacts that push it, in its bending and its supports."""
+        if not self.crankshaft:
+            return None
+        disks, push = int(disk.max()) + 1, self._push(contacts)
+        plane = np.where(contacts.interface == RING, disk, disks)
+        full = np.zeros((len(contacts), len(contacts)))
+        for crank, factor in enumerate(self.bearing_factors):
+            rows = np.flatnonzero((contacts.end == crank) & (contacts.interface != SUPPORT))
+            shaft = self.crankshaft.flexibility(disks, materials, factor)[np.ix_(plane[rows], plane[rows])]
+            full[np.ix_(rows, rows)] = shaft * np.real(np.conj(push[rows])[:, None] * push[rows])
+        return full
 
     def bearing_rows(self, contacts: Contacts) -> Index:
         """Those of the output contacts that a clearance of the design's bearing opens: the rollers of the cranks."""
@@ -212,17 +335,24 @@ class Carrier(OutputMechanism):
         A deflection d of the ring loads its rollers by k (d cos)^n on one half: in all K d^n with K/k = the number of
         rollers times the mean of cos^(n + 1) over that half, by their mean over the turn.
         """
-        exponent = inputs.bearing.exponent
+        return self._rings(inputs.bearing.stiffness * self.bearing_factors, inputs.bearing.exponent)
+
+    def _rings(self, stiffness: Real, exponent: float) -> ContactLaws:
+        """Laws of the rollers of rings of so much stiffness each (n_rings,)."""
         mean = gamma(exponent / 2 + 1) / (2 * sqrt(pi) * gamma((exponent + 3) / 2))
-        roller = inputs.bearing.stiffness / (self.bearing_rollers * mean)
-        n = self.cranks * self.bearing_rollers
+        roller = np.repeat(stiffness / (self.bearing_rollers * mean), self.bearing_rollers)
         if exponent == 1:
-            return _law(n, 1 / roller, 0.0, 1.0)
-        return _law(n, 0.0, roller ** (-1 / exponent), 1 / exponent)
+            return _law(1 / roller, np.zeros(len(roller)), 1.0)
+        return _law(np.zeros(len(roller)), roller ** (-1 / exponent), 1 / exponent)
 
     def laws_behind(self) -> ContactLaws:
-        """The planets' meshes, linear, without a Hertz pressure."""
-        return _law(2 * self.cranks, 1 / self.first_stage.mesh_stiffness_N_per_mm, 0.0, 1.0)
+        """The planets' meshes, linear, and the rollers of loose supports; without a Hertz pressure."""
+        meshes = np.full(2 * self.cranks, 1 / self.first_stage.mesh_stiffness_N_per_mm)
+        laws, shaft = _law(meshes, 0 * meshes, 1.0), self.crankshaft
+        if shaft is None or not shaft.loose:
+            return laws
+        stiffness = np.outer(self.bearing_factors, shaft.support_stiffness_N_per_mm_power).ravel()
+        return concatenated([laws, self._rings(stiffness, shaft.support_exponent)])
 
     def holes(self, cycloid: Cycloid) -> Holes:
         """One hole for each crank."""
@@ -240,13 +370,19 @@ class Carrier(OutputMechanism):
         """Turns of the sun for one of the carrier, the housing held."""
         return 1 + self.first_stage.planet_teeth * cycloid.pins / self.first_stage.sun_teeth
 
+    def output_turns(self, cycloid: Cycloid) -> int:
+        """Turns of the carrier after which sun, cranks and disks all stand as before: the ratio's denominator."""
+        return Fraction(self.first_stage.planet_teeth * cycloid.pins, self.first_stage.sun_teeth).denominator
+
     def fact(self, cycloid: Cycloid, number_text: Callable[[float], str]) -> str:
         """Cranks, first stage and total ratio in words."""
-        stage = self.first_stage
+        stage, turns = self.first_stage, self.output_turns(cycloid)
+        shaft = "; the cranks bend between their supports" if self.crankshaft else ""
+        period = f", which repeats after {turns} turns of the output" if turns > 1 else ""
         return (
             f"carrier with {self.cranks} cranks on a circle of radius {number_text(self.crank_circle_radius_mm)} mm, "
             f"a sun of {stage.sun_teeth} and planets of {stage.planet_teeth} teeth before them: "
-            f"total ratio {number_text(self.ratio(cycloid))}"
+            f"total ratio {number_text(self.ratio(cycloid))}{period}{shaft}"
         )
 
     def panels(self, disk: DiskPose, contacts: Contacts, numbers: Index) -> Sequence[Panel]:
@@ -258,9 +394,9 @@ class Carrier(OutputMechanism):
         return [Panel(f"Cranks 0 to {self.cranks - 1}, {disk.body}", shapes, disk=True)]
 
 
-def _law(n: int, linear: float, power: float, exponent: float) -> ContactLaws:
-    zero = np.zeros(n)
-    return ContactLaws(zero + linear, zero, zero + power, zero + exponent, zero + np.inf, zero)
+def _law(linear: Real, power: Real, exponent: float) -> ContactLaws:
+    zero = np.zeros(len(linear))
+    return ContactLaws(linear, zero, power, zero + exponent, zero + np.inf, zero)
 
 
 MECHANISM = Carrier

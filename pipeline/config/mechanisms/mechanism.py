@@ -152,6 +152,13 @@ class OutputMechanism(Section):
         """What further motions close (n_contacts,) of some ``contacts`` of the output, by their names."""
         return {}
 
+    def displacements(self, disks: Sequence[DiskPose], contacts: Contacts) -> Mapping[str, Complex]:
+        """Displaced elements (n_contacts, n_elements) by dimension, see ``Reducer.displacements``.
+
+        In the order of the dimensions that have one (``Dimension.displaces``).
+        """
+        return {}
+
     def bearing_rows(self, contacts: Contacts) -> Index:
         """Numbers of the ``contacts`` that a clearance of the design's bearing opens, where they carry the disks."""
         return np.empty(0, int)
@@ -178,6 +185,15 @@ class OutputMechanism(Section):
     def crank_torque_ratio(self, cycloid: Cycloid) -> float:
         """Torque on the output per torque that the eccentrics take from the cranks, in the sense of `torque_ratio`."""
         return cycloid.torque_ratio
+
+    @property
+    def has_loose_supports(self) -> bool:
+        """Whether cranks move in support bearings of the carrier."""
+        return False
+
+    def output_turns(self, cycloid: Cycloid) -> int:
+        """Turns of the output after which input, crank, disks and output all stand as before."""
+        return 1
 
     @property
     def seat_radius_mm(self) -> float:

@@ -105,8 +105,12 @@ def number_keys(raw: Mapping[str, Any], prefix: str = "") -> list[str]:
 
 
 def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Provenance of a number that the design ``raw`` does not have, and plausible ranges that do not hold theirs."""
+    """Provenance of a number that the design ``raw`` does not have, that a part in series lacks, and wrong ranges."""
     numbers = number_keys(raw)
+    for name in parts.get("series", {}):
+        key = f"series.{name}.stiffness_Nm_per_arcmin"
+        if key not in parts.get("provenance", {}):
+            yield Mistake(f'provenance."{key}"', MISSING, "add it: where the stiffness of a part in series comes from")
     for key, provenance in parts.get("provenance", {}).items():
         if key not in numbers:
             yield Mistake(f'provenance."{key}"', None, f"no such number in this file; {nearest_name(key, numbers)}")

@@ -174,8 +174,9 @@ def _modulus_problems(thermal: Thermal, design: Design, limits: Mapping[str, tup
                 "draw less, or state the temperatures"
             )
             return [Mistake("temperature", None, allowed)]
-    if design.effects and any(part.slope_per_K for part in thermal.parts.values()):
-        allowed = f"are drawn beside [effects] {', '.join(design.effects)}, whose change with the modulus is not known"
+    if (design.effects or design.series) and any(part.slope_per_K for part in thermal.parts.values()):
+        parts = ", ".join([*(f"[effects] {n}" for n in design.effects), *(f"[series] {n}" for n in design.series)])
+        allowed = f"are drawn beside {parts}, whose change with the modulus is not known"
         return [Mistake("temperature", None, f"{allowed}: state the temperatures, or delete modulus_slope_per_K")]
     return []
 

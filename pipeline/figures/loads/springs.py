@@ -103,5 +103,5 @@ def _other_curves(
     labels = names or [f"{name}, {row['body_a']} to {row['body_b']}" for _, row in rollers.iterrows()]
     return {
         bearing: BEARING,
-        **{label: int(contact) for label, contact in zip(labels, rollers["contact"], strict=True)},
+        **{label: int(contact) for label, contact in zip(labels, rollers["contact"], strict=False)},
     }

@@ -1,7 +1,7 @@
-"""Deflection of a straight round pin that bends and shears between its supports.
+"""Deflection of a straight round pin or shaft that bends and shears between its supports.
 
-Source: Timoshenko, Gere, Mechanics of Materials; shear coefficient of the round section by Cowper, J. Appl. Mech. 33
-(1966) 335.
+Source: Timoshenko, Gere, Mechanics of Materials (unit loads: section 9.10 of the third edition); shear coefficient of
+the round section by Cowper, J. Appl. Mech. 33 (1966) 335.
 """
 
 import numpy as np
@@ -28,6 +28,13 @@ def _carried(load_distance: float, observed: float, bending: float, shear: float
     return np.array([[1.0, observed - load_distance], [0.0, 1.0]]) @ near_part
 
 
+def _section_stiffness(diameter: float, material: Material) -> tuple[float, float]:
+    """Stiffness of a round section against bending [N mm2] and against shear [N]."""
+    nu = material.poisson_ratio
+    shear = material.youngs_modulus / (2 * (1 + nu)) * np.pi * diameter**2 / 4 * 6 * (1 + nu) / (7 + 6 * nu)
+    return material.youngs_modulus * np.pi * diameter**4 / 64, shear
+
+
 def pin_flexibility(planes: Real, diameter: float, material: Material, span: float | None) -> Real:
     """Deflection (n, n) [mm/N] at each of the ``planes`` by a unit force at each, alike in all directions.
 
@@ -37,9 +44,7 @@ def pin_flexibility(planes: Real, diameter: float, material: Material, span: flo
     diameter : [mm]
     span : distance [mm] to a second flange that clamps its other end; None for a cantilever.
     """
-    bending = material.youngs_modulus * np.pi * diameter**4 / 64
-    nu = material.poisson_ratio
-    shear = material.youngs_modulus / (2 * (1 + nu)) * np.pi * diameter**2 / 4 * 6 * (1 + nu) / (7 + 6 * nu)
+    bending, shear = _section_stiffness(diameter, material)
     plane_positions = np.asarray(planes, float)
     free = np.array([[_carried(b, a, bending, shear)[0, 0] for b in plane_positions] for a in plane_positions])
     if span is None:
@@ -48,3 +53,38 @@ def pin_flexibility(planes: Real, diameter: float, material: Material, span: flo
         [_carried(b, span, bending, shear)[:, 0] for b in plane_positions]
     )  # what the clamp at the end takes back
     return free - end @ np.linalg.solve(_flexibility(span, bending, shear), end.T)
+
+
+def support_shares(planes: Real, span: float) -> Real:
+    """Share (n, 2) of each of two supports in a force at each of the ``planes`` (n,) [mm] from the first of them."""
+    second = np.asarray(planes, float) / span
+    return np.stack([1 - second, second], axis=1)
+
+
+def shaft_flexibility(planes: Real, span: float, diameter: float, material: Material) -> Real:
+    """Deflection (n, n) [mm/N] at each of the ``planes`` of a shaft by a unit force at each, alike in all directions.
+
+    Parameters
+    ----------
+    planes : (n,) distances [mm] from the first support; planes below 0 or beyond the span overhang.
+    span : distance [mm] of the second support. Both hold the shaft's deflection and leave its slope free.
+    diameter : [mm]
+
+    Notes
+    -----
+    By unit loads: the integral of M M / bending stiffness + V V / shear stiffness over the moments M and shear forces V
+    of two unit forces. Between supports and forces M is linear and V constant, so that Simpson's rule is exact.
+    """
+    bending, shear = _section_stiffness(diameter, material)
+    position, shares = np.asarray(planes, float), support_shares(planes, span)
+    joints = np.unique(np.concatenate([position, [0.0, span]]))
+    start, end = joints[:-1], joints[1:]
+
+    def moment(x: Real) -> Real:
+        forces = ((0.0, shares[:, :1]), (span, shares[:, 1:]), (position[:, None], -1.0))
+        return np.asarray(sum(size * np.maximum(x - at, 0.0) for at, size in forces))
+
+    corners = [moment(start), moment(0.5 * (start + end)), moment(end)]
+    bent = sum(weight * (values * (end - start)) @ values.T for weight, values in zip((1, 4, 1), corners, strict=True))
+    slope = (corners[2] - corners[0]) / (end - start)
+    return np.asarray(bent / (6 * bending) + (slope * (end - start)) @ slope.T / shear)

@@ -45,6 +45,8 @@ class Errors:
         against that of its hole, in the frame that turns with the output.
     pin_roundness : (n, n_pins, 2) complex, waves of order 2 and 3 around each pin: its radius in the direction theta is
         larger by the real part of the first times exp(2 i theta) and of the second times exp(3 i theta).
+    displacement : (n, n_elements) complex, of the elements in ``Reducer.displacements``, one dimension after the other
+        in its order; (n, 0) without any.
     """
 
     pin_radial: Real
@@ -59,6 +61,7 @@ class Errors:
     hole_diameter: Real
     pin_off_hole: Complex
     pin_roundness: Complex
+    displacement: Complex
 
     @classmethod
     def zero(cls, pins: int, lobes: int, outputs: int, n: int = 1) -> "Errors":
@@ -72,6 +75,7 @@ class Errors:
             eccentric_phase=np.zeros(n),
             pin_off_hole=np.zeros((n, outputs), complex),
             pin_roundness=np.zeros((n, pins, len(ORDERS)), complex),
+            displacement=np.zeros((n, 0), complex),
         )
 
     def of_disk(self, disk: int) -> "Errors":
@@ -239,11 +243,12 @@ def hole_gaps(contacts: Contacts, disk: DiskPose, errors: Errors, method: str) -
     -----
     A hole's axis stands off its pin's by the eccentricity e along the contact's normal u; with the pin moved by v
     against the hole it is |e u - v|, to first order e - u.v. The normal turns by some v/e, which changes arms to second
-    order and is left out.
+    order and is left out. A ring of rollers about an eccentric pushes along directions of its own, so that its gaps
+    are linear in v.
     """
     hole = contacts.hole
     travel = errors.pin_off_hole[:, hole] * np.exp(1j * disk.rotation) * np.conj(contacts.normal)
-    if method == "exact":
+    if method == "exact" and np.any(contacts.per_eccentricity):
         radius = np.hypot(disk.eccentricity + errors.eccentricity, errors.eccentric_phase)[:, None]
         farther_travel = radius - np.abs(radius - travel)
     else:
@@ -340,4 +345,7 @@ def gaps(
         if len(in_hole) and (np.any(of_disk.pin_off_hole) or np.any(of_disk.hole_diameter)):
             gap[:, in_hole] += hole_gaps(contacts.some(in_hole), reducer.disks[number], of_disk, method)
         parts.append(gap)
-    return np.hstack(parts)
+    if not np.any(errors.displacement):
+        return np.hstack(parts)
+    matrix = np.hstack(list(reducer.displacements.values()))
+    return np.hstack(parts) + (errors.displacement.real @ matrix.real.T + errors.displacement.imag @ matrix.imag.T)

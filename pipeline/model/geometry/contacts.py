@@ -23,6 +23,7 @@ class DiskPose:
     eccentricity : [mm]
     pins : nominal contacts of every pin with it.
     rotation : of its holes, or of what else carries the output, and of the output [rad].
+    number : of the disk, in the sense of the crank.
     """
 
     body: str
@@ -30,6 +31,7 @@ class DiskPose:
     eccentricity: float
     pins: PinContacts
     rotation: float
+    number: int = 0
 
     @property
     def eccentric(self) -> complex:

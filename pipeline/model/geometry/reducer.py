@@ -5,8 +5,8 @@ Everything after this file (clearance, equilibrium, cycle) is generic in the lis
 first body against it, so its penetration is ``contact_jacobian @ q - gap`` for the small rigid motions q of the bodies.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Protocol
 
@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.model.geometry.contacts import DISK, HOUSING, Contacts, DiskPose, joined, pin_list
 from pipeline.model.geometry.cycloid_profile import (
     KEPT_ANGLES,
+    Complex,
     CycloidProfile,
     Index,
     PinContacts,
@@ -59,6 +60,8 @@ class Reducer:
         is the output.
     rolling : rotation of the disk about the pitch point, on the pins, per rotation of the output.
     n_behind : number of the last contacts, which lie behind all disks and touch none.
+    displacements : complex (n_contacts, n_elements) by toleranced dimension: an element that is displaced by v, complex
+        in a frame of its own, opens a contact by the real part of the complex conjugate of its entry times v.
     """
 
     crank: float
@@ -70,6 +73,7 @@ class Reducer:
     flange_ratio: float = 1.0
     rolling: float = 0.0
     n_behind: int = 0
+    displacements: Mapping[str, Complex] = field(default_factory=dict)
 
     @cached_property
     def output_rows(self) -> list[Index]:
@@ -151,6 +155,9 @@ class OutputContacts(Protocol):
     def couplings_of(self, disk: DiskPose, contacts: Contacts) -> Mapping[str, Real]:
         """What further motions close of some ``contacts`` of these (n_contacts,), by the motions' names."""
 
+    def displacements(self, disks: Sequence[DiskPose], contacts: Contacts) -> Mapping[str, Complex]:
+        """How its displaced elements open all contacts (n_contacts, n_elements), see ``Reducer.displacements``."""
+
     @property
     def carries_disks(self) -> bool:
         """Whether it holds the disks' centres, in place of an input bearing."""
@@ -201,8 +208,8 @@ def disk_poses(profile: CycloidProfile, crank: float, count: int) -> tuple[DiskP
     rotation, angles = disk_rotation(profile, crank), [crank + 2 * np.pi * disk / count for disk in range(count)]
     names = [DISK] if count == 1 else [f"{DISK} {disk}" for disk in range(count)]
     return tuple(
-        DiskPose(name, angle, profile.eccentricity, pin_contacts(profile, angle), rotation)
-        for name, angle in zip(names, angles, strict=True)
+        DiskPose(name, angle, profile.eccentricity, pin_contacts(profile, angle), rotation, number)
+        for number, (name, angle) in enumerate(zip(names, angles, strict=True))
     )
 
 
@@ -235,7 +242,14 @@ def nominal_reducer(
     motions = (*planar, *(f"{pose.body}_phi" for pose in poses), *output_motions)
     jacobian = _contact_jacobian(contacts, motions)
     reducer = Reducer(
-        crank, poses, contacts, motions, jacobian, centred=not output.carries_disks, n_behind=len(behind_disks)
+        crank,
+        poses,
+        contacts,
+        motions,
+        jacobian,
+        centred=not output.carries_disks,
+        n_behind=len(behind_disks),
+        displacements=output.displacements(poses, contacts),
     )
     rows_behind = np.arange(len(contacts) - len(behind_disks), len(contacts))
     for pose, rows in zip((*poses, poses[0]), (*reducer.output_rows, rows_behind), strict=True):

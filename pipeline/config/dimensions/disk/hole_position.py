@@ -1,6 +1,6 @@
 """Position of each of a disk's holes against its bore, as a circular zone about its true place."""
 
-from pipeline.config.dimensions.dimension import HOLES, PINS_IN_HOLES, Dimension
+from pipeline.config.dimensions.dimension import HOLED, HOLES, Dimension
 
 DIMENSION = Dimension(
     name="hole_position",
@@ -11,7 +11,7 @@ DIMENSION = Dimension(
     draw_columns=(122, 123),
     elements=HOLES,
     of_disk=True,
-    need=PINS_IN_HOLES,
+    need=HOLED,
     one_sided=True,
     direction="direction of that way in the disk's frame, counterclockwise from the crank at 0",
     zone=True,
