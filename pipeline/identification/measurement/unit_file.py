@@ -86,6 +86,25 @@ class Generic(Section):
     rated_torque_Nm: Positive
 
 
+class CrankSection(Section):
+    """How the crank moves within a record, and where the torque was measured.
+
+    It is "fixed" where the input is locked. Where the output is locked and the motor's side is read, it
+    "follows_angle": it turns by -`ratio` times the angle that is read. Or it turns by a `column` [deg] of the files.
+    In both cases `crank_deg` is the crank angle at the first row of each position, counted over a turn of the output.
+
+    `ratio` has a sign: turns of the crank per turn of the output, negative with the housing held. A torque at the
+    "input" is that of the motor times the ratio. `twist_before_disk` is the share of the twist that lies between crank
+    and disk, by which the disk does not turn against the housing.
+    """
+
+    moves: Literal["fixed", "follows_angle", "column"] = "fixed"
+    ratio: float | None = None
+    column: Text | None = None
+    torque_at: Literal["output", "input"] = "output"
+    twist_before_disk: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+
 class UnitSettings(Section):
     """A file unit.toml: of a drive with a design, its study and dimensions, or of a ``generic`` one.
 
@@ -103,6 +122,7 @@ class UnitSettings(Section):
     offset: Literal["per_position", "common"]
     angle: Literal["error", "absolute"] = "error"
     crank_angles: Literal["measured", "unknown"] = "measured"
+    crank: CrankSection = CrankSection()
     as_measured: Text | None = None
     instrument: InstrumentSection = InstrumentSection()
     environment: Environment = Environment()
@@ -186,6 +206,7 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     problems += _file_problems(files, path.parent) if "files" in parts or "files" not in raw else []
     problems += _held_out_problems(parts)
     problems += _turning_problems(parts)
+    problems += _crank_problems(parts)
     problems += _output_problems(design)
     raise_if(problems, file, lines)
     return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
@@ -321,6 +342,33 @@ def _turning_problems(parts: Mapping[str, Any]) -> list[Mistake]:
             ),
             (bool(parts.get("generic")), "locked", NEITHER, "of a drive without a design loops alone are read"),
         )
+    return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
+
+
+def _crank_problems(parts: Mapping[str, Any]) -> list[Mistake]:
+    """A crank that moves has a signed ratio; it follows the angle at the motor's side of a locked output alone."""
+    crank = parts.get("crank", CrankSection())
+    moves = crank.moves != "fixed"
+    refused: tuple[tuple[bool, str, Any, str], ...] = (
+        (
+            moves and not crank.ratio,
+            "crank.ratio",
+            crank.ratio,
+            "where the crank moves, a number such as -13",
+        ),
+        (
+            crank.moves == "follows_angle" and parts.get("locked") != "output",
+            "crank.moves",
+            crank.moves,
+            'asks for locked = "output": the crank follows the angle of the motor\'s side',
+        ),
+        (
+            (crank.moves == "column") != (crank.column is not None),
+            "crank.column",
+            crank.column,
+            'name it with moves = "column", and only then',
+        ),
+    )
     return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]
 
 

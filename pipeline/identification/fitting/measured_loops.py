@@ -1,0 +1,66 @@
+"""Loops of a measurement as the turning crank needs them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.identification.fitting.cell_torques import followed_torques
+from pipeline.identification.generic.turning_crank import CrankLoops
+from pipeline.identification.measurement.measurement import Measurement
+
+ARCMIN_A_TURN = 21600.0
+"""Minutes of arc in a turn."""
+
+
+def crank_loops(measurement: Measurement, largest_torque: float = np.inf) -> CrankLoops:
+    """The cells of a measurement with the crank angle at each.
+
+    Parameters
+    ----------
+    largest_torque : [N m]; cells beyond it have no weight.
+
+    Notes
+    -----
+    Cells count by their rows, as errors do. Of positions whose crank angle is unknown all start at nought.
+
+    Raises
+    ------
+    InputError : the column of the crank angle is missing, or holds what is no number.
+    """
+    unit, cells, rows = measurement.unit, measurement.cells, measurement.rows
+    settings = unit.settings.crank
+    torque = followed_torques(measurement)
+    known = np.radians(rows.cranks[cells.position]) if measurement.known_cranks else np.zeros(len(cells))
+    first = np.array([np.flatnonzero(rows.position == p)[0] for p in range(len(rows.cranks))])
+    turned, crank = 0.0, known
+    if settings.moves == "follows_angle":
+        assert settings.ratio is not None
+        turned = -settings.ratio * 2 * np.pi / ARCMIN_A_TURN
+    elif settings.moves == "column":
+        column = _column(measurement, str(settings.column))
+        crank = known + np.radians(measurement.over_cells(column) - column[first][cells.position])
+    return CrankLoops(
+        position=cells.position,
+        torque=torque,
+        angle=cells.angle_mean,
+        weight=cells.count / np.mean(cells.count) * (np.max(np.abs(torque), axis=1) <= largest_torque),
+        crank=crank,
+        start=rows.angle[first][cells.position],
+        turned=turned,
+        at_input=settings.torque_at == "input",
+        ratio=settings.ratio or np.inf,
+        behind_disk=1 - settings.twist_before_disk,
+        common_zero=unit.settings.offset == "common",
+    )
+
+
+def _column(measurement: Measurement, name: str) -> NDArray[np.float64]:
+    extra = measurement.rows.extra
+    if name not in extra:
+        raise InputError(f'{measurement.unit.name}/unit.toml: crank.column = "{name}"; no file has it')
+    values = np.asarray(extra[name], float)
+    if not np.all(np.isfinite(values[measurement.usable])):
+        raise InputError(f'{measurement.unit.name}/unit.toml: crank.column = "{name}"; some of its rows are no numbers')
+    return values

@@ -1,0 +1,169 @@
+"""What a drive without a design may have: friction, spring, soft material, and effects that go with the crank's angle.
+
+A term is declared here by its numbers; ``loops_at_the_input`` says what each does to a loop. Sizes of a fit's steps and
+bounds are shares of the loop's own largest torque and range of the angle, so that they hold for a drive of any size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+TORQUE, ANGLE, COMPLIANCE, SHARE = "N m", "arcmin", "arcmin/(N m)", "1"
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a drive.
+
+    Attributes
+    ----------
+    unit : of its value; its scale follows from it.
+    meaning : in words.
+    start, low, high : of a fit, in scales: largest torque [N m], range of the angle [arcmin], or their quotient.
+    """
+
+    unit: str
+    meaning: str
+    start: float
+    low: float
+    high: float
+
+    def scale(self, torque: float, angle: float) -> float:
+        """What the others are shares of, by largest torque [N m] and range of the angle [arcmin]."""
+        return {TORQUE: torque, ANGLE: angle, COMPLIANCE: angle / torque, SHARE: 1.0}[self.unit]
+
+
+SPRING: Mapping[str, Number] = {
+    "play_arcmin": Number(ANGLE, "play: angle between the two senses without torque", 0.3, 0.0, 2.0),
+    "knee_Nm": Number(TORQUE, "torque over which the play is taken up, but for a share of 1/e", 0.06, 0.002, 2.0),
+    "compliance_arcmin_per_Nm": Number(COMPLIANCE, "compliance beyond the play", 0.4, 0.0, 5.0),
+}
+"""Twist d(T) = play/2 sign(T) (1 - exp(-|T|/knee)) + compliance T: gaps that close one after the other."""
+FRICTION: Mapping[str, Number] = {
+    "friction_Nm": Number(TORQUE, "constant friction, referred to the output", 0.05, 0.0, 0.6),
+    "load_friction": Number(SHARE, "friction in proportion to the torque", 0.2, 0.0, 0.8),
+}
+SOFT: Mapping[str, Number] = {
+    "friction_spread": Number(SHARE, "spread of the thresholds at which friction lets go", 0.5, 0.0, 2.0),
+    "first_loading": Number(SHARE, "growth of the compliance by the largest torque so far of a side", 0.3, -2.0, 3.0),
+}
+"""Of soft materials; each has a memory."""
+
+
+@dataclass(frozen=True)
+class CrankEffect:
+    """Something that repeats as the crank turns.
+
+    Attributes
+    ----------
+    title : for people.
+    physics, source : what it is, and where it is described.
+    signature : how it shows in measured loops.
+    acts_on : "angle" (an error of the transmission: the torque sees its slope), "reading" (the encoder alone), "play"
+        or "compliance".
+    order : of the crank; ``per_disk`` of the disk against the crank.
+    twins : effects that loops over few positions hardly tell from it.
+    told_apart_by : the measurement that does.
+    """
+
+    title: str
+    physics: str
+    source: str
+    signature: str
+    acts_on: str
+    order: int
+    twins: tuple[str, ...]
+    told_apart_by: str
+    per_disk: bool = False
+
+    def numbers(self, name: str) -> dict[str, Number]:
+        """Its two amplitudes, of cosine and sine."""
+        unit, start, high = (ANGLE, 0.002, 0.5) if self.acts_on in ("angle", "reading") else (SHARE, 0.01, 0.9)
+        ending = "_arcmin" if unit == ANGLE else ""
+        return {
+            f"{name}_{part}{ending}": Number(unit, f"{self.title}: {part} over the crank angle", start, -high, high)
+            for part in ("cos", "sin")
+        }
+
+
+ONCE = ("pin_circle_runout", "flank_runout", "compliance_once", "play_once", "encoder_once")
+CRANK_EFFECTS: Mapping[str, CrankEffect] = {
+    "pin_circle_runout": CrankEffect(
+        "run-out of the pin circle, or of the eccentric",
+        "the pin circle's centre lies off the housing's axis by d: the disk, pushed along the line of the crank, turns "
+        "by d / (e Z) once per turn of the crank",
+        "kinematics of the pitch point, Z e from the disk's centre; Litvin and Fuentes, Gear Geometry (2004), ch. 13",
+        "the zero of loops at locked outputs follows one wave over the crank angle, and within a loop the torque is "
+        "off by the slope of that wave times the ratio",
+        "angle",
+        1,
+        ONCE,
+        "positions a quarter of an output turn apart (flank); an unloaded turn of the crank, which has no compliance",
+    ),
+    "flank_runout": CrankEffect(
+        "run-out of the flank, or of the disk's bore",
+        "the lobes' centre lies off the bore: as before, in a frame that turns with the disk, so of order N/Z",
+        "kinematics of the pitch point, Z e from the disk's centre; Litvin and Fuentes, Gear Geometry (2004), ch. 13",
+        "as the run-out of the pin circle, but that its phase moves by a quarter as the output turns by a quarter",
+        "angle",
+        1,
+        ONCE,
+        "positions a quarter of an output turn apart",
+        per_disk=True,
+    ),
+    "encoder_once": CrankEffect(
+        "eccentric encoder at the motor",
+        "the disc of the encoder lies off its axis: the reading is off once per turn, and no torque is",
+        "geometry of an eccentric disc, error 2 d / D",
+        "one wave over the crank angle, with no change of the torque",
+        "reading",
+        1,
+        ONCE,
+        "a second encoder, or reading its eccentricity at an uncoupled motor",
+    ),
+    "compliance_once": CrankEffect(
+        "compliance that varies once per turn of the crank",
+        "the load goes through other teeth, or a disk off its middle, as the crank turns",
+        "load sharing over the crank angle; Blagojevic et al., J. Mech. Des. 133 (2011)",
+        "loops at some positions are steeper at high torque than at others half a turn of the crank away",
+        "compliance",
+        1,
+        ONCE,
+        "an unloaded turn of the crank: no error there",
+    ),
+    "play_once": CrankEffect(
+        "play that varies once per turn of the crank",
+        "gaps of an eccentric pin circle or bore open on one side of the crank and close on the other",
+        "rigid play over the crank angle: geometry of the gaps along the line of action",
+        "the width at zero torque follows one wave over the positions",
+        "play",
+        1,
+        ONCE,
+        "loops of a tenth of the torque at positions over a whole turn of the crank",
+    ),
+    "pin_circle_ovality": CrankEffect(
+        "oval pin circle, or misaligned coupling",
+        "a pin circle of two lobes moves the disk twice per turn; a cardan joint before the crank does too",
+        "as the run-out, of second order",
+        "two waves over a turn of the crank",
+        "angle",
+        2,
+        ("pin_circle_runout",),
+        "an unloaded turn of the crank, its orders",
+    ),
+}
+"""Effects of the crank angle by name."""
+
+
+def numbers_of(names: tuple[str, ...] | frozenset[str]) -> dict[str, Number]:
+    """All numbers of a drive: friction and spring, and those of some terms of ``SOFT`` and ``CRANK_EFFECTS``.
+
+    Raises
+    ------
+    KeyError : there is no such term.
+    """
+    numbers = {**SPRING, **FRICTION}
+    for name in sorted(names):
+        numbers |= {name: SOFT[name]} if name in SOFT else CRANK_EFFECTS[name].numbers(name)
+    return numbers
