@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.change.scatter import indicators
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.data import Data
 from pipeline.identification.measurement.cells import CELL_POWER, CELLS_PER_SENSE
@@ -131,22 +132,28 @@ def loop_sizes(states: Sequence[State]) -> tuple[LoopSize, ...]:
 
 
 def curves_at(state: State, crank: float, size: LoopSize) -> Curves:
-    """Mean curves of a position over all of its loops of a size: means of cells of equal torque."""
+    """Mean curves of a position over all of its loops of a size, the zero of each cycle's angle removed.
+
+    Least squares of cells by an angle for each sense and torque and an offset for each cycle: the zero drifts, and
+    cycles do not fill the same cells.
+    """
     cells = state.cells_at(crank, size)
     torque, angle = state.data.torque[cells], state.data.angle[cells]
     top = float(np.max(np.abs(torque), initial=0.0))
     levels = top * (np.arange(CELLS_PER_SENSE + 1) / CELLS_PER_SENSE) ** CELL_POWER
     edges = np.concatenate([-levels[:0:-1], levels])[1:-1]
-    torques, angles = {}, {}
-    for sense in (1, -1):
-        chosen = state.measurement.cells.direction[cells] == sense
-        interval = np.searchsorted(edges, torque[chosen])
-        count = np.bincount(interval)
-        filled = count > 0
-        torques[sense], angles[sense] = (
-            np.bincount(interval, values[chosen])[filled] / count[filled] for values in (torque, angle)
-        )
-    return Curves(torques, angles)
+    rising = state.measurement.cells.direction[cells] > 0
+    interval = np.searchsorted(edges, torque) + rising * (len(edges) + 1)
+    filled, place = np.unique(interval, return_inverse=True)
+    _, cycle = np.unique(state.data.cycle[cells], return_inverse=True)
+    columns = np.column_stack([indicators(place), indicators(cycle)])
+    means = np.linalg.lstsq(columns, angle, rcond=None)[0][: len(filled)]
+    mean_torque = np.bincount(place, torque) / np.maximum(np.bincount(place), 1)
+    senses = {1: filled > len(edges), -1: filled <= len(edges)}
+    return Curves(
+        {sense: np.asarray(mean_torque[chosen], float) for sense, chosen in senses.items()},
+        {sense: np.asarray(means[chosen], float) for sense, chosen in senses.items()},
+    )
 
 
 def loop_of(curves: Curves, top: float) -> Loop:

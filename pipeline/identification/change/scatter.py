@@ -119,13 +119,13 @@ class Layout:
     @cached_property
     def _columns(self) -> Real:
         """Indicators (n_rows, n_states + n_positions) of state and position."""
-        return np.column_stack(
-            [
-                np.asarray(values[:, None] == np.arange(values.max(initial=-1) + 1), float)
-                for values in (self.state, self.position)
-            ]
-        )
+        return np.column_stack([indicators(self.state), indicators(self.position)])
 
     @cached_property
     def _inverse(self) -> Real:
         return np.asarray(np.linalg.pinv(self._columns), float)
+
+
+def indicators(values: Whole) -> Real:
+    """Indicators (n, n_values) of values 0, 1, ..."""
+    return np.asarray(values[:, None] == np.arange(values.max(initial=-1) + 1), float)
