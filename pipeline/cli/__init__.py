@@ -18,6 +18,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.set_threshold(ALLOCATED)
     try:
         options = parser().parse_args(arguments)
+        if options.opening:
+            print(options.opening.format(**vars(options)), flush=True)  # the imports behind it take seconds
         module, _, action = options.command.partition(".")
         getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)
     except (Exception, KeyboardInterrupt) as error:

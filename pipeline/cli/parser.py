@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
 
     def command(name: str, action: str, text: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(command=action)
+        sub.set_defaults(command=action, opening="")
         return sub
 
     _studies(command)
@@ -147,6 +147,7 @@ def _measured(command: Commands) -> None:
         "identify", "identify.identify_unit", "say why a measured unit differs from its model, and correct the model"
     )
     naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
+    naming.set_defaults(opening="reading the unit {unit}")
     _where(naming)
 
     touring = command("rig", "checks.identify_rig", "identify all states of the printed drive's rig, beside baselines")
@@ -166,6 +167,8 @@ def _measured(command: Commands) -> None:
         default=[],
         help="further states of the drive, or folders of them: they give the scatter of mounting",
     )
+
+    changing.set_defaults(opening="reading the units {before} and {after}")
 
     comparing = command(
         "population", "measured.compare_population", "hold many measured units against the distributions of a study"

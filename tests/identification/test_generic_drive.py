@@ -104,7 +104,8 @@ def test_the_command_judges_first_and_writes_a_page(tmp_path, monkeypatch, capsy
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
     assert cli.main(["identify", "--unit", str(tmp_path / "u")]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "3 crank angles" in lines[0]
+    assert lines[0].startswith("reading the unit")
+    assert "3 crank angles" in lines[1]
     assert lines[1].startswith("plan: play, friction and a spring")
     folder = tmp_path / "runs" / "identify" / "u"
     verdict = json.loads((folder / "verdict.json").read_text())

@@ -58,7 +58,8 @@ class Number:
     term, unit, meaning : what it is.
     value, ci_low, ci_high : fitted to all training cells, with the 95 % interval of the jackknife over groups.
     p : of a term that is none, over all terms (familywise); NaN of the spring, and where nothing can be tested.
-    named : whether it is claimed.
+    named : whether it is claimed: not of an interval that reaches zero, or of a fit at its bound.
+    note : why it has no interval; empty where it has one.
     """
 
     term: str
@@ -69,6 +70,7 @@ class Number:
     ci_high: float
     p: float
     named: bool
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -208,21 +210,41 @@ def _numbers(data: Data, torque: Real, training: Truth, tested: Mapping[str, flo
     drive = _fit(data, torque, training, frozenset(TERMS))
     resampled = len(left_out) >= FEWEST_GROUPS
     jackknife_fits = [_fit(data, torque, cells, frozenset(TERMS)) for cells in left_out if resampled]
+    top = float(np.max(np.abs(data.torque)))
+    at_bound = frozenset().union(*(some_drive.terms_at_bound(top) for some_drive in (drive, *jackknife_fits)))
     numbers = []
     for term, (attribute, unit, meaning) in NUMBERS.items():
-        value, low, high = _interval(
-            getattr(drive, attribute), [getattr(jackknife_fit, attribute) for jackknife_fit in jackknife_fits]
+        value = getattr(drive, attribute)
+        low, high = (
+            (float("nan"), float("nan"))
+            if term in at_bound
+            else interval(value, [getattr(jackknife_fit, attribute) for jackknife_fit in jackknife_fits])
         )
         p = tested.get(term, float("nan"))
-        numbers.append(Number(term, unit, meaning, value, low, high, p, p < 1 - CONFIDENCE and low * high > 0))
+        note = "at the bound of the fit" if term in at_bound else ""
+        numbers.append(Number(term, unit, meaning, value, low, high, p, p < 1 - CONFIDENCE and low * high > 0, note))
     return tuple(numbers)
 
 
-def _interval(value: float, other_values: list[float]) -> tuple[float, float, float]:
-    """Value and 95 % interval of the jackknife, Efron and Tibshirani, An Introduction to the Bootstrap (1993), 11."""
+def interval(value: float, other_values: list[float]) -> tuple[float, float]:
+    """95 % interval of the jackknife, Efron and Tibshirani, An Introduction to the Bootstrap (1993), ch. 11.
+
+    Of logarithms where all values are positive and clear of zero; of a positive number that is not, it begins at zero.
+    """
     n = len(other_values)
     if not n:
-        return value, float("nan"), float("nan")
-    error = np.sqrt((n - 1) / n * np.sum((np.array(other_values) - np.mean(other_values)) ** 2))
-    reach = float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)
-    return value, value - reach, value + reach
+        return float("nan"), float("nan")
+    reach = _jackknife_reach(np.array(other_values))
+    if min(value, *other_values) <= 0:
+        return value - reach, value + reach
+    if reach >= value:
+        return 0.0, value + reach
+    factor = float(np.exp(_jackknife_reach(np.log(other_values))))
+    return value / factor, value * factor
+
+
+def _jackknife_reach(values: Real) -> float:
+    """Half of the interval by values (n,) of fits that leave out a group each."""
+    n = len(values)
+    error = np.sqrt((n - 1) / n * np.sum((values - np.mean(values)) ** 2))
+    return float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)

@@ -21,6 +21,10 @@ from pipeline.identification.selection.statements.verdict import FAULT
 
 VERDICT_FILE = "verdict.json"
 TITLES = {"spring": "a spring alone", "described": "play, friction and a softening spring"}
+LARGEST_PLAY_ARCMIN = 300.0
+"""Play of no reducer: metal ones have up to 10 arcmin, the printed ones that were measured 20 to 200."""
+LARGEST_FRICTION = 0.3
+"""Friction, as a share of the rated torque, with which no drive is rated."""
 SHARED = ("position", "crank_deg", "cycle", "block", "direction", "torque_Nm", "angle_arcmin", "rows", "sigma_arcmin")
 DESCRIPTION = Table(
     "description",
@@ -69,10 +73,30 @@ def sentence(description: Description) -> str:
         f"({model.to_noise:.3g} noise floors) with play, friction and softening."
     )
     named_numbers = [number for number in description.numbers if number.named]
+    doubts = "".join(f" {doubt}" for doubt in implausible_numbers(description))
     if not named_numbers:
-        return f"No term beside a spring is claimed. {errors}"
+        return f"No term beside a spring is claimed. {errors}{doubts}"
     remaining_text = "" if description.verdict == DESCRIBED else " What is left is structured and not traced."
-    return f"{'; '.join(_words(number) for number in named_numbers)}. {errors}{remaining_text}"
+    return f"{'; '.join(_words(number) for number in named_numbers)}. {errors}{remaining_text}{doubts}"
+
+
+def implausible_numbers(description: Description) -> list[str]:
+    """Warnings of a play or a friction that no drive of this rated torque has, and of numbers at a bound."""
+    values = {number.term: number for number in description.numbers}
+    rated = description.measurement.unit.rated_torque_Nm
+    check = "check side, unit and factor in unit.toml."
+    doubts = [
+        f"Warning: {number.term.replace('_', ' ')} is {number.note}." for number in values.values() if number.note
+    ]
+    if values["play"].value > LARGEST_PLAY_ARCMIN:
+        doubts.append(
+            f"Warning: a play of {values['play'].value:.3g} arcmin is implausible (at most {LARGEST_PLAY_ARCMIN:g} on "
+            f"drives that were measured); {check}"
+        )
+    if values["friction"].value > LARGEST_FRICTION * rated:
+        share = 100 * values["friction"].value / rated
+        doubts.append(f"Warning: a friction of {share:.0f} % of the rated torque is implausible; {check}")
+    return doubts
 
 
 def advice(description: Description) -> str:

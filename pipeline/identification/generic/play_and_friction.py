@@ -20,6 +20,8 @@ Whole = NDArray[np.int64]
 
 CROSSING = 0.02
 """Share of the largest torque over which the play is crossed."""
+AT_BOUND = 0.99
+"""Share of a bound from which a fit stands there."""
 LARGEST_FRICTION, LARGEST_SHARE, LARGEST_ZERO = 0.5, 0.5, 0.2
 """Bounds of the constant friction and of the torque's zero, in largest torques, and of the friction by the load."""
 TERMS = ("play", "friction", "load_friction", "softening", "torque_zero")
@@ -70,6 +72,15 @@ class PlayAndFriction:
     friction_Nm: float
     load_friction: float
     torque_zero_Nm: float = 0.0
+
+    def terms_at_bound(self, top: float) -> frozenset[str]:
+        """Terms that end at the largest value that a fit of torques up to ``top`` [N m] allows."""
+        shares = {
+            "friction": self.friction_Nm / (LARGEST_FRICTION * top),
+            "load_friction": self.load_friction / LARGEST_SHARE,
+            "torque_zero": abs(self.torque_zero_Nm) / (LARGEST_ZERO * top),
+        }
+        return frozenset(term for term, share in shares.items() if share >= AT_BOUND)
 
     def angle(self, torque: Real, position: Whole, top: float) -> Real:
         """Angle (n_cells,) [arcmin] without offsets along torques [N m] in time order, as those of ``TorqueCells``."""

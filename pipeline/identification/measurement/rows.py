@@ -140,7 +140,7 @@ def recorded(unit: UnitFile) -> Recorded:
     if problems:
         raise InputError(shortened_list(problems, unit.name))
     missing: list[tuple[str, str, str]] = []
-    parts = [_standard(table, file, unit, missing) for table, file in zip(tables, unit.files, strict=True)]
+    parts = [_standard(table, number, unit, missing) for number, table in enumerate(tables)]
     source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     mapped = {_column(unit, name).name for name in (*REQUIRED, *OPTIONAL)}
     extra = pd.concat([table.cells.drop(columns=mapped & set(table.cells)) for table in tables], ignore_index=True)
@@ -206,9 +206,16 @@ def _column(unit: UnitFile, quantity: str) -> FileColumn:
     return getattr(unit.settings.columns, quantity)
 
 
-def _standard(table: TableFile, file: DataFile, unit: UnitFile, missing: list[tuple[str, str, str]]) -> pd.DataFrame:
-    """The quantities of one file in standard units; what it should have and has not is added to `missing`."""
-    constants = {"crank_deg": file.crank_deg, "cycle": file.cycle}
+def _standard(table: TableFile, number: int, unit: UnitFile, missing: list[tuple[str, str, str]]) -> pd.DataFrame:
+    """The quantities of file ``number`` in standard units at the output; what it lacks is added to `missing`."""
+    file = unit.files[number]
+    crank = float(number) if unit.has_anonymous_positions else file.crank_deg
+    constants = {"crank_deg": crank, "cycle": file.cycle}
+    to_output = {
+        "torque_Nm": unit.input_ratio,
+        "command_torque_Nm": unit.input_ratio,
+        "angle_arcmin": 1 / unit.input_ratio,
+    }
     mapped = unit.settings.columns.model_fields_set
     values = {}
     for quantity in (*REQUIRED, *OPTIONAL):
@@ -217,7 +224,7 @@ def _standard(table: TableFile, file: DataFile, unit: UnitFile, missing: list[tu
             scale, shift = column.to_standard
             numbers = table.numbers(column.name)
             with np.errstate(over="ignore", invalid="ignore"):
-                value = column.factor * (scale * numbers + shift) + column.offset
+                value = to_output.get(quantity, 1.0) * (column.factor * (scale * numbers + shift) + column.offset)
                 values[quantity] = np.where(np.abs(value) <= LARGEST_VALUE, value, np.nan)
         elif constants.get(quantity) is not None:
             values[quantity] = np.full(len(table.cells), constants[quantity], float)

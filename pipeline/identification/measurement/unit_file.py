@@ -14,6 +14,7 @@ from pipeline.config import Study, load_design, parse_study
 from pipeline.config.designs.design import Design
 from pipeline.config.files.messages import problems_of
 from pipeline.config.files.section import MISSING, Mistake, Positive, Section, nearest_name
+from pipeline.config.files.table_file import read_table
 from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
 from pipeline.config.studies.cases import Case, case_problems
 from pipeline.errors import InputError
@@ -109,8 +110,9 @@ class UnitSettings(Section):
     """A file unit.toml: of a drive with a design, its study and dimensions, or of a ``generic`` one.
 
     `crank_angles` says whether `crank_deg` was measured from the drawing's zero; of "unknown" ones it tells positions
-    apart and no more. With neither end `locked` the crank turns while a torque is held, and `angle` says whether the
-    column is the error of the output against the ideal ratio, or the angle of the output itself.
+    apart and no more, and without any each file is a position. Torque and angle are of one `side`; those of the input
+    are taken to the output by the ratio. With neither end `locked` the crank turns while a torque is held, and `angle`
+    says whether the column is the error of the output against the ideal ratio, or the angle of the output itself.
     """
 
     title: Text
@@ -120,6 +122,7 @@ class UnitSettings(Section):
     generic: Generic | None = None
     locked: Literal["input", "output", "neither"]
     offset: Literal["per_position", "common"]
+    side: Literal["output", "input"] = "output"
     angle: Literal["error", "absolute"] = "error"
     crank_angles: Literal["measured", "unknown"] = "measured"
     crank: CrankSection = CrankSection()
@@ -167,6 +170,21 @@ class UnitFile:
         return self.designed
 
     @property
+    def input_ratio(self) -> float:
+        """Input turns per turn of the output where the files hold torque and angle of the input, else 1."""
+        if self.settings.side == "output":
+            return 1.0
+        return self.settings.generic.ratio if self.settings.generic else float(self.study.design.cycloid.ratio)
+
+    @property
+    def has_anonymous_positions(self) -> bool:
+        """Whether unit.toml gives no crank angle and need not: without a column of it each file is a position."""
+        settings = self.settings
+        if "crank_deg" in settings.columns.model_fields_set or any(file.crank_deg is not None for file in self.files):
+            return False
+        return settings.locked != NEITHER and (settings.generic is not None or settings.crank_angles == UNKNOWN)
+
+    @property
     def rated_torque_Nm(self) -> float:
         """Torque that the drive is rated for."""
         generic = self.settings.generic
@@ -208,6 +226,8 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     problems += _turning_problems(parts)
     problems += _crank_problems(parts)
     problems += _output_problems(design)
+    if problems or lines:
+        lines += _table_problems(files, path.parent)
     raise_if(problems, file, lines)
     return UnitFile(path.parent.name, path.parent, UnitSettings.model_validate(raw), study, dimensions, files)
 
@@ -293,6 +313,15 @@ def _file_problems(files: tuple[DataFile, ...], folder: Path) -> list[Mistake]:
     return problems
 
 
+def _table_problems(files: tuple[DataFile, ...], folder: Path) -> list[str]:
+    """Why data files are no tables; for the one answer that has all problems of a unit."""
+    lines: list[str] = []
+    for file in files:
+        path = folder / file.path
+        _collected(lines, partial(read_table, path, file.path, file.separator, file.decimal), path.is_file())
+    return lines
+
+
 def _drive_problems(raw: Mapping[str, Any]) -> list[Mistake]:
     """A drive has a design with all that belongs to it, or is generic."""
     keys = ("design", "study", "as_measured")
@@ -323,9 +352,11 @@ def _output_problems(design: Design | None) -> list[Mistake]:
 def _turning_problems(parts: Mapping[str, Any]) -> list[Mistake]:
     """A record of a turning drive has a design and one zero; other units are held out by position or cycle."""
     by, turns = parts.get("held_out", HeldOut()).by, parts.get("locked") == NEITHER
+    side, locked = parts.get("side", "output"), parts.get("locked")
     refused: tuple[tuple[bool, str, Any, str], ...]
     if not turns:
         refused = (
+            (side == "input" == locked, "side", side, 'must be "output" where the input is locked: only that moves'),
             (by in ("torque", "sense"), "held_out.by", by, 'must be "position" or "cycle"'),
             (parts.get("angle") == "absolute", "angle", "absolute", 'asks for locked = "neither"'),
         )
@@ -340,6 +371,7 @@ def _turning_problems(parts: Mapping[str, Any]) -> list[Mistake]:
                 known,
                 "a crank that turns is read from the drawing's zero",
             ),
+            (side == "input", "side", side, 'must be "output" where the crank turns'),
             (bool(parts.get("generic")), "locked", NEITHER, "of a drive without a design loops alone are read"),
         )
     return [Mistake(key, value, allowed) for wrong, key, value, allowed in refused if wrong]

@@ -11,7 +11,11 @@ from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.identification.measurement.cells import FEWEST_ROWS
 from pipeline.identification.measurement.faults.branch_faults import branch_faults
 from pipeline.identification.measurement.faults.fault import SHOWN_ROWS, Fault, fault_of_rows
-from pipeline.identification.measurement.faults.plausibility import implausible_angle, implausible_torque
+from pipeline.identification.measurement.faults.plausibility import (
+    doubtful_side,
+    implausible_angle,
+    implausible_torque,
+)
 from pipeline.identification.measurement.faults.shape_faults import (
     columns_exchanged,
     gains_energy,
@@ -46,13 +50,14 @@ def data_faults(measurement: MeasuredRows) -> list[Fault]:
     """All faults of the data; those that rest on numbers are looked for only if there are any."""
     unit, rows, good = measurement.unit, measurement.rows, measurement.numeric
     faults = recording_faults(measurement)
-    if not good.any():
-        return faults
-    unread = [*_turning_crank(rows, good)] or [*_constant(rows, good)]
+    finite = np.isfinite(rows.torque) & np.isfinite(rows.angle)
+    unread = [*_turning_crank(rows, finite)] or [*_constant(rows, finite)]
     faults += unread
-    if any(fault.severity == "fatal" for fault in unread):
+    turning = any(fault.kind == "turning crank" for fault in unread)
+    if finite.any() and not turning and not any(fault.severity == "fatal" for fault in unread):
+        faults += _implausible(unit, rows, finite)
+    if not good.any() or any(fault.severity == "fatal" for fault in unread):
         return faults
-    faults += _implausible(unit, rows, good)
     faults += _left_out(rows, measurement.saturated & good, measurement.clipped, measurement.spikes)
     usable, blocks = measurement.usable, measurement.branches
     faults += [*branch_faults(rows, blocks, usable), *_offsets(unit, rows, usable)]
@@ -223,6 +228,10 @@ def _implausible(unit: UnitFile, rows: Rows, good: Truth) -> Iterator[Fault]:
             "fatal",
         )
     yield from (Fault("unit", message, "fatal") for message in findings if message)
+    settings = unit.settings
+    if settings.generic and settings.side == "output" and settings.locked == "output" and not any(findings):
+        doubt = doubtful_side(top, span, settings.generic.rated_torque_Nm, settings.generic.ratio)
+        yield from (Fault("unit", doubt, "note") for _ in range(bool(doubt)))
     falling = [
         f"{crank:g}"
         for position, crank in enumerate(rows.cranks)

@@ -15,6 +15,8 @@ SMALLEST_TORQUE = 5e-3
 """Times the rated torque: below it a cycle says nothing about the reducer; torques in kN m lie there."""
 LIKELY_TORQUE = (0.05, 5.0)
 """Times the rated torque, of a bench: by which other units are suggested."""
+DOUBTFUL_TORQUE = 0.05
+"""Times the rated torque, below which loops may be those of the input."""
 REVOLUTION = 21600.0
 """In minutes of arc; an output that turns further is not held."""
 FINEST_ANGLE = 1e-2
@@ -52,6 +54,23 @@ def implausible_angle(span: float, resolution: float | None, limit: float, unit:
     likely = LIKELY_ANGLE[0], min(LIKELY_ANGLE[1], limit)
     advice = _advice(span / ANGLE_UNITS[unit], ANGLE_UNITS, likely, "angle_arcmin")
     return f"the angle spans {span:.4g} arcmin, {reason}; {advice}"
+
+
+def doubtful_side(top: float, span: float, rated: float, ratio: float) -> str:
+    """Why a loop up to ``top`` [N m] and ``span`` [arcmin] may be of the input or in another unit; empty if likely.
+
+    Parameters
+    ----------
+    rated : torque of the output [N m].
+    ratio : input turns per turn of the output.
+    """
+    if top >= DOUBTFUL_TORQUE * rated and span <= LIKELY_ANGLE[1]:
+        return ""
+    found = f"the loops reach {top:.3g} N m of a rated torque of {rated:g} N m and span {span:.4g} arcmin"
+    at_output = LIKELY_TORQUE[0] * rated <= top * ratio <= LIKELY_TORQUE[1] * rated
+    if at_output and LIKELY_ANGLE[0] <= span / ratio <= LIKELY_ANGLE[1]:
+        return f'{found}: if torque and angle are of the input, say side = "input" (ratio {ratio:g})'
+    return f"{found}, which is unusual: check unit and factor in [columns]"
 
 
 def _advice(value: float, units: dict[str, float], likely: tuple[float, float], quantity: str) -> str:
