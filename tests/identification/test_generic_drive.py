@@ -106,7 +106,7 @@ def test_the_command_judges_first_and_writes_a_page(tmp_path, monkeypatch, capsy
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("reading the unit")
     assert "3 crank angles" in lines[1]
-    assert lines[1].startswith("plan: play, friction and a spring")
+    assert lines[2].startswith("plan: play, friction and a spring")
     folder = tmp_path / "runs" / "identify" / "u"
     verdict = json.loads((folder / "verdict.json").read_text())
     page = (folder / "report.html").read_text().replace("\u00a0", " ")
