@@ -8,6 +8,8 @@ from pipeline import assembly
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.effects import Conditions, library
+from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.elements import ElasticModulus
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.geometry.contacts import OUTPUT
 from pipeline.model.geometry.cycloid_profile import Real
@@ -47,6 +49,10 @@ def drive_of(
         bearing_rows = output[study.design.output.bearing_rows(reducer.contacts.some(output))]
         shift[:, bearing_rows] = of_each_disk(clearance, reducer.n_disks)[:, reducer.disk_of_contact[bearing_rows]]
         clearance = np.full(len(clearance), study.design.cycloid.eccentricity_mm)  # no bearing is met within it
+    of_modulus = () if modulus is None else (ElasticModulus(modulus),)
+    in_series = (
+        LinearSpring(1 / (NMM_PER_NM * ARCMIN * part.stiffness_Nm_per_arcmin)) for part in study.design.series.values()
+    )
     drive = Drive(
         profile=assembly.profile(study.design),
         reducer=reducer,
@@ -58,8 +64,7 @@ def drive_of(
         reading=GapReading(**dict(study.clearance)),
         shift=shift,
         bearing_clearance=clearance,
-        modulus=modulus,
-        torsion=sum(1 / (NMM_PER_NM * ARCMIN * part.stiffness_Nm_per_arcmin) for part in study.design.series.values()),
+        elements=(*of_modulus, *in_series),
     )
     return with_effects(drive, study.design.effects)
 

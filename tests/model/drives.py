@@ -3,7 +3,6 @@
 import numpy as np
 from reducers import MICROMETRE, SMALL, errors_of, laws_of, random_compliance, random_errors, reducer_at
 
-from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.load_history.drive import Drive, GapReading
 
@@ -21,7 +20,7 @@ def small_drive(
     clearance=0.0,
     floats=False,
     seed=0,
-    sliders=None,
+    elements=(),
     profile=SMALL,
 ):
     """``n`` states of the small reducer with errors up to ``scale`` and gaps wider by ``play`` [mm]."""
@@ -40,7 +39,7 @@ def small_drive(
         reading=GapReading("exact", "radial_on_diameter", "half_diameter"),
         shift=np.zeros((n, len(laws))),
         bearing_clearance=np.full(n, clearance),
-        sliders=Sliders.none() if sliders is None else sliders,
+        elements=elements,
     )
     return drive.moved(pin_radius=np.array(-play), roller_diameter=np.array(-2 * play))
 

@@ -25,8 +25,10 @@ for entry in compiled:
 """
 SCRIPT = """
 import numpy as np
-from pipeline.model.load_history import rayleigh
-twist = rayleigh.rayleigh_twist(np.array([0.0, 1.0, 0.5]), 2.0)
+from pipeline.model.effects.friction import rayleigh
+from pipeline.model.elements import Path
+torque = np.array([0.0, 1.0, 0.5])
+twist = rayleigh.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like))
 print(twist.tolist(), sum(rayleigh._followed.stats.cache_misses.values()))
 """
 

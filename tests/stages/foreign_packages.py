@@ -5,14 +5,14 @@ from pathlib import Path
 import asperities
 
 RUBBER = """
-from dataclasses import replace
 from pipeline.model.effects import Effect, Parameter
+from pipeline.model.effects.elasticity.output_torsion import LinearSpring
 EFFECT = Effect(
     name="{name}", title="rubber coupling", physics="twists in proportion to the torque", source="Hooke",
     parameters=(Parameter("twist", "1", "rotation per torque [1e-9 rad/(N mm)]"),),
     changes="torsion", signature="softer", confused_with=("output_torsion",), told_apart_by="the coupling alone",
     bounds=lambda drive: ((0.0, 100.0),),
-    apply=lambda drive, values, conditions: replace(drive, torsion=drive.torsion + 1e-9 * values[0]),
+    apply=lambda drive, values, conditions: drive.with_elements(LinearSpring(1e-9 * values[0])),
 )
 """
 

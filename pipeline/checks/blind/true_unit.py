@@ -14,6 +14,8 @@ from pipeline.config.studies.study import Study
 from pipeline.identification.bench.simulator import Instrument
 from pipeline.identification.fitting.problem import Candidate, Model
 from pipeline.identification.fitting.scaled_drives import scaled_design
+from pipeline.model.effects.elasticity.creep import KelvinVoigt
+from pipeline.model.effects.friction.rayleigh import Rayleigh
 from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.backbone import Backbone, backbone, torque_levels
 from pipeline.model.load_history.drive import Drive
@@ -138,7 +140,7 @@ def true_unit(
 
 def _fine(drive: Drive, top: float) -> Backbone:
     reach = BEYOND * NMM_PER_NM * top / drive.rated_torque
-    curve = backbone(drive.without_twist, torque_levels(STEPS, reach))
+    curve = backbone(drive.without_elements, torque_levels(STEPS, reach))
     if not np.all(curve.states.converged):
         raise UnsoundError("the frictionless curve")
     return curve
@@ -168,21 +170,19 @@ def _solved(drive: Drive, ramp: Ramp, instrument: Instrument) -> Real:
                 np.interp(true_torque[of_cycle], levels, elastic_angle),
                 true_torque[of_cycle],
             )
-    if drive.creep is not None:
-        angle = angle + _crept(carried_torque, ramp.time, drive.creep.compliance, drive.creep.time_constant)
-    if drive.rayleigh:
-        angle = angle + _plays(carried_torque, drive.rayleigh)
+    for element in drive.hystereses:
+        angle = angle + SECOND_SOLUTIONS[type(element)](element, carried_torque, ramp.time)
     return angle
 
 
-def _plays(torque: Real, coefficient: float) -> Real:
+def _plays(element: Rayleigh, torque: Real, time: Real) -> Real:
     """Twist [rad] of a Rayleigh hysteresis along torques (n_rows,) [N mm] as the sum of plays of every width."""
     half = np.max(np.abs(torque)) * (np.arange(PLAYS) + 0.5) / PLAYS
     play_torque, twist = np.zeros(PLAYS), np.empty(len(torque))
     for k, load in enumerate(torque):
         play_torque = np.clip(play_torque, load - half, load + half)
         twist[k] = play_torque.sum()
-    return 2 * coefficient * (half[1] - half[0]) * twist
+    return 2 * element.coefficient * (half[1] - half[0]) * twist
 
 
 def _every_row(turns: Real, row_torque: Real, leg: NDArray[np.int64]) -> tuple[Real, NDArray[np.bool_]]:
@@ -203,14 +203,18 @@ def _followed(drive: Drive, state: int, curve: Backbone, steps: Real) -> tuple[R
     return output_angle + drive.twist(steps), np.interp(output_angle, curve.angle[state], curve.torque)
 
 
-def _crept(carried_torque: Real, time: Real, compliance: float, time_constant: float) -> Real:
+def _crept(element: KelvinVoigt, carried_torque: Real, time: Real) -> Real:
     """Delayed rotation [rad] for a torque that is linear between rows."""
     crept, strain = np.zeros_like(carried_torque), 0.0
     for k in range(1, len(carried_torque)):
-        step = (time[k] - time[k - 1]) / time_constant
+        step = (time[k] - time[k - 1]) / element.time_constant
         decay = np.exp(-step)
         torque_before, torque_after = carried_torque[k - 1], carried_torque[k]
         slope = (torque_after - torque_before) / step if step > 0 else 0.0
-        strain = strain * decay + compliance * (torque_after - slope + (slope - torque_before) * decay)
+        strain = strain * decay + element.compliance * (torque_after - slope + (slope - torque_before) * decay)
         crept[k] = strain
     return crept
+
+
+SECOND_SOLUTIONS: dict[type, Callable[..., Real]] = {KelvinVoigt: _crept, Rayleigh: _plays}
+"""Rotation [rad] at rows of elements with memory, by other code than theirs: element, torque carried, time [s]."""

@@ -6,20 +6,19 @@ made of it, not itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.bench.course import Course, slid_torque
+from pipeline.model.elements import Spring, merged_path, polyline, same
 from pipeline.model.load_history.backbone import NO_LOAD, Backbone, backbone, torque_levels
 from pipeline.model.load_history.cell_means import means, means_along
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.friction.incremental import solve_path
 from pipeline.model.load_history.friction.output_path import Ripple, output_path
-from pipeline.model.load_history.kelvin_voigt import crept
 from pipeline.model.load_history.load_cycle import ARCMIN
-from pipeline.model.load_history.rayleigh import rayleigh_twist
 from pipeline.model.units import NMM_PER_NM, SECONDS_AN_HOUR
 
 Real = NDArray[np.float64]
@@ -138,7 +137,7 @@ class Forward:
     def _solved(self, drive: Drive) -> Backbone:
         """The curve of a drive that is not kept; preload is sought from the latest at its crank angle."""
         alike = drive.reducer.crank, drive.gap.shape
-        curve = backbone(drive.without_twist, self.shares, self._preloaded.get(alike))
+        curve = backbone(drive.without_elements, self.shares, self._preloaded.get(alike))
         if curve.preloaded:
             self._preloaded[alike] = curve
         return curve
@@ -157,12 +156,9 @@ class Forward:
             sound = sound and leg_path
         else:
             path = _unhindered(drive, course, curve, torque, edges)
-        angle, slope, carried_torque, at_turns = path.angle, path.slope, path.carried, path.at_turns
-        if drive.creep is not None:
-            delayed = drive.creep.compliance, drive.creep.time_constant
-            angle = angle + crept(carried_torque, course.time, course.leg, at_turns, *delayed)
-        if drive.rayleigh:
-            angle = angle + _hysteretic(drive, course, carried_torque, at_turns)
+        angle, slope, carried_torque = path.angle, path.slope, path.carried
+        if drive.hystereses:
+            angle = angle + _remembered(drive, course, curve, path, (torque, edges))
         read = ARCMIN * angle + instrument.drift * course.time / SECONDS_AN_HOUR
         if any(instrument.encoder):
             turns = course.encoder_turns * angle + course.encoder_place
@@ -187,7 +183,7 @@ class Forward:
             stiffer = drive.stiffening(state)
             if drive.sliders.at_contacts:
                 seeds = (nodes, curve.states.motion[state], curve.states.force[state])
-                motions, _, worst = solve_path(_softer(drive, stiffer), state, steps / stiffer, seeds)
+                motions, _, worst = solve_path(drive.at_drawing_modulus(state), state, steps / stiffer, seeds)
                 output_angle = motions[:, drive.reducer.output_motion] + drive.twist(steps)
                 corners, sound = np.array([steps, output_angle, steps]), sound and worst <= UNSOUND
             else:
@@ -231,37 +227,33 @@ class Forward:
 
 
 def _alike_but_for_springs(drive: Drive, neighbour: Drive) -> bool:
-    """Whether two drives have the same contacts, friction and creep."""
-    sliders = ((getattr(drive.sliders, f.name), getattr(neighbour.sliders, f.name)) for f in fields(drive.sliders))
-    return (
-        (drive.creep, drive.rayleigh, drive.lean) == (neighbour.creep, neighbour.rayleigh, neighbour.lean)
-        and _moduli(drive) == _moduli(neighbour)
-        and np.array_equal(drive.reducer.contact_jacobian, neighbour.reducer.contact_jacobian)
-        and all(np.array_equal(values, neighbours) for values, neighbours in sliders)
+    """Whether two drives have the same contacts and the same elements but for springs without memory."""
+    others = (tuple(e for e in d.elements if not isinstance(e, Spring)) for d in (drive, neighbour))
+    return same(*others) and np.array_equal(drive.reducer.contact_jacobian, neighbour.reducer.contact_jacobian)
+
+
+def _remembered(drive: Drive, course: Course, curve: Backbone, path: LoadPath, applied: tuple[Real, Real]) -> Real:
+    """Rotation (n_cells,) [rad] of the elements with memory, along cells and the turns between them.
+
+    Each element goes along all of the position; ``applied`` are torques at turns (n_turns,) and cells (n_cells,
+    n_edges) [N mm]. Its curve is that of the first state.
+    """
+    nodes = drive.stiffening(0) * curve.torque
+    angles = curve.angle[0] + drive.twist(nodes)
+    torque, edges = applied
+    along, points = merged_path(
+        (path.at_turns, torque),
+        (path.carried, _mean_torque(edges)),
+        course.leg,
+        course.time,
+        polyline(nodes, angles),
     )
+    return np.asarray(sum(element.twist(along) for element in drive.hystereses))[points]
 
 
-def _moduli(drive: Drive) -> list[float]:
-    """Factors of the modulus by state; none where it is that of the drawing."""
-    return [] if drive.modulus is None else drive.modulus.tolist()
-
-
-def _softer(drive: Drive, stiffer: float) -> Drive:
-    """The drive whose friction is to the modulus of the drawing as its own to one so much ``stiffer``."""
-    if stiffer == 1.0:
-        return drive
-    sliders = drive.sliders
-    scaled = replace(sliders, limit=sliders.limit / stiffer, stiffness=sliders.stiffness / stiffer)
-    return replace(drive, sliders=scaled)
-
-
-def _hysteretic(drive: Drive, course: Course, carried_torque: Real, at_turns: Real) -> Real:
-    """Twist (n_cells,) [rad] of the hysteresis in series, along cells and the turns between them."""
-    torque = np.concatenate([at_turns, carried_torque])
-    order = np.argsort(np.concatenate([np.arange(len(at_turns)) - 0.5, course.leg]), kind="stable")
-    twist = np.empty(len(torque))
-    twist[order] = rayleigh_twist(torque[order], drive.rayleigh)
-    return twist[len(at_turns) :]
+def _mean_torque(edges: Real) -> Real:
+    """Mean (n_cells,) of torques within cells (n_cells, n_edges), as many rows between any two."""
+    return np.asarray((0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1))
 
 
 def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
@@ -273,7 +265,7 @@ def _unhindered(drive: Drive, course: Course, curve: Backbone, torque: Real, edg
         nodes = drive.stiffening(state) * curve.torque
         elastic_angle = curve.angle[state] + drive.twist(nodes)
         angle[cells], slope[cells] = means(edges[cells], nodes, elastic_angle)
-    return LoadPath(angle, slope, (0.5 * (edges[:, 1:] + edges[:, :-1])).mean(axis=1), torque)
+    return LoadPath(angle, slope, _mean_torque(edges), torque)
 
 
 def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Real) -> LoadPath:
@@ -288,7 +280,7 @@ def _slid(drive: Drive, course: Course, curve: Backbone, torque: Real, edges: Re
         edges_carried, share = slid_torque(edges[cells], course.sliding[cells], drive.sliders.of_scaled_load(leaning))
         angle[cells], rise = means(edges_carried, nodes, elastic_angle)
         slope[cells] = rise * share
-        carried_torque[cells] = (0.5 * (edges_carried[:, 1:] + edges_carried[:, :-1])).mean(axis=1) / leaning
+        carried_torque[cells] = _mean_torque(edges_carried) / leaning
     return LoadPath(angle, slope, carried_torque, torque)
 
 

@@ -1,6 +1,6 @@
 """The frictionless curve of a drive: what it turns by at torques of both senses, from the ends of its play."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -23,7 +23,7 @@ class Backbone:
     Attributes
     ----------
     torque : (n_nodes,) ascending [N mm], symmetric; the two next to zero, at ``LIMIT_TORQUE``, are the ends of play.
-    angle : (n, n_nodes) rotation of the output [rad], the torsion included.
+    angle : (n, n_nodes) rotation of the output [rad], the springs in series included.
     states : equilibria at the nodes (n, n_nodes, ...).
     """
 
@@ -105,9 +105,8 @@ def backbone(drive: Drive, shares: Real, neighbour: Backbone | None = None) -> B
     states that differs little in gaps and springs.
     """
     cycle = LoadCycle(drive.rated_torque, shares)
-    of_drawing = drive if drive.modulus is None else replace(drive, modulus=None, known_gap=drive.gap_of_errors)
     middle = len(shares) + 1
-    states = solve_cycle(of_drawing, cycle, None if neighbour is None else neighbour.limits)
+    states = solve_cycle(drive.without_elements, cycle, None if neighbour is None else neighbour.limits)
     levels = drive.rated_torque * np.append(LIMIT_TORQUE, shares)
     torque = np.concatenate([-levels[::-1], levels])
     states = states[:, np.append(np.arange(2 * middle)[: middle - 1 : -1], np.arange(middle))]

@@ -1,20 +1,24 @@
-"""A reducer as it is mounted: errors, springs, friction and what lies between its output and the torque.
+"""A reducer as it is mounted: errors, springs, and the elements beside it (``pipeline.model.elements``).
 
 A drive is one crank angle of one reducer, its gaps in ``n`` states (the samples of a study, or the cycles of a
 measured unit). Effects (``pipeline.model.effects``) are functions from drive to drive.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from pipeline.model.contact.friction_elements import Sliders
 from pipeline.model.contact.laws import ContactLaws, stiffened
+from pipeline.model.elements import AngleError, ElasticModulus, Element, Friction, Hysteresis, Spring
 from pipeline.model.equilibrium.solve import ElasticReducer, Equilibria, solve
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import CycloidProfile, Real
 from pipeline.model.geometry.reducer import Bearing, Reducer, of_each_disk
+
+NO_TORQUE = np.array([-0.0, 0.0])
+"""The limits of no torque from below and from above [N mm]."""
 
 
 @dataclass(frozen=True)
@@ -24,36 +28,6 @@ class GapReading:
     method: str
     disk_reading: str
     roller_reading: str
-
-
-@dataclass(frozen=True)
-class Creep:
-    """Kelvin-Voigt element in series with the output: delayed compliance [rad/(N mm)] and its time constant [s]."""
-
-    compliance: float
-    time_constant: float
-
-
-@dataclass(frozen=True)
-class HardeningSpring:
-    """Cubic spring in series with the output, soft at first: torque / knee = x + x^3, twist = compliance knee x.
-
-    Source: stiffness of strain-wave gears, Tuttle and Seering, IEEE Trans. Robot. Autom. 12 (1996) 368.
-
-    Attributes
-    ----------
-    compliance : without load [rad/(N mm)].
-    knee : torque [N mm]; at twice of it the cubic part carries as much as the linear one.
-    """
-
-    compliance: float
-    knee: float
-
-    def twist(self, torque: Real) -> Real:
-        """Rotation [rad] under a torque [N mm]: the real root of the cubic, by hyperbolic functions."""
-        scaled = np.asarray(torque, float) / self.knee
-        root = 2 / np.sqrt(3) * np.sinh(np.arcsinh(1.5 * np.sqrt(3) * scaled) / 3)
-        return self.compliance * self.knee * root
 
 
 @dataclass(frozen=True)
@@ -67,14 +41,7 @@ class Drive:
     shift : gap that the errors do not describe (n, n_contacts) [mm]: wear, growth, preload.
     bearing_clearance : (n,) of all bearings alike, or (n, n_disks) [mm].
     compliance : of the elastic bodies between the contacts (n_contacts, n_contacts) [mm/N].
-    sliders : friction.
-    lean : torque beyond the one carried, over it, that the turning end takes in either sense of motion: half of what
-        friction in proportion to the load resists more with the load than against it.
-    torsion : compliance between the reducer's output and the torque [rad/(N mm)].
-    hardening : further spring there, which stiffens with its torque, or None.
-    creep : delayed part of the torsion, or None.
-    rayleigh : coefficient of a twist in series with hysteresis [rad/(N mm)^2]; see ``rayleigh.rayleigh_twist``.
-    modulus : (n,) factor of the modulus of all elastic parts in each state, or None for 1.
+    elements : what acts beside the reducer; those in series with the output in their order from the reducer.
     known_gap : gap of the errors alone (n, n_contacts) [mm], where it was found before.
     """
 
@@ -88,13 +55,7 @@ class Drive:
     reading: GapReading
     shift: Real
     bearing_clearance: Real
-    sliders: Sliders = field(default_factory=Sliders.none)
-    lean: float = 0.0
-    torsion: float = 0.0
-    hardening: HardeningSpring | None = None
-    creep: Creep | None = None
-    rayleigh: float = 0.0
-    modulus: Real | None = None
+    elements: tuple[Element, ...] = ()
     known_gap: Real | None = None
 
     @cached_property
@@ -103,6 +64,12 @@ class Drive:
         if self.known_gap is not None:
             return self.known_gap
         return gaps(self.profile, self.reducer, self.errors, **vars(self.reading))
+
+    @property
+    def _found_gap(self) -> Real | None:
+        """``gap_of_errors`` where it has been computed."""
+        found: Real | None = self.__dict__.get("gap_of_errors", self.known_gap)
+        return found
 
     @cached_property
     def gap(self) -> Real:
@@ -121,9 +88,57 @@ class Drive:
             errors=Errors(**{name: values[states] for name, values in vars(self.errors).items()}),
             shift=self.shift[states],
             bearing_clearance=self.bearing_clearance[states],
-            modulus=None if self.modulus is None else self.modulus[states],
+            elements=tuple(element.some(states) for element in self.elements),
             known_gap=self.gap_of_errors[states],
         )
+
+    @cached_property
+    def springs(self) -> tuple[Spring, ...]:
+        """Elements in series with the output that have no memory."""
+        return tuple(element for element in self.elements if isinstance(element, Spring))
+
+    @cached_property
+    def hystereses(self) -> tuple[Hysteresis, ...]:
+        """Elements in series with the output that have a memory."""
+        return tuple(element for element in self.elements if isinstance(element, Hysteresis))
+
+    @cached_property
+    def angle_errors(self) -> tuple[AngleError, ...]:
+        """Elements on the angle of the crank."""
+        return tuple(element for element in self.elements if isinstance(element, AngleError))
+
+    @cached_property
+    def frictions(self) -> tuple[Friction, ...]:
+        """Elements in parallel with the output or at the contacts."""
+        return tuple(element for element in self.elements if isinstance(element, Friction))
+
+    @cached_property
+    def sliders(self) -> Sliders:
+        """Friction of all elements."""
+        sliders = Sliders.none()
+        for element in self.frictions:
+            sliders = sliders.joined(element.sliders)
+        return sliders
+
+    @cached_property
+    def lean(self) -> float:
+        """Difference of the friction between the two senses of motion; see ``Friction.lean``."""
+        return sum(element.lean for element in self.frictions)
+
+    @cached_property
+    def modulus(self) -> Real | None:
+        """Factor (n,) of the modulus of all elastic parts in each state, or None for 1."""
+        factors = [element.factor for element in self.elements if isinstance(element, ElasticModulus)]
+        return np.prod(factors, axis=0) if factors else None
+
+    @property
+    def bearing_of_states(self) -> list[Bearing]:
+        """The input bearing of each state (n,), with the modulus where that is the bearing's too."""
+        factor = np.ones(len(self.bearing_clearance))
+        for element in self.elements:
+            if isinstance(element, ElasticModulus) and element.of_bearing:
+                factor = factor * element.factor
+        return [replace(self.bearing, stiffness=self.bearing.stiffness * share) for share in factor.tolist()]
 
     @cached_property
     def laws_of_states(self) -> ContactLaws:
@@ -143,9 +158,14 @@ class Drive:
         return 1.0 if self.modulus is None else float(self.modulus[state])
 
     def twist(self, torque: Real) -> Real:
-        """Rotation [rad] between the reducer's output and a torque [N mm], at once."""
-        linear = self.torsion * torque
-        return linear if self.hardening is None else linear + self.hardening.twist(torque)
+        """Rotation [rad] of all springs in series with the output under the torque [N mm] that they carry.
+
+        0.0 and -0.0 are the limits from above and from below.
+        """
+        twist = np.zeros(np.shape(torque))
+        for spring in self.springs:
+            twist = twist + spring.twist(torque)
+        return twist
 
     @property
     def clearance_of_disks(self) -> Real:
@@ -153,17 +173,28 @@ class Drive:
         return of_each_disk(self.bearing_clearance, self.reducer.n_disks)
 
     @property
-    def without_twist(self) -> "Drive":
-        """The reducer alone, up to its output."""
-        return replace(self, torsion=0.0, hardening=None, known_gap=self.gap_of_errors)
+    def without_elements(self) -> "Drive":
+        """The drive without elements: the modulus is the drawing's."""
+        return replace(self, elements=(), known_gap=self._found_gap)
+
+    def at_drawing_modulus(self, state: int) -> "Drive":
+        """The drive whose friction is to the modulus of the drawing as its own is to that of a state."""
+        factor = self.stiffening(state)
+        if factor == 1.0:
+            return self
+        scaled = (
+            element.at_drawing_modulus(factor) if isinstance(element, Friction) else element
+            for element in self.elements
+        )
+        return replace(self, elements=tuple(scaled), known_gap=self._found_gap)
 
     def shifted(self, added_gap: Real) -> "Drive":
         """The drive with every gap larger by ``more`` (n, n_contacts) [mm]."""
-        return replace(self, shift=self.shift + added_gap, known_gap=self.gap_of_errors)
+        return replace(self, shift=self.shift + added_gap, known_gap=self._found_gap)
 
-    def with_friction(self, sliders: Sliders) -> "Drive":
-        """The drive with sliders beside its own."""
-        return replace(self, sliders=self.sliders.joined(sliders))
+    def with_elements(self, *elements: Element) -> "Drive":
+        """The drive with elements beside its own."""
+        return replace(self, elements=(*self.elements, *elements), known_gap=self._found_gap)
 
     def moved(self, **errors: Real) -> "Drive":
         """The drive with errors [mm] added to its own, by their names; broadcast to the errors' shapes."""
@@ -189,13 +220,14 @@ class Drive:
         return solve(self.elastic, self.gap, self.bearing_clearance, start, torque, neighbours)
 
     def softened_equilibria(self, start: Real, torque: Real, neighbours: Equilibria | None = None) -> Equilibria:
-        """As ``equilibria`` (n, n_torques), each state with its modulus; the bearing's stiffness is as stated."""
+        """As ``equilibria`` (n, n_torques), each state with its modulus."""
         if self.modulus is None:
             return self.equilibria(start, torque, neighbours)
         states = [
             solve(
                 replace(
                     self.elastic,
+                    bearing=bearing,
                     laws=stiffened(self.laws, np.full(len(self.laws), factor)),
                     compliance=self.compliance / factor,
                 ),
@@ -205,6 +237,6 @@ class Drive:
                 torque,
                 None if neighbours is None else neighbours[k : k + 1],
             )
-            for k, factor in enumerate(self.modulus)
+            for k, (factor, bearing) in enumerate(zip(self.modulus, self.bearing_of_states, strict=True))
         ]
         return Equilibria.joined(states, axis=0)

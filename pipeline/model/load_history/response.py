@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.model.elements import Path, polyline
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.load_history.friction.frictional_cycle import refined, solve_frictional_cycle
 from pipeline.model.load_history.load_cycle import BRANCHES, LoadCycle, solve_cycle
-from pipeline.model.load_history.rayleigh import rayleigh_twist
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class CycleResponse:
     ----------
     branch : (n_steps,) branch of every step, its index in ``BRANCHES``.
     torque : (n_steps,) on the output [N mm]; 0 stands for the limit from the branch's side.
-    angle : (n, n_steps) of the output [rad], the torsion behind the reducer included.
+    carried : (n_steps,), or (n, n_steps) with friction on the output: torque in the reducer and the elements in series.
+    angle : (n, n_steps) of the turning end [rad], the elements in series with the output included.
     state : (n_steps,) equilibrium that a step visits: its second index in ``equilibria``.
     equilibria : (n, n_equilibria, ...); without friction a torque has one, with friction every step has its own.
     play : (n, 2) angle [rad] at the frictionless limits T -> 0- and T -> 0+.
@@ -39,6 +40,7 @@ class CycleResponse:
 
     branch: np.ndarray
     torque: Real
+    carried: Real
     angle: Real
     state: np.ndarray
     equilibria: Equilibria
@@ -78,7 +80,7 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     ValueError
         If the drive creeps: a load cycle has no time; if it has friction, and its modulus differs from state to state.
     """
-    if drive.creep is not None:
+    if any(element.needs_time for element in drive.hystereses):
         raise ValueError("a load cycle has no time, so a drive that creeps has no response to it")
     frictional = len(drive.sliders.acting) > 0
     if frictional and drive.modulus is not None:
@@ -90,14 +92,32 @@ def respond(drive: Drive, cycle: LoadCycle) -> CycleResponse:
     limits = [len(levels.fractions) + 1, 0]  # 0-, 0+
     motion = drive.reducer.output_motion
     equilibria, converged = frictionless, np.all(frictionless.converged[:, limits], axis=1)
+    carried, twist = torque, drive.twist(torque)
     if frictional:
-        equilibria, state = solve_frictional_cycle(drive, cycle, frictionless), np.arange(len(state))
+        path = solve_frictional_cycle(drive, cycle, frictionless)
+        equilibria, carried, twist, state = path.equilibria, path.carried, path.twist, np.arange(len(state))
+    angle = equilibria.motion[:, state, motion] + twist
+    if drive.hystereses:
+        angle = angle + _remembered(drive, levels, frictionless, torque, carried)
     return CycleResponse(
         branch,
         torque,
-        equilibria.motion[:, state, motion] + drive.twist(torque) + rayleigh_twist(torque, drive.rayleigh),
+        carried,
+        angle,
         state,
         equilibria,
-        frictionless.motion[:, limits, motion],
+        frictionless.motion[:, limits, motion] + drive.twist(NO_TORQUE),
         converged & np.all(equilibria.converged, axis=1),
     )
+
+
+def _remembered(drive: Drive, levels: LoadCycle, frictionless: Equilibria, torque: Real, carried: Real) -> Real:
+    """Rotation (n, n_steps) [rad] of the elements with memory along the cycle."""
+    nodes, order = levels.state_torque, np.lexsort((np.signbit(levels.state_torque) == 0, levels.state_torque))
+    angles = frictionless.motion[:, order, drive.reducer.output_motion] + drive.twist(nodes[order])
+    paths = np.broadcast_to(carried, (len(angles), len(torque)))
+    twist = np.zeros(paths.shape)
+    for k, (along, angle) in enumerate(zip(paths, angles, strict=True)):
+        path = Path(np.ascontiguousarray(along), torque, None, polyline(nodes[order], angle))
+        twist[k] = sum(element.twist(path) for element in drive.hystereses)
+    return twist

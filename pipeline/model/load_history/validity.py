@@ -16,7 +16,7 @@ import numpy as np
 from pipeline.model.equilibrium.solve import Equilibria
 from pipeline.model.geometry.contacts import PIN
 from pipeline.model.geometry.cycloid_profile import Real
-from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.load_history.response import CycleResponse
 from pipeline.model.metrics import Definitions, Metric, library
@@ -60,10 +60,11 @@ def _clearance(drive: Drive, response: CycleResponse, torque: float) -> Real:
 
 def _stuck(drive: Drive, response: CycleResponse, torque: float) -> np.ndarray:
     """Whether (n,) the reducer carries nothing of ``torque`` on a loading branch in its sense: friction takes it."""
-    twist = float(drive.twist(np.array(torque)))
-    rising = response.angle[:, _steps_of(response, "reloading+", torque)] - twist
-    falling = response.angle[:, _steps_of(response, "loading-", -torque)] + twist
-    return (rising <= response.play[:, 1]) | (falling >= response.play[:, 0])
+    angle = response.equilibria.motion[:, :, drive.reducer.output_motion]
+    rising = angle[:, response.state[_steps_of(response, "reloading+", torque)]]
+    falling = angle[:, response.state[_steps_of(response, "loading-", -torque)]]
+    end_minus, end_plus = (response.play - drive.twist(NO_TORQUE)).T
+    return (rising <= end_plus) | (falling >= end_minus)
 
 
 def _reason(

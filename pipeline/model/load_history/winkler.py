@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR, rigid_play
-from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.metrics import Definitions, LoopReadings
 from pipeline.model.units import ARCMIN, NMM_PER_NM
 
@@ -74,7 +74,7 @@ def _one_sense(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: 
     """Angle of the output (n, n_torques) [rad] at ascending torques of one sense, from poses at its end of play."""
     contacts, reducer = drive.reducer.contacts, drive.reducer
     room = drive.gap - pose @ reducer.contact_jacobian.T
-    angle = pose[:, [reducer.output_motion]] + drive.torsion * torques
+    angle = pose[:, [reducer.output_motion]] + drive.twist(torques)
     for part in np.unique(contacts.interface):
         rows = contacts.interface == part
         rows = np.flatnonzero(rows & (np.abs(contacts.arm) > ARM_FLOOR * np.max(np.abs(contacts.arm[rows]))))
@@ -98,7 +98,9 @@ def winkler_readings(drive: Drive, compliance: Real, definitions: Definitions) -
     plus, minus = np.empty((2, len(peak), len(levels)))
     plus[:, order] = ARCMIN * _one_sense(drive, compliance, play.pose_plus, levels[order], peak)
     minus[:, order[::-1]] = ARCMIN * _one_sense(drive, compliance, play.pose_minus, -levels[order[::-1]], peak)
-    limits = [ARCMIN * pose[:, drive.reducer.output_motion] for pose in (play.pose_minus, play.pose_plus)]
+    twist_minus, twist_plus = drive.twist(NO_TORQUE)
+    output = drive.reducer.output_motion
+    limits = [ARCMIN * (play.pose_minus[:, output] + twist_minus), ARCMIN * (play.pose_plus[:, output] + twist_plus)]
     return LoopReadings(
         limit_minus=limits[0],
         limit_plus=limits[1],

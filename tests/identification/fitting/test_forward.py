@@ -11,8 +11,9 @@ from pipeline.config import load_study
 from pipeline.identification.bench.course import Course
 from pipeline.identification.bench.simulator import Forward, Instrument
 from pipeline.model.effects import Conditions, library
+from pipeline.model.effects.elasticity.creep import KelvinVoigt
+from pipeline.model.effects.elasticity.output_torsion import LinearSpring
 from pipeline.model.load_history.backbone import backbone
-from pipeline.model.load_history.drive import Creep
 from pipeline.model.load_history.load_cycle import ARCMIN
 from pipeline.mounting import drive_of
 from pipeline.sampling import draw
@@ -48,7 +49,7 @@ def read(drive, instrument=None, course=None):
 
 def test_torsion_counts_once_whichever_drive_was_seen_first(drive):
     course = course_of()
-    twisted = replace(drive, torsion=5e-9)
+    twisted = drive.with_elements(LinearSpring(5e-9))
     forward = Forward([course], drive.rated_torque)
     twisted_angle, reference = forward.read(twisted, 0, Instrument()).angle, forward.read(drive, 0, Instrument()).angle
     twist = ARCMIN * 5e-9 * 1e3 * course.cell_torques[:, 0]
@@ -102,7 +103,7 @@ def test_creep_after_a_step_is_that_of_spring_and_damper(drive):
     leg = np.concatenate([[0], np.zeros(60, np.int64), np.ones(60, np.int64)])
     time = np.concatenate([[0.0], hold, 200 + hold])
     course = Course(turns, leg, np.zeros(2, np.int64), points(sample_times), time, 1.0, 0.0)
-    variant = replace(drive, creep=Creep(compliance, tau))
+    variant = drive.with_elements(KelvinVoigt(compliance, tau))
     computed_angle = read(variant, course=course).angle - read(drive, course=course).angle
 
     def rise(t):
@@ -124,7 +125,7 @@ def delayed(torque, time, creep):
 @pytest.mark.parametrize("per_leg", [2, 3, 5])
 def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, time_constant):
     """No cell is at a turn: the turns lie between the cells."""
-    period, creep = 60.0, Creep(2e-9, time_constant)
+    period, creep = 60.0, KelvinVoigt(2e-9, time_constant)
     leg = np.repeat(np.arange(len(TURNS) - 1), per_leg)
     shares = np.tile((np.arange(per_leg) + 0.5) / per_leg, len(TURNS) - 1)
     start, end = TURNS[leg], TURNS[leg + 1]
@@ -133,7 +134,7 @@ def test_creep_read_at_few_cells_is_that_of_the_whole_course(drive, per_leg, tim
     time = start_times[leg] + period * length * shares
     torque = start + shares * (end - start)
     course = Course(TURNS, leg, np.zeros(len(TURNS) - 1, np.int64), points(torque), time, 1.0, 0.0)
-    computed_angle = read(replace(drive, creep=creep), course=course).angle - read(drive, course=course).angle
+    computed_angle = read(drive.with_elements(creep), course=course).angle - read(drive, course=course).angle
     fine = np.linspace(0.0, start_times[-1], 40001)
     whole = ARCMIN * delayed(1e3 * np.interp(fine, start_times, TURNS), fine, creep)
     np.testing.assert_allclose(computed_angle, np.interp(time, fine, whole), atol=0.01 * np.ptp(whole))

@@ -45,7 +45,7 @@ def test_softening_compliance_is_a_cubic_spring():
     assert spring.twist(np.array([2 * knee])) == pytest.approx(linear)
     variant, reference = backbone(spring, SHARES), backbone(drive, SHARES)
     np.testing.assert_allclose((variant.angle - reference.angle)[0], spring.twist(reference.torque), atol=1e-15)
-    np.testing.assert_array_equal(spring.without_twist.twist(torque), 0.0)
+    np.testing.assert_array_equal(spring.without_elements.twist(torque), 0.0)
 
 
 def test_softening_compliance_of_a_far_knee_is_the_torsion_of_the_output():

@@ -7,9 +7,14 @@ from drives_with_effects import LIBRARY, put
 from reducers import ARCMIN
 
 from pipeline.model.effects.effect import STILL
+from pipeline.model.effects.friction.rayleigh import Rayleigh
+from pipeline.model.elements import Path
 from pipeline.model.load_history.backbone import backbone, torque_levels
 from pipeline.model.load_history.friction.output_path import Ripple, output_path
-from pipeline.model.load_history.rayleigh import rayleigh_twist
+
+
+def twist_along(torque, coefficient):
+    return Rayleigh(coefficient).twist(Path(torque, torque, None, np.zeros_like))
 
 
 def turned(drive, torques, nodes):
@@ -76,16 +81,14 @@ def test_rayleigh_loops_have_their_closed_area_and_forget_inner_loops():
     eta, top = 3e-9, 12e3
     ramp = np.linspace(0.0, top, 4001)
     cycle = np.concatenate([ramp, ramp[-2::-1], -ramp[1:], -ramp[-2::-1], ramp[1:]])
-    twist = rayleigh_twist(cycle, eta)
+    twist = twist_along(cycle, eta)
     loop = slice(len(ramp) - 1, None)
     area = abs(np.trapezoid(twist[loop], cycle[loop]))
     assert area == pytest.approx(4 / 3 * eta * top**3, rel=1e-6)
     assert twist[len(ramp) - 1] == twist[-1] == pytest.approx(eta * top**2)
     assert twist[2 * len(ramp) - 2] == pytest.approx(0.5 * eta * top**2)
-    inner = rayleigh_twist(
-        np.array([0.0, top, -0.5 * top, 0.3 * top, -0.2 * top, 0.3 * top, -0.5 * top, 0.8 * top]), eta
-    )
-    direct = rayleigh_twist(np.array([0.0, top, -0.5 * top, 0.8 * top]), eta)
+    inner = twist_along(np.array([0.0, top, -0.5 * top, 0.3 * top, -0.2 * top, 0.3 * top, -0.5 * top, 0.8 * top]), eta)
+    direct = twist_along(np.array([0.0, top, -0.5 * top, 0.8 * top]), eta)
     assert inner[-1] == pytest.approx(direct[-1], rel=1e-12)
 
 
@@ -97,7 +100,7 @@ def test_rayleigh_is_the_sum_of_plays_of_every_width():
     for load in torque:
         play_positions = np.clip(play_positions, load - half, load + half)
         summed.append(2 * eta * (half[1] - half[0]) * play_positions.sum())
-    np.testing.assert_allclose(rayleigh_twist(torque, eta), summed, rtol=1e-4, atol=1e-5 * np.max(np.abs(summed)))
+    np.testing.assert_allclose(twist_along(torque, eta), summed, rtol=1e-4, atol=1e-5 * np.max(np.abs(summed)))
 
 
 def test_friction_resists_the_rising_load_by_one_share_and_the_falling_by_another():

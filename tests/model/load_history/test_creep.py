@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pipeline.model.load_history.kelvin_voigt import crept
+from pipeline.model.effects.elasticity.creep import KelvinVoigt
+from pipeline.model.elements import merged_path
 
 COMPLIANCE, CONSTANT = 2e-9, 25.0
 TURNS = np.array([0.0, 900.0, -600.0, 300.0])
 SPEED = 30.0
+
+
+def crept(torque, time, leg, turns, constant):
+    path, points = merged_path((turns, turns), (torque, torque), leg, time, np.zeros_like)
+    return KelvinVoigt(COMPLIANCE, constant).twist(path)[points]
 
 
 def passed(torque_from, torque_to):
@@ -37,13 +43,13 @@ def test_readings_however_few_are_those_of_the_whole_course(per_leg, constant):
         return (COMPLIANCE * np.interp(t, corners, TURNS) - angle) / constant
 
     whole = solve_ivp(rate, (0, time[-1]), [0.0], t_eval=time, rtol=1e-10, atol=1e-18, max_step=0.2)
-    computed_angle = crept(torque, time, leg, TURNS, COMPLIANCE, constant)
+    computed_angle = crept(torque, time, leg, TURNS, constant)
     np.testing.assert_allclose(computed_angle, whole.y[0], atol=1e-7 * COMPLIANCE * 900)
 
 
 def test_a_load_put_on_at_once_creeps_exponentially():
     time = np.linspace(5.0, 100.0, 20)
-    computed_angle = crept(np.full(20, 800.0), time, np.zeros(20, int), np.array([0.0, 800.0]), COMPLIANCE, CONSTANT)
+    computed_angle = crept(np.full(20, 800.0), time, np.zeros(20, int), np.array([0.0, 800.0]), CONSTANT)
     np.testing.assert_allclose(
         computed_angle, COMPLIANCE * 800 * -np.expm1(-(time - 5.0) / CONSTANT), rtol=1e-12, atol=1e-20
     )
@@ -51,5 +57,5 @@ def test_a_load_put_on_at_once_creeps_exponentially():
 
 def test_time_that_stands_still_moves_nothing():
     time = np.array([1.0, 1.0, 2.0, 2.0])
-    computed_angle = crept(np.full(4, 800.0), time, np.zeros(4, int), np.array([0.0, 800.0]), COMPLIANCE, CONSTANT)
+    computed_angle = crept(np.full(4, 800.0), time, np.zeros(4, int), np.array([0.0, 800.0]), CONSTANT)
     np.testing.assert_allclose(computed_angle[[0, 2]], computed_angle[[1, 3]], rtol=1e-12)

@@ -7,6 +7,7 @@ import pytest
 from drives import LINEAR, RATED, small_drive
 from reducers import MICROMETRE
 
+from pipeline.model.effects.elasticity.output_torsion import LinearSpring
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, separated_play
 from pipeline.model.load_history import load_cycle
@@ -42,7 +43,7 @@ def test_ends_of_play_are_those_of_rigid_bodies():
 
 def test_torsion_adds_its_twist():
     drive = small_drive(2, seed=1)
-    reference, twisted = backbone(drive, SHARES), backbone(replace(drive, torsion=2e-8), SHARES)
+    reference, twisted = backbone(drive, SHARES), backbone(replace(drive, elements=(LinearSpring(2e-8),)), SHARES)
     np.testing.assert_allclose(
         twisted.angle - reference.angle, 2e-8 * np.tile(reference.torque, (2, 1)), rtol=1e-9, atol=1e-18
     )
@@ -170,7 +171,11 @@ def test_shifted_drive_has_the_gaps_of_one_whose_shift_was_replaced():
 
 
 def test_first_is_the_drive_of_its_first_state():
-    drive = replace(small_drive(4, seed=3), bearing_clearance=np.array([2.0, 0.0, 5.0, 1.0]) * MICROMETRE, torsion=1e-8)
+    drive = replace(
+        small_drive(4, seed=3),
+        bearing_clearance=np.array([2.0, 0.0, 5.0, 1.0]) * MICROMETRE,
+        elements=(LinearSpring(1e-8),),
+    )
     drive = drive.shifted(np.random.default_rng(2).uniform(0, 3, drive.gap.shape) * MICROMETRE)
     first_drive = drive.first
     np.testing.assert_allclose(first_drive.gap, drive.gap[:1], atol=1e-15)
@@ -231,7 +236,7 @@ CHANGES = {
     "gaps": lambda drive: {"shift": drive.shift + np.linspace(-1e-6, 2e-6, drive.gap.shape[1])},
     "bearing": lambda drive: {"bearing": replace(drive.bearing, stiffness=0.999 * drive.bearing.stiffness)},
     "clearance": lambda drive: {"bearing_clearance": drive.bearing_clearance + 2e-6},
-    "torsion": lambda drive: {"torsion": 1e-13},
+    "torsion": lambda drive: {"elements": (LinearSpring(1e-13),)},
 }
 
 

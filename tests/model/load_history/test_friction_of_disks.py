@@ -10,6 +10,7 @@ from reducers import SMALL, STEEL, pins_in_holes, random_compliance
 from pipeline.model.contact.friction_elements import pin_sliders
 from pipeline.model.contact.laws import LineContact, concatenated, cylinder_share, meshed_share
 from pipeline.model.contact.line_laws.hertz import hertz_laws
+from pipeline.model.elements import Friction
 from pipeline.model.geometry.reducer import nominal_reducer
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
@@ -44,7 +45,7 @@ def loop(disks, coefficient, torque=RATED, scatter=0.0):
     )
     gap = 1e-3 * (1 + scatter * np.random.default_rng(1).uniform(size=(1, len(reducer.contacts))))
     drive = drive_with(SMALL, reducer, LINEAR, laws, equal_disks(reducer), gap, np.zeros((1, disks)))
-    drive = replace(drive, rated_torque=torque, sliders=pin_sliders(reducer, laws, coefficient, torque))
+    drive = replace(drive, rated_torque=torque, elements=(Friction(pin_sliders(reducer, laws, coefficient, torque)),))
     response = respond(drive, LoadCycle.evenly(torque, 12, 1.0, (0.03, 0.5, 1.0)))
     assert response.converged[0]
     return response

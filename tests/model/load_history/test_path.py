@@ -8,6 +8,7 @@ from drives import RATED, area, history, small_drive
 from reducers import MICROMETRE, SMALL
 
 from pipeline.model.contact.friction_elements import Sliders, load_slider, output_sliders, pin_sliders
+from pipeline.model.elements import Friction
 from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.load_history.backbone import backbone, torque_levels
@@ -19,7 +20,7 @@ def followed(drive, torques, sliders):
     """Motions, forces of the only state of a drive along a history."""
     curve = backbone(drive, torque_levels(14, 1.1))
     motion, force, worst = solve_path(
-        replace(drive, sliders=sliders),
+        replace(drive, elements=(Friction(sliders),)),
         0,
         torques,
         (curve.torque, curve.states.motion[0], curve.states.force[0]),

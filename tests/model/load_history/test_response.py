@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from reducers import MICROMETRE
 
 from pipeline.model.contact.friction_elements import load_slider, output_sliders, pin_sliders
+from pipeline.model.effects.elasticity.creep import KelvinVoigt
+from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.elements import Friction
 from pipeline.model.equilibrium.solve import solve
 from pipeline.model.geometry.reducer import Bearing
 from pipeline.model.geometry.rigid_play.rigid_backlash import general_play, rigid_play
-from pipeline.model.load_history.drive import Creep
 from pipeline.model.load_history.load_cycle import LoadCycle
 from pipeline.model.load_history.response import respond
 
@@ -46,7 +48,7 @@ def test_friction_changes_no_backlash_and_widens_the_loop(given_drive, kind, cle
     """But for pins in a disk with a loose bearing, whose friction may hold it short of the end of its play."""
     drive = small_drive(2, clearance=clearance, **given_drive)
     free = respond(drive, MARKS)
-    rubbing = respond(replace(drive, sliders=FRICTION[kind](drive)), MARKS)
+    rubbing = respond(replace(drive, elements=(Friction(FRICTION[kind](drive)),)), MARKS)
     np.testing.assert_array_equal(free.hysteresis_loss, 0.0)
     np.testing.assert_allclose(rubbing.clearance_backlash, free.clearance_backlash, rtol=0, atol=1e-7 * ARCMIN)
     converged = rubbing.converged & free.converged
@@ -92,7 +94,7 @@ def test_preload_of_the_pins_leaves_less_play_than_the_other_parts_have_alone():
 def test_metric_torques_alone_give_the_points_of_the_full_cycle(kind):
     drive = small_drive(2, seed=5)
     if kind:
-        drive = replace(drive, sliders=FRICTION[kind](drive))
+        drive = replace(drive, elements=(Friction(FRICTION[kind](drive)),))
     full, brief = (respond(drive, LoadCycle.evenly(RATED, levels, 1.0, (0.03, 0.5, 1.0))) for levels in (10, 0))
     assert np.all(full.converged)
     assert np.all(brief.converged)
@@ -109,7 +111,7 @@ def test_width_under_constant_friction_is_the_curve_between_its_torques():
     """Unloaded to T the reducer still carries T + f, in closed form on the frictionless curve."""
     drive, torque = small_drive(2, seed=7), 200.0
     sliders = output_sliders(drive.reducer, np.array([torque]), np.array([1e-9]))
-    rubbing = respond(replace(drive, sliders=sliders), MARKS)
+    rubbing = respond(replace(drive, elements=(Friction(sliders),)), MARKS)
     carried_torque = respond(drive, LoadCycle(RATED, np.array([torque / RATED, 1.0])))
     loading_branch, unloading = (np.flatnonzero(carried_torque.torque == sense * torque)[0] for sense in (1, -1))
     np.testing.assert_allclose(
@@ -121,7 +123,7 @@ def test_width_under_constant_friction_is_the_curve_between_its_torques():
 
 def test_torsion_turns_every_loaded_step_and_no_play():
     drive = small_drive(1, seed=2)
-    reference, twisted = respond(drive, MARKS), respond(replace(drive, torsion=2e-8), MARKS)
+    reference, twisted = respond(drive, MARKS), respond(replace(drive, elements=(LinearSpring(2e-8),)), MARKS)
     np.testing.assert_allclose((twisted.angle - reference.angle)[0], 2e-8 * reference.torque, rtol=1e-9, atol=1e-18)
     np.testing.assert_array_equal(twisted.play, reference.play)
 
@@ -129,7 +131,7 @@ def test_torsion_turns_every_loaded_step_and_no_play():
 def test_weak_friction_has_the_frictionless_curve():
     drive = small_drive(2, seed=9)
     weak = output_sliders(drive.reducer, np.array([1e-6]), np.array([1e-5]))
-    free, rubbing = respond(drive, MARKS), respond(replace(drive, sliders=weak), MARKS)
+    free, rubbing = respond(drive, MARKS), respond(replace(drive, elements=(Friction(weak),)), MARKS)
     np.testing.assert_allclose(rubbing.angle, free.angle, rtol=0, atol=0.01 * ARCMIN)
     assert free.equilibria.force.shape[1] == 2 * (1 + len(MARKS.fractions))
     assert rubbing.equilibria.force.shape[1] == len(rubbing.torque)
@@ -137,4 +139,4 @@ def test_weak_friction_has_the_frictionless_curve():
 
 def test_a_drive_that_creeps_is_refused():
     with pytest.raises(ValueError, match="no time"):
-        respond(replace(small_drive(1), creep=Creep(1e-8, 3.0)), MARKS)
+        respond(replace(small_drive(1), elements=(KelvinVoigt(1e-8, 3.0),)), MARKS)

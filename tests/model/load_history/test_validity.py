@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from pipeline.model.contact.friction_elements import load_slider, output_sliders
+from pipeline.model.effects.elasticity.output_torsion import LinearSpring
+from pipeline.model.elements import Friction
 from pipeline.model.geometry.clearance import gaps
 from pipeline.model.geometry.cycloid_profile import disk_rotation
 from pipeline.model.geometry.finite_rotation import exact_disk_play, gaps_after_rotation
@@ -113,7 +115,7 @@ def test_clearance_beyond_a_tenth_of_the_eccentricity_is_no_small_one(share):
 def test_rotation_counts_up_to_the_torque_that_a_metric_asks_for():
     """Compliance behind the reducer turns no body of it; its own turns the output too far under full load alone."""
     drive = small_drive(1)
-    assert all(reasons[0] == "" for reasons in reasons_of(replace(drive, torsion=1e-3)).values())
+    assert all(reasons[0] == "" for reasons in reasons_of(replace(drive, elements=(LinearSpring(1e-3),))).values())
     reasons = reasons_of(replace(drive, compliance=40 * drive.compliance))
     assert reasons["torsional_rigidity_Nm_per_arcmin"][0] == reasons["peak_pressure_MPa"][0] == validity.ROTATION
     assert reasons["clearance_backlash_arcmin"][0] == reasons["lost_motion_arcmin"][0] == ""
@@ -124,7 +126,7 @@ def test_rotation_counts_up_to_the_torque_that_a_metric_asks_for():
 def test_constant_friction_above_the_torque_of_a_metric_takes_its_meaning(share, seed):
     drive = small_drive(2, seed=seed)
     friction = output_sliders(drive.reducer, np.array([share * RATED]), np.array([1e-7]))
-    reasons = reasons_of(replace(drive, sliders=friction))
+    reasons = reasons_of(replace(drive, elements=(Friction(friction),)))
     for name, torque, reason in (
         ("lost_motion_arcmin", 0.03, validity.STUCK),
         ("torsional_rigidity_Nm_per_arcmin", 0.5, validity.STUCK),
@@ -136,7 +138,8 @@ def test_constant_friction_above_the_torque_of_a_metric_takes_its_meaning(share,
 def test_friction_below_every_torque_takes_nothing():
     drive = small_drive(1)
     assert all(
-        r[0] == "" for r in reasons_of(replace(drive, sliders=load_slider(drive.reducer, 0.3, RATED, 1e-6))).values()
+        r[0] == ""
+        for r in reasons_of(replace(drive, elements=(Friction(load_slider(drive.reducer, 0.3, RATED, 1e-6)),))).values()
     )
 
 
@@ -145,7 +148,9 @@ def test_presliding_longer_than_the_play_holds_the_output_within_it():
     drive = small_drive(1, play=8 * MICROMETRE)
     free = respond(drive, MARKS)
     reach = 0.97 * float(np.max(free.angle))
-    held_value = replace(drive, sliders=output_sliders(drive.reducer, np.array([3000.0]), np.array([reach])))
+    held_value = replace(
+        drive, elements=(Friction(output_sliders(drive.reducer, np.array([3000.0]), np.array([reach]))),)
+    )
     response = respond(held_value, MARKS)
     assert response.converged[0]
     assert response.hysteresis_loss[0] < 0

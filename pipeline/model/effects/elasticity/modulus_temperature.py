@@ -1,11 +1,11 @@
 """Modulus of the elastic parts against the temperature."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from pipeline.model.effects.effect import TEMPERATURE, Conditions, Effect, Parameter
+from pipeline.model.elements import ElasticModulus
 from pipeline.model.load_history.drive import Drive
 
 STEEPEST = 0.02
@@ -16,7 +16,7 @@ SOFTEST, STIFFEST = 0.2, 5.0
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     factor = np.clip(1 - values[0] * conditions.temperature_rise, SOFTEST, STIFFEST)
-    return replace(drive, modulus=factor if drive.modulus is None else factor * drive.modulus)
+    return drive.with_elements(ElasticModulus(factor, of_bearing=True))
 
 
 EFFECT = Effect(

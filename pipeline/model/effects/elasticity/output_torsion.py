@@ -1,15 +1,28 @@
 """Torsional compliance between the reducer's output and the torque."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 from pipeline.model.effects.effect import TORQUES, Conditions, Effect, Parameter, largest_twist
+from pipeline.model.elements import Spring
+from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
-from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.model.units import ARCMIN
+
+
+@dataclass(frozen=True)
+class LinearSpring(Spring):
+    """A ``compliance`` [rad/(N mm)] in series with the output."""
+
+    compliance: float
+
+    def twist(self, torque: Real) -> Real:
+        """Rotation [rad] in proportion to the torque [N mm]."""
+        return self.compliance * torque
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return replace(drive, torsion=drive.torsion + 1e-3 * values[0] / ARCMIN)
+    return drive.with_elements(LinearSpring(1e-3 * values[0] / ARCMIN))
 
 
 EFFECT = Effect(

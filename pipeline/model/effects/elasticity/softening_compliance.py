@@ -1,18 +1,46 @@
 """Compliance in series with the output that softens towards no load."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+
+import numpy as np
 
 from pipeline.model.effects.effect import TORQUES, Conditions, Effect, Parameter, largest_twist
-from pipeline.model.load_history.drive import Drive, HardeningSpring
+from pipeline.model.elements import Spring
+from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN
 
 KNEES = (0.02, 1.0)
 """Knees that are looked for, over the rated torque: below, the twist is as play; above, the spring is linear."""
 
 
+@dataclass(frozen=True)
+class CubicSpring(Spring):
+    """Spring in series with the output, soft at first: torque / knee = x + x^3, twist = compliance knee x.
+
+    Attributes
+    ----------
+    compliance : without load [rad/(N mm)].
+    knee : torque [N mm]; at twice of it the cubic part carries as much as the linear one.
+
+    Source
+    ------
+    Stiffness of strain-wave gears, Tuttle and Seering, IEEE Trans. Robot. Autom. 12 (1996) 368.
+    """
+
+    compliance: float
+    knee: float
+
+    def twist(self, torque: Real) -> Real:
+        """Rotation [rad] by the real root of the cubic, with hyperbolic functions."""
+        scaled = np.asarray(torque, float) / self.knee
+        root = 2 / np.sqrt(3) * np.sinh(np.arcsinh(1.5 * np.sqrt(3) * scaled) / 3)
+        return self.compliance * self.knee * root
+
+
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return replace(drive, hardening=HardeningSpring(1e-3 * values[0] / ARCMIN, 1e3 * values[1]))
+    return drive.with_elements(CubicSpring(1e-3 * values[0] / ARCMIN, 1e3 * values[1]))
 
 
 EFFECT = Effect(

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 from pipeline.model.contact.friction_elements import pin_sliders
 from pipeline.model.effects.effect import STILL, Conditions, Effect, Parameter
+from pipeline.model.elements import Friction
 from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_friction(pin_sliders(drive.reducer, drive.laws, values[0], drive.rated_torque))
+    return drive.with_elements(Friction(pin_sliders(drive.reducer, drive.laws, values[0], drive.rated_torque)))
 
 
 EFFECT = Effect(

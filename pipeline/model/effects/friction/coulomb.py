@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects.effect import SENSES, Conditions, Effect, Parameter
+from pipeline.model.elements import Friction
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -15,7 +16,7 @@ DISTANCE = 0.01 / ARCMIN
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     torque = np.array([1e3 * values[0]])
-    return drive.with_friction(output_sliders(drive.reducer, torque, np.array([DISTANCE])))
+    return drive.with_elements(Friction(output_sliders(drive.reducer, torque, np.array([DISTANCE]))))
 
 
 EFFECT = Effect(

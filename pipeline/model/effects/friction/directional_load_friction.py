@@ -1,18 +1,18 @@
 """Friction in proportion to the load that differs between drive and backdrive."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from pipeline.model.contact.friction_elements import load_slider
 from pipeline.model.effects.effect import SENSES, Conditions, Effect, Parameter
 from pipeline.model.effects.friction.coulomb import DISTANCE
+from pipeline.model.elements import Friction
 from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     loading, unloading = values
     rubbing = load_slider(drive.reducer, 0.5 * (loading + unloading), drive.rated_torque, DISTANCE)
-    return replace(drive.with_friction(rubbing), lean=drive.lean + 0.5 * (loading - unloading))
+    return drive.with_elements(Friction(rubbing, 0.5 * (loading - unloading)))
 
 
 EFFECT = Effect(

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from pipeline.model.contact.friction_elements import load_slider
 from pipeline.model.effects.effect import SENSES, Conditions, Effect, Parameter
 from pipeline.model.effects.friction.coulomb import DISTANCE
+from pipeline.model.elements import Friction
 from pipeline.model.load_history.drive import Drive
 
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return drive.with_friction(load_slider(drive.reducer, values[0], drive.rated_torque, DISTANCE))
+    return drive.with_elements(Friction(load_slider(drive.reducer, values[0], drive.rated_torque, DISTANCE)))
 
 
 EFFECT = Effect(

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.model.contact.friction_elements import output_sliders
 from pipeline.model.effects.effect import LOOPS, Conditions, Effect, Parameter
+from pipeline.model.elements import Friction
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
 
@@ -16,7 +17,7 @@ SHARES = np.array([0.25, 0.5, 0.75, 1.0])
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     torque, distance = 1e3 * values[0], values[1] / ARCMIN
     limit = np.full(len(SHARES), torque / len(SHARES))
-    return drive.with_friction(output_sliders(drive.reducer, limit, distance * SHARES))
+    return drive.with_elements(Friction(output_sliders(drive.reducer, limit, distance * SHARES)))
 
 
 EFFECT = Effect(

@@ -1,15 +1,85 @@
 """Hysteresis of soft parts that does not depend on the rate."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
+import numpy as np
+
+from pipeline.model.compiled import entry
 from pipeline.model.effects.effect import LOOPS, Conditions, Effect, Parameter, largest_twist
+from pipeline.model.elements import Hysteresis, Path
+from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import ARCMIN, NMM_PER_NM
 
 
+@entry
+def _followed(torque, turn_torque, turn_twist, count, torque_now, twist_now, sense, twist):
+    """Twist over the coefficient along torques, from a state with ``count`` turning points, which are continued.
+
+    Returns the number of turning points, torque, twist and sense at the end.
+    """
+    for k in range(torque.shape[0]):
+        goal = torque[k]
+        onward = 1.0 if goal >= torque_now else -1.0
+        if goal != torque_now:
+            if sense != 0.0 and onward != sense:
+                turn_torque[count], turn_twist[count] = torque_now, twist_now
+                count += 1
+            sense = onward
+        # a loop closes where the torque passes the turn before the last: both are forgotten
+        while count > 2 and onward * (goal - turn_torque[count - 2]) >= 0.0:
+            count -= 2
+        if count == 2 and onward * goal >= abs(turn_torque[1]):
+            count = 1
+        if count == 1:
+            twist_now = goal * abs(goal)
+        else:
+            distance = goal - turn_torque[count - 1]
+            twist_now = turn_twist[count - 1] + 0.5 * distance * abs(distance)
+        torque_now = goal
+        twist[k] = twist_now
+    return count, torque_now, twist_now, sense
+
+
+State = tuple[Real, Real, float, float, float]
+"""Torques [N mm] and twists over the coefficient of the turning points, then torque, twist and sense at the last."""
+
+
+@dataclass(frozen=True)
+class Rayleigh(Hysteresis):
+    """Twist with a loop of any size between any two torques, which has a memory of its turning points.
+
+    The first loading goes along eta T |T|, every later stretch along eta/2 (T - Tr) |T - Tr| from its turn Tr. A loop
+    that closes is forgotten, and beyond the largest torque the first curve continues.
+
+    Attributes
+    ----------
+    coefficient : eta [rad/(N mm)^2]; a loop between +-T has the area 4/3 eta T^3.
+
+    Source
+    ------
+    Lord Rayleigh, Phil. Mag. 23 (1887) 225; with the memory of turns as Preisach's model of constant density:
+    Review of Play and Preisach Models for Hysteresis in Magnetic Materials, Materials 16 (2023) 2422.
+    """
+
+    coefficient: float
+
+    def start(self) -> State:
+        """At rest without torque."""
+        return np.zeros(1), np.zeros(1), 0.0, 0.0, 0.0
+
+    def advance(self, state: State, path: Path) -> tuple[Real, State]:
+        """Rotation [rad] (n,)."""
+        n, known = len(path.torque), len(state[0])
+        turn_torque, turn_twist, twist = np.empty(known + n + 1), np.empty(known + n + 1), np.empty(n)
+        turn_torque[:known], turn_twist[:known] = state[:2]
+        count, *last = _followed(path.torque, turn_torque, turn_twist, known, *state[2:], twist)
+        return self.coefficient * twist, (turn_torque[:count].copy(), turn_twist[:count].copy(), *last)
+
+
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
-    return replace(drive, rayleigh=drive.rayleigh + values[0] / ARCMIN / NMM_PER_NM**2)
+    return drive.with_elements(Rayleigh(values[0] / ARCMIN / NMM_PER_NM**2))
 
 
 EFFECT = Effect(

@@ -1,6 +1,7 @@
 """The load cycle of samples with friction, where a state depends on the load path to it."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,12 +20,29 @@ Nodes = tuple[Real, Real, Real]
 """Torques (n_nodes,) ascending, motions and forces (n_nodes, ...) of a sample's frictionless states."""
 
 
-def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) -> tuple[Real, Real, float]:
-    """As ``solve_path`` where friction acts on the output alone: frictionless states at the torque that it leaves."""
+class FrictionalPath(NamedTuple):
+    """A cycle with friction.
+
+    Attributes
+    ----------
+    equilibria : (n, n_steps, ...)
+    carried : torque in the reducer (n, n_steps) [N mm]: that on the output less the friction of the output.
+    twist : of the springs in series under the torque that they carry (n, n_steps) [rad].
+    """
+
+    equilibria: Equilibria
+    carried: Real
+    twist: Real
+
+
+def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) -> tuple[Real, Real, float, Real, Real]:
+    """As ``_with_contact_friction`` where friction acts on the output alone: frictionless states at what it leaves."""
     levels, motions, forces = nodes
+    twist_of_nodes = drive.twist(levels)
     leaning = 1 + drive.lean
     sliders = drive.sliders.of_scaled_load(leaning)
-    path = output_path(torque, leaning * levels, motions[:, drive.reducer.output_motion], sliders, Ripple())
+    angles = motions[:, drive.reducer.output_motion] + twist_of_nodes
+    path = output_path(torque, leaning * levels, angles, sliders, Ripple())
     carried_torque = path.at_turns[1] / leaning
     first_positive = int(np.searchsorted(levels, 0.0))
     end = levels[first_positive]
@@ -38,10 +56,19 @@ def _with_output_friction(drive: Drive, state: int, torque: Real, nodes: Nodes) 
         steps = np.flatnonzero(~in_play & (sense * carried_torque > 0))
         motion[steps], force[steps] = equilibria.motion[0, outwards][rows], equilibria.force[0, outwards][rows]
         worst = max(worst, np.max(equilibria.residual, initial=0.0))
-    share = ((carried_torque + end) / (2 * end))[in_play, None]
-    for values, of_nodes in ((motion, motions), (force, forces)):
-        values[in_play] = (1 - share) * of_nodes[first_positive - 1] + share * of_nodes[first_positive]
-    return motion, force, worst
+    share, twist = ((carried_torque + end) / (2 * end))[in_play], drive.twist(carried_torque)
+    for values, of_nodes in ((motion.T, motions.T), (force.T, forces.T), (twist, twist_of_nodes)):
+        values[..., in_play] = (1 - share) * of_nodes[..., first_positive - 1, None] + share * of_nodes[
+            ..., first_positive, None
+        ]
+    return motion, force, worst, carried_torque, twist
+
+
+def _with_contact_friction(
+    drive: Drive, state: int, torque: Real, nodes: Nodes
+) -> tuple[Real, Real, float, Real, Real]:
+    """Motions, forces, worst residual, torque carried and twist along torques (n_steps,) [N mm] of one sample."""
+    return *solve_path(drive, state, torque, nodes), torque, drive.twist(torque)
 
 
 def refined(cycle: LoadCycle) -> LoadCycle:
@@ -49,7 +76,7 @@ def refined(cycle: LoadCycle) -> LoadCycle:
     return replace(cycle, fractions=np.union1d(torque_levels(LEVELS, float(cycle.fractions[-1])), cycle.fractions))
 
 
-def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilibria) -> Equilibria:
+def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilibria) -> FrictionalPath:
     """The steps of the cycle for every sample; arrays (n, n_steps, ...) in the order of ``cycle.steps``.
 
     Parameters
@@ -72,11 +99,12 @@ def solve_frictional_cycle(drive: Drive, cycle: LoadCycle, frictionless: Equilib
     n, steps = len(drive.gap), int(of_cycle.sum())
     motion = np.empty((n, steps, frictionless.motion.shape[2]))
     force = np.empty((n, steps, frictionless.force.shape[2]))
-    worst = np.empty(n)
-    follow = solve_path if drive.sliders.at_contacts else _with_output_friction
+    worst, carried, twist = np.empty(n), np.empty((n, steps)), np.empty((n, steps))
+    follow = _with_contact_friction if drive.sliders.at_contacts else _with_output_friction
     for k in range(n):
         nodes = fine.state_torque[order], frictionless.motion[k, order], frictionless.force[k, order]
-        motions, forces, worst[k] = follow(drive, k, path, nodes)
-        motion[k], force[k] = motions[of_cycle], forces[of_cycle]
+        *along, worst[k], carried_torque, twisted = follow(drive, k, path, nodes)
+        motion[k], force[k], carried[k], twist[k] = (values[of_cycle] for values in (*along, carried_torque, twisted))
     residual = np.repeat(worst[:, None], steps, axis=1)
-    return Equilibria(motion, force, np.zeros((n, steps), np.int64), residual, residual <= ACCEPTED)
+    equilibria = Equilibria(motion, force, np.zeros((n, steps), np.int64), residual, residual <= ACCEPTED)
+    return FrictionalPath(equilibria, carried, twist)

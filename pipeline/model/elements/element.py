@@ -1,0 +1,168 @@
+"""The places of a drive at which an element acts, and what an element must define at each of them.
+
+A drive is a reducer with errors in its gaps and a list of elements:
+
+* in series with the output: a ``Spring``, whose twist follows from the torque alone, or a ``Hysteresis``, whose twist
+  depends on the path of the torque and which therefore has a state;
+* in parallel with the output or at its contacts, as friction: ``Friction`` (elastic-slip elements, whose memory is the
+  anchors of their sliders);
+* on the elastic parts: ``ElasticModulus``;
+* on the angle of the crank: an ``AngleError``.
+
+What acts on the gaps changes the numbers of the drive that the gaps are computed from: ``Drive.moved`` and
+``Drive.shifted``. Study, fit, comparison of two measurements and blind units use ``Drive.elements`` by place and name
+no single class, so a new effect is one file with its element and its ``EFFECT``.
+
+Elements in series carry the torque that friction on the output leaves to the reducer: the turning end is beyond them.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+AnyElement = TypeVar("AnyElement", bound="Element")
+
+
+class Element:
+    """Something beside the reducer; a frozen dataclass whose fields are numbers, arrays or such dataclasses."""
+
+    def some(self: AnyElement, states: NDArray[Any] | slice) -> AnyElement:
+        """The element in some of the states (n,) of its drive; itself where it does not depend on the state."""
+        return self
+
+
+class Spring(Element, ABC):
+    """In series with the output, without memory."""
+
+    @abstractmethod
+    def twist(self, torque: Real) -> Real:
+        """Rotation [rad] under torques [N mm] of any shape, in their sense and not decreasing.
+
+        A torque of 0.0 is the limit from above and one of -0.0 that from below (``numpy.copysign``): an element with
+        play has two values there.
+        """
+
+
+@dataclass(frozen=True)
+class Path:
+    """What an element with memory was put through, in order of time, from rest without torque.
+
+    Attributes
+    ----------
+    torque : (n,) carried by the reducer and by the elements in series [N mm]; 0.0 and -0.0 as in ``Spring.twist``.
+    applied : (n,) on the turning end, friction of the output included [N mm].
+    time : (n,) [s], not decreasing; None in a load cycle of a study.
+    curve : angle [rad] of the drive without friction and without memory at torques [N mm] that it carries; of the first
+        state at a measured position.
+    """
+
+    torque: Real
+    applied: Real
+    time: Real | None
+    curve: Callable[[Real], Real]
+
+
+class Hysteresis(Element, ABC):
+    """In series with the output, with memory.
+
+    Attributes
+    ----------
+    needs_time : whether it advances with time, and so has no response to a load cycle without.
+    """
+
+    needs_time: ClassVar[bool] = False
+
+    @abstractmethod
+    def start(self) -> Any:
+        """State at rest without torque before the first point of a path: arrays or a tuple of them."""
+
+    @abstractmethod
+    def advance(self, state: Any, path: Path) -> tuple[Real, Any]:
+        """Rotation [rad] at the points of a path (n,), and the state after the last of them.
+
+        A path that is cut in two gives the same as the whole: nothing is remembered but the state, which is not
+        changed in place. The torque is monotone, and the time in proportion to it, between two points.
+        """
+
+    def twist(self, path: Path) -> Real:
+        """Rotation [rad] (n,) along a path from rest."""
+        return self.advance(self.start(), path)[0]
+
+
+class AngleError(Element, ABC):
+    """On the angle of the crank: an error of the output's angle that depends on where the crank stands.
+
+    A crank that is held adds a constant, which no loop contains. Where the crank turns within a loop, the angle read is
+    larger by ``error`` and, by virtual work, the torque carried is that read times 1 + ratio x ``slope``.
+    """
+
+    @abstractmethod
+    def error(self, crank_angle: Real) -> Real:
+        """Error of the output's angle [rad] at angles of the crank [rad] of any shape."""
+
+    @abstractmethod
+    def slope(self, crank_angle: Real) -> Real:
+        """Derivative of ``error`` by the angle of the crank [rad/rad]."""
+
+
+def same(first: Any, second: Any) -> bool:
+    """Whether two elements, or lists of them, have the same classes and numbers."""
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        return len(first) == len(second) and all(same(a, b) for a, b in zip(first, second, strict=True))
+    if is_dataclass(first):
+        return type(first) is type(second) and all(
+            same(getattr(first, field.name), getattr(second, field.name)) for field in fields(first)
+        )
+    return np.array_equal(first, second)
+
+
+def polyline(nodes: Real, values: Real) -> Callable[[Real], Real]:
+    """The polyline through values (n,) at ascending nodes (n,), constant beyond its ends, as a function."""
+    return lambda places: np.asarray(np.interp(places, nodes, values))
+
+
+def merged_path(
+    turns: tuple[Real, Real], cells: tuple[Real, Real], leg: Whole, time: Real, curve: Callable[[Real], Real]
+) -> tuple[Path, Whole]:
+    """A path through turns and the cells between them, and the points at which the cells stand (n_cells,).
+
+    Parameters
+    ----------
+    turns, cells : torque carried and torque applied [N mm], at the turns (n_turns,) and of the cells (n_cells,).
+    leg : (n_cells,) each cell lies between turns[leg] and turns[leg + 1]; in order of time within a leg.
+    time : (n_cells,) [s] of the cells.
+
+    Notes
+    -----
+    The turns between two cells are passed at one speed of the torque carried. The first leg begins as fast as it goes
+    between its first two cells, or at its first cell where that is not known.
+    """
+    n_turns = len(turns[0])
+    order = np.argsort(np.concatenate([np.arange(n_turns) - 0.5, leg]), kind="stable")
+    torque, applied = (np.concatenate(pair)[order] for pair in zip(turns, cells, strict=True))
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    timed = np.append(place[leg[0]], place[n_turns:])
+    times = np.append(_begin(cells[0], time, leg, turns[0]), time)
+    travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(torque)))])
+    after = np.clip(np.searchsorted(timed, np.arange(len(order))), 1, len(timed) - 1)
+    length = travelled[timed[after]] - travelled[timed[after - 1]]
+    gone = np.clip(travelled - travelled[timed[after - 1]], 0.0, length)
+    share = np.divide(gone, length, out=np.ones_like(gone), where=length > 0)
+    instant = times[after - 1] + share * (times[after] - times[after - 1])
+    instant[timed] = times
+    return Path(torque, applied, np.maximum.accumulate(instant), curve), timed[1:]
+
+
+def _begin(torque: Real, time: Real, leg: Whole, turns: Real) -> float:
+    """Time at which the first leg left its start, its torque as fast as between its first two cells [s]."""
+    if len(torque) < 2 or leg[1] != leg[0] or torque[1] == torque[0]:
+        return float(time[0])  # a load that was put on at once
+    rate = (time[1] - time[0]) / (torque[1] - torque[0])
+    return float(time[0] - max((torque[0] - turns[leg[0]]) * rate, 0.0))
