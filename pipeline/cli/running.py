@@ -6,6 +6,7 @@ the settings and sources that it rests on, so that a killed study goes on where 
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,7 @@ from pipeline.config.studies.study import Drivers
 from pipeline.engine import progress, runner
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
+from pipeline.engine.processes.parent import end_with_parent
 from pipeline.engine.runner import Resources
 from pipeline.engine.store import Output, write_json
 from pipeline.model.equilibrium.solve import compile_solver, solver_is_compiled
@@ -36,7 +38,10 @@ UNKNOWN = Estimate(0.5, 0.0, 1.0, 0)
 ANSWER = "yield.json"
 """In the cache: the yield of a batch with its interval."""
 
-COMPILES_SOLVER = f"from {compile_solver.__module__} import compile_solver; compile_solver()"
+COMPILES_SOLVER = (
+    f"import sys; from {end_with_parent.__module__} import end_with_parent; end_with_parent(int(sys.argv[1])); "
+    f"from {compile_solver.__module__} import compile_solver; compile_solver()"
+)
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,8 @@ def solver_compiled_ahead() -> Iterator[None]:
         yield
         return
     quiet = subprocess.DEVNULL
-    with subprocess.Popen([sys.executable, "-c", COMPILES_SOLVER], stdin=quiet, stdout=quiet, stderr=quiet) as process:
+    command = [sys.executable, "-c", COMPILES_SOLVER, str(os.getpid())]
+    with subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet) as process:
         try:
             yield
         finally:

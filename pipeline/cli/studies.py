@@ -13,9 +13,9 @@ from pipeline.cli.running import known_size, up_to_date
 from pipeline.config import Study, load_study, load_unit
 from pipeline.engine.cache import Cache
 from pipeline.engine.lock import locked
-from pipeline.engine.runner import damages, plan, why
+from pipeline.engine.runner import damages, plan, set_aside, why
 from pipeline.engine.stage import Job
-from pipeline.engine.store import Output, remove, write_atomic
+from pipeline.engine.store import DAMAGED, Output, remove, write_atomic
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
 from pipeline.report.samples.known_yield import needed_sentences, preload_warning, yield_estimate
@@ -136,13 +136,15 @@ def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str
 
 
 def check_run(options: argparse.Namespace) -> None:
-    """Compare every byte of a run with its records."""
+    """Compare every byte of a run, and the set of its files, with its records."""
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
     damaged = damages(folder)
     for damage in damaged:
-        print(f"{folder / damage.stage / damage.name}: damaged or missing; removed")
+        print(f"{folder / damage.stage / damage.name}: {damage.fault}")
     if damaged:
-        stages = " ".join(dict.fromkeys(damage.stage for damage in damaged))
+        stages = " ".join(dict.fromkeys(damage.stage for damage in damaged if damage.stage))
+        if set_aside(folder, damaged):
+            print(f"set aside in {settings.shown(folder / DAMAGED)} what is altered or extra")
         print(f"run again: python -m pipeline run {stages} --study {folder.name}")
         raise SystemExit(1)
     print(f"{settings.shown(folder)}: every file is what was written")

@@ -16,6 +16,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
+from pipeline.engine.record import SourceMemory, sealed, valid
 from pipeline.engine.stage import Stage
 from pipeline.engine.store import read_json, write_json
 from pipeline.registry import KINDS
@@ -166,17 +167,16 @@ def _locate(name: str) -> tuple[Path, Path | None]:
 
 @contextmanager
 def remembered_sources(file: Path) -> Iterator[None]:
-    """Within it a source that a run before has read by the same rules is not taken apart again; ``file`` knows them."""
+    """Within it a source that a run before has read by the same rules is not taken apart again; ``file`` lists them."""
     rules = hashlib.sha256(Path(__file__).read_bytes() + sys.version.encode()).hexdigest()
-    memory = read_json(file)
-    memory = memory.get("sources", {}) if isinstance(memory, dict) and memory.get("rules") == rules else {}
+    content = valid(read_json(file), SourceMemory)
+    memory = content["sources"] if content and content["rules"] == rules else {}
     _read_sources.update(memory)
     try:
         yield
     finally:
         if _read_sources.keys() - memory.keys():
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_json(file, {"rules": rules, "sources": _read_sources})
+            write_json(file, sealed({"rules": rules, "sources": _read_sources}))
 
 
 _read_sources: dict[str, list[Any]] = {}

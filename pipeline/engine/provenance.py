@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pipeline.engine.runner import damages
 from pipeline.engine.store import RECORD, Output, sha256_of
 from pipeline.errors import InputError
 
@@ -28,9 +29,11 @@ def crate(run_folder: Path) -> dict[str, Any]:
     outputs = {folder.name: output for folder in folders if (output := Output.open(folder))}
     if not outputs:
         raise InputError(f"{run_folder}: no run; see {run_folder.parent} for the runs that there are")
-    damaged = [f"{run_folder / stage / name}" for stage, output in outputs.items() for name in output.verify()]
-    if damaged:
-        raise InputError(f"{path}: damaged or missing; removed; run its stage again" for path in damaged)
+    if damage := damages(run_folder):
+        raise InputError(
+            f"{run_folder / item.stage / item.name}: {item.fault}; see: python -m pipeline check {run_folder.name}"
+            for item in damage
+        )
     files = [entity for stage, output in outputs.items() for entity in _files(stage, output)]
     latest = max(output.record["started"] for output in outputs.values())
     root = {

@@ -8,14 +8,14 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NotRequired
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
 from typing_extensions import TypedDict
 
 from pipeline.engine.table import ITEM, Table, content_hash
 
-LAYOUT = 2
+LAYOUT = 3
 """Of the record; an output with a record of another layout counts as never made."""
 PART_FILE = re.compile(r"(?P<table>\w+)\.parquet(/part-(?P<start>\d{9})\.parquet)?")
 
@@ -37,6 +37,7 @@ class PartRecord(TypedDict):
     first: Count | None
     last: Count | None
     bytes: Count
+    modified_ns: Count
     sha256: Digest
     content: Digest
 
@@ -58,13 +59,14 @@ class FileRecord(TypedDict):
     hash: Digest
     sha256: Digest
     bytes: Count
+    modified_ns: Count
 
 
-@with_config(ConfigDict(strict=True, extra="allow"))
+@with_config(_STRICT)
 class Record(TypedDict):
-    """What must stand in a record; more may (times, memory, the host)."""
+    """What stands in a record, and nothing else."""
 
-    layout: Literal[2]
+    layout: Literal[3]
     stage: str
     status: Literal["complete"]
     key: Digest
@@ -74,18 +76,48 @@ class Record(TypedDict):
     sources: dict[str, Digest]
     tables: dict[str, TableRecord]
     files: dict[Name, FileRecord]
+    items: NotRequired[Count]
+    failed: NotRequired[Count]
+    chunk: NotRequired[Count]
+    started: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d")]
+    seconds: Annotated[float, Field(ge=0)]
+    peak_memory_bytes: Count
+    host: dict[str, int | str | None]
+    jobs: int
+    backend: str
     seal: Digest
 
 
 @with_config(_STRICT)
 class ChunkNote(TypedDict):
-    """What is known of a finished chunk of a stage that is being built."""
+    """What is known of a finished chunk of a stage that is being built; `state` is the hash of what it is valid for."""
 
+    state: Digest
+    stop: Count
     failed: Count
     parts: dict[str, PartRecord]
+    seal: Digest
+
+
+@with_config(_STRICT)
+class Manifest(TypedDict):
+    """The stages of a run that are finished, and the seal of each one's record."""
+
+    stages: dict[str, Digest]
+    seal: Digest
+
+
+@with_config(_STRICT)
+class SourceMemory(TypedDict):
+    """By the hash of a source: the hash of what it does, and the names that it imports; `rules` is of the reader."""
+
+    rules: Digest
+    sources: dict[Digest, Annotated[list[str | list[str]], Field(min_length=2, max_length=2)]]
+    seal: Digest
 
 
 _RECORD, _NOTE = TypeAdapter(Record), TypeAdapter(ChunkNote)
+_OTHERS: dict[type, TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in (Manifest, SourceMemory)}
 
 
 def seal(record: Mapping[str, Any]) -> str:
@@ -94,27 +126,45 @@ def seal(record: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Content with its seal, as it is written."""
+    return {**content, "seal": seal(content)}
+
+
+def valid(raw: object, kind: type) -> dict[str, Any] | None:
+    """Content as read, if it has the shape of its kind and its seal fits; else None."""
+    return _checked(raw, _OTHERS[kind])
+
+
+def _checked(raw: object, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
+    try:
+        shape.validate_python(raw)
+    except (ValidationError, RecursionError):
+        return None
+    assert isinstance(raw, dict)
+    return raw if raw["seal"] == seal(raw) else None
+
+
 def valid_record(raw: object, stage: str) -> dict[str, Any] | None:
     """A record as read, if it is a whole and unchanged one of the stage; else None."""
-    try:
-        _RECORD.validate_python(raw)
-    except ValidationError:
+    record = _checked(raw, _RECORD)
+    if record is None or record["stage"] != stage:
         return None
-    assert isinstance(raw, dict)
-    names_valid = all(
-        _is_part(file["name"], table) for table, entry in raw["tables"].items() for file in entry["files"]
-    )
-    return raw if names_valid and raw["stage"] == stage and raw["seal"] == seal(raw) else None
+    parts = [(file["name"], table) for table, entry in record["tables"].items() for file in entry["files"]]
+    return record if all(_is_part(name, table) for name, table in parts) else None
 
 
-def valid_note(raw: object, start: int) -> dict[str, Any] | None:
-    """The note of the chunk that begins at an item, if it is a whole one; else None."""
-    try:
-        _NOTE.validate_python(raw)
-    except ValidationError:
+def valid_note(raw: object, start: int, state: str) -> dict[str, Any] | None:
+    """The note of the chunk that begins at an item of a stage in a state, if it is a whole one; else None."""
+    note = _checked(raw, _NOTE)
+    if note is None or note["state"] != state:
         return None
-    assert isinstance(raw, dict)
-    return raw if all(_is_part(part["name"], table, start) for table, part in raw["parts"].items()) else None
+    for table, part in note["parts"].items():
+        first, last = part["first"], part["last"]
+        within = first is None or (last is not None and start <= first <= last < note["stop"])
+        if not within or not _is_part(part["name"], table, start):
+            return None
+    return note
 
 
 def _is_part(name: str, table: str, start: int | None = None) -> bool:

@@ -3,7 +3,7 @@
 import difflib
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -18,8 +18,9 @@ from pipeline.engine.fingerprint import Fingerprint, fingerprint, remembered_sou
 from pipeline.engine.lock import locked
 from pipeline.engine.processes.cluster import solved_on_cluster
 from pipeline.engine.processes.parallel import Backend, parts_of, solved_chunks
+from pipeline.engine.record import Manifest, sealed, valid
 from pipeline.engine.stage import Chunk, Job, Sections, Stage
-from pipeline.engine.store import RECORD, Output, blamed
+from pipeline.engine.store import DAMAGED, MANIFEST, RECORD, Output, blamed, read_json, write_json
 from pipeline.engine.work import Work
 from pipeline.errors import InputError
 
@@ -75,12 +76,29 @@ def run(
             inputs = {name: outputs[name] for name in stage.reads}
             current = fingerprint(stage, study, _content(inputs))
             output = Output.open(runs / study.name / stage.name)
+            if output is not None:
+                _set_aside_extra(output)
             if output is not None and not _reasons(output, current):
                 progress.say(stage.name, "up to date")
             else:
                 output = _executed(stage, study, current, inputs, runs, resources)
             outputs[stage.name] = output
+            _note_seal(runs / study.name / MANIFEST, stage.name, output)
     return outputs
+
+
+def _set_aside_extra(output: Output) -> None:
+    for name in output.extra():
+        output.set_aside(name)
+        progress.say(output.folder.name, f"{name} was not written by this run; set aside in {DAMAGED}")
+
+
+def _note_seal(path: Path, stage: str, output: Output) -> None:
+    """Write the seal of a stage's record into the manifest of its run."""
+    content = valid(read_json(path), Manifest)
+    stages = content["stages"] if content else {}
+    if stages.get(stage) != output.record["seal"]:
+        write_json(path, sealed({"stages": {**stages, stage: output.record["seal"]}}))
 
 
 def why(stages: Sequence[Stage], study: Any, target: str, runs: Path) -> list[str]:
@@ -184,29 +202,60 @@ def _staleness(
 
 @dataclass(frozen=True)
 class Damage:
-    """A file of a stage that is missing or not what was written."""
+    """A file of a stage that is "missing", "altered" or "extra"."""
 
     stage: str
     name: str
+    fault: str
 
 
 def damages(run_folder: Path) -> list[Damage]:
-    """Compare every byte of a run with what its records say; what is damaged is removed, so that a run makes it anew.
+    """Compare every byte of a run, and the set of its files, with its manifest and its records; nothing is written.
+
+    A hash beside a file finds damage, not malice: whoever may write both can make them fit.
 
     Raises
     ------
     InputError
-        If another process writes the run, or there is none.
+        If there is no run.
     """
-    folders = sorted(path.parent for path in run_folder.glob(f"[!.]*/{RECORD}"))
-    if not folders:
+    manifest = valid(read_json(run_folder / MANIFEST), Manifest)
+    outputs = {path.parent.name: Output.open(path.parent) for path in sorted(run_folder.glob(f"[!.]*/{RECORD}"))}
+    if not outputs and manifest is None:
         raise InputError(f"{run_folder}: no run; see {run_folder.parent} for the runs that there are")
-    damage = []
-    with locked(run_folder):
-        for folder in folders:
-            output = Output.open(folder)
-            damage += [Damage(folder.name, name) for name in ([RECORD] if output is None else output.verify())]
+    seals = manifest["stages"] if manifest else {}
+    damage = [] if manifest else [Damage("", MANIFEST, "altered" if (run_folder / MANIFEST).exists() else "missing")]
+    for stage in sorted({*outputs, *seals, *_inputs_named(outputs.values())}):
+        output = outputs.get(stage)
+        if output is None:
+            damage.append(Damage(stage, RECORD, "altered" if stage in outputs else "missing"))
+        elif manifest and seals.get(stage) != output.record["seal"]:
+            damage.append(Damage(stage, RECORD, "altered"))
+        damage += [Damage(stage, name, fault) for name, fault in (output.verify() if output else {}).items()]
     return damage
+
+
+def _inputs_named(outputs: Iterable[Output | None]) -> set[str]:
+    """Stages whose tables the records say that they were made from."""
+    return {name.partition("/")[0] for output in outputs if output for name in output.record["inputs"]}
+
+
+def set_aside(run_folder: Path, damage: Iterable[Damage]) -> bool:
+    """Move what is altered or extra out of a run, so that the next one makes it anew; False if it cannot be written.
+
+    Raises
+    ------
+    InputError
+        If another process writes the run.
+    """
+    if not os.access(run_folder, os.W_OK):
+        return False
+    with locked(run_folder):
+        for damaged in damage:
+            output = Output.open(run_folder / damaged.stage)
+            if output is not None and damaged.name != RECORD:
+                output.set_aside(damaged.name)
+    return True
 
 
 def needed_stages(stages: Sequence[Stage], targets: Sequence[str]) -> list[Stage]:
@@ -303,6 +352,7 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
     assert stage.prepare is not None
     total = stage.items(job)
     bounds = [(start, min(start + resources.chunk, total)) for start in range(0, total, resources.chunk)]
+    work.keep(bounds)
     unfinished = [bound for bound in bounds if bound[0] not in work.finished]
     reads = {name: name.partition("/") for name in stage.chunk_reads}
 
@@ -313,13 +363,13 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
     with progress.Line(stage.name, stage.unit, total) as line:
         for start, stop in set(bounds) - set(unfinished):
             line.advance(stop - start, work.finished[start]["failed"])
-        shared = stage.prepare(job) if unfinished else None
+        shared = stage.prepare(job)  # even where no chunk is left: it writes files too
         if unfinished and resources.backend.name == "dask":
             solved = solved_on_cluster(stage, shared, unfinished, read, code)
         else:
             solved = solved_chunks(stage, shared, unfinished, read, work.folder, resources.jobs, resources.backend)
         with closing(solved) as results:
             for part in results:
-                work.write_chunk(part.start, part.parts, part.failed)
+                work.write_chunk(part.start, part.stop, part.parts, part.failed)
                 line.advance(part.stop - part.start, part.failed)
     return {"items": total, "failed": line.failed, "chunk": resources.chunk}

@@ -2,6 +2,8 @@
 
 <runs>/<study>/<stage>/            record.json, <table>.parquet (a file, or a folder of part-*.parquet), extra files
 <runs>/<study>/.work/<stage>/      the stage being built: state.json, chunks/ (what is finished), output/
+<runs>/<study>/.manifest.json      the seal of each stage's record
+<runs>/<study>/.damaged/<stage>/   files that were not what was written, set aside
 <runs>/<study>/.lock               held while a process writes the run
 <runs>/.cache/<sha256>/            computations shared by studies
 """
@@ -15,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -26,6 +28,10 @@ from pipeline.engine.table import ITEM, Columns, columns_of
 from pipeline.errors import InputError
 
 RECORD = "record.json"
+MANIFEST = ".manifest.json"
+"""Of a run: the seal of each stage's record."""
+DAMAGED = ".damaged"
+"""In a run: files that were not what was written, by stage."""
 
 
 def write_atomic(path: Path, data: bytes) -> None:
@@ -105,17 +111,36 @@ class Output:
         return tables | {name: entry | {"name": name} for name, entry in self.record["files"].items()}
 
     def faults(self) -> list[str]:
-        """Files that are missing or of another size than recorded; cheap, so looked at before every use."""
+        """Files that are missing or altered, as far as size and time stamp show; looked at before every use.
+
+        A file of another time stamp, as of a copied run, is compared by its content.
+        """
         faults = []
         for name, file in self._files.items():
             try:
-                size = (self.folder / name).stat().st_size
-            except FileNotFoundError:
+                state = (self.folder / name).stat()
+            except (FileNotFoundError, NotADirectoryError):
                 faults.append(f"output file {self.folder.name}/{name} missing")
-            else:
-                if size != file["bytes"]:
-                    faults.append(f"output file {self.folder.name}/{name} has {size} bytes, not {file['bytes']}")
+                continue
+            if state.st_size != file["bytes"]:
+                faults.append(f"output file {self.folder.name}/{name} has {state.st_size} bytes, not {file['bytes']}")
+            elif state.st_mtime_ns != file["modified_ns"] and not self._is_sound(name):
+                faults.append(f"output file {self.folder.name}/{name} was altered")
         return faults
+
+    def extra(self) -> list[str]:
+        """Names of files in the folder that the record does not name: readers of whole folders would count them."""
+        present = (path for path in self.folder.rglob("*") if not path.is_dir() or path.is_symlink())
+        return sorted({path.relative_to(self.folder).as_posix() for path in present} - {RECORD, *self._files})
+
+    def _is_sound(self, name: str) -> bool:
+        """Whether every byte of a file is as it was written."""
+        if name not in self._verified:
+            path = self.folder / name
+            if not path.is_file() or sha256_of(path) != self._files[name]["sha256"]:
+                return False
+            self._verified.add(name)
+        return True
 
     def read(self, table: str) -> Columns:
         """All rows of a table.
@@ -123,7 +148,7 @@ class Output:
         Raises
         ------
         InputError
-            If a file is damaged; it is removed, so that the next run makes it again.
+            If a file is damaged; it is set aside, so that the next run makes it again.
         """
         return columns_of(pa.concat_tables(self._decode(file, None) for file in self._table(table)["files"]))
 
@@ -141,15 +166,14 @@ class Output:
             raise TypeError(f"stage {self.folder.name} has no file {filename}; it has {list(self.record['files'])}")
         return self._sound(filename)
 
-    def verify(self) -> list[str]:
-        """Names of all files that are missing or not what was written; each is removed, as when it is read."""
-        damaged = []
-        for name in self._files:
-            try:
-                self._sound(name)
-            except InputError:
-                damaged.append(name)
-        return damaged
+    def verify(self) -> dict[str, str]:
+        """What is wrong, by file: "missing", "altered" or "extra"; nothing is written, and every byte is read."""
+        wrong = {
+            name: "altered" if (self.folder / name).is_file() else "missing"
+            for name in self._files
+            if not self._is_sound(name)
+        }
+        return wrong | dict.fromkeys(self.extra(), "extra")
 
     def _table(self, name: str) -> dict[str, Any]:
         tables = self.record["tables"]
@@ -161,20 +185,27 @@ class Output:
         return read_parquet(self._sound(file["name"]), items)
 
     def _sound(self, name: str) -> Path:
-        """Path of a file of which every byte is as it was written; raises InputError, and removes it, if not."""
+        """Path of a file of which every byte is as it was written; raises InputError, and sets it aside, if not."""
         path = self.folder / name
-        if name not in self._verified:
-            if not path.is_file() or sha256_of(path) != self._files[name]["sha256"]:
-                self._discard(path)
-            self._verified.add(name)
+        if not self._is_sound(name):
+            self.set_aside(name)
+            raise InputError(
+                f"{path}: damaged or missing; set aside in {DAMAGED}; run stage {self.folder.name} again to make it"
+            )
         return path
 
-    def _discard(self, path: Path) -> NoReturn:
-        """Remove a bad file: it has perhaps the right size, and would look fresh to the next run."""
-        if path.parent.resolve().is_relative_to(self.folder.resolve()):
-            remove(path)
-        stage = self.folder.name
-        raise InputError(f"{path}: damaged or missing; removed; run stage {stage} again to make it anew")
+    def set_aside(self, name: str) -> None:
+        """Move a file that is not what was written out of the folder: it would look fresh to the next run.
+
+        It keeps its name below the run's folder `DAMAGED`; what lay there under that name is lost.
+        """
+        path = self.folder / name
+        if not path.parent.resolve().is_relative_to(self.folder.resolve()) or not (path.exists() or path.is_symlink()):
+            return
+        target = self.folder.parent / DAMAGED / self.folder.name / name
+        remove(target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(target)
 
 
 def read_parquet(path: Path, items: tuple[int, int] | None = None) -> pa.Table:

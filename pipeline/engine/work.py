@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.record import LAYOUT, seal, table_record, valid_note
+from pipeline.engine.record import LAYOUT, seal, sealed, table_record, valid_note
 from pipeline.engine.store import RECORD, Output, read_json, remove, sha256_of, write_atomic, write_json
 from pipeline.engine.table import Part, Table
 
@@ -44,17 +44,28 @@ class Work:
             write_json(self.folder / "state.json", state)
         for leftover in self.folder.rglob(".*.tmp"):
             leftover.unlink()
+        self.state = seal(state or {})
         self.finished = dict(self._finished_chunks())
+        known = {part["name"] for note in self.finished.values() for part in note["parts"].values()}
+        for path in [path for path in self.output.rglob("*") if path.is_file()]:
+            if path.relative_to(self.output).as_posix() not in known:
+                path.unlink()
 
     def _finished_chunks(self) -> Iterator[tuple[int, dict[str, Any]]]:
         for path in (self.folder / "chunks").glob("*.json"):
-            note = valid_note(read_json(path), int(path.stem)) if path.stem.isdecimal() else None
+            note = valid_note(read_json(path), int(path.stem), self.state) if path.stem.isdecimal() else None
             if note and all(self._whole(part) for part in note["parts"].values()):
                 yield int(path.stem), note
 
     def _whole(self, part: Mapping[str, Any]) -> bool:
         path = self.output / part["name"]
         return path.is_file() and sha256_of(path) == part["sha256"]
+
+    def keep(self, bounds: Sequence[tuple[int, int]]) -> None:
+        """Forget finished chunks that are none of those (start, stop) of the stage, with their files."""
+        for start in [start for start, note in self.finished.items() if (start, note["stop"]) not in bounds]:
+            for part in self.finished.pop(start)["parts"].values():
+                (self.output / part["name"]).unlink()
 
     def write_whole(self, parts: Mapping[str, Part]) -> None:
         """Write each table as one file."""
@@ -66,10 +77,10 @@ class Work:
         file_entry = self._write(f"{table}.parquet/part-{start:09d}.parquet", part)
         self.finished.setdefault(start, {"parts": {}})["parts"][table] = file_entry
 
-    def write_chunk(self, start: int, parts: Mapping[str, Part], failed: int) -> None:
+    def write_chunk(self, start: int, stop: int, parts: Mapping[str, Part], failed: int) -> None:
         """Write the parts of a chunk, then the note that says it is finished."""
         files = {table: self._write(f"{table}.parquet/part-{start:09d}.parquet", part) for table, part in parts.items()}
-        self.finished[start] = {"failed": failed, "parts": files}
+        self.finished[start] = sealed({"state": self.state, "stop": stop, "failed": failed, "parts": files})
         write_json(self.folder / "chunks" / f"{start:09d}.json", self.finished[start])
 
     def _write(self, name: str, part: Part) -> dict[str, Any]:
@@ -80,6 +91,7 @@ class Work:
             "first": part.first,
             "last": part.last,
             "bytes": len(part.data),
+            "modified_ns": (self.output / name).stat().st_mtime_ns,
             "sha256": hashlib.sha256(part.data).hexdigest(),
             "content": f"{part.content:064x}",
         }
@@ -101,8 +113,8 @@ class Work:
         }
 
     def _file_record(self, name: str) -> dict[str, Any]:
-        digest = sha256_of(self.output / name)
-        return {"hash": digest, "sha256": digest, "bytes": (self.output / name).stat().st_size}
+        digest, state = sha256_of(self.output / name), (self.output / name).stat()
+        return {"hash": digest, "sha256": digest, "bytes": state.st_size, "modified_ns": state.st_mtime_ns}
 
     def publish(self, record: Mapping[str, Any]) -> Output:
         """Write the record and put the output in the place of the old one.
@@ -110,8 +122,7 @@ class Work:
         What is replaced is moved into one folder before any of it is removed: killed at any point, the next run finds
         either the finished chunks or the new output, and a folder to clear.
         """
-        record = {"layout": LAYOUT, **record}
-        record["seal"] = seal(record)
+        record = sealed({"layout": LAYOUT, **record})
         write_json(self.output / RECORD, record)
         self.replaced.mkdir()
         if self.target.exists():

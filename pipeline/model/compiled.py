@@ -17,10 +17,14 @@ Divisions are numpy's: by zero they give infinities. Python's, which raise, keep
 """
 
 import atexit
+import glob
 import importlib.metadata
 import importlib.util
+import json
 import os
+import platform
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -28,13 +32,18 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
 from filelock import FileLock
+from llvmlite.binding import get_host_cpu_name
 from numba import njit
+from numba.core.compiler_lock import global_compiler_lock
 
 from pipeline.registry import CONTACT_LAWS
 
 PACKAGE = Path(__file__).parent
+DAMAGED = "damaged"
+"""Folder of compiled code that is not what was written."""
 
 
 def _sources() -> Iterator[Path]:
@@ -48,27 +57,39 @@ def _sources() -> Iterator[Path]:
             yield Path(spec.origin)
 
 
-SOURCES = sha256(b"".join(path.read_bytes() for path in _sources())).hexdigest()[:12]
+MACHINE = (platform.python_version(), numba.__version__, llvmlite.__version__, platform.machine(), get_host_cpu_name())
+SOURCES = sha256(b"".join([*(path.read_bytes() for path in _sources()), repr(MACHINE).encode()])).hexdigest()[:12]
+"""Of what is compiled, and of what compiles it for which processor."""
+MANIFEST = ".json"
+"""Ending of the list of an entry point's files with their hashes and sizes, beside its index."""
 
 
 def _writable(folder: Path) -> Path:
-    """The folder, or where it cannot be written one that lasts as long as this process and its workers."""
+    """The folder, or where others can write it or we cannot, one that lasts as long as this process and its workers."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError:
         pass
     else:
-        if os.access(folder, os.W_OK):
+        if os.access(folder, os.W_OK) and _is_own(folder):
             return folder
     temporary = Path(tempfile.mkdtemp(prefix="cycloid-compiled-"))
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     os.environ["NUMBA_CACHE_DIR"] = str(temporary)  # of processes that this one starts: they find the same folder in it
     print(
-        f"{folder} cannot be written: code is compiled anew in every run, which takes some 20 s; "
+        f"{folder} cannot be written, or others can: code is compiled anew in every run, which takes some 20 s; "
         "set NUMBA_CACHE_DIR to a folder that can",
         file=sys.stderr,
     )
     return temporary / folder.name
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file or folder is this user's, and nobody else may write it: compiled code is executed as it is."""
+    if os.name != "posix":
+        return True
+    state = path.stat()
+    return state.st_uid == os.geteuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 CACHE = _writable(Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__") / f"compiled-{SOURCES}")  # type: ignore[attr-defined]
@@ -84,18 +105,52 @@ BORROWED = {"_nrt": False}
 """Code that allocates nothing and counts no references: every view of an array would cost two atomic operations."""
 
 
+def _files(index: Path) -> dict[str, list[Any]]:
+    """Hash and size of the compiler's files of an entry point, by name: its index and its code."""
+    found = [path for path in index.parent.glob(f"{glob.escape(index.stem)}.*") if path.suffix in (".nbi", ".nbc")]
+    return {path.name: [sha256(path.read_bytes()).hexdigest(), path.stat().st_size] for path in sorted(found)}
+
+
+def _verified_files(index: Path) -> dict[str, list[Any]]:
+    """The files of an entry point, if they are what was written; else they are set aside, to be compiled anew.
+
+    The compiler would unpickle and execute them. A hash beside a file finds damage, not malice.
+    """
+    files = _files(index)
+    try:
+        expected = json.loads(index.with_suffix(MANIFEST).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        expected = {}
+    if files == expected and all(_is_own(index.parent / name) for name in files):
+        return files
+    for name in files:
+        target = CACHE / DAMAGED / name
+        target.parent.mkdir(exist_ok=True)
+        (index.parent / name).replace(target)
+        print(f"{index.parent / name}: not what was written; set aside in {target.parent}", file=sys.stderr)
+    return {}
+
+
 def cached_entry(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator of an entry point: compiled for the types of its arguments, by one process at a time, and cached."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = njit(cache=True, **COMPILED, **options)(function)  # type: ignore[call-overload]
         from_cache_or_compiled = dispatcher.compile
-        lock = FileLock(CACHE / f"{function.__module__}.{function.__qualname__}.lock")
 
         def compiled(signature: object) -> object:
-            CACHE.mkdir(parents=True, exist_ok=True)
-            with lock:
-                return from_cache_or_compiled(signature)
+            CACHE.mkdir(mode=0o700, parents=True, exist_ok=True)
+            # made when it is used: a lock does not cross a fork; behind the compiler's own, so that threads do not wait
+            # for each other
+            with global_compiler_lock, FileLock(CACHE / f"{function.__module__}.{function.__qualname__}.lock"):
+                index = Path(dispatcher._cache._cache_file._index_path)
+                before = _verified_files(index)
+                result = from_cache_or_compiled(signature)
+                if (after := _files(index)) != before:
+                    temporary = index.with_suffix(f".{os.getpid()}.tmp")
+                    temporary.write_text(json.dumps(after))
+                    temporary.replace(index.with_suffix(MANIFEST))
+                return result
 
         dispatcher.compile = compiled
         return dispatcher

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from toy_study import ADD, DRAW, STAGES, Toy
 
@@ -136,6 +137,10 @@ INVALID = {
     "no files of a table": _sealed(lambda record: record["tables"]["sums"].update(files=[])),
     "rows as text": _sealed(lambda record: _part(record).update(rows="10")),
     "a missing part": lambda record: _edited(tables={"sums": record["tables"]["sums"]})(record),
+    "an extra key": _sealed(lambda record: record.update(more={"a": 1})),
+    "no times": _sealed(lambda record: [record.pop(name) for name in ("started", "seconds", "peak_memory_bytes")]),
+    "a time as a list": _sealed(lambda record: record.update(started=[])),
+    "seconds as text": _sealed(lambda record: record.update(seconds="long")),
     "swapped files": lambda record: (
         record | {"tables": {"sums": record["tables"]["kept"], "kept": record["tables"]["sums"]}}
     ),
@@ -230,15 +235,90 @@ def test_check_names_what_is_damaged_and_the_stage_that_makes_it_anew(tmp_path: 
     flip(tmp_path / "toy/add/powers.txt")
     (tmp_path / "toy/finish/record.json").write_text("{}")
     (tmp_path / "toy/draw/points.parquet").unlink()
+    (tmp_path / "toy/add/sums.parquet/part-000000099.parquet").write_bytes(b"of somebody")
+    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
     damages = runner.damages(tmp_path / "toy")
-    assert [(damaged.stage, damaged.name) for damaged in damages] == [
-        ("add", "sums.parquet/part-000000010.parquet"),
-        ("add", "powers.txt"),
-        ("draw", "points.parquet"),
-        ("finish", "record.json"),
+    assert [(damaged.stage, damaged.name, damaged.fault) for damaged in damages] == [
+        ("add", "sums.parquet/part-000000010.parquet", "altered"),
+        ("add", "powers.txt", "altered"),
+        ("add", "sums.parquet/part-000000099.parquet", "extra"),
+        ("draw", "points.parquet", "missing"),
+        ("finish", "record.json", "altered"),
     ]
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == files  # it writes nothing
+    assert runner.set_aside(tmp_path / "toy", damages)
+    assert (tmp_path / "toy/.damaged/add/sums.parquet/part-000000099.parquet").read_bytes() == b"of somebody"
     assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
     assert runner.damages(tmp_path / "toy") == []
+
+
+@pytest.mark.parametrize(
+    ("remove", "found"),
+    [
+        ("finish", [("finish", "record.json", "missing")]),
+        ("draw", [("draw", "record.json", "missing")]),
+        ("add/record.json", [("add", "record.json", "missing")]),
+        (".manifest.json", [("", ".manifest.json", "missing")]),
+    ],
+)
+def test_check_misses_a_stage_that_is_gone(tmp_path: Path, outputs, remove: str, found: list) -> None:
+    path = tmp_path / "toy" / remove
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    damages = [(damaged.stage, damaged.name, damaged.fault) for damaged in runner.damages(tmp_path / "toy")]
+    assert damages == found
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+    assert runner.damages(tmp_path / "toy") == []
+
+
+def test_check_takes_no_lock(tmp_path: Path, outputs) -> None:
+    """An archive that nobody may write, or that another process reads, is verified all the same."""
+    with locked(tmp_path / "toy"):
+        assert runner.damages(tmp_path / "toy") == []
+
+
+def test_an_extra_part_is_set_aside_before_anything_reads_the_folder(tmp_path: Path, outputs, capsys) -> None:
+    """Readers of a whole folder would count its rows: 97,920 for 48,960."""
+    folder = tmp_path / "toy/add/sums.parquet"
+    shutil.copy(folder / "part-000000010.parquet", folder / "part-000000011.parquet")
+    assert len(pd.read_parquet(folder)) == 50
+    assert hashes(run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)) == outputs
+    assert len(pd.read_parquet(folder)) == 40
+    assert "part-000000011.parquet was not written by this run; set aside" in capsys.readouterr().err
+
+
+def test_a_run_that_is_copied_without_its_times_is_up_to_date(tmp_path: Path, outputs, capsys) -> None:
+    shutil.copytree(tmp_path / "toy", tmp_path / "copy/toy", copy_function=shutil.copyfile)
+    assert why(STAGES, Toy(), "finish", tmp_path / "copy") == ["up to date"]
+    powers = tmp_path / "copy/toy/add/powers.txt"
+    powers.write_text(powers.read_text().replace("1", "3"))
+    assert why(STAGES, Toy(), "add", tmp_path / "copy") == ["output file add/powers.txt was altered"]
+
+
+# --- chunk notes ---
+
+
+@pytest.mark.parametrize("kind", ["of another state", "beyond the samples", "without a seal", "misplaced"])
+def test_a_stray_chunk_note_adds_no_row(tmp_path: Path, monkeypatch, kind: str) -> None:
+    monkeypatch.setenv("TOY_TROUBLE", '{"fail_at": 39}')
+    with pytest.raises(ChunkError):
+        run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+    monkeypatch.delenv("TOY_TROUBLE")
+    work = tmp_path / "toy/.work/add"
+    note = json.loads((work / "chunks/000000010.json").read_text())
+    start = {"beyond the samples": 40, "misplaced": 5}.get(kind, 30)
+    text = json.dumps(note["parts"]).replace("part-000000010", f"part-{start:09d}")
+    moved = note | {"parts": json.loads(text), "stop": start + 10}
+    for name, part in moved["parts"].items():
+        part |= {"first": start, "last": start + 9} if kind != "misplaced" else {}
+        shutil.copy(work / f"output/{name}.parquet/part-000000010.parquet", work / "output" / part["name"])
+    if kind == "of another state":
+        moved["state"] = "f" * 64
+    (work / f"chunks/{start:09d}.json").write_text(
+        json.dumps(moved if kind == "without a seal" else record.sealed(moved))
+    )
+    repeat = run(STAGES, Toy(), ["finish"], tmp_path, RESOURCES)
+    assert hashes(repeat) == hashes(run(STAGES, Toy(), ["finish"], tmp_path / "anew", RESOURCES))
+    assert len(pd.read_parquet(tmp_path / "toy/add/sums.parquet")) == 40
 
 
 # --- leftovers --------------------------------------------------------------------------------------------------------

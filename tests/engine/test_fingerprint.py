@@ -9,6 +9,7 @@ from toy_study import ADD, Numbers, Toy
 
 from pipeline.engine import fingerprint as engine
 from pipeline.engine.fingerprint import fingerprint, remembered_sources, source_hashes
+from pipeline.engine.record import sealed
 
 FILES = {
     "__init__.py": "",
@@ -93,16 +94,20 @@ def test_what_a_run_has_read_is_remembered_by_content_and_rules(
     assert hashes() == original == source_hashes(root)
     content = json.loads(memory.read_text())
     (key,) = [key for key, (digest, _) in content["sources"].items() if digest == original[near]]
-    content["sources"][key][0] = "remembered"
+    remembered = "f" * 64
+    content["sources"][key][0] = remembered
     memory.write_text(json.dumps(content))
-    assert hashes() == original | {near: "remembered"}
+    assert hashes() == original  # altered since it was written
+    memory.write_text(json.dumps(sealed(content)))
+    assert hashes() == original | {near: remembered}
     edit(package / "near.py", "return 2 * x", "return 3 * x")
-    assert hashes()[near] not in {"remembered", original[near]}
+    assert hashes()[near] not in {remembered, original[near]}
     edit(package / "near.py", "return 3 * x", "return 2 * x")
-    memory.write_text(json.dumps(content | {"rules": "of another version"}))
+    memory.write_text(json.dumps(sealed(content | {"rules": "e" * 64})))
     assert hashes() == original
-    memory.write_text("no JSON")
-    assert hashes() == original
+    for misshapen in ("no JSON", "[]", '{"sources": 1}', json.dumps(sealed({**content, "sources": {key: [1]}}))):
+        memory.write_text(misshapen)
+        assert hashes() == original
 
 
 def test_a_module_that_is_nowhere_is_a_mistake() -> None:

@@ -91,6 +91,59 @@ def test_a_worker_that_the_system_kills_loses_no_finished_chunk(tmp_path: Path) 
     )
 
 
+def of_session(leader: int) -> list[int]:
+    """Processes that are left of a session."""
+    left = []
+    for process in psutil.pids():
+        try:
+            if os.getsid(process) == leader and psutil.Process(process).status() != psutil.STATUS_ZOMBIE:
+                left.append(process)
+        except (ProcessLookupError, psutil.NoSuchProcess):
+            pass
+    return left
+
+
+@pytest.mark.parametrize("moment", [0.02, 0.3, 1.0])
+def test_a_kill_while_workers_start_leaves_no_process(tmp_path: Path, moment: float) -> None:
+    """Seconds after the first chunk may be solved: processes of 200 MB that nobody ends stayed for good."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TOY_TROUBLE": '{"seconds": 0.25}'}
+    command = [sys.executable, str(SCRIPT), str(tmp_path / "runs"), "4", "2"]
+    with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL, start_new_session=True) as process:
+        while len(of_session(process.pid)) < 2 and process.poll() is None:  # the first worker
+            time.sleep(0.005)
+        time.sleep(moment)
+        process.kill()
+    started_waiting = time.monotonic()
+    while (left := of_session(process.pid)) and time.monotonic() < started_waiting + 20:
+        time.sleep(0.05)
+    assert left == []
+
+
+POOLED = """
+import multiprocessing, sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from toy_study import STAGES, Toy
+from pipeline.engine.runner import Resources, run
+runs, kind = Path(sys.argv[1]), sys.argv[2]
+def entry(number):
+    return run(STAGES, Toy(name=f"toy{number}"), ["finish"], runs, Resources(2, 10))["finish"].hashes["total"]
+if __name__ == "__main__":
+    pool = ThreadPoolExecutor(2) if kind == "threads" else multiprocessing.get_context(kind).Pool(2)
+    entry(9)  # the parent has taken locks and started workers before
+    print(len({*pool.map(entry, range(3)), entry(10)}))
+"""
+
+
+@pytest.mark.parametrize("kind", ["fork", "spawn", "threads"])
+def test_pools_around_the_entry_from_python_work(tmp_path: Path, kind: str) -> None:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SCRIPT.parent), *sys.path])}
+    (tmp_path / "script.py").write_text(POOLED)
+    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "runs"), kind]
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert (process.returncode, process.stdout.strip()) == (0, "1"), process.stderr
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_out_of_memory_in_a_chunk_is_named_and_the_others_stay(tmp_path: Path, monkeypatch, jobs: int) -> None:
     log = tmp_path / "log"

@@ -13,6 +13,8 @@ from pipeline.engine.processes import parallel
 from pipeline.engine.processes.parallel import Backend, Dumped, Value, solve_chunk, solved_chunks
 from pipeline.engine.runner import Resources, run
 from pipeline.engine.stage import Chunk, Job, Stage
+from pipeline.engine.store import sha256_of
+from pipeline.errors import InputError
 
 SHARED = {"powers": np.array([1.0]), "slope": 1.0, "trouble": Trouble()}
 
@@ -74,12 +76,16 @@ def test_any_backend_gives_the_same_parts(tmp_path: Path, name: str) -> None:
 def test_shared_value_is_loaded_once_a_process_and_arrays_are_private(tmp_path: Path) -> None:
     path = tmp_path / "shared"
     joblib.dump({"a": np.arange(1000.0)}, path)
-    first_result = Dumped(path, "k").load()
+    key = sha256_of(path)
+    first_result = Dumped(path, key).load()
     first_result["a"][0] = 5.0
-    assert Dumped(path, "k").load() is first_result
+    assert Dumped(path, key).load() is first_result
     assert joblib.load(path)["a"][0] == 0.0
-    assert Dumped(path, "another").load()["a"][0] == 0.0
-    assert list(parallel._LOADED) == ["another"]  # a worker does not keep what earlier stages shared
+    joblib.dump({"a": np.arange(2000.0)}, path)
+    with pytest.raises(InputError, match="not what was written"):
+        Dumped(path, "f" * 64).load()  # nothing is unpickled that is not verified
+    assert Dumped(path, sha256_of(path)).load()["a"][0] == 0.0
+    assert list(parallel._LOADED) == [sha256_of(path)]  # a worker does not keep what earlier stages shared
 
 
 def test_a_chunk_without_upstream_rows_is_an_error_that_keeps_its_cause() -> None:

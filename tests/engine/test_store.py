@@ -29,7 +29,7 @@ def output(folder: Path, ends: list[int]):
     for start, stop in zip([0, *ends], [*ends, 20], strict=True) if ends else ():
         is_inside = (start <= SAMPLES) & (stop > SAMPLES)
         if is_inside.any():
-            work.write_chunk(start, {"rows": ROWS.part({k: v[is_inside] for k, v in columns.items()})}, 0)
+            work.write_chunk(start, stop, {"rows": ROWS.part({k: v[is_inside] for k, v in columns.items()})}, 0)
     return work.publish(work.contents([ROWS]))
 
 

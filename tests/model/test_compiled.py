@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent.parent
 ENTRIES = """
 import sys
@@ -31,6 +33,71 @@ torque = np.array([0.0, 1.0, 0.5])
 twist = rayleigh.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like))
 print(twist.tolist(), sum(rayleigh._followed.stats.cache_misses.values()))
 """
+
+
+def printed(environment: dict[str, str]) -> tuple[str, str, str]:
+    """Twist, number of loops compiled, and what was said, of a new process."""
+    process = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
+    )
+    return *process.stdout.rsplit(maxsplit=1), process.stderr
+
+
+def test_compiled_code_that_was_damaged_is_set_aside_and_compiled_anew(tmp_path: Path) -> None:
+    """Truncated, emptied, a bit flipped anywhere, its manifest gone: nothing of it is unpickled or executed."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    assert printed(environment)[:2] == ("[0.0, 2.0, 1.75]", "1")
+    assert printed(environment) == ("[0.0, 2.0, 1.75]", "0", "")
+    (index,) = tmp_path.rglob("*.nbi")
+    (code,) = index.parent.glob("*.nbc")
+    original = {path: path.read_bytes() for path in (index, code, index.with_suffix(".json"))}
+    for path in (index, code):
+        data = original[path]
+        flipped = bytearray(data)
+        flipped[len(data) // 2] ^= 1
+        for damaged in (data[: len(data) // 2], b"", bytes(flipped)):
+            path.write_bytes(damaged)
+            twist, compiled, said = printed(environment)
+            assert (twist, compiled) == ("[0.0, 2.0, 1.75]", "1")
+            assert f"{path}: not what was written; set aside" in said
+    index.with_suffix(".json").unlink()
+    assert printed(environment)[1] == "1"
+    assert printed(environment) == ("[0.0, 2.0, 1.75]", "0", "")
+
+
+def test_a_cache_that_others_may_write_is_not_used(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    printed(environment)
+    (folder,) = tmp_path.glob("compiled-*")
+    assert folder.stat().st_mode & 0o077 == 0
+    folder.chmod(0o777)
+    twist, compiled, said = printed(environment)
+    assert (twist, compiled) == ("[0.0, 2.0, 1.75]", "1")
+    assert "cannot be written, or others can" in said
+
+
+FORKED = """
+import multiprocessing, sys
+from concurrent.futures import ThreadPoolExecutor
+import numpy as np
+from pipeline.model.load_history import rayleigh
+def twist(_):
+    return rayleigh.rayleigh_twist(np.array([0.0, 1.0, 0.5]), 2.0).tolist()
+if __name__ == "__main__":
+    kind = sys.argv[1]
+    pool = ThreadPoolExecutor(2) if kind == "threads" else multiprocessing.get_context(kind).Pool(2)
+    print(sorted(map(str, pool.map(twist, range(4))))[-1])
+"""
+
+
+@pytest.mark.parametrize("kind", ["fork", "spawn", "threads"])
+def test_pools_around_compiled_code_share_its_cache(tmp_path: Path, kind: str) -> None:
+    """A lock made on import would be inherited across a fork, which filelock refuses."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
+    (tmp_path / "script.py").write_text(FORKED)
+    command = [sys.executable, str(tmp_path / "script.py"), kind]
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert (process.returncode, process.stdout.strip()) == (0, "[0.0, 2.0, 1.75]"), process.stderr
 
 
 def test_processes_that_start_at_once_compile_a_loop_once(tmp_path: Path) -> None:

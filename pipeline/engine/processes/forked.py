@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from pipeline.engine.processes.parent import end_with_parent
+
 PATIENCE = 60.0
 """How long forks may still take when no call is left [s]: each is work of tenths of a second. A fork can inherit
 a lock that no thread of its own will ever release."""
@@ -32,8 +34,9 @@ def _take(numbers: int) -> int | None:
     return int.from_bytes(entry) if entry else None
 
 
-def _work(calls: Sequence[Callable[[], None]], numbers: int, receipts: int) -> None:
+def _work(calls: Sequence[Callable[[], None]], numbers: int, receipts: int, parent: int) -> None:
     """Make calls in a fork; what stops one is told where it is made once more."""
+    end_with_parent(parent)
     try:
         while (number := _take(numbers)) is not None:
             with suppress(Exception):
@@ -66,9 +69,10 @@ def shared_calls(calls: Sequence[Callable[[], None]], jobs: int, patience: float
     forks: list[Any] = []
     gc.freeze()  # else a collection in a fork copies every page that it marks
     try:
-        for _ in range(min(jobs, len(calls)) - 1 if sys.platform == "linux" else 0):
+        may_fork = sys.platform == "linux" and not multiprocessing.current_process().daemon  # a pool's worker may not
+        for _ in range(min(jobs, len(calls)) - 1 if may_fork else 0):
             context = multiprocessing.get_context("fork")
-            forks.append(context.Process(target=_work, args=(calls, numbers, receipts), daemon=True))
+            forks.append(context.Process(target=_work, args=(calls, numbers, receipts, os.getpid()), daemon=True))
             with warnings.catch_warnings():  # Python 3.12 warns of threads: those of BLAS, which are made for forks
                 warnings.simplefilter("ignore", DeprecationWarning)
                 forks[-1].start()

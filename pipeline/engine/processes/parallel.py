@@ -7,8 +7,6 @@ one BLAS thread, for any number of processes; workers elsewhere are started by t
 
 import os
 import platform
-import threading
-import time
 import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
@@ -21,12 +19,12 @@ import joblib
 from threadpoolctl import threadpool_limits
 
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
+from pipeline.engine.processes.parent import end_with_parent
 from pipeline.engine.stage import Chunk, Stage, Tables
+from pipeline.engine.store import sha256_of
 from pipeline.engine.table import ITEM, Part
 from pipeline.errors import ChunkError, InputError
 
-WATCH = 0.2
-"""Seconds between two looks of a worker at its parent: what it solves after that is gone is lost."""
 WAVE = 32
 """Chunks a process between two moments at which every result is written. Workers outrun a slow disk by no more than
 that, which bounds memory; waiting for the last of a wave costs about half a chunk in 32."""
@@ -62,7 +60,10 @@ class Value:
 
 @dataclass(frozen=True)
 class Dumped:
-    """Handle of the shared value in a file: mapped, not read, and once a process however many chunks it solves."""
+    """Handle of the shared value in a file, by its hash: mapped once a process however many chunks it solves.
+
+    A file that is not what was written is never unpickled.
+    """
 
     path: Path
     key: str
@@ -70,21 +71,14 @@ class Dumped:
     def load(self) -> Any:
         """The value; its arrays are writable (private) maps, so that compiled code sees the same types in a worker."""
         if self.key not in _LOADED:
-            if not _LOADED:
-                threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+            if sha256_of(self.path) != self.key:
+                raise InputError(f"{self.path}: not what was written; run the same command again")
             _LOADED.clear()  # a worker serves one stage after the other
             _LOADED[self.key] = joblib.load(self.path, mmap_mode="c")
         return _LOADED[self.key]
 
 
 _LOADED: dict[str, Any] = {}
-
-
-def _end_with_parent(parent: int) -> None:
-    """End this worker when its parent is gone: if that was killed, loky would let the worker wait for five minutes."""
-    while os.getppid() == parent:
-        time.sleep(WATCH)
-    os._exit(1)
 
 
 def solve_chunk(stage: Stage, shared: Value | Dumped, chunk: Chunk) -> SolvedChunk:
@@ -185,7 +179,9 @@ def solved_chunks(
         return
     handle = _handle(shared, scratch, backend)
     waiting = iter(chunks)
-    options = {"inner_max_num_threads": 1} if backend.name == "loky" else {}
+    options: dict[str, Any] = {}
+    if backend.name == "loky":
+        options = {"inner_max_num_threads": 1, "initializer": end_with_parent, "initargs": (os.getpid(),)}
     with joblib.parallel_config(backend=backend.name, n_jobs=jobs, **options):
         wave = WAVE * joblib.effective_n_jobs()
         while batch := list(islice(waiting, wave)):
@@ -228,4 +224,4 @@ def _handle(shared: Any, scratch: Path, backend: Backend) -> Value | Dumped:
         return Value(shared)
     path = scratch / "shared.joblib"
     joblib.dump(shared, path)
-    return Dumped(path, f"{path}@{path.stat().st_mtime_ns}")
+    return Dumped(path, sha256_of(path))
