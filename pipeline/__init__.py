@@ -1,8 +1,8 @@
-"""Tolerance studies of cycloid reducers from Python: `load_study`, `run`, `identify`, imported when they are used."""
+"""Tolerance studies of cycloid reducers from Python: `load_study`, `run`, `parts`, `identify`, imported when used."""
 
 from typing import Any
 
-__all__ = ["identify", "load_study", "run"]
+__all__ = ["identify", "load_study", "parts", "run"]
 
 
 def __getattr__(name: str) -> Any:

@@ -16,6 +16,7 @@ from pipeline.cli import settings
 from pipeline.cli.running import up_to_date
 from pipeline.config import Study
 from pipeline.engine.store import Output
+from pipeline.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,21 @@ def run(study: Study | str | Path, stages: Sequence[str] = ("report",), jobs: in
     checked_study = study if isinstance(study, Study) else load_study(study)
     outputs = up_to_date(checked_study, stages, _options(jobs))
     return Run(outputs.study, settings.RUNS / checked_study.name, outputs.outputs)
+
+
+def parts(run_folder: str | Path, table: str) -> list[str]:
+    """Parquet files of a table of a run, as ``"hysteresis/contacts"``: those that its record names, and no others.
+
+    Raises
+    ------
+    InputError
+        If the run has no such table.
+    """
+    stage, _, name = table.partition("/")
+    output = Output.open(Path(run_folder) / stage)
+    if output is None or name not in output.record["tables"]:
+        raise InputError(f"{run_folder}: no table {table}; run its stage")
+    return [str(path) for path in output.parts(name)]
 
 
 def identify(unit: str | Path, jobs: int | None = None) -> dict[str, Any]:

@@ -175,6 +175,10 @@ class Output:
         }
         return wrong | dict.fromkeys(self.extra(), "extra")
 
+    def parts(self, table: str) -> list[Path]:
+        """Files of a table, those of the record alone: what else lies in its folder is no part of it."""
+        return [self.folder / file["name"] for file in self._table(table)["files"]]
+
     def _table(self, name: str) -> dict[str, Any]:
         tables = self.record["tables"]
         if name not in tables:

@@ -32,10 +32,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import llvmlite
 import numba
 from filelock import FileLock
-from llvmlite.binding import get_host_cpu_name
 from numba import njit
 from numba.core.compiler_lock import global_compiler_lock
 
@@ -57,9 +55,9 @@ def _sources() -> Iterator[Path]:
             yield Path(spec.origin)
 
 
-MACHINE = (platform.python_version(), numba.__version__, llvmlite.__version__, platform.machine(), get_host_cpu_name())
+MACHINE = (platform.python_version(), numba.__version__, platform.machine(), platform.system())
 SOURCES = sha256(b"".join([*(path.read_bytes() for path in _sources()), repr(MACHINE).encode()])).hexdigest()[:12]
-"""Of what is compiled, and of what compiles it for which processor."""
+"""Of what is compiled, and of what compiles it; the processor itself is part of the compiler's own keys."""
 MANIFEST = ".json"
 """Ending of the list of an entry point's files with their hashes and sizes, beside its index."""
 

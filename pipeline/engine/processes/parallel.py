@@ -69,7 +69,13 @@ class Dumped:
     key: str
 
     def load(self) -> Any:
-        """The value; its arrays are writable (private) maps, so that compiled code sees the same types in a worker."""
+        """The value; its arrays are writable (private) maps, so that compiled code sees the same types in a worker.
+
+        Raises
+        ------
+        InputError
+            If the file is not what was written.
+        """
         if self.key not in _LOADED:
             if sha256_of(self.path) != self.key:
                 raise InputError(f"{self.path}: not what was written; run the same command again")
