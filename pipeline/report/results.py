@@ -21,7 +21,8 @@ from pipeline.report.layout.wording import (
     plain,
 )
 
-STATISTICS = ("mean", "std", "p05", "p95")
+STATISTICS = {"mean": "Mean", "p05": "5 % quantile", "p95": "95 % quantile", "std": "Standard deviation"}
+"""Of a metric over the turn, in the order of the table, with their headings."""
 CRANK_DECIMALS = 2
 """Of crank angles [degrees] in tables."""
 FAILURES_SHOWN = 20

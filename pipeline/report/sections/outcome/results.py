@@ -13,6 +13,7 @@ from pipeline.report.drawing import Drawing
 from pipeline.report.explorer.explorer import explored_units
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.layout.wording import counted, plain
+from pipeline.report.results import STATISTICS
 from pipeline.report.sections.section import Page, Section
 
 
@@ -23,6 +24,7 @@ def _values(page: Page) -> Mapping[str, object]:
         "case_crank_rows": case_crank_rows(frames) if frames.listed else [],
         "rows_shown": ROWS_SHOWN,
         "explorer": page.explorer,
+        "statistics": list(STATISTICS.values()),
     }
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from pipeline.report.results import STATISTICS
 from pipeline.report.sections.section import Section
 from pipeline.report.turn.drawings import turn_drawings
 from pipeline.report.turn.section import TurnSection
@@ -11,6 +12,6 @@ SECTION = Section(
     title="Over a turn",
     rank=90,
     template=Path(__file__).with_suffix(".html"),
-    values=lambda page: {"turn": TurnSection(page.frames)},
+    values=lambda page: {"turn": TurnSection(page.frames), "statistics": list(STATISTICS.values())},
     drawings=turn_drawings,
 )
