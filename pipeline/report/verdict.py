@@ -96,7 +96,12 @@ class Verdict:
         doubled = self.results.doubled_yield
         more = f" With twice as many angles it would be an estimated {doubled}." if doubled else ""
         few = f" {self.results.too_few_angles} (cycle.loaded_angles)." if self.results.too_few_angles else ""
+        turn = self.frames.study.cycle.turn
+        beyond = (
+            "A unit repeats only after one turn of the output, over which more units fail"
+            if turn == "crank"
+            else "At the angles between them more units fail"
+        )
         return (
-            f"This is an upper bound: it counts the worst of {angles} of one crank turn. A unit repeats only after one "
-            f"turn of the output, over which more units fail.{more}{few}"
+            f"This is an upper bound: it counts the worst of {angles} of one turn of the {turn}. {beyond}.{more}{few}"
         )

@@ -112,7 +112,7 @@ def test_the_page_shows_what_the_limits_are_of(frames):
     row = cells(text, "Lost motion")
     assert row[2].startswith(METRICS["lost_motion_arcmin"].text(table["lost_motion_arcmin", "mean"]))
     assert row[1].startswith(f"{100 * table['lost_motion_arcmin', 'yield']:.1f} %")
-    assert "Mean value over the turn of the crank" in text
+    assert f"Mean value over the turn of the {study.cycle.turn}" in text
     assert "It counts the mean value of each unit over 2 loaded crank angles" in text
 
 

@@ -68,7 +68,8 @@ def test_one_sentence_names_the_limit_that_fails_and_its_driver(frames):
 def test_the_yield_is_said_to_be_an_upper_bound_before_anything_else(frames):
     summary = written(frames).partition('id="summary"')[2]
     first = re.search(r'<p class="answer">(.*?)</p>', summary, re.DOTALL)[1]
-    assert "This is an upper bound: it counts the worst of 2 loaded angles of one crank turn." in first
+    turn = frames.study.cycle.turn
+    assert f"This is an upper bound: it counts the worst of 2 loaded angles of one turn of the {turn}." in first
     mean = frames.study.limits.model_copy(update={"over": "mean"})
     other = written(replace(frames, study=frames.study.model_copy(update={"limits": mean})))
     assert "upper bound" not in other
