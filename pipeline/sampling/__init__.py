@@ -10,6 +10,7 @@ from pipeline.sampling.errors import (
     draw_as_measured,
     draw_with_parts,
     errors_at,
+    errors_with_parts,
     unmeasured,
     usual_beside,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "drawn_units",
     "error_groups",
     "errors_at",
+    "errors_with_parts",
     "oval_shift",
     "replicates",
     "uniforms",

@@ -166,13 +166,18 @@ def draw_with_parts(study: Drawn, measured: Mapping[str, Real], start: int, stop
     measured : total deviations by dimension (stop - start, n_elements) [um]; one column for elements that are alike.
     start, stop : first sample, and the one after the last.
     """
+    return errors_with_parts(study, measured, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
+
+
+def errors_with_parts(study: Drawn, measured: Mapping[str, Real], numbers: Real) -> Errors:
+    """As `draw_with_parts`, the other dimensions at points of the unit cube, ``numbers`` (n_samples, n_dimensions)."""
     counts = _counts(study.design)
-    values = deviations_at(study, uniforms(study.samples, sum(dimensions(study).values()), start, stop))
+    values = deviations_at(study, numbers)
     for name, dimension in dimension_library().items():
         if name in measured:
-            values[name] = np.broadcast_to(measured[name], (stop - start, counts[name]))
+            values[name] = np.broadcast_to(measured[name], (len(numbers), counts[name]))
         elif dimension.acts_on in measured:
-            values[name] = np.zeros((stop - start, counts[name]))
+            values[name] = np.zeros((len(numbers), counts[name]))
     return _errors(values, study.design)
 
 

@@ -6,8 +6,8 @@ A dimension with a direction is an amplitude with a phase; its units of full amp
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from pipeline.config.distributions import Distribution
 from pipeline.config.distributions.uniform import Uniform
 from pipeline.config.studies.study import Study
 from pipeline.errors import InputError
-from pipeline.sampling import Errors, dimensions, errors_at
+from pipeline.sampling import Errors, dimensions, errors_with_parts
 
 Real = NDArray[np.float64]
 Evaluate = Callable[[Real], Real]
@@ -38,16 +38,18 @@ class Box:
     free : columns of the errors that vary, by tolerance.
     waves : columns of amplitude and phase of the tolerances with a direction, (n_elements, 2) each.
     n_columns : of a point.
+    measured : total deviations (1, n_elements) [um] of dimensions that do not vary, since they were measured.
     """
 
     study: Study
     free: dict[str, NDArray[np.intp]]
     waves: dict[str, NDArray[np.intp]]
     n_columns: int
+    measured: Mapping[str, Real] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, study: Study) -> Box:
-        """The box of a study.
+    def of(cls, study: Study, measured: Mapping[str, Real] | None = None) -> Box:
+        """The box of a study, of which some dimensions were ``measured``.
 
         Raises
         ------
@@ -56,7 +58,12 @@ class Box:
         """
         if study.samples.experiment == "cases":
             raise InputError(f"study {study.name}: listed cases have no tolerance box")
-        varying = {name: tolerance for name, tolerance in study.tolerances if tolerance.varies}
+        known = dict(measured or {})
+        varying = {
+            name: tolerance
+            for name, tolerance in study.tolerances
+            if tolerance.varies and not {name, dimension_library()[name].acts_on} & set(known)
+        }
         if not varying:
             raise InputError(f"study {study.name}: no tolerance varies; give one two limits, as tolerances.pin_radial")
         sides = {name: _uniform(entry) for name, entry in varying.items()}
@@ -69,6 +76,7 @@ class Box:
             {name: columns[name] for name in varying if name not in directed},
             {name: np.stack([columns[name], columns[dimension_library()[name].phase]], axis=1) for name in directed},
             sum(sizes.values()),
+            known,
         )
 
     @property
@@ -90,7 +98,7 @@ class Box:
 
     def errors(self, points: Real) -> Errors:
         """Errors of points (n, n_columns)."""
-        return errors_at(self.study, points)
+        return errors_with_parts(self.study, self.measured, points)
 
     def flipped(self, point: Real, edge_share: float) -> Real:
         """(n_free, n_columns) the point with one error after the other at ``edge_share``."""

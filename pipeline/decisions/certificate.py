@@ -1,0 +1,273 @@
+"""The certificate of one unit: what it will do, as far as its dimensions were measured, and a compensation table.
+
+The dimensions that were not measured are drawn from the tolerances, so that every number has a band: the 95 % of the units
+that the measured one may be. Bounds hold for all of them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from pipeline.config.studies.cases import Case
+from pipeline.config.studies.study import Study
+from pipeline.decisions.bounds.box import Box
+from pipeline.decisions.bounds.play import Bound, play_bounds
+from pipeline.decisions.fresh_units import Solve
+from pipeline.decisions.lots.lot_yield import passed
+from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.table import Column, Table
+from pipeline.errors import InputError
+from pipeline.model.metrics import library
+from pipeline.model.metrics.turn import turn_library
+from pipeline.sampling import Errors, draw_with_parts
+from pipeline.statistics import Estimate, pass_share
+
+Real = NDArray[np.float64]
+
+BAND = (0.025, 0.975)
+"""Quantiles of the drawn units between which a band lies."""
+DRAWS = 200
+"""Units that the measured one may be: a band's end is known to about a tenth of its width."""
+
+METRICS_TABLE = Table(
+    "metrics",
+    "metric",
+    (
+        Column("metric", "label", "", "column of metrics, over the turn as its limit means it"),
+        Column("median", "float64", "the metric's", "of the units that the measured one may be"),
+        Column("low", "float64", "the metric's", "lower end of the 95 % band"),
+        Column("high", "float64", "the metric's", "upper end of the 95 % band"),
+        Column("limit", "float64", "the metric's", "of the study; null: none"),
+        Column("probability", "float64", "1", "that the unit meets the limit; null: no limit"),
+    ),
+)
+COMPENSATION = Table(
+    "compensation",
+    "crank angle, sense, torque",
+    (
+        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("sense", "label", "", "rising or falling torque"),
+        Column("torque_Nm", "float64", "N m", "torque on the output"),
+        Column("error_arcmin", "float64", "arcmin", "output angle less the nominal one: subtract it from the command"),
+        Column("low_arcmin", "float64", "arcmin", "lower end of the 95 % band"),
+        Column("high_arcmin", "float64", "arcmin", "upper end of the 95 % band"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Loops:
+    """Loops of ``n`` units at crank angles (n_cranks,) [deg], as functions of the torque.
+
+    Attributes
+    ----------
+    torque : (n_torques,) [N m] ascending, without zero.
+    angle : (n, n_cranks, 2, n_torques) [arcmin] of the output, with rising and with falling torque.
+    """
+
+    crank_deg: Real
+    torque: Real
+    angle: Real
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is known of one unit.
+
+    Attributes
+    ----------
+    label : of the unit.
+    measured : names of the measured dimensions.
+    metrics : rows of `METRICS_TABLE`.
+    meets_all : probability that the unit meets every limit, with the interval of the number of draws; None without
+        limits.
+    bounds : of the rigid play at the first crank angle, over all that was not measured.
+    loops : of the units that the measured one may be.
+    """
+
+    study: Study
+    label: str
+    measured: tuple[str, ...]
+    metrics: pd.DataFrame
+    meets_all: Estimate | None
+    bounds: tuple[Bound, ...]
+    loops: Loops
+
+    @property
+    def compensation(self) -> pd.DataFrame:
+        """Rows of `COMPENSATION`."""
+        low, high = np.quantile(self.loops.angle, BAND, axis=0)
+        axes = np.meshgrid(self.loops.crank_deg, ["rising", "falling"], self.loops.torque, indexing="ij")
+        values = (*axes, np.median(self.loops.angle, axis=0), low, high)
+        names = [column.name for column in COMPENSATION.columns]
+        return pd.DataFrame({name: np.ravel(value) for name, value in zip(names, values, strict=True)})
+
+    def predicted_angle(self, crank_deg: Real, rising: NDArray[np.bool_], torque: Real) -> Real:
+        """Angle error (n,) [arcmin] that the compensation table holds, interpolated; missing beyond its torques.
+
+        Between two crank angles and two torques it is linear; across zero torque, where the output passes its play, the
+        value is that of the nearest torque of the same sign.
+        """
+        loops = self.loops
+        table = np.median(loops.angle, axis=0)
+        period = 360.0 if loops.crank_deg[-1] < 360 else float(np.ceil(loops.crank_deg[-1] / 360.0) * 360.0)
+        cranks = np.append(loops.crank_deg, loops.crank_deg[0] + period)
+        table = np.concatenate([table, table[:1]])
+        result = np.full(len(torque), np.nan)
+        at = np.mod(crank_deg - cranks[0], period) + cranks[0]
+        for sense, chosen in ((0, rising), (1, ~rising)):
+            for sign in (-1, 1):
+                levels = np.flatnonzero(np.sign(loops.torque) == sign)
+                rows = np.flatnonzero(chosen & (np.sign(torque) == sign))
+                inner, outer = np.sort(np.abs(loops.torque[levels]))[[0, -1]]
+                rows = rows[np.abs(torque[rows]) <= outer * (1 + 1e-9)]
+                values = RegularGridInterpolator((cranks, loops.torque[levels]), table[:, sense, levels])
+                within = sign * np.clip(np.abs(torque[rows]), inner, outer)
+                result[rows] = values(np.column_stack([at[rows], within]))
+        return result
+
+
+def measured_values(case: Case) -> dict[str, Real]:
+    """Total deviations (1, n_elements) [um] of the dimensions that a unit's file states."""
+    names = case.model_fields_set - {"label"}
+    return {name: np.atleast_1d(np.asarray(case.deviation_um(name), float))[None] for name in sorted(names)}
+
+
+def certificate(
+    study: Study, case: Case, solve: Solve, solve_loops: Callable[[Errors], Loops], draws: int = DRAWS
+) -> Certificate:
+    """The certificate of the unit whose measured dimensions a case states.
+
+    Parameters
+    ----------
+    study : whose tolerances the dimensions have that were not measured.
+    solve : metrics of units over the turn.
+    solve_loops : whole loops of units.
+
+    Raises
+    ------
+    InputError
+        If the study lists cases.
+    """
+    if study.samples.experiment == "cases":
+        raise InputError(f"study {study.name}: listed cases have no tolerances; give a study with tolerances")
+    known = measured_values(case)
+    samples = {"count": draws, "experiment": "monte_carlo", "nominal_first": False}
+    drawn_study = study.model_copy(update={"samples": study.samples.model_copy(update=samples)})
+    units = draw_with_parts(drawn_study, known, 0, draws)
+    values = solve(units)[1]
+    loops = solve_loops(units)
+    confidence = study.metrics.confidence
+    meets_all = pass_share(passed(study, values), confidence) if study.limits.of_metrics else None
+    return Certificate(
+        study, case.label, tuple(known), _metrics(study, values), meets_all, _bounds(study, known, loops), loops
+    )
+
+
+def _metrics(study: Study, values: Mapping[str, Real]) -> pd.DataFrame:
+    limits, kept = study.limits.of_metrics, study.limits.kept(values)
+    rows = []
+    metrics = {**library(), **turn_library()}
+    for name in (name for name in metrics if name in values):
+        finite = values[name][np.isfinite(values[name])]
+        if len(finite):
+            low, high = np.quantile(finite, BAND)
+            share = float(np.mean(kept[name])) if name in limits else np.nan
+            rows.append((name, float(np.median(finite)), low, high, limits.get(name, np.nan), share))
+    return pd.DataFrame(rows, columns=[column.name for column in METRICS_TABLE.columns])
+
+
+def _bounds(study: Study, known: Mapping[str, Real], loops: Loops) -> tuple[Bound, ...]:
+    """Of the rigid play at the first crank angle; none where everything was measured."""
+    try:
+        box = Box.of(study, known)
+    except InputError:
+        return ()
+    rigid = [name for name, metric in library().items() if metric.turn_of_rigid_bodies]
+    return tuple(bound for name in rigid for bound in play_bounds(box, float(loops.crank_deg[0]), name))
+
+
+@dataclass(frozen=True)
+class Compensated:
+    """A measured loop before and after compensation, about each position's own mean.
+
+    Attributes
+    ----------
+    before_arcmin, after_arcmin : rms of the measured angles, and of what the table leaves.
+    rows : that lie within the table's torques.
+    """
+
+    before_arcmin: float
+    after_arcmin: float
+    rows: int
+
+
+def compensated(
+    unit: Certificate, crank_deg: Real, rising: NDArray[np.bool_], torque: Real, angle: Real, position: NDArray[np.intp]
+) -> Compensated:
+    """What the compensation table leaves of measured rows (n,).
+
+    Parameters
+    ----------
+    crank_deg, torque, angle : [deg], [N m], [arcmin].
+    rising : whether the torque rises.
+    position : number of the crank position of each row, each with an angle offset of its own.
+
+    Raises
+    ------
+    InputError
+        If no row lies within the torques of the table.
+    """
+    rest = angle - unit.predicted_angle(crank_deg, rising, torque)
+    rows = np.isfinite(rest)
+    if not rows.any():
+        raise InputError(f"{unit.label}: no measured row lies within the torques of the compensation table")
+    parts = [_centred(values[rows], position[rows]) for values in (angle, rest)]
+    before, after = (float(np.sqrt(np.mean(part**2))) for part in parts)
+    return Compensated(before, after, int(rows.sum()))
+
+
+def _centred(values: Real, position: NDArray[np.intp]) -> Real:
+    """Values (n,) less the mean of their position."""
+    _, group = np.unique(position, return_inverse=True)
+    return values - (np.bincount(group, values) / np.bincount(group))[group]
+
+
+def write_certificate(unit: Certificate, folder: Path) -> None:
+    """Write the tables as CSV and Parquet, and the compensation table as JSON, into ``folder``."""
+    for table, rows in ((METRICS_TABLE, unit.metrics), (COMPENSATION, unit.compensation)):
+        write_atomic(folder / f"{table.name}.parquet", table.part({name: rows[name].to_numpy() for name in rows}).data)
+        write_atomic(folder / f"{table.name}.csv", rows.to_csv(index=False, float_format="%.8g").encode())
+    bounds = pd.DataFrame([vars(bound) for bound in unit.bounds], columns=["metric", "crank_deg", "quantity", "value"])
+    write_atomic(folder / "bounds.csv", bounds.to_csv(index=False, float_format="%.8g").encode())
+    median = np.median(unit.loops.angle, axis=0)
+    write_json(
+        folder / "compensation.json",
+        {
+            "unit": unit.label,
+            "crank_deg": unit.loops.crank_deg.tolist(),
+            "torque_Nm": unit.loops.torque.tolist(),
+            "error_arcmin": {"rising": median[:, 0].tolist(), "falling": median[:, 1].tolist()},
+        },
+    )
+
+
+def limit_sentence(unit: Certificate) -> str:
+    """Whether the unit meets its limits."""
+    names: Sequence[str] = unit.measured
+    known = f"{len(names)} measured dimensions" if len(names) != 1 else "1 measured dimension"
+    if unit.meets_all is None:
+        return f"{unit.label}: {known}; the study {unit.study.name} sets no limits."
+    share = unit.meets_all
+    return (
+        f"{unit.label}: with {known} the unit meets every limit with a probability of {100 * share.value:.3g} % "
+        f"(95 % CI {100 * share.ci_low:.3g} to {100 * share.ci_high:.3g}, {share.n} draws of the other dimensions)."
+    )

@@ -1,0 +1,58 @@
+"""The page that certifies one unit."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from pipeline.decisions.certificate import BAND, Certificate, Compensated, limit_sentence
+from pipeline.engine.store import write_atomic
+from pipeline.figures.labels import METRICS, PARAMETERS
+from pipeline.figures.samples.certificate import certificate_figure
+from pipeline.model.metrics.turn import turn_library
+from pipeline.report.layout.pictures import drawn_picture
+from pipeline.report.layout.rendering import rendered
+from pipeline.report.layout.wording import NOTHING
+
+TEMPLATE = "decisions/certificate.html"
+
+
+def compensation_sentence(unit: Certificate, loop: Compensated | None) -> str:
+    """How much of the angle error the compensation removes."""
+    if loop is None:
+        spread = float((unit.compensation["high_arcmin"] - unit.compensation["low_arcmin"]).median())
+        return f"No loop of this unit was measured; the band of the table is {spread:.3g} arcmin wide in the median."
+    return (
+        f"On the measured loop the angle error is {loop.before_arcmin:.3g} arcmin (rms) before and "
+        f"{loop.after_arcmin:.3g} arcmin after compensation ({loop.rows:,} rows)."
+    )
+
+
+def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: Path) -> None:
+    """Write report.html and its figure into ``folder``."""
+    quantities = {**METRICS, **turn_library()}
+    loops = unit.loops
+    figure = certificate_figure(loops.torque, loops.angle[:, 0], BAND, float(loops.crank_deg[0]))
+    caption = "Lines: median of the units that the measured one may be. Bands: 95 % of them."
+    page = rendered(
+        TEMPLATE,
+        label=unit.label,
+        study=unit.study,
+        measured=[PARAMETERS[name] for name in unit.measured],
+        sentences=[limit_sentence(unit), compensation_sentence(unit, loop)],
+        left=compensation_sentence(unit, loop),
+        metrics=[
+            {
+                "title": quantities[row["metric"]].axis,
+                "median": f"{row['median']:.3g}",
+                "ends": f"{row['low']:.3g} to {row['high']:.3g}",
+                "limit": f"{row['limit']:.4g}" if math.isfinite(row["limit"]) else NOTHING,
+                "probability": f"{100 * row['probability']:.3g} %" if math.isfinite(row["probability"]) else NOTHING,
+            }
+            for row in unit.metrics.to_dict("records")
+        ],
+        bounds=[(METRICS[b.metric].axis, b.quantity, f"{b.value:.4g}") for b in unit.bounds],
+        crank=float(loops.crank_deg[0]),
+        pictures={"loop": drawn_picture(figure, "Predicted loop", caption, folder / "figures" / "loop")},
+    )
+    write_atomic(folder / "report.html", page.encode())
