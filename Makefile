@@ -13,7 +13,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test attack lint types docs identify rig changed population blind lots assemble \
+.PHONY: help setup study $(STAGES) why test attack lint types docs identify rig changed population blind lots assemble certificate workbook \
 	bench paper calibrate verify coverage tails flank compare allocate bounds joints provenance check licences clean-runs
 
 help:  ## list the targets
@@ -57,6 +57,13 @@ lots: $(VENV)/installed  ## yield of STUDY made from measured parts: make lots C
 assemble: $(VENV)/installed  ## which measured parts to put together: make assemble A=rings.csv B=disks.csv STUDY=quick
 	$(PIPELINE) assemble --csv $(or $(A),$(error say which parts: make assemble A=<file> B=<file>)) \
 		--csv $(or $(B),$(error say which parts: make assemble A=<file> B=<file>)) --study $(STUDY) $(JOBS_OPTION)
+
+certificate: $(VENV)/installed  ## what one unit will do: make certificate DIMENSIONS=unit17.toml [UNIT=measured] STUDY=quick
+	$(PIPELINE) certificate --dimensions $(or $(DIMENSIONS),$(error say which: make certificate DIMENSIONS=<file>)) \
+		$(if $(UNIT),--unit $(UNIT)) --study $(STUDY) $(JOBS_OPTION)
+
+workbook: $(VENV)/installed  ## tables of a page or a run as one .xlsx file: make workbook RUN=quick
+	$(PIPELINE) workbook $(or $(RUN),$(error say which: make workbook RUN=<folder in data/runs>))
 
 joints: $(VENV)/installed  ## write backlash, stiffness and friction of STUDY as joints for MuJoCo, URDF and SDFormat
 	$(PIPELINE) joints --study $(STUDY) $(JOBS_OPTION)

@@ -11,6 +11,8 @@ from pipeline.config import load_study
 from pipeline.decisions.joint import FORMATS, JOINTS, joints
 from pipeline.engine.provenance import FILE, crate
 from pipeline.engine.store import write_atomic, write_json
+from pipeline.errors import InputError
+from pipeline.report.workbook import write_workbook
 
 
 def write_joints(options: argparse.Namespace) -> None:
@@ -34,3 +36,15 @@ def write_provenance(options: argparse.Namespace) -> None:
     folder = Path(options.run) if Path(options.run).is_dir() else settings.RUNS / options.run
     write_json(folder / FILE, crate(folder))
     print(f"RO-Crate: {settings.shown(folder / FILE)}")
+
+
+def write_spreadsheet(options: argparse.Namespace) -> None:
+    """Write the tables of a folder of results as a workbook."""
+    folder = Path(options.folder) if Path(options.folder).is_dir() else settings.RUNS / options.folder
+    if not folder.is_dir():
+        raise InputError(f"{options.folder}: no folder of results; run a study or a command first")
+    file = options.out or folder / f"{folder.name}.xlsx"
+    written, left_out = write_workbook(folder, file)
+    print(f"{settings.shown(file)}: {', '.join(written)}")
+    for sentence in left_out:
+        print(f"left out: {sentence}")

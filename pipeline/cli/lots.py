@@ -1,8 +1,10 @@
-"""Commands on measured parts: the yield of lots, and which parts go together."""
+"""Commands on measured parts: the yield of lots, which parts go together, and the certificate of one unit."""
 
 import argparse
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.cli import settings
 from pipeline.cli.decisions import DESIGN_FILE, loaded_units
@@ -10,7 +12,17 @@ from pipeline.cli.running import up_to_date
 from pipeline.config import load_study
 from pipeline.config.files.table_file import read_table
 from pipeline.config.files.writing import toml_of
+from pipeline.config.reading import load_case
 from pipeline.config.studies.study import Study
+from pipeline.decisions.certificate import (
+    Certificate,
+    Compensated,
+    Loops,
+    certificate,
+    compensated,
+    limit_sentence,
+    write_certificate,
+)
 from pipeline.decisions.lots import results
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
 from pipeline.decisions.lots.ovalities import with_separate_ovalities
@@ -19,10 +31,18 @@ from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.model.load_history.load_cycle import BRANCHES
+from pipeline.model.units import ARCMIN, NM_PER_NMM
 from pipeline.report.decisions.assembly import assembly_sentences, write_assembly_page
+from pipeline.report.decisions.certificate import compensation_sentence, write_certificate_page
 from pipeline.report.decisions.lots import sentences, write_lots_page
+from pipeline.sampling import Errors
 from stages import hysteresis
 
+CERTIFIED_CRANKS = tuple(15.0 * k for k in range(24))
+"""Crank angles [deg] of a certificate without a measured loop."""
 MOST_LOTS = 2
 """Lots that a command takes: one, or two side by side."""
 
@@ -73,6 +93,53 @@ def assemble_parts(options: argparse.Namespace) -> None:
     write_assembly_page(study, assembly, options.mounting_force, folder)
     print("\n".join(assembly_sentences(assembly, options.mounting_force)))
     print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def certify_unit(options: argparse.Namespace) -> None:
+    """Predict what one unit will do from its measured dimensions, with a compensation table."""
+    study = load_study(options.study, settings.ROOT)
+    case = load_case(options.dimensions, study)
+    measurement = None if options.unit is None else Measurement.read(load_measured_unit(options.unit, settings.ROOT))
+    if measurement is not None and measurement.fatal:
+        raise InputError([fault.line for fault in measurement.fatal])
+    cranks = CERTIFIED_CRANKS if measurement is None else measurement.drive_cranks
+    cycle = study.cycle.model_copy(
+        update={"crank_deg": tuple(sorted({float(c) for c in cranks})), "loaded_angles": None, "curve_angles": 3600}
+    )
+    study = study.model_copy(update={"cycle": cycle, "name": f"certificate-{case.label}"})
+    condensed = up_to_date(study, ["springs", "reduce"], options)
+    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
+    unit = certificate(study, case, partial(loaded_units, shared), partial(_loops, shared), options.draws)
+    loop = None if measurement is None else _measured_loop(unit, measurement)
+    folder = settings.RUNS / "certificate" / case.label
+    write_certificate(unit, folder)
+    write_certificate_page(unit, loop, folder)
+    print(f"{limit_sentence(unit)}\n{compensation_sentence(unit, loop)}")
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def _loops(shared: hysteresis.Shared, sampled: Errors) -> Loops:
+    """Whole loops of units as functions of the torque, both senses."""
+    rising: list[np.ndarray] = []
+    falling: list[np.ndarray] = []
+    torque = np.empty(0)
+    for solution in hysteresis.solve_samples(shared, sampled):
+        response = solution.response
+        branch = np.array(BRANCHES)[response.branch]
+        nonzero = response.torque != 0
+        for angles, names in ((rising, ("unloading-", "reloading+")), (falling, ("unloading+", "loading-"))):
+            steps = np.flatnonzero(np.isin(branch, names) & nonzero)
+            steps = steps[np.unique(response.torque[steps], return_index=True)[1]]
+            torque = NM_PER_NMM * response.torque[steps]
+            angles.append(ARCMIN * response.angle[:, steps])
+    senses = np.stack([np.stack(rising, axis=1), np.stack(falling, axis=1)], axis=2)
+    return Loops(np.array(shared.study.cycle.crank_deg), torque, senses)
+
+
+def _measured_loop(unit: Certificate, measurement: Measurement) -> Compensated:
+    cells = measurement.cells
+    cranks = measurement.drive_cranks[cells.position]
+    return compensated(unit, cranks, cells.direction > 0, cells.torque_mean, cells.angle_mean, cells.position)
 
 
 def read_lot(path: Path, study: Study) -> MeasuredLot:

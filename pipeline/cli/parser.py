@@ -132,9 +132,22 @@ def _decisions(command: Commands) -> None:
     _study(pairing)
     _where(pairing)
 
+    certifying = command("certificate", "lots.certify_unit", "what one unit will do, from its measured dimensions")
+    certifying.add_argument(
+        "--dimensions", required=True, type=Path, help="TOML file of measured errors in micrometres"
+    )
+    certifying.add_argument("--unit", help="folder with a unit.toml of a measured loop, as for identify")
+    certifying.add_argument("--draws", type=int, default=200, help="of the other dimensions; default: 200")
+    _study(certifying)
+    _where(certifying)
+
     handing = command("joints", "handover.write_joints", "backlash, stiffness, friction of a study for simulators")
     _study(handing)
     _where(handing)
+
+    exporting = command("workbook", "handover.write_spreadsheet", "tables of a page or a run as one .xlsx file")
+    exporting.add_argument("folder", help="folder with tables, or its name in data/runs, as quick or allocate/paper")
+    exporting.add_argument("--out", type=Path, help="file to write; default: in the folder")
 
     tracing = command(
         "provenance", "handover.write_provenance", "write a run's inputs, versions and hashes as an RO-Crate"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,27 @@ def load_study(path_or_stem: str | Path, root: Path) -> Study:
     """
     path = found_file(path_or_stem, root, "studies", [Path(), root])
     return parse_study(read_toml(path), path.stem, file_label(path), lambda name: _study_design(name, path, root))
+
+
+def load_case(path: Path, study: Study) -> Case:
+    """The measured dimensions of one unit of a study's design, by the file's stem.
+
+    Raises
+    ------
+    InputError : the file is missing, is no TOML, or holds values that are not allowed.
+    """
+    if not path.is_file():
+        raise InputError([f"dimensions = {shown_value(str(path))}; no such file; give the path of a TOML file"])
+    raw = with_tuples({"label": path.stem, **read_toml(path)})
+    problems, _ = validated(Case, raw)
+    if not problems:
+        case = Case(**raw)
+        problems = [
+            replace(problem, key=problem.key.removeprefix("cases[0]."))
+            for problem in case_problems({0: case}, study.design)
+        ]
+    raise_if(problems, file_label(path))
+    return case
 
 
 def load_unit(path: Path, design: str, study: str | Path, root: Path) -> Study:

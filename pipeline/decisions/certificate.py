@@ -1,12 +1,11 @@
 """The certificate of one unit: what it will do, as far as its dimensions were measured, and a compensation table.
 
-The dimensions that were not measured are drawn from the tolerances, so that every number has a band: the 95 % of the units
-that the measured one may be. Bounds hold for all of them.
+The dimensions that were not measured are drawn from the tolerances, so that every number has a band: the 95 % of the
+units that the measured one may be. Bounds hold for all of them.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.study import Study
@@ -111,28 +109,34 @@ class Certificate:
         return pd.DataFrame({name: np.ravel(value) for name, value in zip(names, values, strict=True)})
 
     def predicted_angle(self, crank_deg: Real, rising: NDArray[np.bool_], torque: Real) -> Real:
-        """Angle error (n,) [arcmin] that the compensation table holds, interpolated; missing beyond its torques.
+        """Angle error (n,) [arcmin] that the compensation table holds, interpolated; missing beyond its range.
 
-        Between two crank angles and two torques it is linear; across zero torque, where the output passes its play, the
-        value is that of the nearest torque of the same sign.
+        It is linear between two crank angles and between two torques of one sign. Nearer to zero torque, where the
+        output passes its play, it is that of the smallest torque of the same sign.
         """
-        loops = self.loops
-        table = np.median(loops.angle, axis=0)
-        period = 360.0 if loops.crank_deg[-1] < 360 else float(np.ceil(loops.crank_deg[-1] / 360.0) * 360.0)
-        cranks = np.append(loops.crank_deg, loops.crank_deg[0] + period)
-        table = np.concatenate([table, table[:1]])
+        loops, table = self.loops, np.median(self.loops.angle, axis=0)
         result = np.full(len(torque), np.nan)
-        at = np.mod(crank_deg - cranks[0], period) + cranks[0]
-        for sense, chosen in ((0, rising), (1, ~rising)):
-            for sign in (-1, 1):
-                levels = np.flatnonzero(np.sign(loops.torque) == sign)
-                rows = np.flatnonzero(chosen & (np.sign(torque) == sign))
-                inner, outer = np.sort(np.abs(loops.torque[levels]))[[0, -1]]
-                rows = rows[np.abs(torque[rows]) <= outer * (1 + 1e-9)]
-                values = RegularGridInterpolator((cranks, loops.torque[levels]), table[:, sense, levels])
-                within = sign * np.clip(np.abs(torque[rows]), inner, outer)
-                result[rows] = values(np.column_stack([at[rows], within]))
+        for crank in np.unique(crank_deg):
+            lower, upper, share = _neighbours(loops.crank_deg, float(crank))
+            for sense, chosen in ((0, rising), (1, ~rising)):
+                levels = (1 - share) * table[lower, sense] + share * table[upper, sense]
+                for sign in (-1, 1):
+                    side = np.sign(loops.torque) == sign
+                    rows = np.flatnonzero((crank_deg == crank) & chosen & (np.sign(torque) == sign))
+                    rows = rows[np.abs(torque[rows]) <= np.abs(loops.torque[side]).max() * (1 + 1e-9)]
+                    result[rows] = np.interp(torque[rows], loops.torque[side], levels[side])
         return result
+
+
+def _neighbours(cranks: Real, crank: float) -> tuple[int, int, float]:
+    """Numbers of the crank angles beside one, and its place between them; the share is missing beyond all of them."""
+    exact = np.flatnonzero(np.isclose(cranks, crank, rtol=0, atol=1e-6))
+    if len(exact):
+        return int(exact[0]), int(exact[0]), 0.0
+    upper = int(np.searchsorted(cranks, crank))
+    if upper in (0, len(cranks)):
+        return 0, 0, np.nan
+    return upper - 1, upper, float((crank - cranks[upper - 1]) / (cranks[upper] - cranks[upper - 1]))
 
 
 def measured_values(case: Case) -> dict[str, Real]:

@@ -1,0 +1,136 @@
+"""The certificate of a unit: its band holds units with the measured dimensions, compensation removes their error."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import assembly
+from pipeline.cli.decisions import loaded_units
+from pipeline.cli.lots import _loops
+from pipeline.config import load_study
+from pipeline.config.reading import load_case
+from pipeline.decisions.bounds.play import ATTAINED, LEAST_FOUND
+from pipeline.decisions.certificate import certificate, compensated, measured_values
+from pipeline.errors import InputError
+from pipeline.sampling import draw_with_parts
+from stages import hysteresis
+
+ROOT = Path(__file__).parents[2]
+CRANKS = (0.0, 40.0, 90.0)
+
+
+def rigid_study(**effects: dict[str, float]):
+    """The quick study with a rigid disk at three crank angles."""
+    study = load_study("quick", ROOT)
+    return study.model_copy(
+        update={
+            "reduce": study.reduce.model_copy(update={"disk": "rigid"}),
+            "cycle": study.cycle.model_copy(update={"crank_deg": CRANKS, "loaded_angles": None, "curve_angles": 3}),
+            "design": study.design.model_copy(update={"effects": effects}),
+        }
+    )
+
+
+def shared_of(study):
+    reducers = [assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg]
+    laws = tuple(assembly.contact_laws(study, reducer) for reducer in reducers)
+    rigid = tuple(np.zeros((len(entry), len(entry))) for entry in laws)
+    curve, brief = (assembly.load_cycle(study, levels) for levels in (study.cycle.levels_per_branch, 0))
+    return hysteresis.Shared(study, curve, brief, laws, rigid)
+
+
+@pytest.fixture(scope="module")
+def measured_file(tmp_path_factory) -> Path:
+    """A unit of which the disk, the crank and all pins but their tangential position were measured."""
+    rng = np.random.default_rng(1)
+    radial, radius = rng.normal(0, 1, 80).round(2).tolist(), rng.uniform(-1, 0, 80).round(2).tolist()
+    path = tmp_path_factory.mktemp("unit") / "unit17.toml"
+    path.write_text(f"disk_profile = 12.0\neccentricity = 0.5\npin_radial = {radial}\npin_radius = {radius}\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def certified(measured_file):
+    study = rigid_study()
+    shared, case = shared_of(study), load_case(measured_file, study)
+    return certificate(study, case, partial(loaded_units, shared), partial(_loops, shared), 60)
+
+
+def unit_like(measured_file, study, number: int):
+    """Another unit with the measured dimensions of the file, its other dimensions drawn anew."""
+    case = load_case(measured_file, study)
+    known = measured_values(case)
+    samples = study.samples.model_copy(update={"seed": 77, "count": 200, "nominal_first": False})
+    return draw_with_parts(study.model_copy(update={"samples": samples}), known, number, number + 1)
+
+
+def test_the_band_holds_19_of_20_units_with_the_measured_dimensions(measured_file, certified):
+    study = certified.study
+    shared = shared_of(study)
+    table = certified.metrics.set_index("metric")
+    inside = []
+    for number in range(40):
+        values = loaded_units(shared, unit_like(measured_file, study, number))[1]
+        inside.append([table.low[name] <= values[name][0] <= table.high[name] for name in table.index[:3]])
+    assert np.mean(inside) > 0.85
+    assert np.mean(inside) <= 1.0
+
+
+def test_bounds_hold_every_unit_that_the_measured_one_may_be(certified):
+    bounds = {bound.quantity: bound.value for bound in certified.bounds}
+    zero = len(certified.loops.torque) // 2
+    play = certified.loops.angle[:, 0, 0, zero] - certified.loops.angle[:, 0, 0, zero - 1]
+    assert bounds[LEAST_FOUND] < bounds[ATTAINED]
+    assert np.all(play > bounds[LEAST_FOUND])  # play and the deflection at the smallest torques
+
+
+def test_measured_dimensions_narrow_the_band(certified):
+    study = certified.study
+    shared = shared_of(study)
+    nothing = load_case_of(study, "")
+    wide = certificate(study, nothing, partial(loaded_units, shared), partial(_loops, shared), 60)
+    name = "clearance_backlash_arcmin"
+    widths = [(c.metrics.set_index("metric").high - c.metrics.set_index("metric").low)[name] for c in (wide, certified)]
+    assert widths[1] < 0.85 * widths[0]
+
+
+def load_case_of(study, text: str):
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "unknown.toml"
+        path.write_text(text)
+        return load_case(path, study)
+
+
+def test_compensation_leaves_the_undeclared_effect_alone(measured_file, certified):
+    """A generated unit has 0.2 N m of friction that the study does not declare: the table removes what it knows."""
+    study = rigid_study(coulomb={"torque_Nm": 0.2})
+    loops = _loops(shared_of(study), unit_like(measured_file, study, 3))
+    cranks, senses, torques = np.meshgrid(loops.crank_deg, [True, False], loops.torque, indexing="ij")
+    rows = (cranks.ravel(), senses.ravel(), torques.ravel())
+    position = np.repeat(np.arange(3), loops.angle[0, 0].size)
+    result = compensated(certified, *rows, loops.angle[0].ravel(), position)
+    assert result.after_arcmin < 0.35 * result.before_arcmin
+    without = _loops(shared_of(certified.study), unit_like(measured_file, certified.study, 3))
+    alone = compensated(certified, *rows, without.angle[0].ravel(), position)
+    assert alone.after_arcmin < result.after_arcmin
+
+
+def test_the_table_is_the_median_at_its_own_points_and_missing_beyond(certified):
+    loops = certified.loops
+    median = np.median(loops.angle, axis=0)
+    torque = loops.torque[[0, 5, -1]]
+    found = certified.predicted_angle(np.full(3, 40.0), np.array([True] * 3), torque)
+    assert found == pytest.approx(median[1, 0, [0, 5, -1]])
+    beyond = certified.predicted_angle(np.array([40.0, 200.0]), np.array([True] * 2), np.array([100.0, 1.0]))
+    assert np.all(np.isnan(beyond))
+
+
+def test_a_fault_in_the_dimensions_names_file_and_key():
+    with pytest.raises(InputError, match="unknown.toml: disk_profil"):
+        load_case_of(rigid_study(), "disk_profil = 3.0\n")
+    with pytest.raises(InputError, match="pin_radius"):
+        load_case_of(rigid_study(), "pin_radius = [1.0, 2.0]\n")
