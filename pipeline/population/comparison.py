@@ -16,14 +16,13 @@ from pipeline.config.files.section import nearest_name
 from pipeline.config.files.table_file import TableFile, read_table, shortened_list
 from pipeline.config.files.text_file import LARGEST_VALUE
 from pipeline.errors import InputError
+from pipeline.model.metrics import library, measurable_metrics
 from pipeline.model.units import ARCMIN
 from pipeline.statistics import Estimate
 from pipeline.statistics.differences import welch_interval
 
 Real = NDArray[np.float64]
 
-POPULATION_METRICS = ("zero_torque_width_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")
-SMALLER_IS_WORSE = "torsional_rigidity_Nm_per_arcmin"
 TESTS = ("kolmogorov_smirnov", "cramer_von_mises", "anderson_darling")
 PERMUTATIONS = 1999
 """Of the test: p is known to 0.5 % at 5 %, and no smaller than 1/2000."""
@@ -98,15 +97,15 @@ def load_population(path: Path) -> pd.DataFrame:
         raise InputError(f"{path.name}: no table: {error}; give a CSV file with one row per unit") from None
     frame = table.cells
     problems = [] if len(frame) else [f"{path.name}: no unit; give one row per unit below the header"]
-    allowed = ("unit", "crank_deg", *POPULATION_METRICS)
+    allowed = ("unit", "crank_deg", *measurable_metrics())
     problems += [
         f"{path.name}: column {name!r}; unknown; {nearest_name(name, allowed)}" for name in frame if name not in allowed
     ]
     if "unit" not in frame:
         problems.append(f"{path.name}: column 'unit' is missing; add it")
-    metrics = [name for name in POPULATION_METRICS if name in frame]
+    metrics = [name for name in measurable_metrics() if name in frame]
     if not metrics:
-        problems.append(f"{path.name}: no metric; give at least one of {', '.join(POPULATION_METRICS)}")
+        problems.append(f"{path.name}: no metric; give at least one of {', '.join(measurable_metrics())}")
     values = frame.copy()
     for name in [*metrics, *({"crank_deg"} & set(frame))]:
         values[name] = table.numbers(name)
@@ -141,15 +140,14 @@ def metrics_at(metrics: pd.DataFrame, crank_deg: float | None, over: str = "mean
     ------
     InputError : the study has no such crank angle.
     """
-    names = list(POPULATION_METRICS)
+    names = list(measurable_metrics())
     failed = metrics.loc[metrics["status"] != "ok", "sample"].unique()
     if crank_deg is None:
         grouped = metrics.groupby("sample")
         if over == "mean":
             return grouped[names].mean().drop(index=failed)
-        worst = grouped[names].max()
-        worst[SMALLER_IS_WORSE] = grouped[SMALLER_IS_WORSE].min()
-        return worst.drop(index=failed)
+        worst = {name: "min" if metric.smaller_is_worse else "max" for name, metric in measurable_metrics().items()}
+        return grouped.agg(worst).drop(index=failed)
     of_crank = metrics[np.isclose(metrics["crank_deg"], crank_deg)]
     if of_crank.empty:
         cranks = ", ".join(f"{crank:g}" for crank in np.unique(metrics["crank_deg"]))
@@ -183,7 +181,7 @@ def compared(
         if not of_crank.any():
             continue
         samples = metrics_at(metrics, crank, over)
-        for metric in [name for name in POPULATION_METRICS if name in population]:
+        for metric in [name for name in measurable_metrics() if name in population]:
             units = population.loc[of_crank, metric].dropna().to_numpy(float)
             if units.size:
                 pairs.append((metric, crank, units, samples[metric].to_numpy()))
@@ -213,8 +211,11 @@ def _implausible(metric: str, medians: tuple[float, float]) -> str:
     if expected < LEAST_EXPECTED or expected / FURTHEST <= measured <= expected * FURTHEST:
         return ""
     factors = {"deg": 60.0, "arcsec": 1 / 60, "rad": ARCMIN, "mrad": ARCMIN / 1000}
-    if metric == SMALLER_IS_WORSE:
-        factors = {f"N m/{unit}": 1 / factor for unit, factor in factors.items()}
+    torque, _, angle = library()[metric].unit.rpartition("/")
+    if angle != "arcmin":
+        factors = {}
+    elif torque:
+        factors = {f"{torque}/{unit}": 1 / factor for unit, factor in factors.items()}
     likely = [unit for unit, factor in factors.items() if expected / LIKELY <= measured * factor <= expected * LIKELY]
     advice = f"it would be likely in {' or '.join(likely)}; convert it" if likely else "is it the right column?"
     return f"units.csv: {metric} has a median of {measured:.4g}, the study one of {expected:.4g}; {advice}"

@@ -10,9 +10,9 @@ from scipy import stats
 
 from pipeline.config import load_study
 from pipeline.errors import InputError
+from pipeline.model.metrics import measurable_metrics
 from pipeline.model.units import ARCMIN
 from pipeline.population.comparison import (
-    POPULATION_METRICS,
     compared,
     load_population,
     metrics_at,
@@ -23,7 +23,7 @@ from pipeline.population.tolerance_shift import StudyPopulation, closing, mean_d
 from pipeline.sampling import draw
 from stages.sample import columns_of_errors
 
-WIDTH, LOST, RIGIDITY = POPULATION_METRICS
+WIDTH, LOST, RIGIDITY = measurable_metrics()
 
 
 def deviations_of(study, count, seed=None):
@@ -117,7 +117,7 @@ def test_intervals_of_bias_and_spread_cover(monkeypatch):
     rng = np.random.default_rng(3)
     hits = np.zeros(2)
     samples = pd.DataFrame({"sample": np.arange(1500), "crank_deg": 0.0, "status": "ok"})
-    for name in POPULATION_METRICS:
+    for name in measurable_metrics():
         samples[name] = rng.uniform(0, 1, len(samples))
     for _ in range(200):
         units = pd.DataFrame({"unit": np.arange(20), WIDTH: rng.uniform(0.5, 2.0, 20)})
@@ -133,7 +133,7 @@ def test_intervals_of_bias_and_spread_cover(monkeypatch):
 
 def test_units_of_the_study_itself_do_not_differ(study, population):
     comparisons = compared(units_of(study), population.metrics)
-    assert [comparison.metric for comparison in comparisons] == list(POPULATION_METRICS)
+    assert [comparison.metric for comparison in comparisons] == list(measurable_metrics())
     assert all(min(test.p_value for test in comparison.tests) > 0.01 for comparison in comparisons)
     assert all(comparison.spread_ratio.ci_low < 1 < comparison.spread_ratio.ci_high for comparison in comparisons)
     assert not closing(comparisons, population).takes_an_effect

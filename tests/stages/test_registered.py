@@ -69,6 +69,23 @@ running.solver_is_compiled = lambda: True
 """What is compiled ahead is the solver of laws without a further term."""
 
 
+MEASURED = """
+import sys
+from pathlib import Path
+import numpy as np
+from pipeline.identification.results.prediction_errors import LoopError
+from pipeline.model.metrics import Definitions, LoopReadings, measurable_metrics
+from pipeline.population.comparison import load_population
+from pipeline.report.unit.rows import loop_row
+from pipeline.identification.selection.held_out import STAGES
+print(list(load_population(Path(sys.argv[1]))))
+row = loop_row("windup_arcmin", LoopError(7.0, dict.fromkeys(STAGES, 7.0), 1))
+print(row["title"], row["unit"])
+loop = LoopReadings.measured(zero_falling=np.ones(1), high_plus=np.full(1, 5.0), high_minus=np.full(1, -4.0))
+print(measurable_metrics()["windup_arcmin"].value(loop, Definitions(0.36, 6.0, 12.0))[0])
+"""
+
+
 def install(folder: Path, module: str, source: str, name: str, kind: Kind) -> None:
     """Lay a package of one module into the folder as an installer would, with the entry point of what it declares."""
     (folder / f"{module}.py").write_text(source)
@@ -155,6 +172,16 @@ def extended_run(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Path:
     process = in_a_process(RUN, folder, runs, study, "report")
     assert process.returncode == 0, process.stderr
     return runs / "extended"
+
+
+def test_a_metric_of_another_package_is_one_of_measured_units_too(tmp_path: Path) -> None:
+    """In the table of a measured unit, read by its declaration alone, and a column of a population."""
+    install(tmp_path, "windup_of_a_loop", WINDUP.format(), "windup", METRICS)
+    (tmp_path / "units.csv").write_text("unit,windup_arcmin\na,7.1\nb,7.3\n")
+    process = in_a_process(MEASURED, tmp_path, tmp_path / "units.csv")
+    assert process.stdout.split("\n")[:3] == ["['unit', 'windup_arcmin']", "Windup at full torque arcmin", "9.0"], (
+        process
+    )
 
 
 def test_a_metric_of_another_package_is_computed_limited_and_reported(extended_run: Path) -> None:

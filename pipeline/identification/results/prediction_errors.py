@@ -1,4 +1,4 @@
-"""Errors of predictions on held-out data of what is read off a loop: width, lost motion, rigidity."""
+"""Errors of predictions on held-out data of the metrics that are read off a loop."""
 
 from __future__ import annotations
 
@@ -8,19 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import assembly
 from pipeline.identification.identify import Identification
+from pipeline.model.metrics import LoopReadings, library, measurable_metrics
 
 Real = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 BEYOND = 0.05
 """Share of the largest torque by which a branch may be continued along its last cells, whose means end before it."""
-METRICS = (
-    "zero_torque_width_arcmin",
-    "lost_motion_arcmin",
-    "torsional_rigidity_Nm_per_arcmin",
-    "branch_separation_arcmin",
-)
+SEPARATION = "branch_separation_arcmin"
+"""Of the two branches at the lower torque of the rigidity, mean of both senses: no metric of a study."""
 NO_LOSS = "a measured loop alone does not part friction from play; branch_separation_arcmin is friction alone"
 
 
@@ -35,22 +33,21 @@ class LoopError:
 
 
 def loop_errors(identification: Identification) -> dict[str, LoopError]:
-    """Width, lost motion, rigidity and separation of the branches: measured, and of each curve.
+    """The metrics that a measured loop has, and the separation of its branches: measured, and of each curve.
 
     Notes
     -----
     The centre line is the mean of the two branches. At zero torque a branch is continued from its second and third cell
-    on that side, since the play may lie in the first. The separation is that of the branches at the lower torque of
-    the rigidity, mean of both senses.
+    on that side, since the play may lie in the first.
     """
     curves = {"measured": identification.problem.data.angle} | identification.curves
-    read: dict[str, list[dict[str, float]]] = {name: [] for name in METRICS}
+    read: dict[str, list[dict[str, float]]] = {name: [] for name in (*measurable_metrics(), SEPARATION)}
     for loop in _loops(identification):
         of_curves = {name: _read(identification, loop, angle) for name, angle in curves.items()}
-        for metric in METRICS:
+        for metric, complete in read.items():
             values = {name: numbers[metric] for name, numbers in of_curves.items()}
             if np.all(np.isfinite(list(values.values()))):
-                read[metric].append(values)
+                complete.append(values)
     errors = {}
     for metric, rows in read.items():
         if rows:
@@ -63,17 +60,9 @@ def loop_errors(identification: Identification) -> dict[str, LoopError]:
 
 
 def _why_not(identification: Identification, metric: str) -> str:
-    metrics, rated = (
-        identification.measurement.unit.study.metrics,
-        identification.measurement.unit.study.design.cycloid.rated_torque_Nm,
-    )
+    definitions = assembly.definitions(identification.measurement.unit.study)
     largest_torque = float(np.max(np.abs(identification.problem.data.torque)))
-    percent = {
-        "torsional_rigidity_Nm_per_arcmin": metrics.rigidity_percent[1],
-        "branch_separation_arcmin": metrics.rigidity_percent[0],
-        "lost_motion_arcmin": metrics.lost_motion_percent,
-    }.get(metric, 0.0)
-    torque = rated * percent / 100
+    torque = definitions.rigidity_low if metric == SEPARATION else library()[metric].largest_torque(definitions)
     return (
         f"asks for +-{torque:.3g} N m on both branches of a loop; the held-out loops reach {largest_torque:.3g} at most"
     )
@@ -106,31 +95,34 @@ def _loops(identification: Identification) -> list[tuple[Numbers, Numbers]]:
 
 
 def _read(identification: Identification, loop: tuple[Numbers, Numbers], angle: Real) -> dict[str, float]:
-    torque = identification.problem.data.torque
-    metrics, rated = (
-        identification.measurement.unit.study.metrics,
-        identification.measurement.unit.study.design.cycloid.rated_torque_Nm,
-    )
+    torque, study = identification.problem.data.torque, identification.measurement.unit.study
+    definitions = assembly.definitions(study)
+    mark, low, high = definitions.lost_motion, definitions.rigidity_low, definitions.rigidity_high
     falling, rising = loop
 
-    def at(branch: Numbers, level: float) -> float:
-        """Angle of a branch at a torque, on that torque's side of zero."""
+    def at(branch: Numbers, level: float) -> Real:
+        """Angle of a branch at a torque, on that torque's side of zero (1,)."""
         side = branch[torque[branch] * np.sign(level) > 0]
         x, y = np.abs(torque[side]), angle[side]
         order = np.argsort(x)
         x, y = x[order], y[order]
         if len(x) < 3 or abs(level) > x[-1] + BEYOND * x[-1]:
-            return np.nan
+            return np.full(1, np.nan)
         k = int(np.clip(np.searchsorted(x, abs(level)) - 1, 1 if abs(level) < x[1] else 0, len(x) - 2))
-        return float(y[k] + (abs(level) - x[k]) * (y[k + 1] - y[k]) / (x[k + 1] - x[k]))
+        return np.array([y[k] + (abs(level) - x[k]) * (y[k + 1] - y[k]) / (x[k + 1] - x[k])])
 
-    tiny = 1e-9 * rated
-    mark = metrics.lost_motion_percent / 100 * rated
-    low, high = (percent / 100 * rated for percent in metrics.rigidity_percent)
-    loading = at(rising, high) - at(rising, low), at(falling, -low) - at(falling, -high)
-    return {
-        "zero_torque_width_arcmin": at(falling, tiny) - at(rising, -tiny),
-        "lost_motion_arcmin": 0.5 * (at(falling, mark) + at(rising, mark) - at(falling, -mark) - at(rising, -mark)),
-        "torsional_rigidity_Nm_per_arcmin": 0.5 * (high - low) * sum(1 / rise if rise else np.nan for rise in loading),
-        "branch_separation_arcmin": 0.5 * sum(at(falling, end) - at(rising, end) for end in (low, -low)),
-    }
+    tiny = 1e-9 * study.design.cycloid.rated_torque_Nm
+    readings = LoopReadings.measured(
+        zero_falling=at(falling, tiny),
+        zero_rising=at(rising, -tiny),
+        lost_motion_plus=0.5 * (at(falling, mark) + at(rising, mark)),
+        lost_motion_minus=0.5 * (at(falling, -mark) + at(rising, -mark)),
+        low_plus=at(rising, low),
+        high_plus=at(rising, high),
+        low_minus=at(falling, -low),
+        high_minus=at(falling, -high),
+    )
+    with np.errstate(divide="ignore"):
+        metrics = {name: float(metric.value(readings, definitions)[0]) for name, metric in measurable_metrics().items()}
+    apart = [float((at(falling, end) - at(rising, end))[0]) for end in (low, -low)]
+    return metrics | {SEPARATION: 0.5 * sum(apart)}

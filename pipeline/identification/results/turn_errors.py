@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import Identification
-from pipeline.identification.results.prediction_errors import METRICS, NO_LOSS, LoopError
+from pipeline.identification.results.prediction_errors import NO_LOSS, SEPARATION, LoopError
+from pipeline.model.metrics import measurable_metrics
 from pipeline.model.turn.orders import orders
 
 Real = NDArray[np.float64]
@@ -34,7 +35,7 @@ def turn_errors(identification: Identification) -> dict[str, LoopError]:
         {name: _read(angles) for name, angles in turn.items()}
         for turn in mean_turns(data, {"measured": data.angle} | identification.curves, identification.folds.cells)
     ]
-    errors = {metric: LoopError(None, {}, 0, NO_LOOP) for metric in METRICS}
+    errors = {metric: LoopError(None, {}, 0, NO_LOOP) for metric in (*measurable_metrics(), SEPARATION)}
     errors["hysteresis_loss_arcmin"] = LoopError(None, {}, 0, NO_LOSS)
     for metric in (SPAN, *(ORDER.format(order) for order in ORDERS)):
         known = [turn for turn in readings if all(metric in numbers for numbers in turn.values())]

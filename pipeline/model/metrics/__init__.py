@@ -4,6 +4,15 @@ A file defines ``METRIC``; adding one is adding a file: its column in the tables
 figure and definition in the report follow from it.
 """
 
-from pipeline.model.metrics.metric import Definitions, Limited, LoopReadings, Metric, Quantity, library, signed
+from pipeline.model.metrics.metric import (
+    Definitions,
+    Limited,
+    LoopReadings,
+    Metric,
+    Quantity,
+    library,
+    measurable_metrics,
+    signed,
+)
 
-__all__ = ["Definitions", "Limited", "LoopReadings", "Metric", "Quantity", "library", "signed"]
+__all__ = ["Definitions", "Limited", "LoopReadings", "Metric", "Quantity", "library", "measurable_metrics", "signed"]

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,27 @@ class LoopReadings:
     high_plus: Real
     peak_pressure: Real
     load_share: Real
+
+    @classmethod
+    def measured(cls, **readings: Real) -> "LoopReadings":
+        """Readings of ``n`` loops on a bench (n,), by name; what no bench reads is NaN."""
+        unknown = np.full(len(readings["zero_falling"]), np.nan)
+        return cls(**{field.name: readings.get(field.name, unknown) for field in fields(cls)})
+
+
+ON_A_BENCH = frozenset(
+    {
+        "zero_falling",
+        "zero_rising",
+        "lost_motion_minus",
+        "lost_motion_plus",
+        "low_minus",
+        "high_minus",
+        "low_plus",
+        "high_plus",
+    }
+)
+"""The readings that a measured loop has."""
 
 
 DIGITS = 5
@@ -126,6 +147,12 @@ class Metric(Limited):
     moves_at: Callable[[Definitions], float] | None = None
     not_negative: bool = False
 
+    @cached_property
+    def measurable(self) -> bool:
+        """Whether a measured loop has all that the metric is read from."""
+        some = LoopReadings.measured(**{name: np.array([k**2 + 1.0]) for k, name in enumerate(sorted(ON_A_BENCH))})
+        return bool(np.isfinite(self.value(some, Definitions(1.0, 2.0, 4.0))[0]))
+
     @property
     def valid_column(self) -> str:
         """Column that says whether the number means what its definition says."""
@@ -147,3 +174,9 @@ def library() -> Mapping[str, Metric]:
     """All metrics by name, in their order: the files beside this one and what packages register."""
     metrics = METRICS.declarations()
     return dict(sorted(metrics.items(), key=lambda item: item[1].rank))
+
+
+@cache
+def measurable_metrics() -> Mapping[str, Metric]:
+    """The metrics that a measured unit has too, by name, in their order."""
+    return {name: metric for name, metric in library().items() if metric.measurable}

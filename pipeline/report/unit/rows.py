@@ -7,9 +7,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pipeline.figures.labels import METRICS
 from pipeline.identification.fitting.problem import candidates
-from pipeline.identification.results.prediction_errors import LoopError
+from pipeline.identification.results.prediction_errors import SEPARATION, LoopError
 from pipeline.identification.results.residual_signatures import Signature
+from pipeline.identification.results.turn_errors import ORDER, ORDERS, SPAN
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES, AngleError
 from pipeline.identification.selection.judgement import FAMILYWISE
@@ -17,15 +19,12 @@ from pipeline.identification.selection.statements.detection import DetectionLimi
 from pipeline.report.layout.wording import NOTHING, plain
 from pipeline.report.unit.numbers import capitalised, digits, interval, p_value, shown_unit
 
-LOOP_TITLES = {
-    "zero_torque_width_arcmin": ("Zero-torque width", "arcmin"),
-    "lost_motion_arcmin": ("Lost motion", "arcmin"),
-    "torsional_rigidity_Nm_per_arcmin": ("Torsional rigidity", "N m/arcmin"),
-    "branch_separation_arcmin": ("Separation of the branches under load", "arcmin"),
-    "hysteresis_loss_arcmin": ("Hysteresis loss", "arcmin"),
-    "transmission_error_arcmin": ("Transmission error, least to largest over a turn", "arcmin"),
-    **{f"order_{order}_arcmin": (f"Order {order} of the crank", "arcmin") for order in (1, 2, 3, 4)},
+OTHER_TITLES = {
+    SEPARATION: "Separation of the branches under load",
+    SPAN: "Transmission error, least to largest over a turn",
+    **{ORDER.format(order): f"Order {order} of the crank" for order in ORDERS},
 }
+"""Of what is read off a measured loop or turn in arcmin and is no metric of a study's loop."""
 
 
 def headline(title: str, error: AngleError) -> tuple[str, str, str, str]:
@@ -119,7 +118,7 @@ def _signature(signature: Signature) -> dict[str, Any]:
 
 def loop_row(name: str, error: LoopError) -> dict[str, Any]:
     """A metric of the loop as it was measured and as each of the models predicts it."""
-    title, unit = LOOP_TITLES[name]
+    title, unit = (OTHER_TITLES[name], "arcmin") if name in OTHER_TITLES else (METRICS[name].title, METRICS[name].unit)
     if error.measured is None:
         return {"title": title, "unit": unit, "why_not": error.why_not}
     return {

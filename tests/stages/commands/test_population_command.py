@@ -10,7 +10,7 @@ import pytest
 from pipeline import cli
 from pipeline.cli import settings
 from pipeline.engine.store import Output
-from pipeline.population.comparison import POPULATION_METRICS
+from pipeline.model.metrics import measurable_metrics
 
 
 def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(
@@ -25,7 +25,7 @@ def test_units_of_the_study_agree_with_it_and_shifted_ones_do_not(
     assert cli.main(["run", "aggregate", "--study", "quick", "--jobs", "1"]) == 0
     metrics = pd.read_parquet(runs_folder / "quick" / "aggregate" / "metrics.parquet")
     rows = metrics[(metrics["sample"] > 0) & (metrics["crank_deg"] == 0)]
-    units = rows.iloc[::4][["sample", "crank_deg", *POPULATION_METRICS]].rename(columns={"sample": "unit"})
+    units = rows.iloc[::4][["sample", "crank_deg", *measurable_metrics()]].rename(columns={"sample": "unit"})
     capsys.readouterr()
     for name, shift, words in (("alike", 0.0, "do not differ"), ("wide", 0.5, "The units differ")):
         path = tmp_path / f"{name}.csv"
