@@ -119,21 +119,22 @@ def certify_unit(options: argparse.Namespace) -> None:
 
 
 def _loops(shared: hysteresis.Shared, sampled: Errors) -> Loops:
-    """Whole loops of units as functions of the torque, both senses."""
-    rising: list[np.ndarray] = []
-    falling: list[np.ndarray] = []
+    """Whole loops of units as functions of the torque, both senses; each sense has both ends of the loop."""
+    senses = []
     torque = np.empty(0)
     for solution in hysteresis.solve_samples(shared, sampled):
         response = solution.response
-        branch = np.array(BRANCHES)[response.branch]
-        nonzero = response.torque != 0
-        for angles, names in ((rising, ("unloading-", "reloading+")), (falling, ("unloading+", "loading-"))):
-            steps = np.flatnonzero(np.isin(branch, names) & nonzero)
-            steps = steps[np.unique(response.torque[steps], return_index=True)[1]]
+        number = {name: k for k, name in enumerate(BRANCHES)}
+        sense_angles = []
+        for away, back, turn in (("unloading-", "reloading+", "loading-"), ("unloading+", "loading-", "loading+")):
+            chosen = np.isin(response.branch, [number[away], number[back]]) & (response.torque != 0)
+            chosen[np.flatnonzero(response.branch == number[turn])[-1]] = True
+            steps = np.flatnonzero(chosen)
+            steps = steps[np.argsort(response.torque[steps])]
             torque = NM_PER_NMM * response.torque[steps]
-            angles.append(ARCMIN * response.angle[:, steps])
-    senses = np.stack([np.stack(rising, axis=1), np.stack(falling, axis=1)], axis=2)
-    return Loops(np.array(shared.study.cycle.crank_deg), torque, senses)
+            sense_angles.append(ARCMIN * response.angle[:, steps])
+        senses.append(np.stack(sense_angles, axis=1))
+    return Loops(np.array(shared.study.cycle.crank_deg), torque, np.stack(senses, axis=1))
 
 
 def _measured_loop(unit: Certificate, measurement: Measurement) -> Compensated:

@@ -40,7 +40,9 @@ def write_workbook(folder: Path, file: Path) -> tuple[list[str], list[str]]:
         raise InputError(
             f"{folder}: no table; give a folder of results, as data/runs/quick or data/runs/allocate/paper"
         )
-    sink, written, left_out = io.BytesIO(), [], []
+    sink = io.BytesIO()
+    written: list[str] = []
+    left_out: list[str] = []
     with pd.ExcelWriter(sink, engine="xlsxwriter") as book:
         for name, path in tables.items():
             dataset = ds.dataset(path, format="parquet")

@@ -119,6 +119,20 @@ def test_compensation_leaves_the_undeclared_effect_alone(measured_file, certifie
     assert alone.after_arcmin < result.after_arcmin
 
 
+def test_senses_agree_without_friction_and_differ_by_it_with_friction(measured_file, certified):
+    """Both senses hold the same torques; a friction torque shifts the loop along the torque by its size."""
+    loops = certified.loops
+    assert loops.torque == pytest.approx(-loops.torque[::-1])
+    assert loops.angle[:, :, 0] == pytest.approx(loops.angle[:, :, 1], abs=1e-9)
+    study = rigid_study(coulomb={"torque_Nm": 0.5})
+    rubbing = _loops(shared_of(study), unit_like(measured_file, study, 3)).angle[0, 0]
+    frictionless = _loops(shared_of(rigid_study()), unit_like(measured_file, study, 3)).angle[0, 0, 0]
+    loaded = np.flatnonzero(loops.torque > 3.0)[:-1]
+    for sense, sign in ((0, -1), (1, 1)):  # rising torque turns the output less, falling torque more
+        expected = np.interp(loops.torque[loaded] + sign * 0.5, loops.torque, frictionless)
+        assert rubbing[sense][loaded[:-3]] == pytest.approx(expected[:-3], abs=0.02)
+
+
 def test_the_table_is_the_median_at_its_own_points_and_missing_beyond(certified):
     loops = certified.loops
     median = np.median(loops.angle, axis=0)

@@ -12,7 +12,7 @@ from pipeline.figures.samples.certificate import certificate_figure
 from pipeline.model.metrics.turn import turn_library
 from pipeline.report.layout.pictures import drawn_picture
 from pipeline.report.layout.rendering import rendered
-from pipeline.report.layout.wording import NOTHING
+from pipeline.report.layout.wording import NOTHING, interval
 
 TEMPLATE = "decisions/certificate.html"
 
@@ -44,8 +44,8 @@ def write_certificate_page(unit: Certificate, loop: Compensated | None, folder: 
         metrics=[
             {
                 "title": quantities[row["metric"]].axis,
-                "median": f"{row['median']:.3g}",
-                "ends": f"{row['low']:.3g} to {row['high']:.3g}",
+                "median": quantities[row["metric"]].text(row["median"]),
+                "ends": interval(row["low"], row["high"], quantities[row["metric"]]),
                 "limit": f"{row['limit']:.4g}" if math.isfinite(row["limit"]) else NOTHING,
                 "probability": f"{100 * row['probability']:.3g} %" if math.isfinite(row["probability"]) else NOTHING,
             }
