@@ -345,7 +345,7 @@ def gaps(
         if len(in_hole) and (np.any(of_disk.pin_off_hole) or np.any(of_disk.hole_diameter)):
             gap[:, in_hole] += hole_gaps(contacts.some(in_hole), reducer.disks[number], of_disk, method)
         parts.append(gap)
-    if not np.any(errors.displacement):
+    if not (reducer.displacements and np.any(errors.displacement)):
         return np.hstack(parts)
     matrix = np.hstack(list(reducer.displacements.values()))
     return np.hstack(parts) + (errors.displacement.real @ matrix.real.T + errors.displacement.imag @ matrix.imag.T)
