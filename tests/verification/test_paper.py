@@ -153,3 +153,17 @@ def test_mistakes_in_the_fitted_numbers_are_named(study, tmp_path, text, message
 def test_more_numbers_than_targets_are_refused(study, disk, targets):
     with pytest.raises(InputError, match="cannot be fitted"):
         calibrated(study, targets[:2], [FittedNumber("disk.thickness_mm", 1.0, 3.0)] * 2, None, disk)
+
+
+@pytest.mark.parametrize("name", ["pham2017", "pham2017_table2"])
+def test_every_text_states_the_error_of_table_2_that_its_design_has(study, targets, name):
+    """On the coarse mesh of these tests, to 0.4 percentage points."""
+    of_design = study.model_copy(update={"design": load_design(name, ROOT)})
+    values = computed(of_design, condensed(of_design), targets)
+    errors = [value / target.value - 1 for value, target in zip(values, targets, strict=True) if target.value]
+    largest = table2.Misfit.of(np.array(errors)).largest
+    for file in ("README.md", "data/designs/pham2017.toml", "data/designs/pham2017_table2.toml"):
+        text = " ".join((ROOT / file).read_text().replace("#", " ").split())
+        stated = re.search(rf"`?\b{name}\b`?(?! ?_)[^.;]*?(?:within|meets it within)[^.;]*? (\d\.\d) %", text)
+        assert stated, file
+        assert float(stated[1]) == pytest.approx(100 * largest, abs=0.4)
