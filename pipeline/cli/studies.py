@@ -88,14 +88,19 @@ def summary(distributions: pd.DataFrame, name: str) -> Iterator[str]:
         (row.metric, row.statistic): (row.value, f"{row.value:.4g} ({row.ci_low:.4g} to {row.ci_high:.4g})")
         for row in table.itertuples()
     }
+    angles = dict(zip(table["metric"].astype(str), table["n_angles"], strict=True))
+    loss = cells.get(("hysteresis_loss_arcmin", "p99"))
+    redundant = [name for name, item in library().items() if item.needs_friction and loss and loss[0] == 0]
     yield f"{name}: worst over the turn, with confidence intervals"
-    for metric in dict.fromkeys(metric for metric, _ in cells):
+    for metric in dict.fromkeys(metric for metric, _ in cells if metric not in redundant):
         shown_statistics = [
             f"{statistic} {cells[metric, statistic][1]}"
             for statistic in ("mean", "p05", "p95", "yield")
             if (metric, statistic) in cells
         ]
-        yield f"{metric}  {'  '.join(shown_statistics)}"
+        yield f"{metric}  {'  '.join(shown_statistics)}  ({angles[metric]} crank angles)"
+    if redundant:
+        yield "without friction the zero-torque width is the clearance backlash, and the hysteresis loss is 0"
 
 
 def reasons(options: argparse.Namespace) -> None:

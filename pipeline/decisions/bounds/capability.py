@@ -1,4 +1,4 @@
-"""Process capability of a metric against its limit, and whether it says what it is taken to say."""
+"""Process capability of a metric against its limit, and whether its normal yield agrees with the yield found."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Capability:
     Attributes
     ----------
     cpk : distance of the mean from the limit over three standard deviations.
-    yield_if_normal : share within the limit that it means where the metric is normal.
+    yield_if_normal : share within the limit that it implies where the metric is normal.
     passed : the share of the samples.
     """
 
@@ -31,8 +31,8 @@ class Capability:
     passed: Estimate
 
     @property
-    def means_something(self) -> bool:
-        """Whether the yield that it stands for lies within the interval of the one found."""
+    def is_normal_plausible(self) -> bool:
+        """Whether the yield of a normal distribution with this C_pk lies within the interval of the yield found."""
         return self.passed.ci_low <= self.yield_if_normal <= self.passed.ci_high
 
 

@@ -45,7 +45,7 @@ STACKS = Table(
     (
         Column("metric", "label", "", "column of metrics"),
         Column("crank_deg", "float64", "deg", "crank angle"),
-        Column("statistic", "label", "", "mean, std (linear: root sum of squares), far (99.73 % on the bad side)"),
+        Column("statistic", "label", "", "mean, std (linear: root sum of squares), far (99.73 % on the worse side)"),
         Column("linear", "float64", "the metric's", "of the linear stack about the middle of the zones"),
         Column("full", "float64", "the metric's", "of the full model, the same units"),
     ),
@@ -68,11 +68,12 @@ CAPABILITY = Table(
         Column("mean", "float64", "the metric's", "of the samples"),
         Column("std", "float64", "the metric's", "of the samples"),
         Column("cpk", "float64", "1", "limit less mean over three standard deviations"),
-        Column("yield_if_normal", "float64", "1", "yield that C_pk stands for where the metric is normal"),
+        Column("yield_if_normal", "float64", "1", "yield that C_pk implies where the metric is normal"),
         Column("yield", "float64", "1", "share of the samples within the limit"),
         Column("ci_low", "float64", "1", "lower end of its confidence interval"),
         Column("ci_high", "float64", "1", "upper end"),
-        Column("means_something", "bool", "", "whether the yield of C_pk lies within that interval"),
+        Column("n", "int32", "1", "samples"),
+        Column("is_normal_plausible", "bool", "", "whether the yield of C_pk lies within that interval"),
     ),
 )
 
@@ -169,7 +170,7 @@ def table_rows(bound_findings: BoundFindings) -> dict[Table, Columns]:
     """Rows of the four tables."""
     capabilities = [
         (c.metric, c.mean, c.std, c.cpk, c.yield_if_normal, c.passed.value, c.passed.ci_low, c.passed.ci_high)
-        + (c.means_something,)
+        + (c.passed.n, c.is_normal_plausible)
         for c in bound_findings.capabilities
     ]
     bounds = [(entry.metric, entry.crank_deg, entry.quantity, entry.value) for entry in bound_findings.bounds]

@@ -15,19 +15,24 @@ from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import number, percent, percent_interval
 
 TEMPLATE = "decisions/bounds.html"
-STATISTICS = {"mean": "mean", "std": "standard deviation", "far": "99.73 % on the bad side"}
+LARGEST_GAP = 0.1
+"""Relative error of the linear stack's standard deviation beyond which its contributions are marked."""
+STATISTICS = {"mean": "mean", "std": "standard deviation", "far": "99.73 % quantile (unfavourable side)"}
 
 
 def write_bounds_page(bound_findings: BoundFindings, folder: Path) -> None:
     """Write report.html into ``folder``."""
     tables = {table: pd.DataFrame(rows) for table, rows in table_rows(bound_findings).items()}
+    invalid = invalid_stacks(tables[STACKS])
     page = rendered(
         TEMPLATE,
         study=bound_findings.study,
         bounds=[_bound(row) for row in tables[BOUNDS].to_dict("records")],
         stacks=[_stack(row) for row in tables[STACKS].to_dict("records")],
         cranks=sorted(set(tables[CONTRIBUTIONS]["crank_deg"])),
-        contributions=_contributions(tables[CONTRIBUTIONS]),
+        contributions=_contributions(tables[CONTRIBUTIONS], invalid),
+        invalid=[METRICS[name].inline for name in invalid],
+        largest_gap=percent(LARGEST_GAP),
         capabilities=[_capability(row) for row in tables[CAPABILITY].to_dict("records")],
         pictures={"bounds": _picture(tables[BOUNDS], tables[STACKS], folder)},
     )
@@ -39,7 +44,7 @@ def _picture(bounds: pd.DataFrame, stacks: pd.DataFrame, folder: Path) -> Pictur
     caption = (
         "Of single units at each crank angle. Diamonds: worst cases over the tolerance box, of the play its largest "
         "and least from both sides. Bars: three standard deviations about the mean, of the full model and of the "
-        "linear stack; where they part, the metric is no sum of errors."
+        "linear stack; where they differ, a linear stack-up is not valid."
     )
     title, figure = "Worst case, linear stack and Monte Carlo", bounds_figure(bounds, stacks)
     return drawn_picture(figure, title, caption, folder / "figures" / "bounds")
@@ -63,11 +68,20 @@ def _stack(row: dict) -> dict[str, str]:
     }
 
 
-def _contributions(table: pd.DataFrame) -> list[tuple[str, str, list[str]]]:
+def invalid_stacks(stacks: pd.DataFrame) -> list[str]:
+    """Metrics whose linear stack misses the standard deviation of the full model at some crank angle."""
+    spread = stacks[stacks["statistic"] == "std"]
+    is_off = (spread["linear"] - spread["full"]).abs() > LARGEST_GAP * spread["full"]
+    return list(dict.fromkeys(spread.loc[is_off, "metric"].astype(str)))
+
+
+def _contributions(table: pd.DataFrame, invalid: list[str]) -> list[tuple[str, str, list[str]]]:
     rows = []
     for (metric, parameter), part in table.groupby(["metric", "parameter"], sort=False):
         by_crank = part.set_index("crank_deg")["percent"].sort_index()
-        rows.append((METRICS[metric].title, PARAMETERS[parameter], [percent(value / 100) for value in by_crank]))
+        mark = " (not valid)" if metric in invalid else ""
+        shares = [percent(value / 100) for value in by_crank]
+        rows.append((f"{METRICS[metric].title}{mark}", PARAMETERS[parameter], shares))
     return rows
 
 
@@ -81,5 +95,5 @@ def _capability(row: dict) -> dict[str, object]:
         "normal": percent(row["yield_if_normal"]),
         "yield": percent(row["yield"]),
         "ends": percent_interval(row["ci_low"], row["ci_high"]),
-        "means_something": row["means_something"],
+        "normality": f"{'not rejected' if row['is_normal_plausible'] else 'rejected'} (n = {row['n']:,})",
     }

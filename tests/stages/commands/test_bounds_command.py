@@ -10,6 +10,7 @@ import pytest
 from pipeline import cli
 from pipeline.cli import settings
 from pipeline.decisions.bounds import play, results
+from pipeline.report.decisions.bounds import invalid_stacks
 
 ROOT = Path(__file__).parent.parent.parent.parent
 
@@ -51,7 +52,21 @@ def test_no_sample_lies_beyond_its_bounds(
     np.testing.assert_allclose(tables["contributions"].groupby("metric", observed=True)["percent"].sum(), 100.0)
     assert (folder / "bounds/few/figures/bounds.png").stat().st_size > 10_000
     assert 'id="figure-bounds"' in (folder / "bounds/few/report.html").read_text()
-    assert "C<sub>pk</sub>" in (folder / "bounds/few/report.html").read_text()
+    page = (folder / "bounds/few/report.html").read_text().replace("\u00a0", " ")
+    assert "Yield implied by C<sub>pk</sub>" in page
+    assert "rejected (n = 50)" in page
+    assert "Means something" not in page
+    spread = tables["stacks"][tables["stacks"]["statistic"] == "std"]
+    off = spread.loc[(spread["linear"] / spread["full"] - 1).abs() > 0.1, "metric"].unique()
+    assert ("not valid for" in page) == (len(off) > 0)
+
+
+def test_the_contributions_to_a_stack_that_is_off_are_marked() -> None:
+    stacks = pd.DataFrame(
+        [("a", "std", 1.05, 1.0), ("a", "mean", 9.0, 1.0), ("b", "std", 1.2, 1.0), ("c", "std", 0.85, 1.0)],
+        columns=["metric", "statistic", "linear", "full"],
+    )
+    assert invalid_stacks(stacks) == ["b", "c"]
 
 
 def test_listed_cases_have_no_box(capsys: pytest.CaptureFixture) -> None:

@@ -97,6 +97,9 @@ def test_a_run_is_summed_up(own_runs: Path, monkeypatch: pytest.MonkeyPatch, cap
     assert "lost_motion_arcmin  mean 2." in message
     assert "all_limits  yield" in message
     assert "51 units" in message
+    assert "zero_torque_width_arcmin" not in message, "it equals the backlash, of which more crank angles are known"
+    backlash = next(line for line in message.splitlines() if line.startswith("clearance_backlash_arcmin"))
+    assert backlash.endswith("crank angles)")
     assert "for +-1 % on the yield against all limits take " in message
     assert cli.main(["show", "nowhere"]) == 2
 

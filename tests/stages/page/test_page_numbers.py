@@ -175,6 +175,7 @@ def test_shares_of_the_variance_are_told_as_far_as_they_are_determined(frames):
     assert '59.0 %<span class="ci">50.0 to 70.0 %</span>' in message, (
         "what the shares by themselves leave to interactions"
     )
+    assert "jackknife" not in message, "the intervals of the shares are by bootstrap"
     assert "from 400 pairs of units" in message, "of the metrics that have shares"
     assert "Shares of the variance are not determined by" not in message.replace("</b>", "")
 

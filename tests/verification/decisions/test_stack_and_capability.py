@@ -39,9 +39,9 @@ def test_capability_of_normal_values_is_their_yield_and_of_others_is_not():
     result = capability("lost_motion_arcmin", values, 2.0, 0.95)
     assert result.cpk == pytest.approx(2 / 3, rel=1e-3)
     assert result.yield_if_normal == pytest.approx(norm.cdf(2.0), rel=1e-4)
-    assert result.means_something
+    assert result.is_normal_plausible
     lower = capability("torsional_rigidity_Nm_per_arcmin", -values, -2.0, 0.95)
     assert lower.cpk == pytest.approx(result.cpk)
     assert not capability(
         "lost_motion_arcmin", np.exp(2 * values), float(np.exp(2 * norm.ppf(0.98))), 0.95
-    ).means_something
+    ).is_normal_plausible
