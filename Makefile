@@ -6,11 +6,13 @@ PYTHON ?= $(shell for name in python3.14 python3.13 python3.12 python3.11 python
 NO_PYTHON := found no Python 3.11 to 3.14 with its module venv (on Debian: apt-get install python3 python3-venv); \
 	if it has another name, say make PYTHON=<name>
 STUDY ?= paper
+export STUDY
+# What a user gives reaches the shell as a variable in quotes, "$$STUDY": no character of it is a command.
 VENV := .venv
 STAGES := $(shell sed -n 's/^UPSTREAM = (\(.*\))/\1, report/p' stages/chain.py | tr 'A-Z' 'a-z' | tr -d ',')
 PLAIN_STAGES := $(filter-out tails,$(STAGES))
 PIPELINE := $(VENV)/bin/python -m pipeline
-JOBS_OPTION := $(if $(JOBS),--jobs $(JOBS))
+JOBS_OPTION := $(if $(JOBS),--jobs "$$JOBS")
 
 .DEFAULT_GOAL := help
 .PHONY: help setup study $(STAGES) why test attack lint types docs identify rig changed population blind lots assemble certificate workbook \
@@ -29,34 +31,34 @@ $(VENV)/installed: pyproject.toml constraints.txt
 setup: $(VENV)/installed  ## make the virtual environment with the pinned packages
 
 study: $(VENV)/installed  ## run all stages of a study: make study STUDY=quick JOBS=2
-	$(PIPELINE) run report --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) run report --study "$$STUDY" $(JOBS_OPTION)
 
 $(PLAIN_STAGES): $(VENV)/installed  ## run one stage of STUDY and what it needs that is missing or stale
-	$(PIPELINE) run $@ --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) run $@ --study "$$STUDY" $(JOBS_OPTION)
 
 check: $(VENV)/installed  ## compare every byte of a run with its records: make check STUDY=quick
-	$(PIPELINE) check $(STUDY)
+	$(PIPELINE) check "$$STUDY"
 
 why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis STUDY=quick
-	@$(PIPELINE) why $(or $(STAGE),report) --study $(STUDY)
+	@$(PIPELINE) why $(if $(STAGE),"$$STAGE",report) --study "$$STUDY"
 
 compare: $(VENV)/installed  ## hold two studies against each other: make compare A=paper B=quick
-	$(PIPELINE) compare $(or $(A),$(error say which: make compare A=<study> B=<study>)) \
-		$(or $(B),$(error say which: make compare A=<study> B=<study>)) $(JOBS_OPTION)
+	$(PIPELINE) compare $(if $(A),"$$A",$(error say which: make compare A=<study> B=<study>)) \
+		$(if $(B),"$$B",$(error say which: make compare A=<study> B=<study>)) $(JOBS_OPTION)
 
 allocate: $(VENV)/installed  ## find the cheapest tolerances of STUDY that keep its limits: make allocate YIELD=0.99
-	$(PIPELINE) allocate --study $(STUDY) $(if $(YIELD),--yield $(YIELD)) $(JOBS_OPTION)
+	$(PIPELINE) allocate --study "$$STUDY" $(if $(YIELD),--yield "$$YIELD") $(JOBS_OPTION)
 
 bounds: $(VENV)/installed  ## worst cases of STUDY over its tolerances, beside linear stacks and capability
-	$(PIPELINE) bounds --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) bounds --study "$$STUDY" $(JOBS_OPTION)
 
 lots: $(VENV)/installed  ## yield of STUDY made from measured parts: make lots CSV=parts.csv [ALSO=other_lot.csv] STUDY=quick
-	$(PIPELINE) lots --csv $(or $(CSV),$(error say which parts: make lots CSV=<file>)) $(if $(ALSO),--csv $(ALSO)) \
-		--study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) lots --csv $(if $(CSV),"$$CSV",$(error say which parts: make lots CSV=<file>)) $(if $(ALSO),--csv "$$ALSO") \
+		--study "$$STUDY" $(JOBS_OPTION)
 
 assemble: $(VENV)/installed  ## which measured parts to put together: make assemble A=rings.csv B=disks.csv STUDY=quick
-	$(PIPELINE) assemble --csv $(or $(A),$(error say which parts: make assemble A=<file> B=<file>)) \
-		--csv $(or $(B),$(error say which parts: make assemble A=<file> B=<file>)) --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) assemble --csv $(if $(A),"$$A",$(error say which parts: make assemble A=<file> B=<file>)) \
+		--csv $(if $(B),"$$B",$(error say which parts: make assemble A=<file> B=<file>)) --study "$$STUDY" $(JOBS_OPTION)
 
 certificate: $(VENV)/installed  ## what one unit will do: make certificate DIMENSIONS=unit17.toml [UNIT=measured] STUDY=quick
 	$(PIPELINE) certificate --dimensions $(or $(DIMENSIONS),$(error say which: make certificate DIMENSIONS=<file>)) \
@@ -66,27 +68,27 @@ workbook: $(VENV)/installed  ## tables of a page or a run as one .xlsx file: mak
 	$(PIPELINE) workbook $(or $(RUN),$(error say which: make workbook RUN=<folder in data/runs>))
 
 joints: $(VENV)/installed  ## write backlash, stiffness and friction of STUDY as joints for MuJoCo, URDF and SDFormat
-	$(PIPELINE) joints --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) joints --study "$$STUDY" $(JOBS_OPTION)
 
 provenance: $(VENV)/installed  ## write inputs, versions and hashes of the run of STUDY as an RO-Crate
-	$(PIPELINE) provenance $(STUDY)
+	$(PIPELINE) provenance "$$STUDY"
 
 identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
-	$(PIPELINE) identify --unit $(or $(UNIT),$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)
+	$(PIPELINE) identify --unit $(if $(UNIT),"$$UNIT",$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)
 
 rig: $(VENV)/installed  ## identify all states of the printed drive's rig, beside the baselines: make rig DATA=<folder>
-	$(PIPELINE) rig --data $(or $(DATA),$(error say where its data are: make rig DATA=<folder>)) $(JOBS_OPTION)
+	$(PIPELINE) rig --data $(if $(DATA),"$$DATA",$(error say where its data are: make rig DATA=<folder>)) $(JOBS_OPTION)
 
 changed: $(VENV)/installed  ## say what changed between two measurements of one drive: make changed A=before B=after
-	$(PIPELINE) changed --before $(or $(A),$(error say which units: make changed A=<folder> B=<folder>)) \
-		--after $(or $(B),$(error say which units: make changed A=<folder> B=<folder>)) $(if $(ALSO),--also $(ALSO))
+	$(PIPELINE) changed --before $(if $(A),"$$A",$(error say which units: make changed A=<folder> B=<folder>)) \
+		--after $(if $(B),"$$B",$(error say which units: make changed A=<folder> B=<folder>)) $(if $(ALSO),--also $$ALSO)
 
 population: $(VENV)/installed  ## hold many measured units against a study: make population UNITS=units.csv STUDY=paper
-	$(PIPELINE) population --units $(or $(UNITS),$(error say which units: make population UNITS=<file>)) --study $(STUDY) \
+	$(PIPELINE) population --units $(if $(UNITS),"$$UNITS",$(error say which units: make population UNITS=<file>)) --study "$$STUDY" \
 		$(JOBS_OPTION)
 
 blind: $(VENV)/installed  ## test the identification on units whose truth it cannot read: make blind CASES=60 FIRST=0
-	$(PIPELINE) blind $(if $(CASES),--cases $(CASES)) $(if $(FIRST),--first $(FIRST)) $(JOBS_OPTION)
+	$(PIPELINE) blind $(if $(CASES),--cases "$$CASES") $(if $(FIRST),--first "$$FIRST") $(JOBS_OPTION)
 
 test: $(VENV)/installed  ## run the tests
 	$(VENV)/bin/python -m pytest
@@ -109,7 +111,7 @@ docs: $(VENV)/documented  ## build the pages of docs/ with the reference: build/
 	$(VENV)/bin/sphinx-build -q -W --keep-going docs build/docs
 
 bench: $(VENV)/installed  ## measure speed, as ratios within one run
-	$(PIPELINE) bench --study $(STUDY)
+	$(PIPELINE) bench --study "$$STUDY"
 
 paper: $(VENV)/installed  ## hold the paper's Table 2, contacts and figures against the model: one HTML page
 	$(PIPELINE) paper $(JOBS_OPTION)
@@ -118,17 +120,17 @@ calibrate: $(VENV)/installed  ## fit numbers of the design to Table 2, with inte
 	$(PIPELINE) calibrate
 
 verify: $(VENV)/installed  ## hold the mechanics against exact answers and independent solvers: make verify MESH=coarse
-	$(PIPELINE) verify --mesh $(or $(MESH),paper)
+	$(PIPELINE) verify --mesh $(if $(MESH),"$$MESH",paper)
 
 flank: $(VENV)/installed  ## write a design's flank as CSV and DXF: make flank DESIGN=pham2017 OUT=flank
-	$(PIPELINE) flank --design $(or $(DESIGN),$(error say which design: make flank DESIGN=<file> OUT=<folder>)) \
-		--out $(or $(OUT),$(error say where to: make flank DESIGN=<file> OUT=<folder>))
+	$(PIPELINE) flank --design $(if $(DESIGN),"$$DESIGN",$(error say which design: make flank DESIGN=<file> OUT=<folder>)) \
+		--out $(if $(OUT),"$$OUT",$(error say where to: make flank DESIGN=<file> OUT=<folder>))
 
 tails: $(VENV)/installed  ## run the stage tails, for any STUDY: units beyond limits in parts per million, far quantiles
-	$(PIPELINE) tails --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) tails --study "$$STUDY" $(JOBS_OPTION)
 
 coverage: $(VENV)/installed  ## count how often intervals hold the truth, over 2,000 experiments on the rigid play
-	$(PIPELINE) coverage --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) coverage --study "$$STUDY" $(JOBS_OPTION)
 
 licences: $(VENV)/installed  ## list the licence of every package that is installed; fails where one is unknown
 	@$(PIPELINE) licences

@@ -7,6 +7,8 @@ LONGEST_WORD = 160
 """Characters of an echoed value or path, more than a path has: a longer one is cut in its middle."""
 LONGEST_LINE = 1200
 """Characters of a message; what is echoed is cut first."""
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that a terminal obeys or that turn a text around; shown by their codes."""
 
 
 class InputError(Exception):
@@ -43,7 +45,8 @@ class ChunkError(RuntimeError):
 
 
 def shortened(line: str) -> str:
-    """A line in which whatever a file or a command line put into it is cut to a readable length."""
+    """A line in which whatever a file or a command line put into it is printable and of a readable length."""
+    line = CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), line)
     words = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: _cut(word[0], LONGEST_WORD), line)
     return _cut(words, LONGEST_LINE)
 

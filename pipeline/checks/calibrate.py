@@ -5,7 +5,7 @@ settle, so that the compliance is the fitted geometry's own. The intervals are t
 """
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.checks.leastsquares import Fitted, fitted
 from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, solved, with_numbers
 from pipeline.config import Design, Study, parse_design
-from pipeline.config.files.section import nearest_name
+from pipeline.config.files.section import nearest_name, number_at
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.consistency import number_keys
 from pipeline.errors import InputError
@@ -122,7 +122,7 @@ def read_parameters(path: Path, design: Design) -> tuple[FittedNumber, ...]:
     values = _numbers(path, rows, ("lower", "upper"), problems)
     parameters = tuple(FittedNumber(row["key"], **value) for row, value in zip(rows, values, strict=True))
     for parameter in parameters:
-        value = number(design, parameter.key)
+        value = number_at(design, parameter.key)
         if not 0 < parameter.lower < value < parameter.upper:
             problems.append(
                 f"{path.name}: {parameter.key} = {value:g} in the design; must lie within 0 < lower < it < upper"
@@ -130,14 +130,6 @@ def read_parameters(path: Path, design: Design) -> tuple[FittedNumber, ...]:
     if problems:
         raise InputError(problems)
     return parameters
-
-
-def number(design: Design, key: str) -> float:
-    """The design's number of a dotted key."""
-    section: object = design
-    for name in key.split("."):
-        section = section[name] if isinstance(section, Mapping) else getattr(section, name)
-    return float(section)  # type: ignore[arg-type]
 
 
 def calibrated(
@@ -167,7 +159,7 @@ def calibrated(
         np.array([bounded.lower for bounded in parameters]),
         np.array([bounded.upper for bounded in parameters]),
     )
-    best = np.array([number(study.design, key) for key in keys])
+    best = np.array([number_at(study.design, key) for key in keys])
     for turn in range(1 if disk else ROUNDS):
         body = disk or condensed(with_numbers(study, dict(zip(keys, best, strict=True))))
 

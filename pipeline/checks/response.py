@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from pipeline import assembly, elastic
 from pipeline.config.designs.design import Design
+from pipeline.config.files.section import key_path
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.cycloid_profile import Real
@@ -91,7 +92,7 @@ def with_numbers(study: Study, values: Mapping[str, float]) -> Study:
     """The study with the design's numbers of these dotted keys replaced, not validated."""
     design: Any = study.design
     for key, value in values.items():
-        design = _replaced(design, key.split("."), value)
+        design = _replaced(design, list(key_path(design, key)), value)
     return study.model_copy(update={"design": design})
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from pipeline.cli.boundary import answer
 from pipeline.cli.parser import parser
+from pipeline.errors import shortened
 
 ALLOCATED = 50_000
 """Objects more than freed after which cycles of them are looked for; the 700 of Python cost 4 % of an identification's
@@ -19,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = parser().parse_args(arguments)
         if options.opening:
-            print(options.opening.format(**vars(options)), flush=True)  # the imports behind it take seconds
+            print(shortened(options.opening.format(**vars(options))), flush=True)  # the imports behind it take seconds
         module, _, action = options.command.partition(".")
         getattr(importlib.import_module(f"pipeline.cli.{module}"), action)(options)
     except (Exception, KeyboardInterrupt) as error:

@@ -61,6 +61,7 @@ RC: Mapping[str, Any] = {
     "ytick.labelsize": 8.5,
     "lines.linewidth": 1.5,
     "lines.markersize": 3.5,
+    "text.parse_math": False,  # names of materials and labels may hold any character
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "hatch.linewidth": 0.5,

@@ -7,6 +7,7 @@ from typing import Any
 from pipeline.config.designs.design import Design
 from pipeline.config.dimensions import dimension_library
 from pipeline.config.distributions import Distribution
+from pipeline.config.files.section import number_at
 from pipeline.config.studies.cases import Case
 from pipeline.config.studies.consistency import number_keys
 from pipeline.config.studies.study import Cycle, Study
@@ -86,7 +87,7 @@ def design_numbers(design: Design) -> list[tuple[str, list[DesignNumber]]]:
             DesignNumber(
                 key,
                 name,
-                plain(_value(raw, key)),
+                plain(number_at(raw, key)),
                 unit,
                 provenance.status if provenance else "not stated",
                 provenance.reason if provenance else "",
@@ -248,13 +249,6 @@ def _name_and_unit(key: str) -> tuple[str, str]:
     for plain_name, proper_name in PROPER_NAMES.items():
         name = name.replace(plain_name, proper_name)
     return name, UNITS.get(suffix, "")
-
-
-def _value(raw: dict[str, Any], key: str) -> float:
-    value: Any = raw
-    for name in key.split("."):
-        value = value[name]
-    return value
 
 
 def _is_zero(tolerance: Any) -> bool:

@@ -12,7 +12,6 @@ from pipeline.checks.calibrate import (
     Target,
     calibrated,
     computed,
-    number,
     read_parameters,
     write,
 )
@@ -23,6 +22,7 @@ from pipeline.checks.paper.statements import statements
 from pipeline.checks.paper.tables import Tables
 from pipeline.checks.response import METRICS, condensed, metrics_of, solved, with_numbers
 from pipeline.config import load_design
+from pipeline.config.files.section import number_at
 from pipeline.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -110,7 +110,7 @@ def test_a_fit_finds_the_numbers_behind_its_targets(study, disk, parameters, tmp
     assert fit.fit.freedom == 6
     write(fit, targets_made, "numbers made up", tmp_path)
     design = load_design(tmp_path / "design.toml", ROOT)
-    assert {key: number(design, key) for key in truth} == pytest.approx(truth, rel=1e-5)
+    assert {key: number_at(design, key) for key in truth} == pytest.approx(truth, rel=1e-5)
     assert {design.provenance[key].status for key in truth} == {"calibrated"}
 
 

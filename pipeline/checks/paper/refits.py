@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.checks.calibrate import FittedNumber, Target, number, of_targets
+from pipeline.checks.calibrate import FittedNumber, Target, of_targets
 from pipeline.checks.leastsquares import fitted
 from pipeline.checks.paper.assumptions import Assumption, with_elastic_plate
 from pipeline.checks.paper.table2 import LARGEST_ERROR, Misfit
@@ -27,6 +27,7 @@ from pipeline.checks.response import (
     with_numbers,
 )
 from pipeline.config import Study
+from pipeline.config.files.section import number_at
 from pipeline.model.geometry.cycloid_profile import Real
 
 ELASTIC_ERROR = 0.05
@@ -115,7 +116,7 @@ def refit(
         value = fitted(misfit, start, lower, upper, None).value
         return tried(fitted_to, value), value
 
-    table, value = best(TABLE, np.array([number(change.study.design, key) for key in keys]))
+    table, value = best(TABLE, np.array([number_at(change.study.design, key) for key in keys]))
     return table, best(BOTH, value)[0]
 
 
@@ -133,7 +134,7 @@ def refitted(
 
 def _row(fit: Refit) -> Mapping[str, Any]:
     misfit = Misfit.of(fit.error)
-    values = {parameter.key: number(fit.study.design, parameter.key) for parameter in fit.parameters}
+    values = {parameter.key: number_at(fit.study.design, parameter.key) for parameter in fit.parameters}
     at_bound = [
         parameter.key
         for parameter in fit.parameters

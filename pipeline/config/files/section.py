@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -23,7 +24,7 @@ Millimetres = Annotated[float, Field(ge=1e-3, le=1e4)]
 
 NAME = re.compile(r"\w[\w.+-]{0,59}")
 """Studies, designs and units are named by their files and name folders: no path, nothing hidden, and not too long."""
-NAME_RULE = "must be letters, digits, '_', and after the first character '.', '+', '-', at most 60; rename the file"
+NAME_RULE = "must be letters, digits, '_', and after the first character '.', '+', '-', at most 60; rename it"
 LONGEST_SHOWN = 100
 """Characters of a value that a message echoes."""
 
@@ -32,6 +33,34 @@ class Section(BaseModel):
     """A table of a TOML file: immutable, without unknown keys, without silent conversion ("50" is no number)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def key_path(section: object, key: str) -> tuple[str, ...]:
+    """Names of the sections on the way to a dotted key; a name may hold dots itself, as the material 1.3505.
+
+    Raises
+    ------
+    KeyError : there is no such key.
+    """
+    if isinstance(section, BaseModel):
+        items: Iterable[tuple[str, object]] = ((name, getattr(section, name)) for name in type(section).model_fields)
+    else:
+        items = section.items() if isinstance(section, Mapping) else ()
+    for name, value in items:
+        if name == key:
+            return (name,)
+        if key.startswith(f"{name}."):
+            with contextlib.suppress(KeyError):
+                return (name, *key_path(value, key[len(name) + 1 :]))
+    raise KeyError(key)
+
+
+def number_at(section: object, key: str) -> float:
+    """The number at a dotted key of a section or of a mapping; raises as ``key_path``."""
+    value: Any = section
+    for name in key_path(section, key):
+        value = value[name] if isinstance(value, Mapping) else getattr(value, name)
+    return float(value)
 
 
 MISSING = object()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,7 +10,7 @@ from typing import Any
 from pipeline.config.designs.contact_laws import stiffness_problems
 from pipeline.config.designs.design import Design
 from pipeline.config.designs.effects import study_effect_problems
-from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name
+from pipeline.config.files.section import MISSING, NAME, NAME_RULE, Mistake, nearest_name, number_at
 from pipeline.config.studies.study import (
     FEWEST_BASE_SAMPLES,
     LOADED_ANGLES,
@@ -116,7 +115,7 @@ def provenance_problems(parts: Mapping[str, Any], raw: Mapping[str, Any]) -> Ite
             yield Mistake(f'provenance."{key}"', None, f"no such number in this file; {nearest_name(key, numbers)}")
         elif provenance.plausible:
             low, high = provenance.plausible
-            value = functools.reduce(lambda section, name: section[name], key.split("."), raw)
+            value = number_at(raw, key)
             if not low < value < high:
                 yield Mistake(
                     f'provenance."{key}".plausible',

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.config.designs.design import Design
+from pipeline.config.files.section import number_at
 
 DIMENSION = 1.05
 """Factor within which a length lies: also where it stands for a part that is not drawn, nobody builds it 5 % off."""
@@ -50,11 +51,3 @@ def plausible_range(design: Design, key: str) -> PlausibleRange:
         return PlausibleRange(1 / factor, factor, f"modulus of {reason}")
     factor, reason = (DIMENSION, "dimension") if key.endswith("_mm") else (STIFFNESS, "stiffness that was not measured")
     return PlausibleRange(1 / factor, factor, reason)
-
-
-def number_at(design: Design, key: str) -> float:
-    """The number at a dotted key of the design."""
-    value: object = design
-    for name in key.split("."):
-        value = value[name] if isinstance(value, dict) else getattr(value, name)
-    return float(value)  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
+from pipeline.config.files.section import key_path
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, concatenated, scaled
 from pipeline.model.effects import Conditions
@@ -38,7 +39,7 @@ KEPT_SCALES = 64
 def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) -> Design:
     """The design with the numbers at ``keys`` times their scales, not checked again."""
     for key, scale in zip(keys, scales, strict=True):
-        design = _scaled(design, key.split("."), scale)
+        design = _scaled(design, key_path(design, key), scale)
     return design
 
 

@@ -13,7 +13,16 @@ from pydantic import Field, ValidationError
 from pipeline.config import Study, load_design, parse_study
 from pipeline.config.designs.design import Design
 from pipeline.config.files.messages import problems_of
-from pipeline.config.files.section import MISSING, Mistake, Positive, Section, nearest_name
+from pipeline.config.files.section import (
+    MISSING,
+    NAME,
+    NAME_RULE,
+    Mistake,
+    Positive,
+    Section,
+    nearest_name,
+    shown_value,
+)
 from pipeline.config.files.table_file import read_table
 from pipeline.config.reading import found_file, raise_if, read_toml, validated, with_tuples
 from pipeline.config.studies.cases import Case, case_problems
@@ -207,6 +216,8 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     path = _unit_path(Path(path_or_name), root)
     file = f"{path.parent.name}/{path.name}"
     raw = with_tuples(read_toml(path))
+    if not NAME.fullmatch(path.parent.name):
+        raise InputError(f"unit = {shown_value(path.parent.name)}; the folder's name {NAME_RULE}")
     problems, parts = validated(UnitSettings, raw)
     lines: list[str] = []
     problems += _drive_problems(raw)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.files.section import key_path, number_at
 from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import parse_design, parse_study
 from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
-from pipeline.identification.fitting.plausible_range import number_at
 from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.identification.identify import Identification
 from pipeline.identification.selection.cross_validation import Trial
@@ -158,7 +158,7 @@ def _refitted(identification: Identification, key: str) -> dict[str, str]:
 
 
 def _round(content: dict[str, Any], key: str) -> None:
-    *path, field = key.split(".")
+    *path, field = key_path(content, key)
     for name in path:
         content = content[name]
     content[field] = float(f"{content[field]:.{DIGITS}g}")

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pipeline.config.files.section import number_at
 from pipeline.figures.labels import METRICS
 from pipeline.identification.fitting.problem import candidates
 from pipeline.identification.results.prediction_errors import SEPARATION, LoopError
@@ -137,8 +138,6 @@ def calibrated_rows(findings_of_unit: Findings, factors: Mapping[str, float]) ->
     """The calibrated numbers of the design: key, value as declared, as fitted, and their ratio."""
     rows = []
     for key, factor in factors.items():
-        value: Any = findings_of_unit.identification.measurement.unit.study.design.model_dump()
-        for name in key.split("."):
-            value = value[name]
+        value = number_at(findings_of_unit.identification.measurement.unit.study.design, key)
         rows.append((key, plain(value), digits(value * factor), digits(factor)))
     return rows
