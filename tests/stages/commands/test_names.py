@@ -62,13 +62,15 @@ def test_odd_names_reach_every_page(folder: Path, capsys: pytest.CaptureFixture)
 
 def test_labels_of_cases_reach_page_and_figures(folder: Path, capsys: pytest.CaptureFixture) -> None:
     settings_of_study = tomllib.loads((ROOT / "data/studies/quick.toml").read_text())
-    kept = {name: settings_of_study[name] for name in ("design", "cycle", "reduce", "springs") if name in settings_of_study}
+    kept = {
+        name: settings_of_study[name] for name in ("design", "cycle", "reduce", "springs") if name in settings_of_study
+    }
     cases = [{"label": label, "pin_radial": float(k)} for k, label in enumerate(LABELS)]
     study = study_file(folder, toml_of({**kept, "samples": {"experiment": "cases"}, "cases": cases}))
     assert cli.main(["run", "report", "--study", str(study), "--jobs", "1"]) == 0, capsys.readouterr().err
     page = (settings.RUNS / study.stem / "report/report.html").read_text()
     assert r"$\frac" in page
-    assert "50 % of_it &amp; &lt;b&gt;" in page
+    assert "of_it &amp; &lt;b&gt;" in page
 
 
 @pytest.mark.parametrize("name", ["a b", "a;b", "-rf", ".hidden", "a" * 61, "a$b", "\x1b[31mred"])
