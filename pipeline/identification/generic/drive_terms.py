@@ -45,10 +45,11 @@ FRICTION: Mapping[str, Number] = {
     "load_friction": Number(SHARE, "friction in proportion to the torque", 0.2, 0.0, 0.8),
 }
 SOFT: Mapping[str, Number] = {
+    "asymmetry": Number(SHARE, "twist in the positive sense over the mean of both senses, less 1", 0.02, -0.5, 0.5),
     "friction_spread": Number(SHARE, "spread of the thresholds at which friction lets go", 0.5, 0.0, 2.0),
     "first_loading": Number(SHARE, "growth of the compliance by the largest torque so far of a side", 0.3, -2.0, 3.0),
 }
-"""Of soft materials; each has a memory."""
+"""Of soft materials and parts that differ on their two sides; the last two have a memory."""
 
 
 @dataclass(frozen=True)

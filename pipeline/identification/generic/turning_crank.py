@@ -36,10 +36,11 @@ Truth = NDArray[np.bool_]
 
 STAGES = 5
 """Friction elements in series where their thresholds are spread."""
-ROUNDS = 3
-"""Times that the zero of the angle is found anew: the crank angle depends on it, a tenth as much again each time."""
-STEPS = 4
-"""Times that crank angle and torque at the output are found from each other within a round."""
+ROUNDS, CLOSE = 40, 1e-8
+"""Most times that twist and crank angle are found from each other, and change of the angle [arcmin] that ends it: each
+time changes it by a tenth of the time before."""
+STEPS = 3
+"""Times that the torque at the output is found from the energy of play and compliance that vary."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ class LoopModel:
 
     def __init__(self, loops: CrankLoops):
         self.loops = loops
-        self._carried: tuple[tuple[float, ...], list[Real]] = (), []
+        self._carried: tuple[tuple[float, ...], Real] = (), np.empty((0, 0))
         self._zeros = loops.zeros(loops.angle)
 
     def predicted(self, values: Mapping[str, float]) -> Real:
@@ -140,57 +141,47 @@ class LoopModel:
         """
         loops = self.loops
         net_torque = self._net_torque(values)
-        softened = _softening(net_torque, loops.runs, values.get("first_loading", 0.0) / loops.top)
+        softened = np.array([self._softening(torque, values) for torque in net_torque])
         parts = loops.torque.shape[1]
-        zeros, twist = self._zeros, np.zeros(len(loops.angle))
-        turned = np.zeros(loops.torque.size)
+        turned, cells = np.zeros(loops.torque.size), self._zeros
         error_at_start = _wave("reading", CrankAngle.of(loops, turned), values)[0][::parts]
-        for _ in range(ROUNDS if loops.turned else 1):
-            from_start = np.repeat(zeros - loops.start + error_at_start, parts)
-            for _ in range(STEPS if loops.turned else 1):
-                crank = CrankAngle.of(loops, from_start + turned)
-                turned = _twist(net_torque, softened, crank, values, loops)
-            read = turned + _wave("reading", crank, values)[0]
-            twist = read.reshape(-1, parts).mean(axis=1)
-            zeros = loops.zeros(loops.angle - twist)
-        self._zeros = zeros
-        return twist + zeros
+        from_start = np.repeat(self._zeros - loops.start + error_at_start, parts)
+        for _ in range(ROUNDS):
+            before = cells
+            crank = CrankAngle.of(loops, from_start + turned)
+            turned = _twist(net_torque, softened, crank, values, loops)
+            twist = (turned + _wave("reading", crank, values)[0]).reshape(-1, parts).mean(axis=1)
+            self._zeros = loops.zeros(loops.angle - twist)
+            cells = twist + self._zeros
+            from_start = np.repeat(self._zeros - loops.start + error_at_start, parts)
+            if np.max(np.abs(cells - before)) < CLOSE or not _goes_with_the_crank(values):
+                break
+        return cells
 
-    def _net_torque(self, values: Mapping[str, float]) -> list[Real]:
-        """Torque (n_cells n_parts,) [N m] behind the friction of each stage, as it is measured."""
+    def _net_torque(self, values: Mapping[str, float]) -> Real:
+        """Torque (n_stages, n_cells n_parts) [N m] behind the friction of each stage, as it is measured."""
         spread = values.get("friction_spread", 0.0)
         numbers = values["friction_Nm"], values["load_friction"], spread
         if self._carried[0] != numbers:
             stages = 1 + spread * np.linspace(-1, 1, STAGES) if spread else np.ones(1)
             torque = self.loops.torque.ravel()
             net = [carried(torque, self.loops.runs, *(max(s, 0.0) * np.array(numbers[:2])).tolist()) for s in stages]
-            self._carried = numbers, net
+            self._carried = numbers, np.array(net)
         return self._carried[1]
 
+    def _softening(self, torque: Real, values: Mapping[str, float]) -> Real:
+        """Factor of the twist (n,) of a stage, by its sense and the largest torque so far on its side."""
+        factor: Real = 1 + values.get("asymmetry", 0.0) * np.sign(torque)
+        growth = values.get("first_loading", 0.0) / self.loops.top
+        return factor * (1 + growth * largest_on_its_side(torque, self.loops.runs)) if growth else factor
 
-def _twist(
-    net_torque: list[Real], softened: list[Real], crank: CrankAngle, values: Mapping[str, float], loops: CrankLoops
-) -> Real:
-    """Twist and angle error (n,) [arcmin] at crank angles (n,) [rad] under torques (n,) of each stage."""
+
+def _twist(net_torque: Real, softened: Real, crank: CrankAngle, values: Mapping[str, float], loops: CrankLoops) -> Real:
+    """Twist and angle error (n,) [arcmin] at crank angles (n,) [rad] under torques (n_stages, n) of each stage."""
     error, slope = _wave("angle", crank, values)
-    factors = {part: _wave(part, crank, values) for part in ("play", "compliance")}
-    play, knee = 0.5 * values["play_arcmin"], values["knee_Nm"]
-    compliance = values["compliance_arcmin_per_Nm"]
-    turned = loops.turned if loops.at_input else 0.0
-    total = error
-    for torque, soft in zip(net_torque, softened, strict=True):
-        carried_torque = torque
-        for _ in range(STEPS if turned and any(np.any(factor[1]) for factor in factors.values()) else 1):
-            size = np.abs(carried_torque)
-            taken = -np.expm1(-size / knee)
-            energy = factors["play"][1] * play * (size - knee * taken) * soft
-            energy = energy + factors["compliance"][1] * 0.5 * compliance * size**2 * soft
-            carried_torque = (torque + turned * energy) / (1 - turned * slope)
-        size = np.abs(carried_torque)
-        gap = np.sign(carried_torque) * play * -np.expm1(-size / knee) * (1 + factors["play"][0])
-        spring = compliance * carried_torque * (1 + factors["compliance"][0])
-        total = total + (gap + spring) * soft / len(net_torque)
-    return total
+    factors = [wave for part in ("play", "compliance") for wave in _wave(part, crank, values)]
+    spring = values["play_arcmin"], values["knee_Nm"], values["compliance_arcmin_per_Nm"]
+    return error + spring_twist(net_torque, softened, slope, *factors, loops.turned if loops.at_input else 0.0, *spring)
 
 
 def _wave(acts_on: str, crank: CrankAngle, values: Mapping[str, float]) -> tuple[Real, Real]:
@@ -207,9 +198,45 @@ def _wave(acts_on: str, crank: CrankAngle, values: Mapping[str, float]) -> tuple
     return wave, slope
 
 
-def _softening(net_torque: list[Real], runs: Whole, growth: float) -> list[Real]:
-    """Factor of the twist (n,) of each stage by the largest torque so far on its side."""
-    return [1 + growth * largest_on_its_side(torque, runs) if growth else np.ones(1) for torque in net_torque]
+def _goes_with_the_crank(values: Mapping[str, float]) -> bool:
+    """Whether any effect of the crank angle has a size."""
+    return any(values.get(number) for name, effect in CRANK_EFFECTS.items() for number in effect.numbers(name))
+
+
+@entry
+def spring_twist(
+    net_torque: Real,
+    softened: Real,
+    slope: Real,
+    play_wave: Real,
+    play_slope: Real,
+    compliance_wave: Real,
+    compliance_slope: Real,
+    turned: float,
+    play: float,
+    knee: float,
+    compliance: float,
+) -> Real:
+    """Mean twist (n,) [arcmin] of springs in series under torques (n_stages, n), as measured at the motor.
+
+    ``slope`` (n,) of the angle error and the slopes of play and compliance over the crank angle act on the torque at
+    the output, by virtual work.
+    """
+    n_stages, n = net_torque.shape
+    total = np.zeros(n)
+    varies = turned != 0.0 and (np.any(play_slope != 0.0) or np.any(compliance_slope != 0.0))
+    for k in range(n_stages):
+        for i in range(n):
+            factor, size = 1 - turned * slope[i], abs(net_torque[k, i])
+            sense = 1.0 if net_torque[k, i] > 0.0 else -1.0
+            load = size / factor
+            for _ in range(STEPS if varies else 0):
+                energy = play_slope[i] * 0.5 * play * (load - knee * (1 - np.exp(-load / knee)))
+                energy += compliance_slope[i] * 0.5 * compliance * load * load
+                load = max((size + sense * turned * energy * softened[k, i]) / factor, 0.0)
+            gap = 0.5 * play * (1 - np.exp(-load / knee)) * (1 + play_wave[i])
+            total[i] += sense * (gap + compliance * load * (1 + compliance_wave[i])) * softened[k, i] / n_stages
+    return total
 
 
 @entry
