@@ -17,14 +17,15 @@ from pipeline.identification.fitting.problem import Problem, candidates
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import UnitFile
+from pipeline.identification.selection.adequacy import failed_test
 from pipeline.identification.selection.baselines import METHODS, Cycles, baselines
+from pipeline.identification.selection.criteria import Selection
 from pipeline.identification.selection.held_out import AngleError, Folds, angle_error, predicted_folds, splits_of
-from pipeline.identification.selection.judgement import MOST_NAMED, Selection
-from pipeline.identification.selection.model_selection import MOST_EFFECTS, Selector
+from pipeline.identification.selection.model_selection import Selector
 from pipeline.identification.selection.statements.detection import DetectionLimit, detection_limits
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy_of
 from pipeline.identification.selection.statements.remainder import Remainder, remainder
-from pipeline.identification.selection.statements.statement import Statement, fault_statement, stated
+from pipeline.identification.selection.statements.statement import Statement, fault_statement, place_of_largest, stated
 from pipeline.identification.selection.statements.verdict import (
     ADEQUATE,
     FAULT,
@@ -32,7 +33,7 @@ from pipeline.identification.selection.statements.verdict import (
     UNEXPLAINED,
     Verdict,
     judge,
-    withdrawn,
+    untested,
 )
 from pipeline.identification.selection.turn_baselines import TURN_METHODS
 
@@ -63,7 +64,7 @@ class Identification:
     described : error of the model that describes best, where it is not the one that is claimed.
     carried : of the same with what of its training residual is expected to come again; None where nothing structured is
         left.
-    could_hide : of an adequate unit, the size of each effect that would have shown.
+    could_hide : where nothing is named, the sizes of each effect that would be noticed, and named.
     remainder : what the claimed model leaves on these cells, or the one that describes best.
     discrepancy : structure in what the claimed model, or the one that describes best, leaves of the cells fitted; None
         where nothing is left.
@@ -90,22 +91,18 @@ class Identification:
         return {stage: curve for stage, (curve, _) in self.folds.curves(bool(self.verdict.named)).items()}
 
 
-def identify(unit: UnitFile, condensed: Condensed, nested: bool = True) -> Identification | FaultyUnit:
+def identify(unit: UnitFile, condensed: Condensed) -> Identification | FaultyUnit:
     """From a unit's files to its verdict; see ``identify_measured``."""
-    return identify_measured(read_measurement(unit), condensed, nested)
+    return identify_measured(read_measurement(unit), condensed)
 
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads would wait for each other, and move last digits
-def identify_measured(
-    measurement: Measurement, condensed: Condensed, nested: bool = True
-) -> Identification | FaultyUnit:
+def identify_measured(measurement: Measurement, condensed: Condensed) -> Identification | FaultyUnit:
     """From a measurement to the verdict on its unit.
 
     Parameters
     ----------
     condensed : compliances of the unit's design at its crank angles.
-    nested : choose the model anew in every outer fold, so that the errors reported know nothing of the cells they are
-        of; else the folds refit the model that was chosen on all cells.
 
     Raises
     ------
@@ -118,37 +115,43 @@ def identify_measured(
     trained = measurement.training_cells if unit.settings.held_out.train else np.ones(len(measurement.cells), bool)
     fitter = Fitter(build_problem(measurement, condensed(unit.study, measurement.drive_cranks.tolist()), trained))
     data = fitter.problem.data
-    selector = Selector(fitter, trained, MOST_EFFECTS if nested else MOST_NAMED)
-    selection = selector.extended(selector.select(trained), trained)
+    selector = Selector(fitter, trained)
+    selection = selector.select(trained)
     verdict = judge(fitter, selection, trained)
     turns = isinstance(data, TurningData)
     carry_over = verdict.verdict in (MOSTLY, UNEXPLAINED) and not turns
-    folds = predicted_folds(selector, selection, trained, nested, carry_over)
+    folds = predicted_folds(selector, selection, trained, carry_over)
     refitted = angle_error(data, cranks, *folds.curves(False)["recalibrated"], folds.cells)
     best = angle_error(data, cranks, folds.best, folds.open_best, folds.cells)
-    if verdict.named and not folds.in_sample and best.to_noise > refitted.to_noise:
-        verdict = withdrawn(verdict, fitter, selection, trained)
+    baseline_curves = _baseline_curves(measurement, fitter, trained)
+    if verdict.verdict == ADEQUATE:
+        reason = failed_test(data, folds, baseline_curves, selection.limit)
+        verdict = untested(verdict, reason, testable=not folds.in_sample) if reason else verdict
     untraced = verdict.verdict in (MOSTLY, UNEXPLAINED) and not turns
     curves = folds.curves(bool(verdict.named))
     errors = {stage: angle_error(data, cranks, *curve, folds.cells) for stage, curve in curves.items()}
     described = angle_error(data, cranks, folds.described, folds.open_described, folds.cells)
     carried = angle_error(data, cranks, folds.carried, folds.open_carried, folds.cells)
     structure_left = remainder(data, folds.best, folds.cells, best.to_noise, refitted.to_noise)
-    adequate = verdict.verdict == ADEQUATE and not folds.in_sample
-    limits = detection_limits(fitter, selection.base, trained, selector.testable) if adequate else ()
+    limits = () if verdict.named or folds.in_sample else detection_limits(fitter, selection.base, selector.testable)
     effects = selection.description.fit.model.effects
     in_sample = ("turn" if turns else "loop") if folds.in_sample else ""
+    shown = folds.best - folds.recalibrated if verdict.named else data.angle - folds.recalibrated
+    where = place_of_largest(data, shown, folds.cells)
     reasons = {name: fitter.problem.why_not(effect, trained) for name, effect in candidates().items()}
     return Identification(
         measurement,
         verdict,
-        stated(verdict, selection, refitted, best, structure_left, in_sample),
+        stated(verdict, selection, refitted, best, structure_left, in_sample, where),
         fitter.problem,
         selection,
         {name: reason for name, reason in reasons.items() if reason},
         folds,
         errors,
-        _baseline_errors(measurement, fitter, folds, trained),
+        {
+            title: angle_error(data, cranks, curve, np.zeros(len(data)), folds.cells)
+            for title, curve in baseline_curves.items()
+        },
         structure_left,
         discrepancy_of(fitter, selection.answer.fit, measurement.cells.direction, trained) if untraced else None,
         None if verdict.named and selection.description is selection.answer or not effects else described,
@@ -157,13 +160,9 @@ def identify_measured(
     )
 
 
-def _baseline_errors(
-    measurement: Measurement, fitter: Fitter, folds: Folds, trained: NDArray[np.bool_]
-) -> dict[str, AngleError]:
-    """Errors of the predictions without a reducer, by title, at the cells that judge."""
+def _baseline_curves(measurement: Measurement, fitter: Fitter, trained: NDArray[np.bool_]) -> Mapping[str, Real]:
+    """Predictions (n_cells,) [arcmin] without a reducer, by title, at the cells that judge."""
     data, cells = fitter.problem.data, measurement.cells
     cycles = Cycles(cells.direction, measurement.branches.kind[cells.block])
     methods = TURN_METHODS if isinstance(data, TurningData) else METHODS
-    curves = baselines(data, cycles, splits_of(data, trained), fitter.offsets, methods)
-    known, cranks = np.zeros(len(data)), measurement.rows.cranks
-    return {title: angle_error(data, cranks, curve, known, folds.cells) for title, curve in curves.items()}
+    return baselines(data, cycles, splits_of(data, trained), fitter.offsets, methods)

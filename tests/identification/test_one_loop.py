@@ -11,6 +11,7 @@ from pipeline.config import load_study
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.results.write import findings, write
+from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.report.unit.page import write_page
 
 
@@ -36,7 +37,7 @@ def test_the_fit_is_in_sample_and_says_so(answer):
     page = re.sub(r"<[^>]*>", "", (folder / "report.html").read_text())
     for text in (result.statement.sentence, page):
         assert "in sample" in text
-        assert "othing is held out" in text
+        assert "No data are left to test the fit" in text
     assert "held-out error" not in result.statement.sentence
     assert "two or more other crank angles" in result.statement.advice
 
@@ -53,9 +54,9 @@ def test_nothing_is_claimed_of_one_loop_but_the_effect_describes_it(answer):
     result, _ = answer
     assert result.verdict.named == ()
     if len(result.measurement.rows) > 100:  # 60 rows do not resolve the corners of the loop
-        assert result.verdict.verdict == "unexplained"
+        assert result.verdict.verdict == UNEXPLAINED
         assert "friction" in result.statement.sentence
-        assert "not claimed" in result.statement.sentence
+        assert "cannot confirm it" in result.statement.sentence
 
 
 def test_signatures_of_one_loop_have_values(answer):
@@ -70,7 +71,7 @@ def test_signatures_of_one_loop_have_values(answer):
 def test_the_best_description_can_be_run_and_says_that_it_is_no_claim(answer):
     result, folder = answer
     best = folder / "best-u.toml"
-    assert best.exists() == (result.verdict.verdict == "unexplained")
+    assert best.exists() == (result.verdict.verdict == UNEXPLAINED and result.selection.best != "")
     if best.exists():
         design = load_study(best, ROOT).design
         assert design.effects

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tomllib
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -16,12 +15,10 @@ import pytest
 from measured_bench import measured, write_unit
 
 from pipeline import cli
-from pipeline.cli import measured as command
 from pipeline.cli import settings
 from pipeline.config import load_study
 from pipeline.config.files.writing import toml_of
 from pipeline.engine.store import Output
-from pipeline.identification.identify import identify_measured
 from pipeline.identification.results import corrected_design, tables
 from pipeline.identification.results.residual_signatures import (
     SignatureCells,
@@ -181,7 +178,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("identify")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(settings, "RUNS", home / "runs")
-        patch.setattr(command, "identify_measured", partial(identify_measured, nested=False))  # a fifth of the time
         assert cli.main(["identify", "--unit", EXAMPLE, "--jobs", "1"]) == 0
     return home / "runs" / "identify" / EXAMPLE
 
@@ -299,7 +295,7 @@ def test_every_effect_stands_in_the_candidates_with_numbers_or_a_reason(folder: 
 
     rows = pd.read_parquet(folder / "candidates.parquet")
     assert set(candidates()) <= set(rows["effect"])
-    tested = rows["p"].notna()
+    tested = rows["log_odds"].notna() | (rows["parameters"].astype(str) != "")
     assert np.all(rows.loc[~tested, "why_not"].astype(str) != "")
     assert np.all(rows.loc[tested, "parameters"].astype(str).map(lambda text: bool(json.loads(text))))
     assert rows.set_index("effect").loc["thermal_growth", "why_not"] == "no temperature that varies"
@@ -352,10 +348,10 @@ FITTED = {
     "title": "constant friction",
     "effect": "coulomb",
     "parameters": '{"coulomb": {"torque_Nm": 0.5}}',
-    "score_before": 5.0,
-    "score_after": 2.0,
-    "t": 11.0,
-    "p": 0.001,
+    "misfit_before": 5.0,
+    "misfit_after": 2.0,
+    "log_odds": 1.0,
+    "log_score_gain": 3.0,
     "significant": False,
     "member_of_class": False,
     "why_not": "",
@@ -365,10 +361,9 @@ FITTED = {
 @pytest.mark.parametrize(
     ("changes", "judgement"),
     [
-        ({}, "no gain beyond tolerances and refitted numbers"),
-        ({"p": 0.2}, "no significant gain"),
+        ({}, "no effect is not rejected"),
         ({"why_not": "coulomb: its interval reaches zero"}, "coulomb: its interval reaches zero"),
-        ({"significant": True}, "significant gain, not named"),
+        ({"significant": True}, "less probable than what is named"),
         ({"significant": True, "member_of_class": True}, "named"),
     ],
 )

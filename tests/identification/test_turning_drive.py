@@ -34,7 +34,7 @@ def answer(folder, record, offered=OFFERED, rows=None):
     """The identification of a record, over a few effects of the library."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model_selection, "candidates", lambda: {name: candidates()[name] for name in offered})
-        return identify(load_measured_unit(write_record(folder, record, rows), ROOT), no_compliance, nested=False)
+        return identify(load_measured_unit(write_record(folder, record, rows), ROOT), no_compliance)
 
 
 @pytest.fixture(scope="module")
@@ -216,7 +216,7 @@ def test_sentence_and_page_say_what_the_residuals_hold(oval):
     ("record", "verdict", "named"),
     [
         (Record(), "adequate", ()),
-        (Record(outside=lambda crank: 0.3 * np.cos(4 * crank + 0.3)), "unexplained", ()),
+        (Record(outside=lambda crank: 0.3 * np.cos(4 * crank + 0.3)), "not explained by the library", ()),
         (Record(encoder=(0.5, 0.3), turns=2, cycles=1), "identified", ("encoder_eccentricity",)),
         (Record(friction=1.5), "identified", ("coulomb",)),
     ],
@@ -241,7 +241,7 @@ def test_fewer_than_eight_turns_claim_nothing(tmp_path):
     identification = answer(tmp_path / "u", Record(cycles=1, effects={"ovality_2": [6.0, 4.0]}), ("ovality_2",))
     assert len(np.unique(identification.problem.data.block)) == 4
     assert identification.verdict.named == ()
-    assert identification.selection.survivors == ()
+    assert identification.selection.members == ()
 
 
 def test_one_turn_is_described_in_sample(tmp_path):

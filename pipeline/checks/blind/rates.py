@@ -13,8 +13,7 @@ from scipy.stats import beta
 from pipeline.checks.blind.generate import ELASTIC, NONE, ONE, OUTSIDE_KIND, RIGID, TWO
 from pipeline.checks.blind.run import VISIBLE, Row
 from pipeline.engine.store import write_atomic
-from pipeline.identification.selection.parameter_intervals import STRUCTURE
-from pipeline.identification.selection.statements.verdict import UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import ADEQUATE, UNEXPLAINED
 
 LEVEL = 0.95
 """Confidence of the one-sided bounds of a rate."""
@@ -22,6 +21,8 @@ BINS = (1.0, 2.0, 3.0, 6.0, 12.0, 40.0)
 """Edges of the sizes in noise floors by which rates are shown apart."""
 HELD_OUT = 1.15
 """Noise floors that the error left may have in the median, so that half of the units have no more."""
+CLEAR = 1.25
+"""Distance from every effect of the library, in noise, from which one outside it can be told apart."""
 SECONDS = 10.0
 """Time that an identification should take [s]."""
 
@@ -86,7 +87,7 @@ def numbers_to_meet(rows: Sequence[Row]) -> list[Rate]:
     visible = [row for row in kinds[ONE] if row.size_over_noise >= VISIBLE]
     separable = [row for row in visible if row.oracle_separates]
     visible_outside = [row for row in kinds[OUTSIDE_KIND] if row.size_over_noise >= VISIBLE]
-    clear = [row for row in visible_outside if row.nearest_floors >= STRUCTURE]
+    clear = [row for row in visible_outside if row.nearest_floors >= CLEAR]
     right = [row for row in kinds[ONE] if row.correct]
     with_interval = [row for row in right if row.parameter_covered is not None]
     large = f">= {VISIBLE:g}"
@@ -95,7 +96,7 @@ def numbers_to_meet(rows: Sequence[Row]) -> list[Rate]:
         _rate("one effect, oracle separates: named alone", large, separable, _alone, 0.8),
         _rate("one effect: oracle separates it", large, visible, lambda r: bool(r.oracle_separates)),
         _rate("no effect: none named", "all", kinds[NONE], lambda r: r.correct, 0.98),
-        _rate("no effect: adequate", "all", kinds[NONE], lambda r: r.verdict == "adequate"),
+        _rate("no effect: adequate", "all", kinds[NONE], lambda r: r.verdict == ADEQUATE),
         _rate("outside: unexplained", large, visible_outside, lambda r: r.verdict == UNEXPLAINED, 0.95),
         _rate("outside, clear: unexplained", large, clear, lambda r: r.verdict == UNEXPLAINED, 0.95),
         _rate("outside: nothing named", "all", kinds[OUTSIDE_KIND], lambda r: not r.named, 0.98),

@@ -25,7 +25,7 @@ from pipeline.engine.store import write_atomic
 from pipeline.identification.identify import FaultyUnit, Identification, identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
 from pipeline.identification.selection.held_out import STAGES
-from pipeline.identification.selection.statements.verdict import ADEQUATE, LARGEST_CLASS, UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import ADEQUATE, LARGEST_CLASS, NOT_TESTABLE, UNEXPLAINED
 
 Real = NDArray[np.float64]
 
@@ -73,7 +73,6 @@ class Row:
     nearest: str
     nearest_floors: float
     structure: float
-    traced: str
     parameters: str
     rms_oracle_arcmin: float
     rms_expected_arcmin: float
@@ -112,7 +111,7 @@ def one_case(maker: Maker, case: int, code: str) -> Row:
     started = time.perf_counter()
     case_facts = {"case": case, "seed": maker.seed, "code": code}
     try:
-        identification = identify(load_measured_unit(folder, maker.root), unit.believed, nested=False)
+        identification = identify(load_measured_unit(folder, maker.root), unit.believed)
         seconds = time.perf_counter() - started
         distances = {}
         if unit.truth["kind"] in (ONE, OUTSIDE_KIND):
@@ -163,7 +162,6 @@ def _row(
         nearest=nearest,
         nearest_floors=distances.get(nearest, float("nan")),
         structure=verdict.structure,
-        traced=";".join(verdict.traced),
         parameters=_parameters(identification, truth),
         rms_oracle_arcmin=least,
         rms_expected_arcmin=expected,
@@ -182,7 +180,7 @@ def is_correct(
     if kind == NONE:
         return not named_sets
     if kind == OUTSIDE_KIND:
-        return verdict == UNEXPLAINED or (verdict == ADEQUATE and size < VISIBLE)
+        return verdict == UNEXPLAINED or (verdict in (ADEQUATE, NOT_TESTABLE) and size < VISIBLE)
     if not 0 < len(named_sets) <= LARGEST_CLASS:
         return False
     return any(effect_set <= true for effect_set in named_sets)

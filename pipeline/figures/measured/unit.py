@@ -125,8 +125,8 @@ def time_figure(cells: pd.DataFrame) -> Figure:
 
 @styled
 def candidates_figure(candidates: pd.DataFrame, base_error: float) -> Figure:
-    """Score of every effect that was fitted, against that of the recalibrated model and the noise."""
-    fitted = candidates[candidates["score_after"].notna()].iloc[::-1]
+    """Misfit with every effect that was fitted, against that of the recalibrated model and the noise."""
+    fitted = candidates[candidates["misfit_after"].notna()].iloc[::-1]
     figure = new_figure(0.9 + 0.27 * max(len(fitted), 3))
     axes = figure.subplots()
     positions = np.arange(len(fitted))
@@ -134,13 +134,13 @@ def candidates_figure(candidates: pd.DataFrame, base_error: float) -> Figure:
         ACCENT if member else (COLOURS[5] if good else MUTED)
         for member, good in zip(fitted["member_of_class"], fitted["significant"], strict=True)
     ]
-    axes.barh(positions, fitted["score_after"], color=colours, height=0.62)
+    axes.barh(positions, fitted["misfit_after"], color=colours, height=0.62)
     axes.set_yticks(
         positions, [_label(*candidate) for candidate in zip(fitted["effect"], fitted["title"], strict=True)]
     )
     axes.axvline(base_error, color=ALARM, linewidth=1.2, linestyle="--", label="calibrated numbers refitted")
     axes.axvline(1.0, color=INK, linewidth=1.0, linestyle=":", label="noise of the cells")
-    axes.set_xlabel("score (1: noise of the cells)")
+    axes.set_xlabel("misfit (1: noise of the cells)")
     axes.set_xlim(left=0)
     axes.grid(axis="y", visible=False)
     legend_below(figure, axes)

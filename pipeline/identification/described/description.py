@@ -19,10 +19,9 @@ from pipeline.identification.fitting.data import Data
 from pipeline.identification.generic.play_and_friction import TERMS, PlayAndFriction, TorqueCells, fitted
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
-from pipeline.identification.selection.cross_validation import LEAST_LOSS
+from pipeline.identification.selection.criteria import FEWEST_BLOCKS, LEFT
 from pipeline.identification.selection.held_out import AngleError, angle_error, splits_of
-from pipeline.identification.selection.judgement import FEWEST_BLOCKS
-from pipeline.identification.selection.parameter_intervals import CONFIDENCE, STRUCTURE
+from pipeline.identification.selection.parameter_intervals import CONFIDENCE
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.statistics.blocks import max_t
@@ -33,6 +32,10 @@ Truth = NDArray[np.bool_]
 DESCRIBED, PARTLY = "described", "partly described"
 RESAMPLES, SEED = 2000, 81
 """Of the branches, for the familywise p."""
+NO_STRUCTURE = float(np.hypot(1.0, LEFT))
+"""Prediction error, in noise, that leaves nothing structured."""
+LEAST_LOSS = 0.1
+"""Loss, in squared noise, below which branches are alike."""
 FEWEST_GROUPS = 3
 """Groups of data below which an estimate has no interval."""
 STEP = 1e-3
@@ -166,7 +169,7 @@ def _structure(measurement: Measurement, data: Data, training: Truth, numbers: t
 def _verdict(errors: Mapping[str, AngleError], claims: bool) -> str:
     if not claims:
         return UNEXPLAINED
-    return DESCRIBED if errors["described"].to_noise <= STRUCTURE else PARTLY
+    return DESCRIBED if errors["described"].to_noise <= NO_STRUCTURE else PARTLY
 
 
 def _fit(data: Data, torque: Real, training: Truth, terms: frozenset[str]) -> PlayAndFriction:

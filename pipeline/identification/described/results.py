@@ -15,7 +15,7 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.residual_signatures import Signature, signatures
 from pipeline.identification.results.tables import RESIDUAL, SIGNATURES, signature_rows
 from pipeline.identification.results.write import finite
-from pipeline.identification.selection.judgement import FEWEST_BLOCKS
+from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.selection.statements.statement import fault_statement
 from pipeline.identification.selection.statements.verdict import FAULT
 

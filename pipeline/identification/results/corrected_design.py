@@ -18,8 +18,15 @@ from pipeline.errors import InputError
 from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.fitting.scaled_drives import scaled_design
 from pipeline.identification.identify import Identification
-from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.statements.verdict import ADEQUATE, EQUIVALENT, IDENTIFIED, MOSTLY, UNEXPLAINED
+from pipeline.identification.selection.criteria import Trial
+from pipeline.identification.selection.statements.verdict import (
+    ADEQUATE,
+    EQUIVALENT,
+    IDENTIFIED,
+    MOSTLY,
+    UNEXPLAINED,
+    WITHIN,
+)
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
 from pipeline.sampling import usual_beside
@@ -28,9 +35,9 @@ DIGITS = 6
 """Digits of a number that a written design has; its interval is wider."""
 DESCRIBES = {
     "status": "calibrated",
-    "reason": "describes a measured unit best; NOT CLAIMED, its verdict is unexplained",
+    "reason": f"describes a measured unit best; NOT CLAIMED, its verdict is {UNEXPLAINED}",
 }
-BEST_READING = "Describes the unit {unit} best. Not claimed: the verdict on it is unexplained, structure is left."
+BEST_READING = f"Describes the unit {{unit}} best. Not claimed: the verdict is {UNEXPLAINED}, structure is left."
 CORRECTED, BEST = "corrected", "best"
 DESIGN_FILES = {CORRECTED: "design.toml", BEST: "best-design.toml"}
 
@@ -42,11 +49,7 @@ def study_file(unit: str, kind: str = CORRECTED) -> str:
 
 def corrected_trial(identification: Identification) -> Trial:
     """The model that is written: with the named effect, the best of a class, or with refitted numbers alone."""
-    named_sets = identification.verdict.named
-    if identification.verdict.verdict in (IDENTIFIED, EQUIVALENT, MOSTLY) and named_sets:
-        best = identification.selection.best
-        return identification.selection.trials[best if best in named_sets else named_sets[0]]
-    return identification.selection.base
+    return identification.selection.chosen
 
 
 def best_trial(identification: Identification) -> Trial | None:
@@ -130,9 +133,9 @@ def _reading(identification: Identification) -> str:
     if verdict == MOSTLY:
         named_set = identification.verdict.named[0]
         return f"{start}: mostly explained by {named_set}; structure is left that nothing here describes."
-    if verdict == EQUIVALENT:
+    if verdict in (EQUIVALENT, WITHIN):
         names = ", ".join(identification.verdict.named)
-        return f"{start}: equivalent; the data do not tell apart {names}. The best is written."
+        return f"{start}: {verdict}; the data do not tell apart {names}. The most probable is written."
     if verdict == ADEQUATE:
         return f"{start}: adequate; calibrated numbers are refitted, no effect is added."
     return f"{start}: {verdict}; calibrated numbers are refitted, nothing else is claimed."

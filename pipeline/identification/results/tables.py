@@ -13,7 +13,7 @@ from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.identify import Identification
 from pipeline.identification.results.residual_signatures import Signature
-from pipeline.identification.selection.judgement import FEWEST_BLOCKS
+from pipeline.identification.selection.criteria import ODDS
 from pipeline.identification.selection.statements.statement import title_of
 
 Real = NDArray[np.float64]
@@ -78,17 +78,17 @@ CANDIDATES = Table(
         Column("effect", "label", "", "name in the library; + joins effects that act together"),
         Column("title", "label", "", "what it is"),
         Column("parameters", "label", "", "fitted parameters as JSON; empty where it was not fitted in full"),
-        Column("score_before", "float64", "1", "score of the recalibrated model by which effects are chosen; 1: noise"),
-        Column("score_after", "float64", "1", "the same with the effect"),
-        Column("t", "float64", "1", "gain over its standard error between blocks"),
-        Column("p", "float64", "1", "of no gain, over all that were tried (familywise)"),
-        Column("significant", "bool", "", "whether the gain is significant and of use"),
+        Column("misfit_before", "float64", "1", "root mean square misfit of the recalibrated model in noise"),
+        Column("misfit_after", "float64", "1", "the same with the effect"),
+        Column("log_odds", "float64", "1", "logarithm of the posterior odds against no effect; null: only describes"),
+        Column("log_score_gain", "float64", "1", "gain in the log predictive density of data left out"),
+        Column("significant", "bool", "", "whether the odds reject no effect at 5 %"),
         Column("member_of_class", "bool", "", "whether it is among those that the verdict names"),
         Column("screened_share", "float64", "1", "least misfit on a coarse grid, in shares of the recalibrated one"),
         Column("why_not", "label", "", "why it was not tested, not fitted in full, or supports no claim; else empty"),
     ),
 )
-NOT_SHORTLISTED = "screened only: its best misfit on a coarse grid is behind those that were fitted"
+NOT_SOLVED = "no equilibrium was found where it was tried"
 
 
 def residual_rows(identification: Identification, study_angle: Real | None) -> Columns:
@@ -141,13 +141,11 @@ def parameters_of(fit: Fit) -> dict[str, dict[str, float]]:
 
 
 def candidate_rows(identification: Identification) -> Columns:
-    """Columns of `CANDIDATES`: fitted ones by their held-out error, then the screened, then the untestable."""
+    """Columns of `CANDIDATES`: fitted ones, the most probable first, then the untestable."""
     selection = identification.selection
-    fitted = sorted(selection.trials, key=lambda name: selection.trials[name].rms)
-    screened = sorted(set(selection.screened) - set(fitted), key=lambda name: selection.screened[name])
-    names = [*fitted, *screened, *identification.why_not]
-    too_few_blocks = len(selection.base.losses) < FEWEST_BLOCKS
-    rows = [_candidate(identification, name, too_few_blocks) for name in names]
+    fitted = sorted(selection.trials, key=lambda name: -selection.trials[name].evidence.value)
+    unsolved = sorted(set(selection.screened) - set(fitted), key=lambda name: selection.screened[name])
+    rows = [_candidate(identification, name) for name in (*fitted, *unsolved, *identification.why_not)]
     columns: dict[str, Any] = {column.name: [row[column.name] for row in rows] for column in CANDIDATES.columns}
     for column in CANDIDATES.columns:
         if column.kind in ("float64", "bool"):
@@ -155,21 +153,21 @@ def candidate_rows(identification: Identification) -> Columns:
     return columns
 
 
-def _candidate(identification: Identification, name: str, too_few_blocks: bool) -> dict[str, Any]:
+def _candidate(identification: Identification, name: str) -> dict[str, Any]:
     selection, why_not = identification.selection, identification.why_not
     trial = selection.trials.get(name)
-    reason = why_not.get(name, selection.unsupported.get(name, "") if trial else NOT_SHORTLISTED)
-    if trial and too_few_blocks:
-        reason = f"fitted, but with fewer than {FEWEST_BLOCKS} branches no effect is accepted"
+    reason = why_not.get(name, selection.reasons.get(name, "") if trial else NOT_SOLVED)
+    odds = selection.odds.get(name, np.nan)
+    gain = trial.evidence.predictive - selection.base.evidence.predictive if trial else np.array([np.nan])
     return {
         "effect": name,
         "title": title_of(name),
         "parameters": json.dumps(parameters_of(trial.fit)) if trial else "",
-        "score_before": selection.base.rms if trial else np.nan,
-        "score_after": trial.rms if trial else np.nan,
-        "t": selection.t.get(name, np.nan),
-        "p": selection.p.get(name, np.nan),
-        "significant": name in selection.survivors,
+        "misfit_before": selection.base.rms if trial else np.nan,
+        "misfit_after": trial.rms if trial else np.nan,
+        "log_odds": odds,
+        "log_score_gain": float(np.sum(gain)),
+        "significant": bool(odds >= ODDS),
         "member_of_class": name in identification.verdict.named,
         "screened_share": selection.screened.get(name, np.nan),
         "why_not": reason,

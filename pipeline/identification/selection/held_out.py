@@ -1,9 +1,9 @@
 """Predictions of cells by fits that have not seen them: the model as declared, refitted, and with the best effects.
 
 Before, refitted and after come from one procedure. In each fold everything is estimated anew from the training cells
-alone: calibrated numbers, tolerances, effects. Of the cells left out nothing is used but the zero of the angle, where
-every position has its own; and, where folds of all cells choose the model anew, which models were fitted in full over
-all of them: a fold chooses among those.
+alone: calibrated numbers, tolerances, effects, and which effects. Of the cells left out nothing is used but the zero of
+the angle, where every position has its own; and which models were fitted over all cells: a fold chooses among those, by
+the evidence of its training cells.
 """
 
 from __future__ import annotations
@@ -19,18 +19,14 @@ from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit
 from pipeline.identification.fitting.problem import Model
 from pipeline.identification.selection.carried_over import expected_misfit
-from pipeline.identification.selection.cross_validation import precision_of
-from pipeline.identification.selection.judgement import FEWEST_BLOCKS, Selection
-from pipeline.identification.selection.model_selection import Selector
+from pipeline.identification.selection.criteria import Judge, Selection
+from pipeline.identification.selection.model_selection import Selector, parts_of
 from pipeline.identification.selection.statements.remainder import position_scatter
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
 STAGES = ("declared", "recalibrated", "after")
-SINGLE_GROUPS, FEWEST_FOLDS = 6, 3
-"""Positions (or cycles) up to which each is left out by itself; more are left out in so many lots, spread evenly over
-them, so that the time grows as the rows do."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +66,8 @@ class Folds:
     open_recalibrated, open_best, open_described, open_carried : standard deviations that the training cells leave open,
         and by which they scatter from position to position.
     models : name of the model that was chosen in each fold; "" for none.
+    right_square, right_variance : mean and variance of the sum of squares, in noise, that a right model without effects
+        leaves of the cells: noise, and what the training cells leave open, not the scatter between positions.
     common_share : of the variance of what the description misses, taken to be common to all positions; mean over folds;
         NaN where it is not asked for.
     in_sample : whether the fits have seen the cells, since nothing could be held out.
@@ -86,6 +84,8 @@ class Folds:
     open_described: Real
     open_carried: Real
     models: tuple[str, ...]
+    right_square: float
+    right_variance: float
     common_share: float
     in_sample: bool = False
 
@@ -99,7 +99,7 @@ class Folds:
         }
 
 
-def predicted_folds(selector: Selector, selection: Selection, visible: Truth, nested: bool, carry_over: bool) -> Folds:
+def predicted_folds(selector: Selector, selection: Selection, visible: Truth, carry_over: bool) -> Folds:
     """Predictions of held-out cells.
 
     Parameters
@@ -107,7 +107,6 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
     selection : on the cells ``visible`` (n_cells,); where these are not all, the others are held out. Else whole
         positions are left out, or whole cycles of a single position (``splits_of``). One loop alone is predicted in
         sample.
-    nested : choose the model anew in every fold that has enough branches; else each fold refits the one chosen.
     carry_over : ask what of the misfit is expected to come again.
     """
     fitter = selector.fitter
@@ -115,7 +114,7 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
     declared_angle = fitter.predict(Model(), fitter.start(Model())).angle
     declared = np.full(len(data), np.nan)
     predicted, left_open = np.full((4, len(data)), np.nan), np.full((4, len(data)), np.nan)
-    models, shares = [], []
+    models, shares, right = [], [], np.zeros(2)
     splits = splits_of(data, visible)
     for training, judged_cells in splits:
         if len(splits) == 1:
@@ -123,13 +122,15 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
         else:
             fold = selector.trained_on(training)
             fitter = fold.fitter
-            fits = _fold(fold, selection, training, nested)
+            fits = _fold(fold, selection, training, judged_cells)
         models.append(fits[1].model.name)
         declared[judged_cells] = (declared_angle + fitter.offsets(declared_angle, training, fitter.problem.data.sigma))[
             judged_cells
         ]
         distinct_fits = {id(fit): fit for fit in fits}
-        open_of_fit = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
+        opened = {number: _left_open(fitter, fit, training) for number, fit in distinct_fits.items()}
+        open_of_fit = {number: rows.deviations for number, rows in opened.items()}
+        right += opened[id(fits[0])].squares(fitter.problem.data.sigma, judged_cells)
         for number, fit in enumerate(fits):
             predicted[number, judged_cells] = fit.predicted[judged_cells]
             deviation = _unknown(fitter.problem.data, fit, training, open_of_fit[id(fit)])
@@ -144,33 +145,36 @@ def predicted_folds(selector: Selector, selection: Selection, visible: Truth, ne
     refitted, best, described, carried = predicted
     open_refitted, open_best, open_described, open_carried = left_open
     angles = refitted, best, described, carried, open_refitted, open_best, open_described, open_carried
-    return Folds(cells, declared, *angles, tuple(models), float(np.mean(shares or np.nan)), in_sample)
+    common_share = float(np.mean(shares or np.nan))
+    right_square, right_variance = right.tolist()
+    return Folds(
+        cells, declared, *angles, tuple(models), right_square, right_variance, common_share, in_sample=in_sample
+    )
 
 
 def splits_of(data: Data, visible: Truth) -> list[tuple[Truth, Truth]]:
     """Training and judged cells (n_cells,) of every fold; both are the same where nothing is held out.
 
-    A fold leaves out a position (or a cycle of a single one), or of more than ``SINGLE_GROUPS`` every third.
+    A fold leaves out a position (or a cycle of a single one), or a lot of them (``parts_of``).
     """
-    group = data.held_out_parts(visible)
     if not np.all(visible):
         return [(visible, ~visible)]
-    numbers, rank = np.unique(group, return_inverse=True)
+    part = parts_of(data, visible)
+    numbers = np.unique(part)
     if len(numbers) == 1:
         return [(visible, visible)]
-    lot = rank if len(numbers) <= SINGLE_GROUPS else rank % FEWEST_FOLDS
-    return [(lot != number, lot == number) for number in np.unique(lot)]
+    return [(part != number, part == number) for number in numbers]
 
 
-def _fold(selector: Selector, selection: Selection, training: Truth, nested: bool) -> tuple[Fit, Fit, Fit]:
+def _fold(selector: Selector, selection: Selection, training: Truth, judged_cells: Truth) -> tuple[Fit, Fit, Fit]:
     """The model refitted, with effects, and as it describes best, from the training cells alone."""
-    fitter, data = selector.fitter, selector.problem.data
-    trainable = len(np.unique(data.block[training])) >= FEWEST_BLOCKS
-    if selection.best and nested and trainable:
-        inner = selector.select(training, tuple(selection.trials))
-        return inner.base.fit, inner.answer.fit, inner.description.fit
+    fitter = selector.fitter
     base = fitter.fit(Model(), training, fitter.start(Model()))
-    chosen = selector.refitted(selection.answer.fit.model, training, base)
+    part = int(parts_of(fitter.problem.data, training | judged_cells)[judged_cells][0])
+    judge = Judge(fitter, training, len(selector.testable))
+    name = judge.chosen_without(selection, part) if selection.members else selection.answer.fit.model.name
+    model = selection.trials[name].fit.model if name else Model()
+    chosen = selector.refitted(model, training, base)
     if selection.description is selection.answer:
         return base, chosen, chosen
     return base, chosen, selector.refitted(selection.description.fit.model, training, base)
@@ -200,8 +204,28 @@ def _carried(fitter: Fitter, fit: Fit, training: Truth) -> tuple[Real, Real, flo
     return angle, expected.deviation, expected.common_share
 
 
-def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
-    """Standard deviation [arcmin] (n_cells,) of a fit's prediction by what the training cells leave open.
+@dataclass(frozen=True)
+class _Open:
+    """What the training cells leave open of a fit: derivatives (n_cells, n_unknowns) [arcmin], and their covariance."""
+
+    jacobian: Real
+    covariance: Real
+
+    @property
+    def deviations(self) -> Real:
+        """Standard deviations (n_cells,) [arcmin]."""
+        return np.sqrt(np.einsum("ij,jk,ik->i", self.jacobian, self.covariance, self.jacobian))
+
+    def squares(self, sigma: Real, cells: Truth) -> Real:
+        """Mean and variance (2,) of the sum of squares, in noise, that a right model leaves of cells (n_cells,)."""
+        rows = self.jacobian[cells] / sigma[cells][:, None]
+        spread = self.covariance @ (rows.T @ rows)
+        n, trace = float(cells.sum()), float(np.trace(spread))
+        return np.array([n + trace, 2 * (n + 2 * trace + float(np.sum(spread * spread.T)))])
+
+
+def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> _Open:
+    """What of a fit's prediction the training cells leave open.
 
     The zero of the angle is that of the training cells; a position that shares it with none of them has its own.
     """
@@ -211,8 +235,14 @@ def _left_open(fitter: Fitter, fit: Fit, training: Truth) -> Real:
     jacobian, _ = fitter.jacobian(
         fit.model, fit.unknowns, prediction, fitter.positions, np.where(zero, 1 / data.sigma**2, 0.0), None
     )
-    covariance = np.linalg.inv(precision_of(fitter, fit, training))
-    return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+    return _Open(jacobian, np.asarray(np.linalg.inv(precision_of(fitter, fit, training)), float))
+
+
+def precision_of(fitter: Fitter, fit: Fit, visible: Truth) -> Real:
+    """Inverse covariance (n_unknowns, n_unknowns) of the unknowns of a fit, by the cells seen and the priors."""
+    rows = fit.jacobian[visible] / fit.sigma[visible][:, None]
+    precision = rows.T @ rows + np.diag(fitter.penalty(fit.unknowns) ** 2)
+    return precision + 1e-12 * np.trace(precision) * np.eye(len(precision))
 
 
 def angle_error(data: Data, cranks: Real, predicted: Real, left_open: Real, cells: Truth) -> AngleError:

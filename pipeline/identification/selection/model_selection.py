@@ -1,4 +1,4 @@
-"""Which effect the data ask for: screening, held-out losses of leave-one-group-out, one test over all effects tried."""
+"""What is tried on a unit: every effect that the data can test, the most promising pairs, and further effects."""
 
 from __future__ import annotations
 
@@ -9,37 +9,25 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
 from pipeline.identification.fitting.parameters import Fit, Vector
-from pipeline.identification.fitting.problem import Model, candidates, limit_cases, twins
-from pipeline.identification.selection.cross_validation import Trial, trial
-from pipeline.identification.selection.judgement import MOST_NAMED, SEED, Judge, Selection, stands_for
-from pipeline.identification.selection.model_parts import less, of_parts
+from pipeline.identification.fitting.problem import Model, candidates, limit_cases
+from pipeline.identification.selection.criteria import ODDS, Judge, Selection, Trial, prior_log_odds
+from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.pairs import promising_pairs
-from pipeline.identification.selection.parameter_intervals import FORM, STRUCTURE, shortcomings, unsupported
-from pipeline.identification.selection.recalibration import STRETCH, released
 from pipeline.identification.selection.screening import Promise, screened
 
 Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
 Truth = NDArray[np.bool_]
 
-SHORTLIST = 6
-"""Effects that are fitted in full, the best after a few steps."""
 NEAR = 1.5
-"""Further ones, and further starts, are fitted where their misfit is within this ratio of the best."""
-FAR = 3.0
-"""The first steps alone are taken of those whose misfit is beyond this ratio of the best."""
+"""Further starts are followed where their misfit is within this ratio of the best."""
 FIRST_ITERATIONS = 3
-"""Steps of a fit that rank the effects before the best are fitted in full."""
+"""Steps of a fit from each of several starts before the best of them is fitted in full."""
 FIRST_SHARE, EDGE = 0.1, 0.01
 """Share of its bounds by which a parameter starts off no effect in either sense, and least one from a bound."""
-HOPELESS = 0.98
-"""Screened misfit in shares of the base's beyond which an effect is not fitted at all."""
-ALWAYS, UNPROMISING = 4, 10.0
-"""Effects that are fitted in any case, and ratio of a screened misfit to the least that was reached beyond which a
-further one is not: three steps reached less than a tenth of what was promised in 2 of 1400 fits of blind units."""
-MORE_LOOKED = 4
-"""Effects that take those steps beyond the number wanted."""
 FURTHER_STARTS = 2
 """Starts of the calibrated numbers within their ranges, beyond the declared one."""
 APART = 0.5
@@ -49,13 +37,26 @@ FAR_FROM_DECLARED = 0.3
 """Change of the logarithm of a calibrated number beyond which effects are looked at from the declared one too."""
 MOST_EFFECTS = 4
 """Effects in one description at most."""
-PAIRS = 4
-"""Pairs of effects that are fitted where no single one explains the unit."""
+PAIRS = 10
+"""Pairs of effects that are fitted, those that promise most beside the model without effects."""
 ADDITIONS = 4
 """Effects that are tried on top of the best, those that explain most of what it leaves."""
+SINGLE_GROUPS, FEWEST_FOLDS = 6, 3
+"""Positions (or cycles) up to which each is left out by itself; more are left out in so many lots, spread evenly over
+them, so that the time grows as the rows do."""
+SEED = 20170
+"""Of the further starts: equal data give an equal verdict."""
 
 
-class Selector(Judge):
+def parts_of(data: Data, cells: Truth) -> Whole:
+    """Number of what each cell (n_cells,) is left out with: a position, a cycle of a single one, or a lot of them."""
+    group = data.held_out_parts(cells)
+    numbers = np.unique(group[cells])
+    rank = np.searchsorted(numbers, group)
+    return rank if len(numbers) <= SINGLE_GROUPS else rank % FEWEST_FOLDS
+
+
+class Selector:
     """Selections on subsets of one problem's cells."""
 
     def __init__(self, fitter: Fitter, visible: Truth, most_effects: int = MOST_EFFECTS):
@@ -78,7 +79,7 @@ class Selector(Judge):
     def screen(self, cells: Truth, base: Fit, offered_names: Sequence[str] = ()) -> dict[str, Promise]:
         """What each further effect promises beside ``base``; also beside the declared scales where base is far off.
 
-        Of ``offered_names``, names of models, the effects alone are looked at, where any are given.
+        Of ``offered_names`` alone, where any are given.
         """
         bases = [base]
         if np.max(np.abs(base.unknowns.scales), initial=0.0) > FAR_FROM_DECLARED:
@@ -90,67 +91,77 @@ class Selector(Judge):
         included |= {name for name, simpler in nested.items() if simpler in included} | {
             nested.get(name, name) for name in included
         }
-        wanted_parts = {part for name in offered_names for part in name.split("+")} or set(self.testable)
-        effects = [effect for name, effect in self.testable.items() if name in wanted_parts - included]
+        wanted = set(offered_names or self.testable)
+        effects = [effect for name, effect in self.testable.items() if name in wanted - included]
         return screened(self.fitter, cells, bases, effects)
 
-    def trial(self, fit: Fit, cells: Truth) -> Trial:
-        """Held-out losses of a fitted model."""
-        return trial(self.fitter, fit, cells)
+    def trial(self, fit: Fit, cells: Truth, covariance: Covariance, base: Trial | None = None) -> Trial:
+        """A fitted model with its evidence."""
+        data = self.problem.data
+        near = base.evidence.structure if base else None
+        misfit = ((data.angle - fit.predicted) / data.sigma)[cells]
+        rms = float(np.sqrt(np.mean(misfit**2)))
+        return Trial(fit, Evidence(covariance, self.fitter, fit, near), rms)
 
-    def select(self, cells: Truth, offered_names: Sequence[str] = ()) -> Selection:
-        """Try every effect that the data can test on ``cells`` (n_cells,), or the models ``offered_names``."""
-        base = self.recalibrated(cells)
-        base_fit = base.fit
-        if base.rms <= STRUCTURE:
-            return Selection(base, {}, {}, {}, {}, (), "", "", ())
-        stretched = released(self.fitter, base, cells, STRETCH)
-        promises = self.screen(cells, base_fit, offered_names)
-        if offered_names:
-            known_names = [name for name in offered_names if all(part in promises for part in name.split("+"))]
-            first_fits = [self._joint_fit(name, cells, promises, base_fit) for name in known_names]
-            fits = _completed(self.fitter, first_fits, cells)
-        else:
-            fits = self.fits(base_fit, cells, promises, SHORTLIST)
-        trials = {fit.model.name: self.trial(fit, cells) for fit in fits}
-        screened_misfit = {name: promise.misfit for name, promise in promises.items()}
-        selection = self.judged(base, trials, screened_misfit, cells, stretched)
-        return self.supported(selection, cells) if offered_names else self._with_pairs(selection, cells, promises)
+    def select(self, cells: Truth) -> Selection:
+        """Try every effect that the data can test on ``cells`` (n_cells,), and the pairs that promise most."""
+        data, judge = self.problem.data, Judge(self.fitter, cells, len(self.testable))
+        covariance = Covariance(data, cells, parts_of(data, cells))
+        base = self.trial(self.recalibrated(cells), cells, covariance)
+        promises = self.screen(cells, base.fit)
+        fits = self.fits(base.fit, cells, promises)
+        least_fall = 2 * (ODDS - prior_log_odds(2, len(self.testable)))
+        for model, start in promising_pairs(self.fitter, cells, base.fit, promises, self.testable, PAIRS, least_fall):
+            fits.append(self.fitter.fit(model, cells, start))
+        trials = {fit.model.name: self.trial(fit, cells, covariance, base) for fit in fits if np.isfinite(fit.cost)}
+        selection = judge.judged(base, trials, {name: promise.misfit for name, promise in promises.items()})
+        return self._extended(selection, cells, covariance, judge)
 
-    def recalibrated(self, cells: Truth) -> Trial:
-        """Calibrated numbers and tolerances alone; from several starts where the declared one leaves structure."""
+    def _extended(self, selection: Selection, cells: Truth, covariance: Covariance, judge: Judge) -> Selection:
+        """The selection with effects added to its most probable model while structure is left: most only describe."""
+        current = selection.answer
+        while current.fit.model.effects and current.fit.model.n_effects < self.most_effects:
+            if current.evidence.structure.size <= selection.limit:
+                break
+            promises = self.screen(cells, current.fit)
+            best = dict(sorted(promises.items(), key=lambda item: item[1].misfit)[:ADDITIONS])
+            fits = [fit for fit in self.fits(current.fit, cells, best) if np.isfinite(fit.cost)]
+            added = {fit.model.name: self.trial(fit, cells, covariance, current) for fit in fits}
+            trials = {**selection.trials, **added}
+            selection = judge.judged(selection.base, trials, selection.screened)
+            further = max(added.values(), key=lambda trial: trial.evidence.value, default=current)
+            if further.evidence.value <= current.evidence.value:
+                break
+            current = further
+        return selection
+
+    def recalibrated(self, cells: Truth) -> Fit:
+        """Calibrated numbers and tolerances alone, the best from several starts."""
         start = self.fitter.start(Model())
-        base = self.trial(self.fitter.fit(Model(), cells, start), cells)
+        base = self.fitter.fit(Model(), cells, start)
         low, high = self.problem.scale_range
         for share in np.random.default_rng(SEED).uniform(size=(FURTHER_STARTS, len(low))):
-            if base.rms <= STRUCTURE or not len(low):
+            if not len(low):
                 break
             further_start = replace(start, scales=low + share * (high - low))
             refit = self.fitter.fit(Model(), cells, further_start, FIRST_ITERATIONS)
-            distance = np.abs(refit.unknowns.scales - base.fit.unknowns.scales) / self.problem.scale_spread
-            if np.all(distance < APART) or refit.cost > NEAR * base.fit.cost:
+            distance = np.abs(refit.unknowns.scales - base.unknowns.scales) / self.problem.scale_spread
+            if np.all(distance < APART) or refit.cost > NEAR * base.cost:
                 continue
             refit = self.fitter.fit(Model(), cells, refit.unknowns, base_fit=refit)
-            if refit.sound and refit.cost < base.fit.cost:
-                base = self.trial(refit, cells)
+            if refit.sound and refit.cost < base.cost:
+                base = refit
         return base
 
-    def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise], count: int) -> list[Fit]:
-        """Fits of the ``count`` best additions to a base, and of those that come near: a few steps of all rank them."""
-        hopeful = [name for name in promises if promises[name].misfit < HOPELESS]
-        hopeful = sorted(hopeful, key=lambda name: promises[name].misfit)[: count + MORE_LOOKED]
-        first_fits: list[Fit] = []
-        for rank, name in enumerate(hopeful):
-            least_cost = min((fit.cost for fit in first_fits), default=np.inf)
-            if rank >= ALWAYS and promises[name].misfit * base.cost > UNPROMISING * least_cost:
-                break
+    def fits(self, base: Fit, cells: Truth, promises: Mapping[str, Promise]) -> list[Fit]:
+        """Fits of all promised additions to a base, each from its best start after a few steps."""
+        fits = []
+        for name, promise in promises.items():
             model = Model((*base.model.effects, self.testable[name]))
-            first_fits.append(_first_steps(self.fitter, model, cells, promises[name].starts, base))
-        first_fits = sorted((fit for fit in first_fits if np.isfinite(fit.cost)), key=lambda fit: fit.cost)
-        promising = [
-            fit for k, fit in enumerate(first_fits[: 2 * count]) if k < count or fit.cost < NEAR * first_fits[0].cost
-        ]
-        return _completed(self.fitter, promising, cells)
+            first = _first_steps(self.fitter, model, cells, promise.starts, base)
+            complete = np.isfinite(first.cost)
+            fits.append(self.fitter.fit(model, cells, first.unknowns, base_fit=first) if complete else first)
+        return fits
 
     def refitted(self, model: Model, cells: Truth, base: Fit) -> Fit:
         """A model fitted to some cells from what they alone show, effect by effect on top of a base.
@@ -170,15 +181,6 @@ class Selector(Judge):
         refit = self.fitter.fit(fit.model, cells, declared) if fit.model.effects else fit
         return refit if refit.sound and refit.cost < fit.cost else fit
 
-    def _joint_fit(self, name: str, cells: Truth, promises: Mapping[str, Promise], base: Fit) -> Fit:
-        """First steps of a model by the names of its effects, from what the screening found of each beside a base."""
-        parts = name.split("+")
-        starts: Sequence[Vector] = promises[parts[0]].starts
-        if len(parts) > 1:
-            shares = np.concatenate([promises[part].starts[0].shares for part in parts])
-            starts = (replace(starts[0], shares=shares),)
-        return _first_steps(self.fitter, Model(tuple(self.testable[part] for part in parts)), cells, starts, base)
-
     def _from_declared(self, model: Model, cells: Truth, base: Vector) -> Vector:
         """Where a fit leads that holds calibrated numbers as declared: of all senses of the last effect the best.
 
@@ -195,155 +197,9 @@ class Selector(Judge):
             fits.append(self.fitter.fit(model, cells, start, FIRST_ITERATIONS))
         return replace(min(fits, key=lambda fit: fit.cost).unknowns, reach=declared.reach)
 
-    def extended(self, selection: Selection, cells: Truth) -> Selection:
-        """The selection with effects added to its best, one at a time, until nothing structured is left.
-
-        What is left by the best model is screened for every other effect; an addition stays if it gains significantly.
-        """
-        for _ in range(self.most_effects - 1):
-            if not selection.best or selection.chosen.rms <= selection.limit:
-                break
-            current_fit = selection.chosen.fit
-            fits = self.fits(current_fit, cells, self.screen(cells, current_fit), ADDITIONS)
-            trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
-            best_before = selection.best
-            selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-            if selection.best == best_before:
-                break
-            trials = {**selection.trials, **self._without(selection, cells)}
-            selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-        selection = self._relieved(self._simplified(selection, cells), cells)
-        return self.supported(self._with_twins(selection, cells), cells)
-
-    def _simplified(self, selection: Selection, cells: Truth) -> Selection:
-        """The selection once effects of its best were tried as their limit cases, from where the best stands.
-
-        The fit of a limit case from the base, which went far to stand in for it, may have ended in a minimum far off.
-        """
-        if not selection.best:
-            return selection
-        fit, trials = selection.chosen.fit, dict(selection.trials)
-        parts = fit.model.split(fit.unknowns.shares.tolist())
-        for number, (effect, shares) in enumerate(parts):
-            simpler = self.testable.get(effect.limit_case)
-            if simpler is not None and simpler not in fit.model.effects:
-                model, start = of_parts(fit, [*parts[:number], (simpler, shares[:1]), *parts[number + 1 :]])
-                simpler_trial = self.trial(self.fitter.fit(model, cells, start), cells)
-                if model.name not in trials or simpler_trial.rms < trials[model.name].rms:
-                    trials[model.name] = simpler_trial
-        if all(trials[name] is selection.trials.get(name) for name in trials):
-            return selection
-        return self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-
-    def _relieved(self, selection: Selection, cells: Truth) -> Selection:
-        """The selection once models that come near the best were fitted without an effect that supports no claim there.
-
-        The first effect taken may stand for others: with them its interval reaches zero, and only they may be claimed.
-        """
-        while selection.survivors:
-            trials = selection.trials
-            reduced_trials: dict[str, Trial] = {}
-            least_loss = min(trials[name].rms ** 2 for name in selection.survivors)
-            for name in selection.survivors:
-                fit = trials[name].fit
-                if fit.model.n_effects == 1 or trials[name].rms ** 2 > NEAR * least_loss:
-                    continue
-                for effect_name in dict(shortcomings(self.fitter, fit, cells, selection.base.rms)):
-                    reduced_model, start = less(fit, effect_name)
-                    if reduced_model.name not in {*trials, *reduced_trials}:
-                        reduced_fit = self.fitter.fit(reduced_model, cells, start)
-                        reduced_trials[reduced_model.name] = self.trial(reduced_fit, cells)
-            if not reduced_trials:
-                break
-            trials = {**trials, **reduced_trials}
-            selection = self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-        return selection
-
-    def _with_pairs(self, selection: Selection, cells: Truth, promises: Mapping[str, Promise]) -> Selection:
-        """The selection once the most promising pairs were fitted, where no single effect explains the unit."""
-        if not selection.trials or selection.chosen.rms <= selection.limit:
-            return selection
-        pairs = promising_pairs(self.fitter, cells, selection.base.fit, promises, self.testable, PAIRS)
-        fits = [self.fitter.fit(model, cells, start) for model, start in pairs]
-        trials = {**selection.trials, **{fit.model.name: self.trial(fit, cells) for fit in fits}}
-        return self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-
-    def _with_twins(self, selection: Selection, cells: Truth) -> Selection:
-        """The selection once every twin of each effect of its best was fitted in the place of that effect."""
-        if not selection.best or selection.chosen.fit.model.n_effects > MOST_NAMED:
-            return selection
-        effects = selection.chosen.fit.model.effects
-        trials = dict(selection.trials)
-        for effect in effects:
-            reduced_model = Model(tuple(member for member in effects if member is not effect))
-            twin_effects = {name: self.testable[name] for name in twins(effect.name) if name in self.testable}
-            missing = [twin for twin in twin_effects.values() if twin not in reduced_model.effects]
-            missing = [twin for twin in missing if Model((*reduced_model.effects, twin)).name not in trials]
-            if not missing:
-                continue
-            reduced_fit = trials[reduced_model.name].fit if reduced_model.name in trials else selection.base.fit
-            if reduced_fit.model.name != reduced_model.name:
-                reduced_fit = self.fitter.fit(reduced_model, cells, self.fitter.start(reduced_model))
-            promises = screened(self.fitter, cells, [reduced_fit], missing)
-            trials |= {
-                fit.model.name: self.trial(fit, cells) for fit in self.fits(reduced_fit, cells, promises, len(missing))
-            }
-        if len(trials) == len(selection.trials):
-            return selection
-        return self.judged(selection.base, trials, selection.screened, cells, selection.stretched)
-
-    def supported(self, selection: Selection, cells: Truth) -> Selection:
-        """The selection among models whose parameters support a claim.
-
-        Asked for at last: beside an effect that is still missing, the interval of one that is there reaches zero. A
-        model must be a part of the best of all or explain as much: else it would be named for want of numbers alone.
-        """
-        trials, useful = selection.trials, selection.survivors
-        reasons = {name: self.why_no_claim(trials[name], cells, selection.base) for name in useful}
-        goals = [name for name in (selection.best, selection.claimed) if name]
-        supported = [name for name in useful if not reasons[name]]
-        survivors = tuple(name for name in supported if any(stands_for(name, goal, trials) for goal in goals))
-        left_out = {name: reason for name, reason in reasons.items() if reason}
-        return replace(self.with_best(selection, survivors, cells), unsupported=left_out)
-
-    def _without(self, selection: Selection, cells: Truth) -> dict[str, Trial]:
-        """Trials of the best model less one of its effects, or with a simpler one in its place, from where it stands.
-
-        The first effect that was taken may have been wrong.
-        """
-        fit, reduced_trials = selection.chosen.fit, {}
-        parts = fit.model.split(fit.unknowns.shares.tolist())
-        for number, (effect, shares) in enumerate(parts):
-            simpler = effect.limit_case
-            for replacement in [[], [(self.testable[simpler], shares[:1])]] if simpler else [[]]:
-                model, start = of_parts(fit, [*parts[:number], *replacement, *parts[number + 1 :]])
-                reduced_trial = self.trial(self.fitter.fit(model, cells, start), cells)
-                if model.name not in selection.trials or reduced_trial.rms < selection.trials[model.name].rms:
-                    reduced_trials[model.name] = reduced_trial
-        return reduced_trials
-
-    def why_no_claim(self, candidate_trial: Trial, cells: Truth, base: Trial) -> str:
-        """Why the parameters of a model that gains over ``base`` support no claim, or "".
-
-        A single effect that leaves nothing structured was tested against its absence by that gain.
-        """
-        explains = candidate_trial.fit.model.n_effects == 1 and candidate_trial.rms <= float(
-            np.hypot(STRUCTURE, FORM * base.rms)
-        )
-        return unsupported(self.fitter, candidate_trial.fit, cells, base.rms, present=explains)
-
 
 def _first_steps(fitter: Fitter, model: Model, cells: Truth, starts: Sequence[Vector], base: Fit) -> Fit:
     """First steps of a model from where they lead farthest; of an infinite cost where no equilibrium was found."""
     first_fits = [fitter.fit(model, cells, start, FIRST_ITERATIONS, base) for start in starts]
     first_fits = [fit if fit.sound else replace(fit, cost=np.inf) for fit in first_fits]
     return min(first_fits, key=lambda fit: fit.cost)
-
-
-def _completed(fitter: Fitter, first_fits: Sequence[Fit], cells: Truth) -> list[Fit]:
-    """Fits after their first steps, fitted in full where these do not leave them far behind the best."""
-    least_cost = min((fit.cost for fit in first_fits), default=np.inf)
-    return [
-        fitter.fit(fit.model, cells, fit.unknowns, base_fit=fit) if fit.cost < FAR * least_cost else fit
-        for fit in first_fits
-    ]

@@ -49,22 +49,26 @@ def promising_pairs(
     promises: Mapping[str, Promise],
     effects: Mapping[str, Candidate],
     count: int,
+    least_fall: float,
 ) -> list[tuple[Model, Vector]]:
     """The ``count`` pairs that leave least of the base's misfit, each with a start of its fit.
 
-    Two sizes of at least zero are fitted linearly for every two effects, beside all that the base fits.
+    Two sizes of at least zero are fitted linearly for every two effects, beside all that the base fits. A pair that
+    lowers the sum of squares, in the noise, by less than ``least_fall`` cannot be named and is not fitted.
     """
     screening = Screening(fitter, cells, base, base.sigma)
     probes = [probe for name, promise in promises.items() for probe in _probes(screening, effects[name], promise)]
     goal = screening.free(screening.left)
-    ranked = []
+    ranked, in_noise = [], base.cost / max(float(goal @ goal), 1e-300)
     for first_probe, second in combinations(probes, 2):
         if first_probe.effect is not second.effect:
             amounts = _amounts(first_probe.change, second.change, goal)
             goal_left = goal - amounts[0] * first_probe.change - amounts[1] * second.change
             ranked.append((float(goal_left @ goal_left), first_probe, second, amounts))
     best: dict[str, tuple[Model, Vector]] = {}
-    for _, first_probe, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
+    for left, first_probe, second, amounts in sorted(ranked, key=lambda pair: pair[0]):
+        if (float(goal @ goal) - left) * in_noise < least_fall:
+            break
         model = Model((first_probe.effect, second.effect))
         start = replace(base.unknowns, shares=np.concatenate([first_probe.at(amounts[0]), second.at(amounts[1])]))
         best.setdefault(model.name, (model, start))

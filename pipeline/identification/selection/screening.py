@@ -40,6 +40,9 @@ WAVE_STEP, WAVE_PHASES = 0.75, 5
 """Periods of a ripple that are looked at: steps of their number over the range of the angle; phases of each."""
 SIZES, COARSER = (0.75, 1.0, 1.3, 1.6, 2.0), 5
 """Sizes of a ripple, in those that the residual asks; so many times fewer periods tell which is nearest."""
+FAINT = 15.0
+"""Fall of the sum of squares by a small ripple of the best period and a wider loop, below which none is looked for in
+full: of noise alone the best of 75 periods exceeds it in a tenth of the units, and no claim could rest on it."""
 PERIODS, PERIOD_STEPS = 6, (1, 2)
 """The best of them, and steps of the fits that tell which are true: of all, and further ones of as many as there are
 starts."""
@@ -217,9 +220,17 @@ class Screening:
         model, base = Model((*self.base.model.effects, effect)), self.base.unknowns
         screening = Screening(self.fitter, self.cells & (data.position == self.positions[0]), self.base, self.sigma)
         residual = data.angle - self.base.predicted
-        size = np.sqrt(2 * np.sum(self.weight * residual**2) / np.sum(self.weight * self.fitter.slopes(self.base) ** 2))
+        slope = self.fitter.slopes(self.base)
+        size = np.sqrt(2 * np.sum(self.weight * residual**2) / np.sum(self.weight * slope**2))
         turn = 2 * np.pi * ARCMIN / self.fitter.problem.span
         waves = np.log10(np.arange(10 ** low[2] / turn, 10 ** high[2] / turn, WAVE_STEP) * turn)
+        falls, amplitudes = self._small_ripples(10**waves, slope)
+        if max(falls) < FAINT:
+            best_wave = int(np.argmax(falls))
+            values = np.array([*amplitudes[best_wave], waves[best_wave]])
+            shares = np.clip((values - low) / (high - low), 0.0, 1.0)
+            start = replace(base, shares=np.concatenate([base.shares, shares]))
+            return [(max(self.nothing - falls[best_wave], 1e-300), start)]
 
         misfit_of = screening._of_ripple(effect)
 
@@ -250,6 +261,23 @@ class Screening:
                 descent.run(steps)
         fitted = [replace(descent.now, reach=base.reach) for descent in descents if descent.at.sound]
         return [(self._at(model, unknowns), unknowns) for unknowns in fitted]
+
+    def _small_ripples(self, waves: Real, slope: Real) -> tuple[list[float], list[Real]]:
+        """Falls of the misfit by small ripples of some numbers of waves per radian, and amplitudes (2,) [N m].
+
+        To first order a ripple moves the angle by the ``slope`` (n_cells,) [arcmin/(N m)] of the curve; a larger one
+        opens the loop too, as constant friction does.
+        """
+        data, goal = self.fitter.problem.data, self.free(self.left)
+        falls, amplitudes = [], []
+        for number in waves:
+            phase = number * data.angle / ARCMIN
+            columns = [slope * np.cos(phase), slope * np.sin(phase), slope * data.senses]
+            changes = np.column_stack([self.free(self._scaled(column)) for column in columns])
+            amounts = np.asarray(np.linalg.lstsq(changes, goal, rcond=None)[0], float)
+            falls.append(float(goal @ changes @ amounts))
+            amplitudes.append(amounts[:2])
+        return falls, amplitudes
 
 
 def _directions(zero: Real, grows: Truth) -> list[Real]:

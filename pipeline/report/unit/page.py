@@ -116,7 +116,6 @@ def _common(identification: Identification | FaultyUnit, verdict: Mapping[str, A
         "verdict": verdict,
         "design": unit.settings.design,
         "design_title": unit.study.design.title,
-        "traced": [title_of(name) for name in verdict["traced"] if name not in verdict["named"]],
         "parameters": [parameter_row(parameter) for parameter in verdict["parameters"]],
         "faults": identification.measurement.faults,
         "not_testable": [(capitalised(title_of(name)), reason) for name, reason in verdict["not_testable"].items()],
@@ -135,8 +134,7 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
     turns = isinstance(identification.problem.data, TurningData)
     titles = STAGE_TITLES | {"after": _after(identification)}
     rows = pd.DataFrame(tables.candidate_rows(identification))
-    fitted = rows[rows["score_after"].notna()]
-    screened = rows[rows["why_not"] == tables.NOT_SHORTLISTED]
+    fitted = rows[rows["misfit_after"].notna()]
     pairs = list(zip(*findings_of_unit.signatures.values(), strict=True))
     return {
         "tested": True,
@@ -147,7 +145,6 @@ def _tested(findings_of_unit: Findings, verdict: Mapping[str, Any]) -> dict[str,
         "explained": remainder_cards(identification),
         "written": written_facts(verdict),
         "fitted": [candidate_row(row) for row in fitted.to_dict("records")],
-        "screened": list(screened["title"]),
         "signatures": [
             signature_row(pair) for pair in pairs if any(math.isfinite(estimate.value) for estimate in pair)
         ],

@@ -15,10 +15,9 @@ from pipeline.identification.results.residual_signatures import Signature
 from pipeline.identification.results.turn_errors import ORDER, ORDERS, SPAN
 from pipeline.identification.results.write import Findings
 from pipeline.identification.selection.held_out import STAGES, AngleError
-from pipeline.identification.selection.judgement import FAMILYWISE
 from pipeline.identification.selection.statements.detection import DetectionLimit
 from pipeline.report.layout.wording import NOTHING, plain
-from pipeline.report.unit.numbers import capitalised, digits, interval, p_value, shown_unit
+from pipeline.report.unit.numbers import capitalised, digits, interval, shown_unit
 
 OTHER_TITLES = {
     SEPARATION: "Separation of the branches under load",
@@ -56,13 +55,15 @@ def baseline_row(title: str, error: AngleError) -> dict[str, str]:
     return {"title": capitalised(title), "rms": digits(error.rms_arcmin), "to_noise": digits(error.to_noise)}
 
 
-def limit_row(limit: DetectionLimit) -> tuple[str, str, str]:
-    """The size at which an effect would show: its title, its parameter, the size."""
+def limit_row(limit: DetectionLimit) -> tuple[str, str, str, str]:
+    """The sizes at which an effect would be noticed and named: its title, its parameter, both sizes."""
     effect = candidates()[limit.effect]
     (parameter,) = (p for p in effect.parameters if p.name == limit.parameter)
-    size = f"{digits(limit.value)} {shown_unit(limit.unit)}".rstrip()
-    size_text = size if math.isfinite(limit.value) else "would not show at any size"
-    return capitalised(effect.title), parameter.meaning, size_text
+    noticed, named = (
+        f"{digits(size)} {shown_unit(limit.unit)}".rstrip() if math.isfinite(size) else "at no size"
+        for size in (limit.noticed, limit.named)
+    )
+    return capitalised(effect.title), parameter.meaning, noticed, named
 
 
 def parameter_row(record: Mapping[str, Any]) -> dict[str, str]:
@@ -84,19 +85,22 @@ def candidate_row(row: Mapping[str, Any]) -> dict[str, str]:
     if row["member_of_class"]:
         judgement = "named"
     elif row["significant"]:
-        judgement = "significant gain, not named"
+        judgement = row["why_not"] or "less probable than what is named"
     else:
-        no_use = "no gain beyond tolerances and refitted numbers"
-        judgement = row["why_not"] or (no_use if row["p"] <= FAMILYWISE else "no significant gain")
+        judgement = row["why_not"] or "no effect is not rejected"
     return {
         "title": capitalised(row["title"]),
         "parameters": _numbers(row["effect"], row["parameters"]),
-        "before": digits(row["score_before"]),
-        "after": digits(row["score_after"]),
-        "t": f"{row['t']:.1f}".replace("-", "\u2212") if math.isfinite(row["t"]) else NOTHING,
-        "p": p_value(row["p"]),
+        "before": digits(row["misfit_before"]),
+        "after": digits(row["misfit_after"]),
+        "odds": _signed(row["log_odds"]),
+        "gain": _signed(row["log_score_gain"]),
         "judgement": judgement,
     }
+
+
+def _signed(value: float) -> str:
+    return f"{value:.1f}".replace("-", "\u2212") if math.isfinite(value) else NOTHING
 
 
 def _numbers(name: str, parameters: str) -> str:

@@ -231,7 +231,7 @@ def test_what_counts_as_right():
     )  # a pair claims an effect that is not there
     assert run.is_correct("two", 5, double, [design_reducer], "identified")
     outside_path = frozenset({"outside:stick_slip"})
-    assert run.is_correct("outside", 9, outside_path, [], "unexplained")
+    assert run.is_correct("outside", 9, outside_path, [], "not explained by the library")
     assert run.is_correct("outside", 2, outside_path, [], "adequate")
     assert not run.is_correct("outside", 9, outside_path, [], "adequate")
     assert not run.is_correct("outside", 2, outside_path, named_sets, "equivalent")

@@ -54,7 +54,7 @@ def test_the_table_has_the_best_description_and_medians(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         baselines = {"replay": {"rms_arcmin": 4.0}}
-        content = {"verdict": "unexplained", "named": [], "described": described, "carried": carried}
+        content = {"verdict": "not explained by the library", "named": [], "described": described, "carried": carried}
         content |= {"baselines": baselines, "held_out_errors": {"after": {"rms_arcmin": rms_after}}}
         (folder / "verdict.json").write_text(json.dumps(content))
     result = table([tmp_path / "a", tmp_path / "b"]).set_index("unit")

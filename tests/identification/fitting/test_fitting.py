@@ -1,6 +1,7 @@
 """Fits: bounds and shares, offsets, scales and tolerances, and that nothing held out is looked at."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,9 +16,8 @@ from pipeline.identification.fitting.parameters import TOLERANCE, WIDE, mapped, 
 from pipeline.identification.fitting.problem import Model, PriorModes, candidates
 from pipeline.identification.identify import identify
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.identification.selection.cross_validation import trial
+from pipeline.identification.selection.evidence import Covariance, Evidence
 from pipeline.identification.selection.recalibration import (
-    STRETCH,
     calibrated_numbers,
     implausible,
     released,
@@ -134,6 +134,12 @@ def test_calibrated_scales_are_found_again(exact_unit):
     assert rms(variant.problem, fit.predicted)[0] < 1.1 * exact_unit.data.noise
 
 
+def evidence_of(fitter, fit):
+    """The evidence of a fit to all cells."""
+    data, cells = fitter.problem.data, everything(fitter.problem)
+    return Evidence(Covariance(data, cells, data.position), fitter, fit)
+
+
 def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_released(exact_unit):
     """A bearing 11 times as stiff and a roller half as long were silent before."""
     exact_unit = exactly_known(exact_unit)
@@ -146,21 +152,19 @@ def test_a_calibrated_number_stops_at_the_end_of_its_plausible_range_unless_rele
     assert bounded_fit.unknowns.scales[2] == pytest.approx(low[2])
     assert bounded_fit.unknowns.at_reach[2]
     assert np.all((bounded_fit.unknowns.scales >= low) & (bounded_fit.unknowns.scales <= high))
-    candidate = trial(variant, bounded_fit, everything(exact_unit))
-    free = released(variant, candidate, everything(exact_unit))
-    assert free.fit.unknowns.scales[2] == pytest.approx(truth[2], abs=0.05)
-    assert free.rms < 0.5 * candidate.rms
+    free = released(variant, bounded_fit, everything(exact_unit))
+    assert free.unknowns.scales[2] == pytest.approx(truth[2], abs=0.05)
+    assert rms(variant.problem, free.predicted)[0] < 0.5 * rms(variant.problem, bounded_fit.predicted)[0]
     assert released(variant, free, everything(exact_unit)) is None
     law = replace(bounded_fit, unknowns=replace(bounded_fit.unknowns, scales=np.array([0.0, 0.0, 0.0, 0.0, high[4]])))
     assert law.unknowns.at_reach[4]
-    assert released(variant, trial(variant, law, everything(exact_unit)), everything(exact_unit), STRETCH) is None
     numbers = {
         calibrated_number.key: calibrated_number
-        for calibrated_number in calibrated_numbers(variant, free.fit, everything(exact_unit))
+        for calibrated_number in calibrated_numbers(variant, free, evidence_of(variant, free))
     }
     roller = numbers["output.roller_length_mm"]
     assert roller.leaves
-    assert roller.ci_low < np.exp(free.fit.unknowns.scales[2]) < roller.ci_high
+    assert roller.ci_low < np.exp(free.unknowns.scales[2]) < roller.ci_high
     assert "output.roller_length_mm x 0.5" in implausible(list(numbers.values()))
 
 
@@ -170,7 +174,11 @@ def test_numbers_of_which_the_curve_shows_the_sum_alone_say_so(exact_unit):
     fit = fitter.fit(Model(), everything(exact_unit), fitter.start(Model()))
     dependent = fit.jacobian.copy()
     dependent[:, 0], dependent[:, 1] = 0.0, dependent[:, 2] * 1.0001
-    numbers = calibrated_numbers(fitter, replace(fit, jacobian=dependent), everything(exact_unit))
+    spread = 1 / fitter.penalty(fit.unknowns)
+    rows = dependent * spread / exact_unit.data.sigma[:, None]
+    covariance = np.linalg.inv(rows.T @ rows + np.eye(len(spread)))
+    evidence = SimpleNamespace(deviations=spread * np.sqrt(np.diag(covariance)), unknowns=(None, covariance))
+    numbers = calibrated_numbers(fitter, fit, evidence)
     assert "its range alone holds it" in numbers[0].note
     assert numbers[1].note == "only a combination with output.roller_length_mm is determined"
     assert numbers[0].ci_high / numbers[0].ci_low > 0.8 * np.exp(np.ptp(exact_unit.scale_range[:, 0]))

@@ -34,7 +34,7 @@ def test_a_zero_of_the_torque_within_the_cell_of_the_jump_is_named(tmp_path, con
     visible = np.ones(len(problem.data), bool)
     selector = Selector(Fitter(problem), visible)
     selector.testable = {name: selector.testable[name] for name in ("torque_zero", "pin_radius_error", "coulomb")}
-    selection = selector.extended(selector.select(visible), visible)
+    selection = selector.select(visible)
     verdict = judge(selector.fitter, selection, visible)
     assert (verdict.verdict, verdict.named) == (IDENTIFIED, ("torque_zero",))
     (zero,) = verdict.parameters

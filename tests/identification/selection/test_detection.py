@@ -1,4 +1,4 @@
-"""The detection limit against draws of noise, and against a closed form."""
+"""Sizes that would be noticed and named, against draws of the whole rule."""
 
 from dataclasses import replace
 
@@ -6,65 +6,76 @@ import numpy as np
 import pytest
 from linear_unit import LinearFitter, linear_data, model_of
 
-from pipeline.identification.fitting.problem import Model
-from pipeline.identification.selection.cross_validation import trial
-from pipeline.identification.selection.parameter_intervals import STRUCTURE
-from pipeline.identification.selection.statements.detection import detection_limits, needed_square
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.criteria import Judge, Trial
+from pipeline.identification.selection.evidence import Covariance, Evidence
+from pipeline.identification.selection.model_selection import parts_of
+from pipeline.identification.selection.statements.detection import detection_limits
 
 DATA = linear_data(positions=3, cycles=3, branches=2, cells=20, sigma=0.1)
 EVERYTHING = np.ones(len(DATA), bool)
-EFFECT = model_of(1).effects[0]
+NAMES = ("coulomb", "output_torsion", "torque_zero", "torque_gain", "preload")
 
 
-def fitted(angle, design):
-    fitter = LinearFitter(replace(DATA, angle=angle), design)
-    fit = fitter.fit(Model(), EVERYTHING, fitter.start(Model()))
-    return fitter, trial(fitter, fit, EVERYTHING)
+class ByName(LinearFitter):
+    """Each effect has a column of its own."""
+
+    def __init__(self, data, columns):
+        super().__init__(data, np.zeros((len(data), 1)))
+        self.columns, self.problem.record = columns, {}
+
+    def predict(self, model, unknowns, positions=None, modes=False):
+        names = [effect.name for effect in model.effects]
+        self.design = np.column_stack([self.columns[name] for name in names]) if names else np.zeros((len(DATA), 0))
+        self.shares = len(names)
+        return super().predict(model, unknowns, positions, modes)
 
 
-@pytest.mark.parametrize("strength", [0.5, 3.0])
-def test_an_effect_of_the_limits_size_shows_in_95_percent_of_draws(strength):
+def unit(angle, columns):
+    """The fitter of a unit, and the evidence of it without effects and with each of them."""
+    fitter = ByName(replace(DATA, angle=angle), columns)
+    covariance = Covariance(fitter.problem.data, EVERYTHING, parts_of(DATA, EVERYTHING))
+    trials = {}
+    for name in ("", *columns):
+        model = Model((candidates()[name],)) if name else model_of(0)
+        fit = fitter.fit(model, EVERYTHING, fitter.start(model))
+        trials[name] = Trial(fit, Evidence(covariance, fitter, fit), 1.0)
+    return fitter, trials.pop(""), trials
+
+
+def draws_of(alike):
+    """Columns of effects; those after the second are the first one but for a share."""
     rng = np.random.default_rng(1)
-    design = strength * rng.normal(size=(len(DATA), 1))
-    shown_part = []
-    for _ in range(60):
-        noise = 0.1 * rng.standard_normal(len(DATA))
-        fitter, base = fitted(noise, design)
-        (limit,) = detection_limits(fitter, base, EVERYTHING, {EFFECT.name: EFFECT})
-        fresh_noise = 0.1 * rng.standard_normal(len(DATA))
-        _, with_effect = fitted(fresh_noise + design[:, 0] * limit.value, design)
-        shown_part.append(with_effect.rms > STRUCTURE)
-    assert 0.85 <= np.mean(shown_part) <= 1.0
+    columns = {name: rng.normal(size=len(DATA)) for name in NAMES}
+    for name in NAMES[2:]:
+        columns[name] = alike * columns["coulomb"] + np.sqrt(1 - alike**2) * columns[name]
+    return columns, rng
 
 
-def test_an_effect_that_hides_is_below_its_limit():
-    """Of units whose effect adds nearly what shows: where they are found adequate, the limit is no smaller than it."""
-    rng = np.random.default_rng(4)
-    design = rng.normal(size=(len(DATA), 1))
-    size, hidden = np.sqrt(1.2**2 - 1) * 0.1, 0
-    for _ in range(20):
-        fitter, base = fitted(0.1 * rng.standard_normal(len(DATA)) + size * design[:, 0], design)
-        (limit,) = detection_limits(fitter, base, EVERYTHING, {EFFECT.name: EFFECT})
-        if base.rms <= STRUCTURE:
-            hidden += 1
-            assert limit.value >= size
-    assert hidden > 5
-
-
-def test_the_limit_is_that_of_the_closed_form():
-    rng = np.random.default_rng(2)
-    design = rng.normal(size=(len(DATA), 1))
-    fitter, base = fitted(0.1 * rng.standard_normal(len(DATA)), design)
-    (limit,) = detection_limits(fitter, base, EVERYTHING, {EFFECT.name: EFFECT})
-    position = DATA.position[:, None] == np.arange(3)
-    centred = design[:, 0] - position @ (design[:, 0] @ position / position.sum(axis=0))
-    expected = np.sqrt(needed_square(base.losses) / np.mean((centred / DATA.sigma) ** 2))
-    assert limit.value == pytest.approx(expected, rel=0.03)
+@pytest.mark.parametrize("alike", [0.0, 0.9])
+def test_an_effect_of_either_size_is_noticed_or_named_in_at_least_90_percent_of_draws(alike):
+    columns, rng = draws_of(alike)
+    effects = {name: candidates()[name] for name in NAMES}
+    noticed, named, ratios = [], [], []
+    for _ in range(25):
+        fitter, base, _ = unit(0.1 * rng.standard_normal(len(DATA)), columns)
+        limit = detection_limits(fitter, base, effects)[0]
+        ratios.append(limit.named / limit.noticed)
+        for size, found in ((limit.noticed, noticed), (limit.named, named)):
+            angle = 0.1 * rng.standard_normal(len(DATA)) + size * columns["coulomb"]
+            fitter, base, trials = unit(angle, columns)
+            selection = Judge(fitter, EVERYTHING, len(NAMES)).judged(base, trials, {})
+            right = "coulomb" in selection.members and len(selection.members) <= 3
+            found.append(right if found is named else bool(selection.best))
+    assert np.mean(noticed) >= 0.85
+    assert np.mean(named) >= 0.85
+    assert (np.mean(ratios) > 1.2) == (alike > 0.5)
 
 
 def test_an_effect_that_no_bound_would_show_has_no_limit():
-    rng = np.random.default_rng(3)
-    design = 1e-3 * rng.normal(size=(len(DATA), 1))
-    fitter, base = fitted(0.1 * rng.standard_normal(len(DATA)), design)
-    (limit,) = detection_limits(fitter, base, EVERYTHING, {EFFECT.name: EFFECT})
-    assert np.isnan(limit.value)
+    columns, rng = draws_of(0.0)
+    columns["coulomb"] = 1e-3 * columns["coulomb"]
+    fitter, base, _ = unit(0.1 * rng.standard_normal(len(DATA)), columns)
+    limit = detection_limits(fitter, base, {name: candidates()[name] for name in NAMES})[0]
+    assert np.isnan(limit.noticed)
+    assert np.isnan(limit.named)

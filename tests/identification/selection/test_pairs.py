@@ -32,7 +32,7 @@ def test_a_pair_is_found_though_a_third_effect_is_the_best_alone(monkeypatch):
         "torque_zero": 2.0 * axes[1],
         "bearing_clearance": axes[0] + axes[1] + 0.3 * axes[2],
     }
-    base = SimpleNamespace(unknowns=Vector(np.zeros(0), np.zeros(0), np.zeros(0)), sigma=None)
+    base = SimpleNamespace(unknowns=Vector(np.zeros(0), np.zeros(0), np.zeros(0)), sigma=None, cost=1.0)
 
     class Looking:
         def __init__(self, fitter, cells, base, sigma):
@@ -50,7 +50,7 @@ def test_a_pair_is_found_though_a_third_effect_is_the_best_alone(monkeypatch):
     bounds = {"coulomb": (0.0, 5.0), "torque_zero": (-5.0, 5.0), "bearing_clearance": (0.0, 5.0)}
     fitter = SimpleNamespace(problem=SimpleNamespace(bounds=lambda effect: (bounds[effect.name],)))
     promises = {name: Promise(0.5, (Vector(np.zeros(0), np.array([0.9]), np.zeros(0)),)) for name in NAMES}
-    (model, start), *remaining = promising_pairs(fitter, np.ones(50, bool), base, promises, effects, 3)
+    (model, start), *remaining = promising_pairs(fitter, np.ones(50, bool), base, promises, effects, 3, 0.0)
     assert model.name == "coulomb+torque_zero"
     np.testing.assert_allclose(start.shares, [0.7 * 0.9, 0.5 + 0.4 * (0.9 - 0.5)], atol=1e-9)
     assert len(remaining) == 2

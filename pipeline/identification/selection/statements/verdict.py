@@ -1,4 +1,4 @@
-"""The verdict on a unit: what the selection says in one of six words, with parameters."""
+"""The verdict on a unit: what the rule (``criteria``) says, in one of eight terms, with parameters."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.fitter import Fitter
-from pipeline.identification.selection.cross_validation import Trial
-from pipeline.identification.selection.judgement import MOST_NAMED, Selection
+from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.selection.criteria import Selection
 from pipeline.identification.selection.parameter_intervals import FittedParameter, intervals
 from pipeline.identification.selection.recalibration import (
     UNLIKELY,
@@ -23,19 +23,16 @@ from pipeline.identification.selection.recalibration import (
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
 
-ADEQUATE, IDENTIFIED, EQUIVALENT, MOSTLY, UNEXPLAINED, FAULT = (
-    "adequate",
-    "identified",
-    "equivalent",
-    "mostly explained",
-    "unexplained",
-    "data fault",
-)
+ADEQUATE = "adequate"
+IDENTIFIED = "identified"
+EQUIVALENT = "equivalent"
+WITHIN = "within tolerance"
+MOSTLY = "mostly explained"
+UNEXPLAINED = "not explained by the library"
+NOT_TESTABLE = "not testable with these data"
+FAULT = "data fault"
 LARGEST_CLASS = 3
 """Effects in a class beyond which it counts as unresolved."""
-MOSTLY_REMOVED = 0.7
-"""Share of the error that claimed effects must remove where structure is left. Chosen: on the printed drive friction
-removes 0.8 to 0.85 of it, on blind units the nearest effect of the library to one outside of it less than 0.6."""
 
 
 @dataclass(frozen=True)
@@ -44,18 +41,16 @@ class Verdict:
 
     Attributes
     ----------
-    verdict : one of the six words.
+    verdict : one of the eight terms.
     named : the effect (several joined by + act together), or the class of effects that the data do not tell apart.
-    traced : effects of the best model, then those that explain a significant part alone, named or not.
     parameters : of the named effects.
-    calibrated : refitted numbers of the model that is claimed, or of the one without effects.
+    calibrated : refitted numbers of the model that is named, or of the one without effects.
     findings : what else must be known to sign: numbers outside of their plausible ranges, tolerances that no unit has.
-    structure : held-out rms of the best model in noise floors.
+    structure : misfit of the named model, or of the one without effects, in noise.
     """
 
     verdict: str
     named: tuple[str, ...] = ()
-    traced: tuple[str, ...] = ()
     parameters: tuple[FittedParameter, ...] = ()
     calibrated: tuple[CalibratedNumber, ...] = ()
     findings: tuple[str, ...] = ()
@@ -65,70 +60,55 @@ class Verdict:
 def judge(fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
     """The verdict of a selection over ``cells`` (n_cells,)."""
     chosen = selection.chosen
-    share = tolerance_share(fitter, chosen.fit, cells)
-    possible, findings = share >= UNLIKELY, _beside(fitter, selection, cells, share)
-    members = selection.members if possible else ()
-    structured = chosen.rms > selection.limit or chosen.fit.model.n_effects > MOST_NAMED
-    if structured:
-        claimed = selection.trials.get(selection.claimed) if possible else None
-        free = released(fitter, claimed or selection.base, cells)
-        explains = free is not None and free.rms <= selection.limit
-        if free is not None and explains:
-            implausible_numbers = implausible(calibrated_numbers(fitter, free.fit, cells))
-            findings.append(
-                f"{'What is left' if claimed else 'The unit'} would be explained only by {implausible_numbers}"
-            )
-        members = (selection.claimed,) if claimed and (explains or _mostly(claimed, selection.base)) else ()
-        chosen = claimed if claimed and members else chosen
-        verdict = MOSTLY if members else UNEXPLAINED
-    elif members:
-        verdict = IDENTIFIED if len(members) == 1 else EQUIVALENT
+    share = tolerance_share(selection.base.fit, selection.base.evidence)
+    if selection.members:
+        verdict = _of_class(fitter, selection)
     else:
-        verdict = ADEQUATE if possible else UNEXPLAINED
-    parameters = tuple(
-        p for name in members for p in intervals(fitter, selection.trials[name].fit, cells, selection.base.rms)
-    )
-    corrected = chosen if members else selection.base
-    numbers = calibrated_numbers(fitter, corrected.fit, cells)
-    return Verdict(verdict, members, _traced(selection), parameters, numbers, tuple(findings), chosen.rms)
+        structured = selection.base.evidence.structure.size > selection.limit or selection.best
+        verdict = ADEQUATE if share >= UNLIKELY and not structured else UNEXPLAINED
+    parameters = tuple(p for name in selection.members for p in intervals(fitter, selection.trials[name]))
+    numbers = calibrated_numbers(fitter, chosen.fit, chosen.evidence)
+    findings = _findings(fitter, selection, cells, verdict, share)
+    return Verdict(verdict, selection.members, parameters, numbers, findings, chosen.rms)
 
 
-def withdrawn(verdict: Verdict, fitter: Fitter, selection: Selection, cells: Truth) -> Verdict:
-    """What a verdict becomes whose model predicts held-out cells worse than the refitted one: it claims nothing.
-
-    A selection's fits start from one to all cells; those of the folds know nothing of the cells that they predict.
-    """
-    names = " or ".join(verdict.named)
-    finding = f"Cells held out are predicted worse with {names} than without: it is not claimed"
-    numbers = calibrated_numbers(fitter, selection.base.fit, cells)
-    findings = (*verdict.findings, finding)
-    return replace(verdict, verdict=UNEXPLAINED, named=(), parameters=(), calibrated=numbers, findings=findings)
+def _of_class(fitter: Fitter, selection: Selection) -> str:
+    """The term for what is named: tolerances stand for it, structure is left, one effect or several alike."""
+    if not selection.explained:
+        return MOSTLY
+    if any(_tolerated(fitter, selection.trials[name].fit) for name in selection.members):
+        return WITHIN
+    return IDENTIFIED if len(selection.members) == 1 else EQUIVALENT
 
 
-def _beside(fitter: Fitter, selection: Selection, cells: Truth, share: float) -> list[str]:
-    """Findings beside the verdict: tolerances that a small ``share`` of units has, unsupported claims, other refits."""
+def _tolerated(fitter: Fitter, fit: Fit) -> bool:
+    """Whether tolerances within their limits can be what an effect of the model is."""
+    return fitter.problem.within_tolerance(fit.model, fit.values.tolist())
+
+
+def untested(verdict: Verdict, reason: str, testable: bool) -> Verdict:
+    """What ``adequate`` becomes where the test of unused data does not pass, or cannot be made."""
+    word = UNEXPLAINED if testable else NOT_TESTABLE
+    return replace(verdict, verdict=word, findings=(*verdict.findings, reason))
+
+
+def _findings(fitter: Fitter, selection: Selection, cells: Truth, verdict: str, share: float) -> tuple[str, ...]:
+    """Findings beside the verdict: tolerances that few units have, why the nearest is not named, other refits."""
     findings = []
-    if share < UNLIKELY:
-        findings.append(
-            f"The tolerances that were not measured would have to lie where {share:.1g} of the study's units do"
-        )
-    nearest = min(selection.unsupported, key=lambda name: selection.trials[name].rms, default="")
-    if nearest and not selection.best:
-        reason = selection.unsupported[nearest]
-        findings.append(f"The nearest, {nearest}, is not claimed ({reason})")
-    if selection.best and selection.stretched:
-        free = released(fitter, selection.base, cells)
-        if free is not None and free.rms <= selection.chosen.rms:
-            implausible_numbers = implausible(calibrated_numbers(fitter, free.fit, cells))
-            findings.append(f"Without any effect {implausible_numbers} would do as well; it is not believed")
-    return findings
+    if not selection.members and share < UNLIKELY:
+        findings.append(f"The fit needs tolerances found in only {share:.1g} of the study's units")
+    if selection.best and not selection.members:
+        findings.append(f"The most probable, {selection.best}, is not named: {selection.reasons[selection.best]}")
+    if verdict in (UNEXPLAINED, MOSTLY):
+        free = released(fitter, selection.chosen.fit, cells)
+        misfit = np.inf if free is None else _misfit(fitter, free, cells)
+        if free is not None and misfit <= np.hypot(1.0, selection.limit):
+            numbers = implausible(calibrated_numbers(fitter, free, selection.chosen.evidence))
+            what = "The rest" if selection.members else "The unit"
+            findings.append(f"{what} would be explained only by {numbers}")
+    return tuple(findings)
 
 
-def _mostly(claimed: Trial, base: Trial) -> bool:
-    """Whether effects are claimed although structure is left."""
-    return claimed.rms <= (1 - MOSTLY_REMOVED) * base.rms
-
-
-def _traced(selection: Selection) -> tuple[str, ...]:
-    single_effects = [name for name in selection.survivors if "+" not in name]
-    return tuple(dict.fromkeys([*filter(None, selection.best.split("+")), *single_effects]))
+def _misfit(fitter: Fitter, fit: Fit, cells: Truth) -> float:
+    data = fitter.problem.data
+    return float(np.sqrt(np.mean(((data.angle - fit.predicted) / data.sigma)[cells] ** 2)))

@@ -1,0 +1,55 @@
+"""The test that ``adequate`` has to pass: cells that were left out are predicted as a right model would."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+
+from pipeline.identification.fitting.data import Data
+from pipeline.identification.selection.held_out import Folds
+
+Real = NDArray[np.float64]
+
+LEVEL = 0.95
+"""One-sided confidence with which an error is called too large, or a baseline ahead."""
+
+
+def failed_test(data: Data, folds: Folds, baselines: Mapping[str, Real], form: float) -> str:
+    """Why a refitted model without effects is not adequate, or "".
+
+    Parameters
+    ----------
+    baselines : by title, predictions without a reducer (n_cells,) [arcmin] of the same cells.
+    form : structure, in the noise of a cell, that the form of the model may leave.
+
+    Notes
+    -----
+    A right model leaves noise, what the training cells leave open, and a structure of the size of its form. The scatter
+    between positions is not part of it: an effect of the crank angle that is missed is scatter, too.
+    """
+    if folds.in_sample:
+        return "nothing is held out, so the fit cannot be tested"
+    square = ((data.angle - folds.recalibrated) / data.sigma)[folds.cells] ** 2
+    expected = folds.right_square + len(square) * form**2
+    largest = expected + float(ndtri(LEVEL)) * np.sqrt(folds.right_variance)
+    if not np.sum(square) <= largest:
+        ratio = np.sqrt(np.sum(square) / folds.right_square)
+        return f"unused data are missed by {ratio:.2g} times what a right model would leave"
+    for title, curve in baselines.items():
+        if _is_ahead(data, folds, square, curve, LEVEL ** (1 / len(baselines))):
+            return f"{title} predicts unused data better"
+    return ""
+
+
+def _is_ahead(data: Data, folds: Folds, square: Real, curve: Real, level: float) -> bool:
+    """Whether a prediction (n_cells,) is better than squares (n_judged,) in noise, by a t test over the branches."""
+    of_curve = ((data.angle - curve) / data.sigma)[folds.cells] ** 2
+    _, block = np.unique(data.block[folds.cells], return_inverse=True)
+    gain = np.bincount(block, square - of_curve) / np.bincount(block)
+    if len(gain) < 2 or not np.all(np.isfinite(gain)):
+        return False
+    error = gain.std(ddof=1) / np.sqrt(len(gain))
+    return bool(gain.mean() > float(stdtrit(len(gain) - 1, level)) * error)

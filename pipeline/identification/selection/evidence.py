@@ -1,0 +1,307 @@
+"""How probable the data are under a fitted model: one covariance, one score, for fitted cells and for unused ones.
+
+Near a fit the effects, the calibrated numbers and the tolerances with their priors are one linear Gaussian problem. The
+covariance of the cells holds the noise (with the blur beside a jump through the play, ``fitting.cells_in_noise``), its
+correlation between neighbouring cells of a branch, what every model of the library may miss alike at all positions, and
+the scatter between positions. Sizes of the last two, their reach and the correlation are those of the largest evidence
+of each model.
+
+Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; evidence of a linear Gaussian model: MacKay, Neural
+Computation 4 (1992) 415; autoregressive noise: Prais and Winsten (1954).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import gammaincinv, log_ndtr
+
+from pipeline.identification.fitting.data import Data, TurningData
+from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit
+
+Real = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Truth = NDArray[np.bool_]
+
+REACHES = (0.15, 0.5)
+"""Distances, in largest torques, over which a discrepancy is alike."""
+SIZES = (1e-3, *(0.1 * 2.0 ** np.arange(10)).tolist())
+"""Standard deviations of a discrepancy that are tried, in those of the median cell's noise."""
+CORRELATIONS = (0.0, 0.3, 0.6)
+"""Correlations of the noise of neighbouring cells of a branch."""
+OFFSET = 1e3
+"""Prior standard deviation of the zero of an angle, in those of the median cell: equal in all models."""
+CONFIDENCE = 0.95
+"""Of the intervals of sizes."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is correlated beyond a model.
+
+    Attributes
+    ----------
+    common, own : standard deviations in those of the median cell's noise: alike at all positions, and of each.
+    reach : in largest torques.
+    correlation : of the noise of neighbouring cells.
+    """
+
+    common: float
+    own: float
+    reach: float
+    correlation: float
+
+    @property
+    def size(self) -> float:
+        """Standard deviation of all that is alike in neighbouring torques."""
+        return float(np.hypot(self.common, self.own))
+
+
+class Covariance:
+    """The covariance of some cells of a problem, as features of unit variance.
+
+    Parameters
+    ----------
+    cells : (n_cells,) those that count.
+    parts : (n_cells,) what is left out at once: cells of a branch are never apart.
+    """
+
+    def __init__(self, data: Data, cells: Truth, parts: Whole):
+        self.data, self.cells = data, cells
+        self.sigma, self.parts = data.sigma[cells], parts[cells]
+        self.first = np.append(True, np.diff(data.block[cells]) != 0)
+        self.unit = float(np.median(self.sigma))
+        group = data.group[cells]
+        self.zeros = OFFSET * self.unit * (group[:, None] == np.unique(group)).astype(float)
+        self._features = {reach: self._features_of(reach) for reach in REACHES}
+        self._whitened: dict[tuple[float, float], Real] = {}
+        self._products: dict[tuple[float, float], Real] = {}
+
+    def _features_of(self, reach: float) -> tuple[Real, Real]:
+        """Features common to all positions and of each position, each (n, n_features), variances summing to one."""
+        data = self.data
+        if isinstance(data, TurningData):
+            place, kind = data.crank[self.cells], data.senses[self.cells] * (1.0 + data.level[self.cells])
+            place = 2 * (place - place.min()) / max(float(np.ptp(place)), 1e-9) - 1
+        else:
+            place, kind = data.torque[self.cells], data.senses[self.cells]
+            place = place / max(float(np.max(np.abs(place))), 1e-9)
+        centres = np.arange(-1 - reach, 1 + 1.5 * reach, reach)
+        bumps = np.exp(-(((place[:, None] - centres) / reach) ** 2))
+        bumps /= np.linalg.norm(bumps, axis=1)[:, None]
+        common = np.hstack([bumps * (kind == number)[:, None] for number in np.unique(kind)])
+        positions = np.unique(data.position[self.cells])
+        if isinstance(data, TurningData) or len(positions) == 1:
+            return common, np.zeros((len(place), 0))
+        own = np.hstack([common * (data.position[self.cells] == number)[:, None] for number in positions])
+        return common, own
+
+    def whitened(self, columns: Real, correlation: float) -> Real:
+        """Columns (n, ...) over the noise, its correlation between neighbours of a branch removed."""
+        scaled = columns / self.sigma.reshape(-1, *[1] * (columns.ndim - 1))
+        white = scaled.copy()
+        white[1:] = (scaled[1:] - correlation * scaled[:-1]) / np.sqrt(1 - correlation**2)
+        white[self.first] = scaled[self.first]
+        return white
+
+    def whitened_features(self, reach: float, correlation: float) -> tuple[Real, Real]:
+        """Features of all kinds and zeros of angles (n, n_features), whitened, and their products."""
+        key = reach, correlation
+        if key not in self._whitened:
+            self._whitened[key] = self.whitened(np.hstack([*self._features[reach], self.zeros]), correlation)
+            self._products[key] = self._whitened[key].T @ self._whitened[key]
+        return self._whitened[key], self._products[key]
+
+    def spreads(self, structure: Structure) -> Real:
+        """Standard deviation of the amount of each feature and zero."""
+        common, own = self._features[structure.reach]
+        sizes = np.repeat([structure.common * self.unit, structure.own * self.unit], [common.shape[1], own.shape[1]])
+        return np.append(sizes, np.ones(self.zeros.shape[1]))
+
+    def log_scale(self, correlation: float, chosen: Truth) -> float:
+        """Logarithm of what turns the density of whitened cells into that of ``chosen`` ones (n,)."""
+        correlated = np.sum(chosen & ~self.first)
+        return float(-np.sum(np.log(self.sigma[chosen])) - 0.5 * correlated * np.log1p(-(correlation**2)))
+
+    @property
+    def has_positions(self) -> bool:
+        """Whether positions can scatter."""
+        return self._features[REACHES[0]][1].shape[1] > 0
+
+
+class Evidence:
+    """The evidence of one fitted model, linear about the fit.
+
+    Attributes
+    ----------
+    structure : beside the model, of the largest evidence.
+    value : logarithm of the evidence; sizes that cannot be negative by a truncated integral.
+    """
+
+    def __init__(self, covariance: Covariance, fitter: Fitter, fit: Fit, near: Structure | None = None):
+        self.covariance, self.fit, self.bounds = covariance, fit, fitter.bounds(fit.model)
+        cells, self.spread = covariance.cells, 1 / fitter.penalty(fit.unknowns)
+        jacobian = fit.jacobian * self.spread
+        deviation = (fit.unknowns.flat - fitter.centre(fit.model, fit.unknowns)) / self.spread
+        self.jacobian = jacobian[cells]
+        self.missed = (fitter.problem.data.angle - fit.predicted + jacobian @ deviation)[cells]
+        self._products: dict[tuple[float, float], Real] = {}
+        self._known: dict[Structure, float] = {}
+        self.structure = self._most_likely(near)
+        self.value = self._value(self.structure) + self._positive
+
+    @cached_property
+    def _everything(self) -> Truth:
+        return np.ones(len(self.missed), bool)
+
+    def _columns(self, structure: Structure) -> Real:
+        """Whitened columns (n, n_columns): the jacobian, what is missed, the features."""
+        of_model = np.column_stack([self.jacobian, self.missed])
+        white = self.covariance.whitened(of_model, structure.correlation)
+        return np.hstack([white, self.covariance.whitened_features(structure.reach, structure.correlation)[0]])
+
+    def _gram(self, structure: Structure, chosen: Truth) -> Real:
+        """Products of the whitened columns over chosen cells (n,)."""
+        key = structure.reach, structure.correlation
+        if key not in self._products:
+            columns, k = self._columns(structure), self.jacobian.shape[1] + 1
+            cross = columns[:, :k].T @ columns
+            products = np.empty((columns.shape[1],) * 2)
+            products[:k], products[:, :k] = cross, cross.T
+            products[k:, k:] = self.covariance.whitened_features(*key)[1]
+            self._products[key] = products
+        if np.all(chosen):
+            return self._products[key]
+        left_out = self._columns(structure)[~chosen]
+        return self._products[key] - left_out.T @ left_out
+
+    def _normal(self, structure: Structure, chosen: Truth) -> tuple[float, Real, Real]:
+        """Log evidence of chosen cells (n,), and mean and covariance of the unknowns, in their priors' deviations."""
+        k, gram = self.jacobian.shape[1], self._gram(structure, chosen)
+        others = np.delete(np.arange(len(gram)), k)
+        spread = np.append(np.ones(k), self.covariance.spreads(structure))
+        right = spread * gram[others, k]
+        scaled = spread[:, None] * gram[np.ix_(others, others)] * spread
+        factor = cho_factor(np.eye(len(spread)) + scaled, lower=True)
+        mean = cho_solve(factor, right)
+        size = float(np.sum(np.log(np.diag(factor[0])))) + 0.5 * float(chosen.sum()) * np.log(2 * np.pi)
+        value = -0.5 * (gram[k, k] - right @ mean) - size
+        value += self.covariance.log_scale(structure.correlation, chosen)
+        return float(value), mean[:k], cho_solve(factor, np.eye(len(spread), k))[:k]
+
+    def _value(self, structure: Structure) -> float:
+        if structure not in self._known:
+            self._known[structure] = self._normal(structure, self._everything)[0]
+        return self._known[structure]
+
+    def _most_likely(self, near: Structure | None, largest: float = np.inf) -> Structure:
+        """The structure of the largest evidence, not beyond a size: along each of its numbers until none helps."""
+        sizes = [size for size in SIZES if size <= largest] or [SIZES[0]]
+        own = sizes if self.covariance.has_positions else [0.0]
+        axes: tuple[Sequence[float], ...] = (sizes, own, REACHES, CORRELATIONS)
+        wanted = (near.common, near.own, near.reach, near.correlation) if near else (SIZES[2], SIZES[2], REACHES[0], 0)
+        place = [int(np.argmin(np.abs(np.array(axis) - value))) for axis, value in zip(axes, wanted, strict=True)]
+
+        def at(place: Sequence[int]) -> Structure:
+            return Structure(*(axis[k] for axis, k in zip(axes, place, strict=True)))
+
+        best, improved = self._value(at(place)), True
+        while improved:
+            improved = False
+            for number, step in product(range(len(axes)), (-1, 1)):
+                while 0 <= place[number] + step < len(axes[number]):
+                    neighbour = [k + step * (n == number) for n, k in enumerate(place)]
+                    if self._value(at(neighbour)) <= best:
+                        break
+                    place, best, improved = neighbour, self._value(at(neighbour)), True
+        return at(place)
+
+    @cached_property
+    def unknowns(self) -> tuple[Real, Real]:
+        """Mean and covariance of the unknowns about the centre of their priors, in their standard deviations."""
+        return self._normal(self.structure, self._everything)[1:]
+
+    @cached_property
+    def _positive(self) -> float:
+        """Logarithm of the share of the posterior of sizes that cannot be negative, over that of their prior."""
+        mean, covariance = self.unknowns
+        first_share = len(self.fit.unknowns.scales)
+        columns = [first_share + k for k, (low, _) in enumerate(self.bounds) if low == 0]
+        return float(sum(log_ndtr(mean[k] / np.sqrt(covariance[k, k])) + np.log(2) for k in columns))
+
+    def limited(self, largest: float) -> float:
+        """The logarithm of the evidence where the structure beside the model is no larger than a size."""
+        if self.structure.size <= largest:
+            return self.value
+        return self._value(self._most_likely(None, largest / np.sqrt(2))) + self._positive
+
+    @cached_property
+    def training(self) -> Mapping[int, float]:
+        """By number of a part, the logarithm of the evidence of all other parts."""
+        parts = self.covariance.parts
+        return {int(part): self._normal(self.structure, parts != part)[0] for part in np.unique(parts)}
+
+    @cached_property
+    def predictive(self) -> Real:
+        """Log density of the cells of every part (n_parts,), predicted from all others: the score of unused data."""
+        whole = self._value(self.structure)
+        return np.array([whole - value for value in self.training.values()])
+
+    def distance(self, effect: str) -> float:
+        """How far the sizes of an effect of the model are from zero, over the radius of their 95 % region.
+
+        The sizes are the parameters that can be zero; beyond 1 the region excludes zero.
+
+        Raises
+        ------
+        KeyError : the model has no such effect.
+        """
+        mean, covariance = self.unknowns
+        first_share, start = len(self.fit.unknowns.scales), 0
+        for member in self.fit.model.effects:
+            stop = start + len(member.parameters)
+            if member.name == effect:
+                sizes = [first_share + k for k in range(start, stop) if self.bounds[k][0] <= 0 <= self.bounds[k][1]]
+                square = mean[sizes] @ np.linalg.solve(covariance[np.ix_(sizes, sizes)], mean[sizes])
+                return float(np.sqrt(square / (2 * gammaincinv(0.5 * len(sizes), CONFIDENCE))))
+            start = stop
+        raise KeyError(effect)
+
+    @property
+    def deviations(self) -> Real:
+        """Standard deviations of the unknowns (n_unknowns,) in their units."""
+        return self.spread * np.sqrt(np.diag(self.unknowns[1]))
+
+    def information(self, changes: Real) -> Real:
+        """Products (n, n) of changes (n_cells, n) [arcmin] of all cells, under noise, structure and the model's priors.
+
+        A change whose product with itself is lambda is seen at the square root of lambda standard deviations.
+        """
+        weighted = self._weighted(changes)
+        white = self.covariance.whitened(changes[self.covariance.cells], self.structure.correlation)
+        return np.asarray(white.T @ weighted)
+
+    def scores(self, changes: Real) -> Real:
+        """Products (n_blocks, n) of changes (n_cells, n) with what the model misses, branch by branch."""
+        covariance, correlation = self.covariance, self.structure.correlation
+        missed = covariance.whitened(self.missed, correlation)
+        _, block = np.unique(covariance.data.block[covariance.cells], return_inverse=True)
+        products = self._weighted(changes) * missed[:, None]
+        return np.array([products[block == number].sum(axis=0) for number in range(block.max() + 1)])
+
+    def _weighted(self, changes: Real) -> Real:
+        """Whitened changes (n, n_changes) less what structure and unknowns take up within their priors."""
+        structure, k = self.structure, self.jacobian.shape[1]
+        columns = np.delete(self._columns(structure), k, axis=1)
+        spread = np.append(np.ones(k), self.covariance.spreads(structure))
+        white = self.covariance.whitened(changes[self.covariance.cells], structure.correlation)
+        scaled = columns * spread
+        gram = np.eye(len(spread)) + scaled.T @ scaled
+        return np.asarray(white - scaled @ np.linalg.solve(gram, scaled.T @ white))

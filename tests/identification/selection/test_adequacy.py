@@ -1,0 +1,49 @@
+"""The test that ``adequate`` has to pass."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from pipeline.identification.selection.adequacy import failed_test
+
+RNG = np.random.default_rng(4)
+BLOCKS, CELLS, SIGMA = 24, 20, 0.2
+N = BLOCKS * CELLS
+
+
+def outcome(missed, curves=None, open_share=0.0, in_sample=False, form=0.3):
+    """Why a model fails whose predictions miss by so much [noise], with a share of variance that was left open."""
+    data = SimpleNamespace(angle=SIGMA * missed, sigma=np.full(N, SIGMA), block=np.repeat(np.arange(BLOCKS), CELLS))
+    folds = SimpleNamespace(
+        cells=np.ones(N, bool),
+        recalibrated=np.zeros(N),
+        right_square=N * (1 + open_share),
+        right_variance=2.0 * N * (1 + open_share) ** 2,
+        in_sample=in_sample,
+    )
+    return failed_test(data, folds, curves or {}, form)
+
+
+def test_noise_passes_and_what_no_right_model_leaves_does_not():
+    noise = RNG.standard_normal(N)
+    assert outcome(noise) == ""
+    assert "1.5 times what a right model" in outcome(1.5 * noise / np.std(noise))
+    assert outcome(1.5 * noise / np.std(noise), open_share=1.5) == ""
+    assert outcome(np.full(N, np.nan))
+
+
+def test_noise_alone_fails_in_few_draws():
+    failures = sum(bool(outcome(RNG.standard_normal(N), form=0.0)) for _ in range(300))
+    assert 3 <= failures <= 30
+
+
+def test_a_baseline_that_is_ahead_is_said():
+    wave = 0.5 * np.sin(np.arange(N) / 7.0)
+    noise = RNG.standard_normal(N)
+    reason = outcome(noise + wave, {"replay": SIGMA * wave}, form=1.0)
+    assert reason == "replay predicts unused data better"
+    assert outcome(noise, {"replay": SIGMA * wave}) == ""
+
+
+def test_what_holds_nothing_out_is_not_tested():
+    assert "nothing is held out" in outcome(RNG.standard_normal(N), in_sample=True)

@@ -1,0 +1,199 @@
+"""The rule on constructed trials, clause by clause, and on drawn linear units without an effect."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from linear_unit import LinearFitter, linear_data, model_of
+
+from pipeline.identification.fitting.parameters import Fit, Vector
+from pipeline.identification.fitting.problem import Model, candidates
+from pipeline.identification.selection.criteria import (
+    AT_BOUND,
+    FEWEST_BLOCKS,
+    MOSTLY_REMOVED,
+    ODDS,
+    Judge,
+    Trial,
+    form_limit,
+    prior_log_odds,
+)
+from pipeline.identification.selection.evidence import Covariance, Evidence, Structure
+from pipeline.identification.selection.model_selection import parts_of
+
+TRIED = 20
+SINGLE, PAIR = -prior_log_odds(1, TRIED), -prior_log_odds(2, TRIED)
+"""Evidence that the prior takes from one effect, and from two."""
+
+
+class Known:
+    """Evidence whose numbers are given."""
+
+    def __init__(self, value, gain=1.0, limited=None, distance=3.0, left=0.1, modes=()):
+        self.value, self.predictive = value, np.full(3, gain)
+        self.training = dict.fromkeys(range(3), value)
+        self.structure = Structure(left, 0.0, 0.15, 0.0)
+        self.unknowns = np.array(modes, float), np.eye(len(modes))
+        self._limited, self._distance = value if limited is None else limited, distance
+
+    def limited(self, largest):
+        return self._limited
+
+    def distance(self, effect):
+        return self._distance[effect] if isinstance(self._distance, dict) else self._distance
+
+
+def trial(name, evidence, rms=1.0, shares=None, modes=0):
+    model = Model(tuple(candidates()[part] for part in name.split("+") if part))
+    shares = np.full(model.n_parameters, 0.4) if shares is None else np.array(shares)
+    unknowns = Vector(np.zeros(0), shares, np.zeros(modes))
+    fit = Fit(model, unknowns, 10 * shares - 2, np.zeros(4), 0.0, np.zeros((4, 0)), np.ones(4), True)
+    return Trial(fit, evidence, rms)
+
+
+def judged(trials, base_rms=1.05, blocks=24, bounds=(-2.0, 8.0), record=9.0):
+    problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(blocks)), record={"time": record, "cycles": record})
+    fitter = SimpleNamespace(problem=problem, bounds=lambda model: [bounds] * model.n_parameters)
+    base = trial("", Known(0.0, gain=0.0), base_rms)
+    return Judge(fitter, np.ones(blocks, bool), TRIED).judged(base, trials, {})
+
+
+def named(**options):
+    """What is named of one effect that is beyond doubt but for some numbers of its evidence."""
+    return judged({"coulomb": trial("coulomb", Known(**{"value": 40.0, **options}))}).members
+
+
+@pytest.mark.parametrize("base_rms", [0.99, 1.05, 5.0])
+def test_no_misfit_is_too_small_or_too_large_for_an_effect(base_rms):
+    trials = {"coulomb": trial("coulomb", Known(40.0), rms=0.9)}
+    assert judged(trials, base_rms).members == ("coulomb",)
+
+
+@pytest.mark.parametrize("effect", ["coulomb", "torque_gain", "ovality_2", "pin_circle_error"])
+def test_every_effect_has_to_beat_no_effect_by_the_same_odds(effect):
+    for excess, expected in ((-0.01, ()), (0.01, (effect,))):
+        assert judged({effect: trial(effect, Known(SINGLE + ODDS + excess))}).members == expected
+
+
+def test_all_that_was_tried_counts_together():
+    """Two effects of half the odds reject "no effect" as one does."""
+    half = Known(SINGLE + ODDS - np.log(2) + 0.01)
+    assert judged({"coulomb": trial("coulomb", half)}).best == ""
+    both = {name: trial(name, half) for name in ("coulomb", "presliding")}
+    assert judged(both).best
+    assert judged(both).members == ()  # neither of them by itself is more probable than a discrepancy
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"gain": -0.1}, "not predicted better"),
+        ({"distance": 0.9}, "reaches zero"),
+        ({"limited": SINGLE + ODDS - 0.1}, "a discrepancy of no known form"),
+    ],
+)
+def test_each_clause_withholds_a_name_and_says_why(options, reason):
+    trials = {"torque_gain": trial("torque_gain", Known(**{"value": 40.0, **options}))}
+    selection = judged(trials)
+    assert selection.best == "torque_gain"
+    assert selection.members == ()
+    assert reason in selection.reasons["torque_gain"]
+
+
+def test_a_shape_near_its_bound_vetoes_nothing_and_a_size_there_does():
+    """Of a run-in the size is first, the number of cycles second: from 1, a bound that has no zero within."""
+    evidence = Known(40.0)
+    for shares, is_named in (([0.4, AT_BOUND / 2], True), ([1 - AT_BOUND / 2, 0.4], False)):
+        run_in = trial("run_in", evidence, shares=shares)
+        problem = SimpleNamespace(data=SimpleNamespace(block=np.arange(24)), record={"time": 99.0, "cycles": 99.0})
+        fitter = SimpleNamespace(problem=problem, bounds=lambda model: [(0.0, 30.0), (1.0, 10.0)])
+        base = trial("", Known(0.0, gain=0.0))
+        selection = Judge(fitter, np.ones(24, bool), TRIED).judged(base, {"run_in": run_in}, {})
+        assert bool(selection.members) == is_named
+
+
+def test_a_time_constant_beyond_the_record_and_tolerances_of_no_unit_are_implausible():
+    far = {"run_in": trial("run_in", Known(40.0), shares=[0.5, 0.5])}
+    assert judged(far).members == ("run_in",)
+    assert "longer than the record" in judged(far, record=2.0).reasons["run_in"]
+    odd = {"coulomb": trial("coulomb", Known(40.0, modes=(5.0, 3.0)), modes=2)}
+    assert "of the study's units" in judged(odd).reasons["coulomb"]
+
+
+def test_too_few_branches_name_nothing():
+    trials = {"coulomb": trial("coulomb", Known(40.0))}
+    assert judged(trials, blocks=FEWEST_BLOCKS).members
+    assert not judged(trials, blocks=FEWEST_BLOCKS - 1).members
+
+
+def test_a_pair_is_named_where_it_beats_the_best_single_effect_by_the_odds():
+    single = trial("coulomb", Known(40.0))
+    for excess, expected in ((-0.01, ("coulomb",)), (0.01, ("coulomb+preload",))):
+        pair = trial("coulomb+preload", Known(40.0 + PAIR - SINGLE + ODDS + excess))
+        assert judged({"coulomb": single, "coulomb+preload": pair}).members == expected
+
+
+def test_a_pair_of_which_one_size_may_be_zero_leaves_the_single_effect():
+    pair = trial("coulomb+preload", Known(80.0, distance={"coulomb": 5.0, "preload": 0.5}))
+    selection = judged({"coulomb": trial("coulomb", Known(40.0)), "coulomb+preload": pair})
+    assert selection.best == "coulomb+preload"
+    assert selection.members == ("coulomb",)
+
+
+def test_models_within_the_odds_are_one_class():
+    trials = {
+        "coulomb": trial("coulomb", Known(40.0)),
+        "presliding": trial("presliding", Known(40.0 - ODDS + 0.01)),
+        "rayleigh": trial("rayleigh", Known(40.0 - ODDS - 0.01)),
+    }
+    assert judged(trials).members == ("coulomb", "presliding")
+    assert judged(trials).nearest == "rayleigh"
+
+
+def test_most_of_a_misfit_may_be_explained_though_structure_is_left():
+    options = {"value": 400.0, "limited": -400.0}
+    for rms, expected in ((0.9 * (1 - MOSTLY_REMOVED) * 50, ("coulomb",)), (1.1 * (1 - MOSTLY_REMOVED) * 50, ())):
+        selection = judged({"coulomb": trial("coulomb", Known(**options), rms=rms)}, base_rms=50.0)
+        assert selection.members == expected
+        assert not selection.explained
+
+
+def test_what_the_form_may_leave_grows_with_the_misfit():
+    assert form_limit(trial("", Known(0.0), 1.0)) == pytest.approx(np.hypot(0.75, 0.05))
+    assert form_limit(trial("", Known(0.0), 40.0)) == pytest.approx(np.hypot(0.75, 2.0))
+
+
+DATA = replace(
+    linear_data(positions=3, cycles=2, branches=2, cells=8, sigma=0.1),
+    torque=np.tile(np.concatenate([np.linspace(-5, 5, 8), np.linspace(5, -5, 8)]), 6),
+)
+
+
+def verdict_on(angle, designs):
+    """What is named of a linear unit, each effect with a column of its own."""
+    cells = np.ones(len(DATA), bool)
+    data = replace(DATA, angle=angle)
+    covariance = Covariance(data, cells, parts_of(data, cells))
+    trials = {}
+    for name, column in {"": None, **designs}.items():
+        columns = np.ones((len(data), 0)) if column is None else column[:, None]
+        fitter = LinearFitter(data, columns)
+        fitter.problem.record = {}
+        model = Model((candidates()[name],)) if name else model_of(0)
+        fit = fitter.fit(model, cells, fitter.start(model))
+        trials[name] = Trial(fit, Evidence(covariance, fitter, fit), 1.0)
+    return Judge(fitter, cells, len(designs)).judged(trials.pop(""), trials, {}).members
+
+
+def test_an_effect_is_named_on_at_most_a_few_of_a_hundred_empty_units_and_on_all_that_have_it():
+    rng = np.random.default_rng(2)
+    names = ("coulomb", "output_torsion", "torque_zero", "torque_gain")
+    empty = present = 0
+    for _ in range(100):
+        designs = {name: rng.normal(size=len(DATA)) for name in names}
+        noise = 0.1 * rng.standard_normal(len(DATA))
+        empty += bool(verdict_on(noise, designs))
+        present += verdict_on(noise + 0.06 * designs["coulomb"], designs) == ("coulomb",)
+    assert empty <= 5
+    assert present >= 95

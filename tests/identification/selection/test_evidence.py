@@ -1,0 +1,133 @@
+"""Evidence of a linear model against the density of the multivariate normal distribution, by dense algebra."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear_unit import LinearFitter, linear_data, model_of
+from scipy.special import gammaincinv, log_ndtr
+from scipy.stats import multivariate_normal
+
+from pipeline.identification.fitting.fitter import OPEN_SHARE
+from pipeline.identification.selection.evidence import OFFSET, Covariance, Evidence, Structure
+from pipeline.identification.selection.model_selection import parts_of
+
+SIGMA = 0.1
+DATA = replace(
+    linear_data(positions=3, cycles=2, branches=2, cells=8, sigma=SIGMA),
+    torque=np.tile(np.concatenate([np.linspace(-5, 5, 8), np.linspace(5, -5, 8)]), 6),
+)
+EVERYTHING = np.ones(len(DATA), bool)
+SPREAD = 0.3
+COVARIANCE = Covariance(DATA, EVERYTHING, parts_of(DATA, EVERYTHING))
+
+
+def fitted(angle, design, columns=2):
+    """A fit of one scale and one size, or of the scale alone, and its evidence."""
+    fitter = LinearFitter(replace(DATA, angle=angle), design[:, :columns], (SPREAD,))
+    model = model_of(columns - 1)
+    return fitter, fitter.fit(model, EVERYTHING, fitter.start(model))
+
+
+def drawn(seed=0, size=0.4):
+    rng = np.random.default_rng(seed)
+    design = rng.normal(size=(len(DATA), 2))
+    return design, design @ [0.1, size] + SIGMA * rng.standard_normal(len(DATA))
+
+
+def dense(structure, design, columns=2):
+    """Covariance of the cells: priors, zeros, structure and correlated noise."""
+    unit = np.median(DATA.sigma)
+    prior = np.array([SPREAD, OPEN_SHARE])[:columns]
+    zero = OFFSET * unit * (DATA.position[:, None] == np.unique(DATA.position))
+    place = DATA.torque / 5.0
+    bumps = np.exp(
+        -(
+            (
+                (place[:, None] - np.arange(-1 - structure.reach, 1 + 1.5 * structure.reach, structure.reach))
+                / structure.reach
+            )
+            ** 2
+        )
+    )
+    bumps /= np.linalg.norm(bumps, axis=1)[:, None]
+    alike = (bumps @ bumps.T) * (DATA.senses[:, None] == DATA.senses)
+    same = DATA.position[:, None] == DATA.position
+    steps = np.abs(np.arange(len(DATA))[:, None] - np.arange(len(DATA)))
+    noise = np.where(DATA.block[:, None] == DATA.block, structure.correlation**steps, 0.0)
+    free = design[:, :columns] * prior
+    sizes = unit**2 * (structure.common**2 * alike + structure.own**2 * alike * same)
+    return free @ free.T + zero @ zero.T + sizes + SIGMA**2 * noise
+
+
+@pytest.mark.parametrize("structure", [Structure(0.4, 0.8, 0.15, 0.0), Structure(1.6, 1e-3, 0.5, 0.6)])
+def test_value_is_the_density_of_the_cells_under_one_covariance(structure):
+    design, angle = drawn()
+    fitter, fit = fitted(angle, design)
+    evidence = Evidence(COVARIANCE, fitter, fit)
+    expected = multivariate_normal.logpdf(angle, cov=dense(structure, design))
+    assert evidence._value(structure) == pytest.approx(expected, abs=1e-5)
+
+
+def test_unused_cells_are_scored_by_their_density_given_all_others():
+    design, angle = drawn()
+    fitter, fit = fitted(angle, design)
+    evidence = Evidence(COVARIANCE, fitter, fit)
+    covariance = dense(evidence.structure, design)
+    for score, position in zip(evidence.predictive, range(3), strict=True):
+        out = DATA.position == position
+        gain = covariance[np.ix_(out, ~out)] @ np.linalg.inv(covariance[np.ix_(~out, ~out)])
+        rest = covariance[np.ix_(out, out)] - gain @ covariance[np.ix_(~out, out)]
+        expected = multivariate_normal.logpdf(angle[out], gain @ angle[~out], 0.5 * (rest + rest.T))
+        assert score == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_size_that_cannot_be_negative_takes_the_share_of_its_posterior_above_zero():
+    design, angle = drawn(size=0.01)
+    fitter, fit = fitted(angle, design)
+    evidence = Evidence(COVARIANCE, fitter, fit)
+    mean, covariance = evidence.unknowns
+    share = log_ndtr(mean[1] / np.sqrt(covariance[1, 1])) + np.log(2)
+    assert evidence.value == pytest.approx(evidence._value(evidence.structure) + share)
+    assert abs(share) > 0.01
+
+
+def test_the_distance_of_a_size_from_zero_is_in_radii_of_its_region():
+    design, angle = drawn(size=0.1)
+    fitter, fit = fitted(angle, design)
+    evidence = Evidence(COVARIANCE, fitter, fit)
+    mean, deviation = evidence.unknowns[0][1] * OPEN_SHARE, evidence.deviations[1]
+    assert evidence.distance("coulomb") == pytest.approx(mean / deviation / np.sqrt(2 * gammaincinv(0.5, 0.95)))
+    assert mean == pytest.approx(0.1, abs=4 * deviation)
+
+
+def test_structure_is_found_where_it_is():
+    """Cells that are alike at all positions, at each by itself, in their noise; and nothing in white noise."""
+    design, angle = drawn()
+    rng = np.random.default_rng(5)
+    bump = SIGMA * 5 * np.cos(DATA.torque)
+    own = bump * np.array([2.0, -1.0, -1.0])[DATA.position]
+    walk = np.zeros(len(DATA))
+    for k in range(len(DATA)):
+        first = k == 0 or DATA.block[k] != DATA.block[k - 1]
+        walk[k] = rng.standard_normal() if first else 0.6 * walk[k - 1] + 0.8 * rng.standard_normal()
+    found = {}
+    for name, change in {"none": 0.0, "common": bump, "own": own}.items():
+        fitter, fit = fitted(angle + change, design)
+        found[name] = Evidence(COVARIANCE, fitter, fit).structure
+    assert found["none"].size <= 0.5
+    assert found["common"].common > 2 > found["common"].own
+    assert found["own"].own > 2 > found["own"].common
+    fitter, fit = fitted(design @ [0.1, 0.4] + SIGMA * walk, design)
+    assert Evidence(COVARIANCE, fitter, fit).structure.correlation >= 0.3
+
+
+def test_information_is_the_inverse_covariance_of_an_amount():
+    design, angle = drawn()
+    fitter, fit = fitted(angle, design, columns=1)
+    evidence = Evidence(COVARIANCE, fitter, fit)
+    change = np.random.default_rng(8).normal(size=(len(DATA), 2))
+    inverse = np.linalg.inv(dense(evidence.structure, design, columns=1))
+    np.testing.assert_allclose(evidence.information(change), change.T @ inverse @ change, rtol=1e-5)
+    scores = evidence.scores(change).sum(axis=0)
+    np.testing.assert_allclose(scores, change.T @ inverse @ angle, rtol=1e-4, atol=1e-2)
