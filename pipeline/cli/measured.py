@@ -21,6 +21,7 @@ from pipeline.identification.results import write as results
 from pipeline.identification.selection.statements.verdict import FAULT
 from pipeline.population import results as population_results
 from pipeline.population.comparison import compared, load_population
+from pipeline.population.single_units import single_units
 from pipeline.population.tolerance_shift import closing, read_population_run
 from pipeline.report.unit.change import write_change_page
 from pipeline.report.unit.description import write_description_page
@@ -113,8 +114,9 @@ def compare_population(options: argparse.Namespace) -> None:
         for crank in dict.fromkeys(comparison.crank_deg for comparison in comparisons)
     }
     folder = settings.RUNS / "population" / study.name
-    population_results.write(comparisons, closings, folder)
-    write_population_page(study, options.units.name, options.over, comparisons, closings, folder)
+    single = single_units(units, population.metrics, options.over)
+    population_results.write(comparisons, closings, single, folder)
+    write_population_page(study, options.units.name, options.over, comparisons, closings, single, folder)
     print((folder / "comparison.csv").read_text(), end="")
     for crank, comparison in closings.items():
         angles = (
@@ -123,4 +125,6 @@ def compare_population(options: argparse.Namespace) -> None:
             else f"crank at {crank:g} deg"
         )
         print(f"{angles}: {population_results.sentence(comparison)}")
+    for group in single:
+        print(group.sentence)
     print(f"page: {settings.shown(folder / 'population.html')}")

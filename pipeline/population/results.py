@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.engine.store import write_atomic
 from pipeline.population.comparison import TESTS, MetricComparison
+from pipeline.population.single_units import SingleUnits
 from pipeline.population.tolerance_shift import Closing
 
 
@@ -84,11 +85,32 @@ def sentence(closing: Closing) -> str:
     return f"The units differ from the study (p = {closing.p_value:.2g}); it would be closed by {differences_text}."
 
 
-def write(comparisons: Sequence[MetricComparison], closings: Mapping[float | None, Closing], folder: Path) -> None:
-    """Write comparison.csv, candidates.csv and quantiles.csv into ``folder``."""
+def single_frame(single: Sequence[SingleUnits]) -> pd.DataFrame:
+    """One row a crank angle and unit: how likely a unit of the study lies as far from the others."""
+    rows = [
+        {
+            "crank_deg": np.nan if group.crank_deg is None else group.crank_deg,
+            "unit": unit,
+            "p_value": p_value,
+            "differs_by_itself": unit in group.outlying,
+        }
+        for group in single
+        for unit, p_value in zip(group.units, group.p_value, strict=True)
+    ]
+    return pd.DataFrame(rows, columns=["crank_deg", "unit", "p_value", "differs_by_itself"])
+
+
+def write(
+    comparisons: Sequence[MetricComparison],
+    closings: Mapping[float | None, Closing],
+    single: Sequence[SingleUnits],
+    folder: Path,
+) -> None:
+    """Write comparison.csv, candidates.csv, quantiles.csv and units.csv into ``folder``."""
     for name, frame in (
         ("comparison", comparison_frame(comparisons)),
         ("candidates", candidate_frame(closings)),
         ("quantiles", quantile_frame(comparisons)),
+        ("units", single_frame(single)),
     ):
         write_atomic(folder / f"{name}.csv", frame.to_csv(index=False, float_format="%.8g").encode())

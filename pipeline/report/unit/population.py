@@ -19,6 +19,7 @@ from pipeline.population.results import (
     quantile_frame,
     sentence,
 )
+from pipeline.population.single_units import SingleUnits
 from pipeline.population.tolerance_shift import Closing
 from pipeline.report.layout.pictures import drawn_picture
 from pipeline.report.layout.rendering import rendered
@@ -34,6 +35,7 @@ def write_population_page(
     over: str,
     comparisons: Sequence[MetricComparison],
     closings: Mapping[float | None, Closing],
+    single: Sequence[SingleUnits],
     folder: Path,
 ) -> None:
     """Write population.html and its figure into ``folder``.
@@ -65,7 +67,11 @@ def write_population_page(
         angles=_angles(study, over, closings),
         sentences=[(_where("", crank, over), sentence(closing)) for crank, closing in closings.items()],
         comparisons=[_comparison(row, over) for row in comparison_frame(comparisons).to_dict("records")],
-        candidates=[_candidate(row, over) for row in candidate_frame(closings).to_dict("records")],
+        single=[(_where("", group.crank_deg, over), group.sentence) for group in single],
+        candidates=[
+            _candidate(row, over)
+            for row in candidate_frame({k: found for k, found in closings.items() if found.biased}).to_dict("records")
+        ],
         pictures={"quantiles": picture},
     )
     write_atomic(folder / "population.html", page.encode())

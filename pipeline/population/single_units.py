@@ -1,0 +1,112 @@
+"""Units that differ from the study by themselves, apart from the shift that all units share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.population.comparison import measurable_metrics, metrics_at
+
+Real = NDArray[np.float64]
+
+LEVEL = 0.05
+"""Probability that any unit of a sound population is named."""
+FEWEST_UNITS = 3
+"""Units of which a shared shift can be told from that of one unit."""
+MEDIAN_VARIANCE = np.pi / 2
+"""Variance of a median over that of the mean, of normal values."""
+
+
+@dataclass(frozen=True)
+class SingleUnits:
+    """Units measured at one crank angle.
+
+    Attributes
+    ----------
+    crank_deg : None for units without a crank angle.
+    units : labels of the units with all metrics.
+    p_value : (n_units,) of each unit against the study moved by the shift of the other units.
+    fewest_samples : of the study with which one unit could be named.
+    samples : of the study.
+    """
+
+    crank_deg: float | None
+    units: tuple[str, ...]
+    p_value: Real
+    fewest_samples: int
+    samples: int
+
+    @property
+    def outlying(self) -> tuple[str, ...]:
+        """Units that are named, by Holm's procedure."""
+        order = np.argsort(self.p_value)
+        named = []
+        for step, k in enumerate(order):
+            if self.p_value[k] > LEVEL / (len(order) - step):
+                break
+            named.append(self.units[k])
+        return tuple(named)
+
+    @property
+    def sentence(self) -> str:
+        """Which units differ by themselves."""
+        if len(self.units) < FEWEST_UNITS:
+            return f"Fewer than {FEWEST_UNITS} units have all metrics, so none can be told from a shift of all."
+        if self.samples < self.fewest_samples:
+            return (
+                f"To name a single unit among {len(self.units)} the study needs {self.fewest_samples:,} samples; "
+                f"it has {self.samples:,}."
+            )
+        if not self.outlying:
+            return (
+                "No single unit differs from the others by more than the tolerances allow (5 % level over all units)."
+            )
+        return (
+            f"Apart from the shift that all units share, these units differ by themselves: {', '.join(self.outlying)}. "
+            "Measure their parts or their loops."
+        )
+
+
+def single_units(population: pd.DataFrame, metrics: pd.DataFrame, over: str) -> list[SingleUnits]:
+    """Each unit against the study, at each crank angle that the units name.
+
+    Parameters
+    ----------
+    population, metrics, over : as for ``compared``.
+
+    Notes
+    -----
+    The distance of a unit is Mahalanobis' in the covariance of the study's samples, from their mean moved by the
+    median shift of all other units; p is the share of samples that lie as far from their mean. The shift's own
+    scatter is allowed for.
+    """
+    names = [name for name in measurable_metrics() if name in population and population[name].notna().any()]
+    cranks = population["crank_deg"].to_numpy() if "crank_deg" in population else np.full(len(population), np.nan)
+    found = []
+    for crank in [None] if np.isnan(cranks).all() else np.unique(cranks[np.isfinite(cranks)]):
+        chosen = population[np.isnan(cranks) if crank is None else cranks == crank]
+        chosen = chosen.dropna(subset=names)
+        samples = metrics_at(metrics, None if crank is None else float(crank), over)[names].dropna()
+        number = None if crank is None else float(crank)
+        found.append(_at_crank(number, chosen["unit"].astype(str).tolist(), chosen[names], samples))
+    return found
+
+
+def _at_crank(crank: float | None, labels: list[str], units: pd.DataFrame, samples: pd.DataFrame) -> SingleUnits:
+    values, reference = units.to_numpy(float), samples.to_numpy(float)
+    fewest = int(np.ceil(len(labels) / LEVEL)) - 1
+    if len(labels) < FEWEST_UNITS or len(reference) < fewest:
+        return SingleUnits(crank, tuple(labels), np.ones(len(labels)), fewest, len(reference))
+    mean = reference.mean(axis=0)
+    inverse = np.linalg.pinv(np.atleast_2d(np.cov(reference, rowvar=False)))
+    shrink = 1 + MEDIAN_VARIANCE / (len(values) - 1)
+    p_values = np.empty(len(values))
+    spread = np.einsum("ij,jk,ik->i", reference - mean, inverse, reference - mean)
+    for k, value in enumerate(values):
+        shift = np.median(np.delete(values, k, axis=0), axis=0) - np.median(reference, axis=0)
+        step = value - mean - shift
+        p_values[k] = (1 + np.count_nonzero(spread >= step @ inverse @ step / shrink)) / (1 + len(reference))
+    return SingleUnits(crank, tuple(labels), p_values, fewest, len(reference))
