@@ -1,19 +1,37 @@
-"""Units of one rig, each state of a drive with several lock positions, identified and held against the baselines.
+"""Units of one rig, each state of a drive with several lock positions, predicted from what was not predicted yet.
 
 The files are those of ``data/measured/base_pccf_runin/SOURCE.md`` as their author wrote them: a folder a state, a file
-``position<n>.csv.gz`` a lock position. Each state becomes a unit as that one is: every twelfth row of the ramps to +-40
-N m, lock position 1 fitted, the others held out.
+``position<n>.csv.gz`` a lock position. Each state becomes a unit of a drive without a design: every twelfth row of the
+ramps to +-40 N m, lock position 1 fitted, the others held out.
+
+The output is locked and POSITION is the motor's encoder over the ratio, so that the crank turns through 72 to 233
+degrees within a loop. The encoder is absolute within a turn of the motor: POSITION times the ratio, modulo one, is the
+crank angle up to a constant of the assembly. It was verified by the positions themselves: they lie 1/8 turn of the
+output apart, that is 0.0288 = 2/13 - 1/8 turns modulo 1/13 (0.027 to 0.033 in ``conic_june``), and position 9 is
+position 1 again. The whole turns of the crank follow from the number of the position.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from pipeline.config.files.section import nearest_name
 from pipeline.errors import InputError
+from pipeline.identification.fitting.cells_in_noise import data_of
+from pipeline.identification.fitting.measured_loops import crank_loops
+from pipeline.identification.generic.drive_terms import CRANK_EFFECTS
+from pipeline.identification.generic.shared_fit import fitted_together
+from pipeline.identification.generic.turning_crank import CrankLoops
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.selection.baselines import Cycles, baselines
+
+Real = NDArray[np.float64]
+Truth = NDArray[np.bool_]
 
 EVERY, FIRST_RAMP = 12, 100
 """Row that is kept, and first of the ramps to +-40 N m: as ``thinned.py`` of the project's own unit has them."""
@@ -21,16 +39,38 @@ RATIO = 13
 """Turns of the crank per turn of the output."""
 ARCMIN_A_TURN = 21600.0
 """Minutes of arc in a turn."""
-TRAINED = "position1"
-"""Lock position that is fitted."""
+HOLES = 8
+"""Lock positions in a turn of the output."""
+TRAINED, AGAIN = "position1", "position1_again"
+"""Lock position that is fitted, and the same locked again."""
+SOFT_TERMS = ("friction_spread", "first_loading")
+"""Of each state by itself: one position does not tell an asymmetry from an error of the angle."""
+SHARED_TERMS = (*SOFT_TERMS, "asymmetry")
+"""Whose numbers come from the other states of a series."""
+EFFECT = "pin_circle_runout"
+"""Effect of the crank angle whose numbers come from the other states: first of its class."""
+TITLES = {
+    "replay of the training loops": "replay",
+    "polynomial for each branch": "polynomial",
+    "play, Coulomb and load friction, softening spring": "play_friction",
+}
+"""Columns of the baselines."""
 UNIT = """\
 title = "Printed drive, {state}"
-design = "printed_drive"
-study = "printed_drive"
 locked = "output"
 offset = "per_position"
-crank_angles = "unknown"
-as_measured = "unknown"
+
+[generic]
+ratio = 13.0
+rated_torque_Nm = 40.0
+
+[crank]
+moves = "follows_angle"
+ratio = -13.0
+torque_at = "input"
+
+[state]
+assembly = "{series}"
 
 [instrument]
 angle_resolution_arcmin = 0.33
@@ -48,62 +88,148 @@ def states_of(sources: Sequence[Path]) -> list[Path]:
     ------
     InputError : there is none.
     """
-    states = sorted({file.parent for source in sources for file in source.glob(f"**/{TRAINED}.csv.gz")})
+    states = sorted(
+        {file.parent for source in sources for file in source.glob(f"**/{TRAINED}.csv.gz")}, key=lambda path: path.name
+    )
     if not states:
         names = ", ".join(str(source) for source in sources)
         raise InputError(f"{names}: no folder with a file {TRAINED}.csv.gz; name the folder of the rig's data")
     return states
 
 
-def write_unit(state: Path, folder: Path) -> Path:
-    """Write the unit of a state into ``folder``; returns it."""
-    parts: dict[str, pd.DataFrame] = {}
-    cranks: list[float] = []
-    for path in sorted(state.glob("position?.csv.gz")):
-        rows, crank = thinned(path, cranks)
-        cranks.append(crank)
-        parts[path.name.split(".")[0]] = rows.assign(crank_deg=crank)
+def series_name(state: str) -> str:
+    """The drive of a state: its name less what was done to it."""
+    return state.rpartition("_")[0]
+
+
+def relocked_position(state: Path) -> str:
+    """Name of the file in which a state's first position was locked again; empty if none was."""
+    names = (AGAIN, f"position{HOLES + 1}")
+    return next((name for name in names if (state / f"{name}.csv.gz").is_file()), "")
+
+
+def write_unit(state: Path, folder: Path, files: Sequence[str] = ()) -> Path:
+    """Write the unit of a state into ``folder``; returns it. ``files``: names of positions, those of the state if none.
+
+    Raises
+    ------
+    InputError : a file is missing.
+    """
+    names = list(files) or sorted(path.name.split(".")[0] for path in state.glob("position?.csv.gz"))
+    parts = {name: thinned(state / f"{name}.csv.gz") for name in names}
     folder.mkdir(parents=True, exist_ok=True)
     pd.concat(parts.values()).to_csv(folder / "rows.csv", index=False)
     trained = parts[TRAINED]["crank_deg"].iloc[0]
-    (folder / "unit.toml").write_text(UNIT.format(state=state.name, crank=trained), encoding="utf-8")
+    text = UNIT.format(state=state.name, series=series_name(state.name), crank=trained)
+    (folder / "unit.toml").write_text(text, encoding="utf-8")
     return folder
 
 
-def thinned(path: Path, crank_angles: Sequence[float]) -> tuple[pd.DataFrame, float]:
-    """Rows of one lock position in the columns of a measured unit, and its crank angle [deg], none of ``crank_angles``.
+def thinned(path: Path) -> pd.DataFrame:
+    """Rows of one lock position in the columns of a measured unit, with the crank angle of its first row.
 
-    No angle is published. The one given tells the positions apart: the middle of POSITION times the ratio, as if the
-    encoder kept its zero between them.
+    Raises
+    ------
+    InputError : there is no such file.
     """
+    if not path.is_file():
+        raise InputError(
+            f"{path.name}: no such file; {nearest_name(path.name, [p.name for p in path.parent.glob('*')])}"
+        )
     raw = pd.read_csv(path)
     rows = raw[raw["test_nr"] >= FIRST_RAMP].iloc[::EVERY]
-    crank = float(round(180 * RATIO * (rows["POSITION"].min() + rows["POSITION"].max())) % 360)
-    while crank in crank_angles:
-        crank += 1
-    columns = {
-        "cycle": rows["test_nr"] - FIRST_RAMP,
-        "torque_Nm": rows["TORQUE"].round(4),
-        "angle_arcmin": (ARCMIN_A_TURN * rows["POSITION"]).round(3),
-        "time_s": rows["TIME"].round(3),
-        "command_torque_Nm": rows["CONTROL_TORQUE"].round(3),
-    }
-    return pd.DataFrame(columns), crank
+    return pd.DataFrame(
+        {
+            "cycle": rows["test_nr"] - FIRST_RAMP,
+            "crank_deg": crank_angle(int(path.name.removeprefix("position")[0]), float(rows["POSITION"].iloc[0])),
+            "torque_Nm": rows["TORQUE"].round(4),
+            "angle_arcmin": (ARCMIN_A_TURN * rows["POSITION"]).round(3),
+            "time_s": rows["TIME"].round(3),
+            "command_torque_Nm": rows["CONTROL_TORQUE"].round(3),
+        }
+    )
 
 
-def table(folders: Sequence[Path]) -> pd.DataFrame:
-    """Held-out rms [arcmin] of each unit by the file ``verdict.json`` of its folder, and the medians in the last row.
+def crank_angle(number: int, position: float) -> float:
+    """Crank angle [deg] over a turn of the output, of a lock position by its number and POSITION [turns].
 
-    Columns: unit, verdict, what is claimed, the best description (claimed or not), the same with what of its training
-    residual is expected to come again (the description alone where nothing is left), and the three baselines.
+    Position n has the output at (n - 1)/8 turn, and so the crank at -(n - 1)/8 of 13 turns; POSITION keeps what is left
+    of a turn of the crank.
     """
+    turns = round((-(number - 1) / HOLES - position) * RATIO)
+    return round(360 * (RATIO * position + turns) % (360 * RATIO), 3)
+
+
+def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str, Measurement]) -> pd.DataFrame:
+    """Errors [arcmin] at positions that nothing was fitted to, a row a state, and their medians in the last row.
+
+    Columns: ``before`` (play, spring, friction), ``refitted`` (friction in stages and first loading beside), each of
+    position 1 alone; ``effect`` and ``reversed`` with what the other states of the series say of the material and of
+    the crank's angle, and with the sign of the latter turned round as a control; the baselines of position 1; ``floor``
+    where position 1 was locked again: what its loops predict of themselves. ``left_out`` to ``left_out_replay`` predict
+    each position from all others of the state: refitted, with the effect, and by replay.
+    """
+    loops = {name: crank_loops(measurement) for name, measurement in measurements.items()}
     rows = []
-    for folder in folders:
-        verdict = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
-        best = verdict["described"] or verdict["held_out_errors"]["after"]
-        errors = {"described": best, "carried": verdict["carried"] or best} | verdict["baselines"]
-        words = {"unit": folder.name, "verdict": verdict["verdict"], "claimed": "+".join(verdict["named"])}
-        rows.append(words | {title: round(error["rms_arcmin"], 1) for title, error in errors.items()})
+    for name, measurement in measurements.items():
+        state, trained = loops[name], measurement.training_cells
+        before = fitted_together([state.some(trained)])
+        refitted = fitted_together([state.some(trained)], SOFT_TERMS)
+        row = {"state": name, "before": before.predicted[0], "refitted": refitted.predicted[0]}
+        row |= with_effect(state.some(trained), [loops[other] for other in loops if _beside(name, other)])
+        row |= replays(measurement, trained)
+        errors = {key: curve if key == "state" else rms(state, curve, ~trained) for key, curve in row.items()}
+        floor = again.get(name)
+        if floor is not None:
+            first = floor.training_cells
+            errors["floor"] = rms(crank_loops(floor), replays(floor, first)["replay"], ~first)
+        rows.append(errors | left_out(measurement, state))
     frame = pd.DataFrame(rows)
-    medians = frame.median(numeric_only=True).round(1)
-    return pd.concat([frame, pd.DataFrame([{"unit": "median", **medians}])], ignore_index=True)
+    return pd.concat([frame, pd.DataFrame([{"state": "median", **frame.median(numeric_only=True)}])], ignore_index=True)
+
+
+def with_effect(state: CrankLoops, others: Sequence[CrankLoops]) -> dict[str, Real]:
+    """Predictions (n_cells,) with the shared numbers of other states, and with their effect reversed; none without."""
+    if not others:
+        return {}
+    terms = (*SHARED_TERMS, EFFECT)
+    known = fitted_together(others, terms, terms)
+    held = {name: known.values[0][name] for name in known.shared}
+    turned = {name: -value if name in CRANK_EFFECTS[EFFECT].numbers(EFFECT) else value for name, value in held.items()}
+    fits = {
+        title: fitted_together([state], terms, held=[values])
+        for title, values in (("effect", held), ("reversed", turned))
+    }
+    return {title: fit.predicted[0] for title, fit in fits.items()}
+
+
+def left_out(measurement: Measurement, state: CrankLoops) -> dict[str, float]:
+    """Errors [arcmin] of each position predicted from all others of its state."""
+    curves = {name: np.full(len(state.angle), np.nan) for name in ("left_out", "left_out_effect", "left_out_replay")}
+    for position in np.unique(state.position):
+        cells = state.position == position
+        rest = [state.some(~cells)]
+        curves["left_out"][cells] = fitted_together(rest, SOFT_TERMS).predicted[0][cells]
+        curves["left_out_effect"][cells] = fitted_together(rest, (*SOFT_TERMS, EFFECT)).predicted[0][cells]
+        curves["left_out_replay"][cells] = replays(measurement, ~cells)["replay"][cells]
+    return {name: rms(state, curve, np.ones(len(curve), bool)) for name, curve in curves.items()}
+
+
+def replays(measurement: Measurement, trained: Truth) -> dict[str, Real]:
+    """Predictions (n_cells,) of the baselines fitted to some cells; NaN at these."""
+    data = data_of(measurement, trained)
+    cycles = Cycles(measurement.cells.direction, measurement.branches.kind[measurement.cells.block])
+    curves = baselines(data, cycles, [(trained, ~trained)], data.offsets)
+    return {TITLES[title]: curve for title, curve in curves.items()}
+
+
+def rms(state: CrankLoops, curve: Real, cells: Truth) -> float:
+    """Root mean square error [arcmin] over some cells, each counted by its rows, each position less its mean error."""
+    error = state.some(cells & np.isfinite(curve))
+    residual = np.where(error.weight > 0, state.angle - curve, 0.0)
+    return float(np.sqrt(np.average((residual - error.zeros(residual)) ** 2, weights=error.weight)))
+
+
+def _beside(state: str, other: str) -> bool:
+    """Whether two are different states of one series."""
+    return state != other and series_name(state) == series_name(other)

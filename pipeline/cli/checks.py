@@ -9,9 +9,15 @@ from pipeline.checks.blind.run import FULL_RUN, SEED, blind
 from pipeline.checks.calculix import export
 from pipeline.checks.licences import UNKNOWN, licences
 from pipeline.checks.paper import comparison
-from pipeline.checks.rig import states_of, table, write_unit
+from pipeline.checks.rig import (
+    TRAINED,
+    predicted_states,
+    relocked_position,
+    series_name,
+    states_of,
+    write_unit,
+)
 from pipeline.cli import settings
-from pipeline.cli.measured import identify_designed
 from pipeline.cli.running import known_size, up_to_date
 from pipeline.config import load_study
 from pipeline.engine.store import write_atomic
@@ -111,13 +117,18 @@ def list_licences(_: argparse.Namespace) -> None:
 
 
 def identify_rig(options: argparse.Namespace) -> None:
-    """Identify every state of the printed drive's rig, and tell how the descriptions stand beside the baselines."""
+    """Predict every state of the printed drive's rig where nothing was fitted, beside the baselines."""
     home = settings.RUNS / "rig"
+    measurements, again = {}, {}
     for state in states_of([options.data]):
-        measurement = Measurement.read(load_measured_unit(write_unit(state, home / state.name), settings.ROOT))
-        print("\n".join(measurement.summary), flush=True)
-        identify_designed(measurement, options)
-    held_out = table([settings.RUNS / "identify" / state.name for state in states_of([options.data])])
+        folder = write_unit(state, home / series_name(state.name) / state.name)
+        measurements[state.name] = Measurement.read(load_measured_unit(folder, settings.ROOT))
+        print("\n".join(measurements[state.name].summary), flush=True)
+        relocked = relocked_position(state)
+        if relocked:
+            folder = write_unit(state, home / "again" / state.name, [TRAINED, relocked])
+            again[state.name] = Measurement.read(load_measured_unit(folder, settings.ROOT))
+    held_out = predicted_states(measurements, again).round(1)
     held_out.to_csv(home / "held_out.csv", index=False)
     print(held_out.to_string(index=False))
     print(f"table: {settings.shown(home / 'held_out.csv')}")

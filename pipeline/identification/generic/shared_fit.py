@@ -16,7 +16,7 @@ Real = NDArray[np.float64]
 
 STEP = 1e-4
 """Step of the derivatives, in scales of a number."""
-PRECISION, MOST_STEPS = 1e-6, 60
+PRECISION, MOST_STEPS = 1e-5, 60
 """Relative change of sum of squares and numbers at which a fit ends, and the most evaluations of its derivatives."""
 
 

@@ -36,7 +36,7 @@ Truth = NDArray[np.bool_]
 
 STAGES = 5
 """Friction elements in series where their thresholds are spread."""
-ROUNDS, CLOSE = 40, 1e-8
+ROUNDS, CLOSE = 40, 1e-6
 """Most times that twist and crank angle are found from each other, and change of the angle [arcmin] that ends it: each
 time changes it by a tenth of the time before."""
 STEPS = 3
