@@ -31,12 +31,12 @@ def _exchange(rows, entering, violation, basis, inverse, duals, share, x):
 
     False if no row can leave: the program is infeasible.
     """
-    size = rows.shape[1]
+    size = rows.shape[0]
     leaving, least = -1, np.inf
     for k in range(size):
         share[k] = 0.0
         for d in range(size):
-            share[k] += rows[entering, d] * inverse[d, k]
+            share[k] += rows[d, entering] * inverse[d, k]
         if share[k] > LEAST_PIVOT:
             ratio = duals[k] / share[k]
             if ratio < least or (ratio == least and basis[k] < basis[leaving]):
@@ -60,12 +60,13 @@ def _exchange(rows, entering, violation, basis, inverse, duals, share, x):
 def _solve(rows, limits, radii, basis, inverse, duals, points, state):
     """Fill ``points`` (n, n_unknowns) and ``state`` (n,): 0 solved, 1 infeasible, 2 given up.
 
-    The last ``MOST_TANGENTS`` rows of each disc are room for its tangents.
+    ``rows`` (n_unknowns, n_rows) are columns here: the violations of all are found several at once. The last
+    ``MOST_TANGENTS`` of each disc are room for its tangents.
     """
-    size, discs = rows.shape[1], radii.shape[1]
-    n_fixed = rows.shape[0] - MOST_TANGENTS * discs
+    size, discs = rows.shape[0], radii.shape[1]
+    n_fixed = rows.shape[1] - MOST_TANGENTS * discs
     own_basis, own_inverse, own_duals, own_rows = basis.copy(), inverse.copy(), duals.copy(), rows.copy()
-    share, limit = np.empty(size), np.empty(rows.shape[0])
+    share, limit, violations = np.empty(size), np.empty(rows.shape[1]), np.empty(rows.shape[1])
     for s in range(limits.shape[0]):
         own_basis[:], own_inverse[:], own_duals[:] = basis, inverse, duals
         x, n_rows = points[s], n_fixed
@@ -78,11 +79,14 @@ def _solve(rows, limits, radii, basis, inverse, duals, points, state):
         for pivot in range(MOST_PIVOTS * size):
             entering, worst = -1, FEASIBLE
             for i in range(n_rows):
-                violation = -limit[i]
-                for d in range(size):
-                    violation += own_rows[i, d] * x[d]
-                if violation > worst:
-                    entering, worst = i, violation
+                violations[i] = -limit[i]
+            for d in range(size):
+                row, unknown = own_rows[d], x[d]
+                for i in range(n_rows):
+                    violations[i] += row[i] * unknown
+            for i in range(n_rows):
+                if violations[i] > worst:
+                    entering, worst = i, violations[i]
                     if pivot >= MOST_VIOLATED * size:
                         break
             if entering < 0:
@@ -94,12 +98,12 @@ def _solve(rows, limits, radii, basis, inverse, duals, points, state):
                 if farthest < 0:
                     state[s] = 0
                     break
-                if n_rows == rows.shape[0]:
+                if n_rows == rows.shape[1]:
                     break
                 reach = worst + radii[s, farthest]
-                own_rows[n_rows] = 0.0
+                own_rows[:, n_rows] = 0.0
                 for d in range(2 * farthest, 2 * farthest + 2):
-                    own_rows[n_rows, d] = x[d] / reach
+                    own_rows[d, n_rows] = x[d] / reach
                 entering, limit[n_rows] = n_rows, radii[s, farthest]
                 n_rows += 1
             if not _exchange(own_rows, entering, worst, own_basis, own_inverse, own_duals, share, x):
@@ -132,7 +136,8 @@ def optimal_points(objective: Real, rows: Real, limits: Real, radii: Real) -> tu
     points, state = np.empty((len(limits), size)), np.empty(len(limits), np.int64)
     inverse = np.linalg.inv(scaled[basis])
     scaled = np.vstack([scaled, np.zeros((MOST_TANGENTS * discs, size))])
-    _solve(scaled, np.ascontiguousarray(limits), np.ascontiguousarray(radii), basis, inverse, duals, points, state)
+    columns = np.ascontiguousarray(scaled.T)
+    _solve(columns, np.ascontiguousarray(limits), np.ascontiguousarray(radii), basis, inverse, duals, points, state)
     if np.any(state == 2):
         effort = f"{MOST_PIVOTS} pivots per unknown and {MOST_TANGENTS} tangents of a disc"
         raise ArithmeticError(f"a linear program is not solved within {effort}")
