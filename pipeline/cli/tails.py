@@ -15,7 +15,7 @@ from pipeline.errors import InputError
 def find_tails(options: argparse.Namespace) -> None:
     """Write shares beyond the limits and far quantiles of a study."""
     study = load_study(options.study, settings.ROOT)
-    if reason := without_tails(study.samples, study.limits, study.design):
+    if reason := without_tails(study.samples, study.limits):
         raise InputError(f"study {study.name}: {reason}")
     tail_settings = study.tails or Tails()
     typed = {"units": options.units or tail_settings.units, "solve": options.solve or tail_settings.solve}

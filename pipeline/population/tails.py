@@ -62,9 +62,9 @@ def tails_of(study: Study) -> tuple[Tail, ...]:
     Raises
     ------
     InputError
-        If there is none, the samples are listed cases, or no bearing holds the disk's centre.
+        If there is none, or the samples are listed cases.
     """
-    if reason := without_tails(study.samples, study.limits, study.design):
+    if reason := without_tails(study.samples, study.limits):
         raise InputError(f"study {study.name}: {reason}")
     tails = []
     for name, limit in limited_under_load(study.limits).items():

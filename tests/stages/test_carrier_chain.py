@@ -9,10 +9,13 @@ import pandas as pd
 import pytest
 
 from pipeline import assembly
-from pipeline.config import load_design, load_study, parse_design, parse_study
+from pipeline.config import load_design, parse_design, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
 from pipeline.errors import InputError
+from pipeline.model.load_history.loop_readings import loop_readings
+from pipeline.model.load_history.response import respond
+from pipeline.model.load_history.winkler import secant_compliance, winkler_readings
 from pipeline.model.metrics import Quantity
 from pipeline.mounting import drive_of
 from pipeline.population.tails import tails_of
@@ -231,8 +234,21 @@ def test_a_wrong_carrier_names_file_key_value_and_remedy(section, key, value, li
 def test_what_has_no_meaning_with_a_carrier_is_refused():
     with pytest.raises(InputError, match=r"tolerances.roller_diameter; acts on nothing: a carrier has no part"):
         small_study(tolerances={"roller_diameter": {"distribution": "fixed", "value_um": 2.0}})
-    with pytest.raises(InputError, match="the rough model of the tails holds the disk's centre"):
-        tails_of(load_study("rv", ROOT))
+
+
+@pytest.mark.parametrize(("name", "least"), [("rv", 0.99), ("rv_two_disks", 0.95)])
+def test_independent_springs_of_the_pins_rank_units_as_equilibria_do(name, least):
+    """Which is all that the tails ask of them: shares are counted on load-solved units."""
+    study = small_study(name, reduce={"disk": "rigid"}, samples={"count": 60})
+    assert [tail.metric for tail in tails_of(study)] == ["peak_pressure_MPa"]
+    sampled, definitions = draw(study, 0, 61), assembly.definitions(study)
+    loose = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+    drive = drive_of(study, 37.0, None, assembly.errors(sampled), loose)
+    response = respond(drive, assembly.load_cycle(study, 0))
+    solved = loop_readings(response, np.zeros(61), definitions)
+    rough = winkler_readings(drive, secant_compliance(drive, response.equilibria.force), definitions)
+    widths = [(readings.lost_motion_plus - readings.lost_motion_minus)[1:] for readings in (solved, rough)]
+    assert np.corrcoef(widths)[0, 1] > least
 
 
 def test_the_page_of_two_disks_on_cranks_speaks_of_them(tmp_path):

@@ -172,7 +172,7 @@ def _until(samples: Samples, limits: Limits | None) -> Iterator[Mistake]:
 
 
 def _tails(tails: Tails, samples: Samples, limits: Limits, design: Design) -> Iterator[Mistake]:
-    if reason := without_tails(samples, limits, design):
+    if reason := without_tails(samples, limits):
         yield Mistake("tails", None, reason)
     if tails.solve > tails.units:
         yield Mistake("tails.solve", tails.solve, f"must be <= tails.units = {tails.units}, of which they are taken")

@@ -10,7 +10,6 @@ from pipeline.config.files.section import Section
 from pipeline.model.metrics import library
 
 if TYPE_CHECKING:
-    from pipeline.config.designs.design import Design
     from pipeline.config.studies.study import Limits, Samples
 
 
@@ -30,15 +29,10 @@ def limited_under_load(limits: Limits) -> dict[str, float]:
     return {n: limit for n, limit in limits.of_metrics.items() if n in metrics and not metrics[n].turn_of_rigid_bodies}
 
 
-def without_tails(samples: Samples, limits: Limits, design: Design) -> str:
+def without_tails(samples: Samples, limits: Limits) -> str:
     """Why a study has no far tails; empty if it has."""
     if samples.experiment == "cases":
         return "listed cases are no sample of anything; tails need random samples"
-    if design.output.carries_disks:
-        return (
-            f"the rough model of the tails holds the disk's centre, which a {design.output.name} does not; take more "
-            "samples"
-        )
     if not limited_under_load(limits):
         return "[limits] names no metric under load; set one, as lost_motion_arcmin"
     return ""

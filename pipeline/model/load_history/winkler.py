@@ -1,7 +1,8 @@
 """A loop without the coupling of its contacts: every body rigid, every contact on a spring of its own.
 
 From the ends of the rigid play each part of the chain turns on its own springs under the same torque, its centre held;
-their rotations add up. One sort of the contacts per part takes the place of an equilibrium of all bodies.
+their rotations add up. Where cranks carry the disks, the pins alone are such a part, and the rest stays rigid. One sort
+of the contacts per part takes the place of an equilibrium of all bodies.
 
 Source
 ------
@@ -13,6 +14,7 @@ import numpy as np
 
 from pipeline.model.compiled import entry
 from pipeline.model.geometry.cycloid_profile import Real
+from pipeline.model.geometry.reducer import Reducer
 from pipeline.model.geometry.rigid_play.rigid_backlash import ARM_FLOOR, rigid_play
 from pipeline.model.load_history.drive import NO_TORQUE, Drive
 from pipeline.model.metrics import Definitions, LoopReadings
@@ -75,13 +77,27 @@ def _one_sense(drive: Drive, compliance: Real, pose: Real, torques: Real, peak: 
     contacts, reducer = drive.reducer.contacts, drive.reducer
     room = drive.gap - pose @ reducer.contact_jacobian.T
     angle = pose[:, [reducer.output_motion]] + drive.twist(torques)
-    for part in np.unique(contacts.interface):
+    closing = _closing(reducer)
+    for part in np.unique(contacts.interface) if reducer.centred else [contacts.interface[0]]:
         rows = contacts.interface == part
-        rows = np.flatnonzero(rows & (np.abs(contacts.arm) > ARM_FLOOR * np.max(np.abs(contacts.arm[rows]))))
-        jacobian = -reducer.flange_ratio * contacts.arm[rows]  # d penetration / d rotation of the output
-        chosen = np.ascontiguousarray(room[:, rows]), jacobian, compliance[rows], drive.laws.pressure[rows]
+        rows = np.flatnonzero(rows & (np.abs(closing) > ARM_FLOOR * np.max(np.abs(closing[rows]))))
+        chosen = np.ascontiguousarray(room[:, rows]), closing[rows], compliance[rows], drive.laws.pressure[rows]
         _turn(*chosen, torques, angle, peak)
     return np.asarray(angle)
+
+
+def _closing(reducer: Reducer) -> Real:
+    """Penetration of each contact (n_contacts,) [mm/rad] by the rotation of the output, all other parts rigid.
+
+    Where cranks carry the disks the motions follow from the closed contacts of the output, and pins alone have one.
+    """
+    if reducer.centred:
+        return -reducer.flange_ratio * reducer.contacts.arm
+    closed, output = reducer.contact_jacobian[reducer.n_pins :], reducer.output_motion
+    others = np.delete(np.arange(len(reducer.motions)), output)
+    motion = np.eye(len(reducer.motions))[output]
+    motion[others] = np.linalg.lstsq(closed[:, others], -closed[:, output], rcond=None)[0]
+    return np.asarray(reducer.contact_jacobian @ motion)
 
 
 def winkler_readings(drive: Drive, compliance: Real, definitions: Definitions) -> LoopReadings:
