@@ -148,6 +148,7 @@ def report_of(upstream: tuple[Stage, ...]) -> Stage:
         reads=tuple(stage.name for stage in upstream),
         sections=(
             "title",
+            "costs",
             "description",
             "design",
             "samples",

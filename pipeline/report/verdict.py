@@ -83,6 +83,19 @@ class Verdict:
         ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
 
     @property
+    def advice(self) -> str:
+        """What to do where units fail: the command that finds the cheapest change, and what it still needs."""
+        if not self.failures or not self.breaks[ALL_LIMITS].any():
+            return ""
+        study = self.frames.study
+        command = f"make allocate STUDY={study.name} YIELD=0.95"
+        needs = "" if study.costs.of_dimensions else " First state under [costs] what tolerances cost."
+        return (
+            f"To find the cheapest tolerances for a wanted yield, as 95 %, run: {command}.{needs} It writes the change "
+            "of each tolerance, its cost, and the yield of new load-solved units with its interval."
+        )
+
+    @property
     def preload_warning(self) -> str:
         """A warning where most units are preloaded; else empty."""
         return preload_warning(self.frames.distributions, self.frames.over)

@@ -63,6 +63,7 @@ class Section:
     name : its anchor in the page.
     title : its heading, and its entry in the contents.
     rank : its place; sections stand in ascending order.
+    collapsed : whether the page shows its heading alone until a reader opens it.
     template : what stands below the heading, in Jinja's language, or the file that holds it. It is told ``study``,
         ``frames``, ``results``, ``pictures``, ``level`` [%] of the intervals, and ``values``; figures come from
         ``macros.html``.
@@ -76,6 +77,7 @@ class Section:
     title: str
     rank: int
     template: str | Path
+    collapsed: bool = False
     values: Callable[[Page], Mapping[str, object]] = lambda page: {}
     applies: Callable[[Frames], bool] = lambda frames: True
     drawings: Callable[[Frames], Iterable[Drawing]] = lambda frames: ()

@@ -208,3 +208,13 @@ def test_paper_shows_all_and_no_control(page, report):
     assert page.value(f"({shown_part})('[data-panel]')") == panels > 1
     assert page.value(f"({shown_part})('nav, button')") == 0
     assert page.value("getComputedStyle(document.body).color") == "rgb(31, 41, 51)"
+
+
+def test_the_summary_prints_on_a_page_of_its_own(page, report):
+    """A4 with the margins of the page: 178 mm by 261 mm."""
+    page.open(report, 673)
+    page.call("Emulation.setEmulatedMedia", media="print")
+    assert page.value("getComputedStyle(document.getElementById('summary')).breakAfter") == "page"
+    bottom = page.value("document.getElementById('summary').getBoundingClientRect().bottom + scrollY")
+    assert bottom < 261 / 25.4 * 96
+    assert page.value("document.querySelector('main section').id") == "summary"

@@ -81,8 +81,11 @@ def test_every_figure_is_written_twice_and_stands_in_the_page(page_outputs, page
     assert sorted(base64.b64decode(source) for source in shown_part) == sorted(
         p.read_bytes() for p in folder.glob("*.svg")
     )
-    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\.", page)]
-    assert numbers == list(range(1, len(names) + 1))
+    numbers = re.findall(r"<b>Figure (\d+)([a-z]?)\.", page)
+    assert len(numbers) == len(names)
+    assert list(dict.fromkeys(int(number) for number, _ in numbers)) == list(range(1, int(numbers[-1][0]) + 1))
+    panels = [letter for _, letter in numbers if letter]
+    assert panels == list("abcdefgh"[: len(panels)]), "panels of which one is shown share a number"
 
 
 def test_key_numbers_are_those_of_the_tables(page, frames):

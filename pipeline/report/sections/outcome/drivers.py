@@ -46,7 +46,7 @@ def _drawings(frames: Frames) -> Iterator[Drawing]:
 SECTION = Section(
     name="drivers",
     title="Which tolerance decides",
-    rank=50,
+    rank=25,
     template=Path(__file__).with_suffix(".html"),
     values=_values,
     applies=lambda frames: not frames.listed,

@@ -12,5 +12,10 @@ def _values(page: Page) -> Mapping[str, object]:
 
 
 SECTION = Section(
-    name="data", title="Data and versions", rank=130, template=Path(__file__).with_suffix(".html"), values=_values
+    name="data",
+    title="Data and versions",
+    rank=130,
+    collapsed=True,
+    template=Path(__file__).with_suffix(".html"),
+    values=_values,
 )

@@ -9,6 +9,7 @@ SECTION = Section(
     name="numbers",
     title="Every number of the design",
     rank=120,
+    collapsed=True,
     template=Path(__file__).with_suffix(".html"),
     values=lambda page: {"numbers": inputs.design_numbers(page.frames.study.design)},
 )
