@@ -245,7 +245,7 @@ def test_false_alarms_and_power_on_drawn_pairs(tmp_path):
 
 def test_measurements_with_nothing_in_common_are_refused(tmp_path):
     state_before = drive_measured(tmp_path / "before", {}, 0.0, 1, (0.0, 90.0))
-    with pytest.raises(InputError, match="no crank angle was measured in both: before 0, 90 and after 45 deg"):
+    with pytest.raises(InputError, match="no position was measured in both: before 0 deg, 90 deg and after 45 deg"):
         answer(state_before, drive_measured(tmp_path / "after", {}, 0.0, 1, (45.0,)))
     state_after = drive_measured(tmp_path / "after", {}, 0.0, 1, (0.0, 90.0))
     text = TEXT.replace('"output"', '"input"')

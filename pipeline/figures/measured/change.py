@@ -21,18 +21,18 @@ def loops_figure(loops: pd.DataFrame, before: str) -> Figure:
     loops : rows of one size of the table ``loops``.
     before : the first state; the other one is drawn above it.
     """
-    cranks = list(dict.fromkeys(loops["crank_deg"]))[:MOST_POSITIONS]
-    rows = -(-len(cranks) // ACROSS)
+    labels = list(dict.fromkeys(loops["position"]))[:MOST_POSITIONS]
+    rows = -(-len(labels) // ACROSS)
     figure = new_figure(0.5 + 2.9 * rows)
-    panels = figure.subplots(rows, min(len(cranks), ACROSS), squeeze=False, sharey=True).ravel()
-    for axes, crank in zip(panels, cranks, strict=False):
-        for state, curve in loops[loops["crank_deg"] == crank].groupby("state", sort=False, observed=True):
+    panels = figure.subplots(rows, min(len(labels), ACROSS), squeeze=False, sharey=True).ravel()
+    for axes, label in zip(panels, labels, strict=False):
+        for state, curve in loops[loops["position"] == label].groupby("state", sort=False, observed=True):
             colour, line = (MUTED, "--") if state == before else (ACCENT, "-")
             axes.plot(curve["torque_Nm"], curve["rising_arcmin"], line, color=colour, label=str(state))
             axes.plot(curve["torque_Nm"], curve["falling_arcmin"], line, color=colour)
-        axes.set_title(f"Position {crank:g}°")
+        axes.set_title(f"Position {label}")
         axes.set_xlabel("torque (N m)")
-    for axes in panels[len(cranks) :]:
+    for axes in panels[len(labels) :]:
         axes.set_axis_off()
     panels[0].set_ylabel("angle (arcmin)")
     legend_below(figure, panels[0])

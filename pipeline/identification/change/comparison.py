@@ -79,13 +79,13 @@ class Comparison:
     Attributes
     ----------
     table : numbers of the loops of all states, the two compared ones first.
-    cranks : [deg] of the positions that both states have.
+    labels : of the positions that both states have.
     changes : of all numbers.
     freedom : degrees of freedom that the scatter of mounting is known with.
     """
 
     table: LoopTable
-    cranks: tuple[float, ...]
+    labels: tuple[str, ...]
     changes: tuple[Change, ...]
     freedom: int
 
@@ -122,18 +122,18 @@ def compare_states(state_before: State, state_after: State, further: Sequence[St
 
     Raises
     ------
-    InputError : no crank angle, or no size of loop, is in both states.
+    InputError : no position, or no size of loop, is in both states.
 
     Notes
     -----
     All numbers share their positions; they are counted by the largest t of them (``pipeline.statistics.rotations``).
     """
-    cranks = _shared_cranks(state_before, state_after)
+    labels = _shared_labels(state_before, state_after)
     table = loop_table([state_before, state_after, *further], 2)
     contrast = table.layout.contrast([-1.0, 1.0, *np.zeros(len(further))])
-    levels = table.level(0, cranks), table.level(1, cranks)
+    levels = table.level(0, labels), table.level(1, labels)
     changes = tuple(_change(table, k, levels, contrast) for k in range(len(table.numbers)))
-    return Comparison(table, cranks, changes, contrast.freedom if contrast else 0)
+    return Comparison(table, labels, changes, contrast.freedom if contrast else 0)
 
 
 def _change(table: LoopTable, k: int, levels: tuple[Real, Real], contrast: Contrast | None) -> Change:
@@ -153,12 +153,10 @@ def _change(table: LoopTable, k: int, levels: tuple[Real, Real], contrast: Contr
     return Change(number, before, after, mean, low, high, p, p_family, detectable, spread)
 
 
-def _shared_cranks(state_before: State, state_after: State) -> tuple[float, ...]:
-    """Crank angles [deg] that both states have."""
-    shared = sorted(set(state_before.cranks.tolist()) & set(state_after.cranks.tolist()))
+def _shared_labels(state_before: State, state_after: State) -> tuple[str, ...]:
+    """Positions that both states have."""
+    shared = tuple(label for label in state_before.labels if label in state_after.labels)
     if not shared:
-        found = " and ".join(
-            f"{state.name} {', '.join(f'{crank:g}' for crank in state.cranks)}" for state in (state_before, state_after)
-        )
-        raise InputError(f"no crank angle was measured in both: {found} deg; measure the same positions")
-    return tuple(shared)
+        found = " and ".join(f"{state.name} {', '.join(state.labels)}" for state in (state_before, state_after))
+        raise InputError(f"no position was measured in both: {found}; measure the same crank angles")
+    return shared

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,17 +50,20 @@ class State:
         """The unit's name."""
         return self.measurement.unit.name
 
-    @property
-    def cranks(self) -> Real:
-        """Crank angles (n_positions,) [deg]."""
-        return self.measurement.rows.cranks
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Names (n_positions,) of the positions: as unit.toml says, else the crank angle [deg]."""
+        rows, files = self.measurement.rows, self.measurement.unit.files
+        first = [np.flatnonzero(rows.position == number)[0] for number in range(len(rows.cranks))]
+        names = [files[rows.file[row]].position for row in first]
+        return tuple(name or f"{crank:g} deg" for name, crank in zip(names, rows.cranks, strict=True))
 
-    def cells_at(self, crank: float, size: LoopSize) -> Numbers:
-        """Cells of loops of a size at a crank angle, in time order, without those of the position's first branch.
+    def cells_at(self, position: int, size: LoopSize) -> Numbers:
+        """Cells of loops of a size at a position, in time order, without those of the position's first branch.
 
         Where the first branch of a position started is unknown.
         """
-        cells = np.flatnonzero(self.cranks[self.data.position] == crank)
+        cells = np.flatnonzero(self.data.position == position)
         blocks = np.unique(self.data.block[cells])[1:]
         blocks = blocks[(self.reach[blocks] >= size.lowest) & (self.reach[blocks] <= size.highest)]
         return cells[np.isin(self.data.block[cells], blocks)]
@@ -131,13 +135,13 @@ def loop_sizes(states: Sequence[State]) -> tuple[LoopSize, ...]:
     return tuple(LoopSize(float(part[0]), float(part[-1])) for part in np.split(reaches, cuts) if part.size)
 
 
-def curves_at(state: State, crank: float, size: LoopSize) -> Curves:
+def curves_at(state: State, position: int, size: LoopSize) -> Curves:
     """Mean curves of a position over all of its loops of a size, the zero of each cycle's angle removed.
 
     Least squares of cells by an angle for each sense and torque and an offset for each cycle: the zero drifts, and
     cycles do not fill the same cells.
     """
-    cells = state.cells_at(crank, size)
+    cells = state.cells_at(position, size)
     torque, angle = state.data.torque[cells], state.data.angle[cells]
     top = float(np.max(np.abs(torque), initial=0.0))
     levels = top * (np.arange(CELLS_PER_SENSE + 1) / CELLS_PER_SENSE) ** CELL_POWER

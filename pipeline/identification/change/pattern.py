@@ -46,17 +46,20 @@ class Pattern:
         return self.p <= max(1 / self.pairings, 0.05) + 1e-12
 
 
-def pattern(table: LoopTable, cranks: Sequence[float]) -> Pattern:
-    """The pattern over crank angles that the first two states of a table have, by their largest loops.
+def pattern(table: LoopTable, labels: Sequence[str]) -> Pattern:
+    """The pattern over positions that the first two states of a table have, by their largest loops.
 
     Notes
     -----
     A permutation test: what all positions have in common is in every pairing alike (Good, Permutation, Parametric and
     Bootstrap Tests of Hypotheses (2005)). Of more than six positions a sample of the pairings is taken.
     """
-    n, size = len(cranks), table.numbers[-1].size
+    n, size = len(labels), table.numbers[-1].size
     before, after = (
-        [table.loops[np.flatnonzero((table.state == state) & (table.crank == crank))[0]][size] for crank in cranks]
+        [
+            table.loops[np.flatnonzero((table.state == state) & (np.array(table.label) == label))[0]][size]
+            for label in labels
+        ]
         for state in (0, 1)
     )
     distance = np.array([[_distance(first, second) for first in before] for second in after])

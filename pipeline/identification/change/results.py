@@ -45,10 +45,10 @@ CHANGES = Table(
 )
 POSITIONS = Table(
     "positions",
-    "number of the loops of one size at a crank position in a state",
+    "number of the loops of one size at a position in a state",
     (
         Column("state", "label", "", "unit"),
-        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("position", "label", "", "name of the position, or its crank angle"),
         Column("kind", "label", "", "name of the number"),
         Column("loops", "label", "", "largest torque of the loops"),
         Column("value", "float64", "see changes", "read off the mean loop"),
@@ -56,10 +56,10 @@ POSITIONS = Table(
 )
 LOOPS = Table(
     "loops",
-    "point of the mean loop of one size at a crank position in one of the two states",
+    "point of the mean loop of one size at a position in one of the two states",
     (
         Column("state", "label", "", "unit"),
-        Column("crank_deg", "float64", "deg", "crank angle"),
+        Column("position", "label", "", "name of the position, or its crank angle"),
         Column("loops", "label", "", "largest torque of the loops"),
         Column("torque_Nm", "float64", "N m", "torque"),
         Column("rising_arcmin", "float64", "arcmin", "angle while the torque rises, mean angle of the loop removed"),
@@ -93,7 +93,7 @@ class ChangeAnswer:
         if comparison.named:
             return f"Shown: {'; '.join(change_text(change) for change in comparison.named)}."
         if comparison.freedom < FEWEST_FREEDOM:
-            count = len(comparison.cranks)
+            count = len(comparison.labels)
             return (
                 f"No change is shown: the states share {count} position{'s' * (count > 1)}, and the scatter of "
                 "mounting is unknown."
@@ -185,7 +185,7 @@ def answer(
     """
     first, second, *further_states = comparable_states([measurement_before, measurement_after, *further])
     comparison = compare_states(first, second, further_states)
-    return ChangeAnswer(first, second, comparison, pattern(comparison.table, comparison.cranks), tuple(further_states))
+    return ChangeAnswer(first, second, comparison, pattern(comparison.table, comparison.labels), tuple(further_states))
 
 
 def comparable_states(measurements: Sequence[Measurement]) -> list[State]:
@@ -240,7 +240,7 @@ def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:
         "detectable": [] if comparison.named else list(detection_limits(comparison)),
         "unmeasured": [number.title for number in comparison.table.unmeasured],
         "others": [state.name for state in change_answer.further],
-        "positions_deg": list(comparison.cranks),
+        "positions": list(comparison.labels),
         "data_faults": {
             state.name: [asdict(fault) for fault in state.measurement.faults]
             for state in (change_answer.before, change_answer.after, *change_answer.further)
@@ -290,7 +290,7 @@ def position_rows(comparison: Comparison) -> Columns:
     count = len(table.numbers)
     return {
         "state": [table.states[number].name for number in table.state for _ in range(count)],
-        "crank_deg": np.repeat(table.crank, count),
+        "position": [label for label in table.label for _ in range(count)],
         "kind": [number.kind.name for _ in table.state for number in table.numbers],
         "loops": [number.size.label for _ in table.state for number in table.numbers],
         "value": table.values.ravel(),
@@ -304,21 +304,21 @@ def loop_rows(comparison: Comparison) -> Columns:
     means = [float(loop.middle.mean()) for *_, loop in parts]
     return {
         "state": np.repeat([state for state, *_ in parts], lengths),
-        "crank_deg": np.repeat([crank for _, crank, *_ in parts], lengths),
-        "loops": np.repeat([label for _, _, label, _ in parts], lengths),
+        "position": np.repeat([label for _, label, *_ in parts], lengths),
+        "loops": np.repeat([size for _, _, size, _ in parts], lengths),
         "torque_Nm": np.concatenate([loop.torque for *_, loop in parts]),
         "rising_arcmin": np.concatenate([loop.rising - mean for (*_, loop), mean in zip(parts, means, strict=True)]),
         "falling_arcmin": np.concatenate([loop.falling - mean for (*_, loop), mean in zip(parts, means, strict=True)]),
     }
 
 
-def _loop_parts(comparison: Comparison) -> Iterator[tuple[str, float, str, Any]]:
-    """State, crank angle, size and loop of the positions that both states have."""
+def _loop_parts(comparison: Comparison) -> Iterator[tuple[str, str, str, Any]]:
+    """State, position, size and loop of the positions that both states have."""
     table = comparison.table
-    for number, crank, loops in zip(table.state, table.crank, table.loops, strict=True):
-        if number < 2 and crank in comparison.cranks:
+    for number, label, loops in zip(table.state, table.label, table.loops, strict=True):
+        if number < 2 and label in comparison.labels:
             for size, loop in loops.items():
-                yield table.states[number].name, float(crank), size.label, loop
+                yield table.states[number].name, label, size.label, loop
 
 
 def _percent_or_unit(value: float, change: Change, sign: str = "") -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,7 +44,7 @@ class LoopTable:
     numbers : that all loops of the compared states show.
     unmeasured : numbers that some of these loops do not show.
     state, position : (n_rows,) number of each row; positions are numbered within an assembly.
-    crank : (n_rows,) [deg].
+    label : (n_rows,) name of the position of each row; equal names within an assembly are one position.
     values : (n_rows, n_numbers) in the unit of each.
     loops : by row and size, up to the torque that all loops of the size reach.
     """
@@ -54,7 +54,7 @@ class LoopTable:
     unmeasured: tuple[LoopNumber, ...]
     state: Whole
     position: Whole
-    crank: Real
+    label: tuple[str, ...]
     values: Real
     loops: tuple[dict[LoopSize, Loop], ...]
 
@@ -69,9 +69,9 @@ class LoopTable:
         safe = np.where(self.positive, self.values, 1.0)
         return Layout(self.state, self.position, np.where(self.positive, np.log(safe), self.values))
 
-    def level(self, state: int, cranks: Sequence[float]) -> Real:
+    def level(self, state: int, labels: Sequence[str]) -> Real:
         """Mean (n_numbers,) of a state over some positions, geometric of positive numbers."""
-        rows = (self.state == state) & np.isin(self.crank, cranks)
+        rows = (self.state == state) & np.isin(self.label, labels)
         means = self.layout.values[rows].mean(axis=0)
         return np.where(self.positive, np.exp(np.where(self.positive, means, 0.0)), means)
 
@@ -92,8 +92,8 @@ def loop_table(states: Sequence[State], compared: int) -> LoopTable:
     if not sizes:
         found = "; ".join(f"{state.name} to {_labels(state)}" for state in states[:compared])
         raise InputError(f"no loops of one size in all states: {found}; measure the same loops")
-    rows = [(number, float(crank)) for number, state in enumerate(states) for crank in state.cranks]
-    loops = [dict(_loops(states[number], crank, sizes)) for number, crank in rows]
+    rows = [(number, place) for number, state in enumerate(states) for place in range(len(state.labels))]
+    loops = [{size: curves_at(states[number], place, size) for size in sizes} for number, place in rows]
     tops = {size: _common_reach([curves[size] for curves in loops]) for size in sizes}
     read = [
         {size: loop_of(curve, tops[size]) for size, curve in curves.items() if curve.reach >= tops[size] > 0}
@@ -107,40 +107,35 @@ def loop_table(states: Sequence[State], compared: int) -> LoopTable:
     for number, entry in enumerate(states):
         if not kept[state == number].any():
             raise InputError(f"{entry.name}: no position has loops like those of the states that are compared")
-    crank = np.array([crank for _, crank in rows])
+    label = [states[number].labels[place] for (number, place), is_kept in zip(rows, kept, strict=True) if is_kept]
     return LoopTable(
         tuple(states),
         tuple(number for number, is_kept in zip(every, complete, strict=True) if is_kept),
         tuple(number for number, is_kept in zip(every, complete, strict=True) if not is_kept),
         state[kept],
-        _positions(states, state[kept], crank[kept], compared),
-        crank[kept],
+        _positions(states, state[kept], label, compared),
+        tuple(label),
         values[np.ix_(kept, complete)],
         tuple(curves for curves, is_kept in zip(read, kept, strict=True) if is_kept),
     )
 
 
-def _positions(states: Sequence[State], state: Whole, crank: Real, compared: int) -> Whole:
-    """Number (n_rows,) of each position: a crank angle of an assembly; the compared states are of one."""
+def _positions(states: Sequence[State], state: Whole, label: Sequence[str], compared: int) -> Whole:
+    """Number (n_rows,) of each position: a label within an assembly; the compared states are of one."""
     assemblies = [entry.measurement.unit.settings.state.assembly for entry in states]
     own = set(assemblies[:compared])
     groups = ["" if assembly in own else f"other {assembly}" for assembly in assemblies]
-    keys = [(groups[number], float(angle)) for number, angle in zip(state, crank, strict=True)]
+    keys = [(groups[number], name) for number, name in zip(state, label, strict=True)]
     known = {key: number for number, key in enumerate(dict.fromkeys(keys))}
     return np.array([known[key] for key in keys])
 
 
 def _has(state: State, size: LoopSize) -> bool:
-    return any(curves_at(state, crank, size).reach > 0 for crank in state.cranks)
+    return any(curves_at(state, place, size).reach > 0 for place in range(len(state.labels)))
 
 
 def _labels(state: State) -> str:
     return " and ".join(size.label for size in loop_sizes([state]))
-
-
-def _loops(state: State, crank: float, sizes: Sequence[LoopSize]) -> Iterator[tuple[LoopSize, Curves]]:
-    for size in sizes:
-        yield size, curves_at(state, crank, size)
 
 
 def _common_reach(curves: Sequence[Curves]) -> float:

@@ -39,11 +39,14 @@ NEITHER = "neither"
 class DataFile(Section):
     """A CSV file (gzip allowed), the constants for columns it lacks, and which of its rows count.
 
+    `position` names the place where the drive was locked: equal names in several states of a drive are one position,
+    also where the crank angles at their first rows differ.
     `where` gives the allowed values of raw columns: test_nr = [100, 101]. Without a separator it and the decimal mark
     are read off the file's first lines.
     """
 
     path: Text
+    position: Text | None = None
     crank_deg: float | None = None
     cycle: int | None = None
     where: dict[str, Annotated[tuple[int | float | str, ...], Field(min_length=1)]] = {}
