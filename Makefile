@@ -73,8 +73,9 @@ joints: $(VENV)/installed  ## write backlash, stiffness and friction of STUDY as
 provenance: $(VENV)/installed  ## write inputs, versions and hashes of the run of STUDY as an RO-Crate
 	$(PIPELINE) provenance "$$STUDY"
 
-identify: $(VENV)/installed  ## say why a measured unit differs from its model: make identify UNIT=friction_example
-	$(PIPELINE) identify --unit $(if $(UNIT),"$$UNIT",$(error say which unit: make identify UNIT=<folder>)) $(JOBS_OPTION)
+identify: $(VENV)/installed  ## say why a measured unit differs from its model (UNIT=folder), or what states share (SERIES=folder)
+	$(PIPELINE) identify $(if $(SERIES),--series "$$SERIES" $(if $(OVER),--over "$$OVER"),--unit \
+		$(if $(UNIT),"$$UNIT",$(error say which: make identify UNIT=<folder>, or SERIES=<folder of states>))) $(JOBS_OPTION)
 
 rig: $(VENV)/installed  ## identify all states of the printed drive's rig, beside the baselines: make rig DATA=<folder>
 	$(PIPELINE) rig --data $(if $(DATA),"$$DATA",$(error say where its data are: make rig DATA=<folder>)) $(JOBS_OPTION)

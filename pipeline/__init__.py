@@ -1,8 +1,8 @@
-"""Tolerance studies of cycloid reducers from Python: `load_study`, `run`, `parts`, `identify`, imported when used."""
+"""Tolerance studies of cycloid reducers from Python; each name is imported when it is used."""
 
 from typing import Any
 
-__all__ = ["identify", "load_study", "parts", "run"]
+__all__ = ["identify", "identify_series", "load_study", "parts", "run"]
 
 
 def __getattr__(name: str) -> Any:

@@ -111,9 +111,30 @@ def identify(unit: str | Path, jobs: int | None = None) -> dict[str, Any]:
     from pipeline.cli.identify import identify_unit  # its imports take as long as all others together
 
     options = _options(jobs)
-    options.unit = str(unit)
+    options.unit, options.series = str(unit), ""
     identify_unit(options)
     return json.loads((settings.RUNS / "identify" / Path(unit).name / "verdict.json").read_text())
+
+
+def identify_series(folder: str | Path, over: str = "") -> dict[str, Any]:
+    """What several states of one drive share, and how each differs: the content of ``verdict.json``.
+
+    Parameters
+    ----------
+    folder : has a folder with a ``unit.toml`` for each state.
+    over : variable of ``[state]`` that orders them; by default the first that all have.
+
+    Raises
+    ------
+    InputError
+        If the folder or its data cannot be read, or the states cannot be compared.
+    """
+    from pipeline.cli.measured import identify_series as identify  # its imports take as long as all others together
+
+    options = _options(None)
+    options.series, options.over = str(folder), over
+    identify(options)
+    return json.loads((settings.RUNS / "series" / Path(folder).resolve().name / "verdict.json").read_text())
 
 
 def _options(jobs: int | None) -> argparse.Namespace:

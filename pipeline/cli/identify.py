@@ -10,7 +10,12 @@ from pipeline.identification.measurement.unit_file import load_measured_unit
 
 
 def identify_unit(options: argparse.Namespace) -> None:
-    """Say why a measured unit differs from its model, or describe a drive without one."""
+    """Say why a measured unit differs from its model, describe a drive without one, or what states share."""
+    if options.series:
+        from pipeline.cli.measured import identify_series  # as below
+
+        identify_series(options)
+        return
     measurement = read_measurement(load_measured_unit(options.unit, settings.ROOT))
     print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
     from pipeline.cli.measured import describe_generic, identify_designed  # seconds of imports, behind the first lines

@@ -19,6 +19,8 @@ from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
 from pipeline.identification.results import write as results
 from pipeline.identification.selection.statements.verdict import FAULT
+from pipeline.identification.series import results as series_results
+from pipeline.identification.series.results import identify_measurements
 from pipeline.population import results as population_results
 from pipeline.population.comparison import compared, load_population
 from pipeline.population.single_units import single_units
@@ -27,6 +29,7 @@ from pipeline.report.unit.change import write_change_page
 from pipeline.report.unit.description import write_description_page
 from pipeline.report.unit.page import write_page
 from pipeline.report.unit.population import write_population_page
+from pipeline.report.unit.series import write_series_page
 from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
 
 
@@ -64,6 +67,20 @@ def describe_generic(measurement: Measurement) -> None:
     print(f"{description.verdict}: {described_results.sentence(description)}")
     if advice := described_results.advice(description):
         print(advice)
+    print(f"report: {settings.shown(folder / 'report.html')}")
+
+
+def identify_series(options: argparse.Namespace) -> None:
+    """Say what several states of one drive share, and how each differs."""
+    units = load_measured_units(options.series, settings.ROOT)
+    measurements = [Measurement.read(unit) for unit in units]
+    print("\n".join(line for measurement in measurements for line in measurement.summary), flush=True)
+    series_answer = identify_measurements(measurements, options.over)
+    folder = settings.RUNS / "series" / Path(options.series).resolve().name
+    series_results.write(series_answer, folder)
+    write_series_page(series_answer, folder, settings.shown(folder))
+    print(f"{series_answer.verdict}: {series_answer.sentence}")
+    print("\n".join(filter(None, [series_answer.trend_sentence, series_answer.advice])))
     print(f"report: {settings.shown(folder / 'report.html')}")
 
 

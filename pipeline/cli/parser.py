@@ -159,8 +159,11 @@ def _measured(command: Commands) -> None:
     naming = command(
         "identify", "identify.identify_unit", "say why a measured unit differs from its model, and correct the model"
     )
-    naming.add_argument("--unit", required=True, help="folder with a unit.toml, or the name of one in data/measured")
-    naming.set_defaults(opening="reading the unit {unit}")
+    subject = naming.add_mutually_exclusive_group(required=True)
+    subject.add_argument("--unit", default="", help="folder with a unit.toml, or the name of one in data/measured")
+    subject.add_argument("--series", default="", help="folder with a folder of each state of one drive")
+    naming.add_argument("--over", default="", help="variable of [state] that orders a series; default: the first")
+    naming.set_defaults(opening="reading {unit}{series}")
     _where(naming)
 
     touring = command("rig", "checks.identify_rig", "identify all states of the printed drive's rig, beside baselines")

@@ -116,6 +116,26 @@ class Layout:
         error = np.maximum(size * self.scatter, LEAST_ERROR)
         return Contrast(mean, error, size, self.residuals, self.freedom)
 
+    def half_interval(self, confidence: float) -> Real:
+        """Half of the confidence interval (n_kinds,) of what mounting adds to a single row; NaN where it is unknown."""
+        return float(scipy.stats.t.ppf(0.5 + confidence / 2, max(self.freedom, 1))) * self.scatter
+
+    def departure_p(self, columns: Real) -> Real:
+        """F test (n_kinds,) of levels of the states that ``columns`` (n_rows, k) of theirs do not describe.
+
+        Without columns: of no difference between the states. NaN where the scatter is unknown or nothing is left.
+        """
+        if self.freedom < FEWEST_FREEDOM:
+            return np.full(self.values.shape[1], np.nan)
+        reduced = np.column_stack([columns, indicators(self.position)])
+        left = self.values - reduced @ np.linalg.lstsq(reduced, self.values, rcond=None)[0]
+        more = len(self.values) - int(np.linalg.matrix_rank(reduced)) - self.freedom
+        if more < 1:
+            return np.full(self.values.shape[1], np.nan)
+        departure = np.sum(left**2, axis=0) - np.sum(self.residuals**2, axis=0)
+        ratio = departure / more / np.maximum(self.scatter**2, LEAST_ERROR**2)
+        return np.asarray(scipy.stats.f.sf(ratio, more, self.freedom), float)
+
     @cached_property
     def _columns(self) -> Real:
         """Indicators (n_rows, n_states + n_positions) of state and position."""

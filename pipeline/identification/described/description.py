@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
 from pipeline.identification.fitting.cell_torques import followed_torques
@@ -25,6 +24,7 @@ from pipeline.identification.selection.parameter_intervals import CONFIDENCE
 from pipeline.identification.selection.statements.discrepancy import Discrepancy, discrepancy
 from pipeline.identification.selection.statements.verdict import UNEXPLAINED
 from pipeline.statistics.blocks import max_t
+from pipeline.statistics.jackknife import jackknife_interval
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -221,33 +221,9 @@ def _numbers(data: Data, torque: Real, training: Truth, tested: Mapping[str, flo
         low, high = (
             (float("nan"), float("nan"))
             if term in at_bound
-            else interval(value, [getattr(jackknife_fit, attribute) for jackknife_fit in jackknife_fits])
+            else jackknife_interval(value, [getattr(jackknife_fit, attribute) for jackknife_fit in jackknife_fits])
         )
         p = tested.get(term, float("nan"))
         note = "at the bound of the fit" if term in at_bound else ""
         numbers.append(Number(term, unit, meaning, value, low, high, p, p < 1 - CONFIDENCE and low * high > 0, note))
     return tuple(numbers)
-
-
-def interval(value: float, other_values: list[float]) -> tuple[float, float]:
-    """95 % interval of the jackknife, Efron and Tibshirani, An Introduction to the Bootstrap (1993), ch. 11.
-
-    Of logarithms where all values are positive and clear of zero; of a positive number that is not, it begins at zero.
-    """
-    n = len(other_values)
-    if not n:
-        return float("nan"), float("nan")
-    reach = _jackknife_reach(np.array(other_values))
-    if min(value, *other_values) <= 0:
-        return value - reach, value + reach
-    if reach >= value:
-        return 0.0, value + reach
-    factor = float(np.exp(_jackknife_reach(np.log(other_values))))
-    return value / factor, value * factor
-
-
-def _jackknife_reach(values: Real) -> float:
-    """Half of the interval by values (n,) of fits that leave out a group each."""
-    n = len(values)
-    error = np.sqrt((n - 1) / n * np.sum((values - np.mean(values)) ** 2))
-    return float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1) * error)

@@ -9,7 +9,7 @@ import pytest
 from measured_bench import ROOT, loop, path_of, write_unit
 
 from pipeline.errors import InputError
-from pipeline.identification.described.description import described, interval
+from pipeline.identification.described.description import described
 from pipeline.identification.described.results import implausible_numbers
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
@@ -117,12 +117,6 @@ def test_a_number_at_the_bound_of_the_fit_is_not_claimed(tmp_path):
     assert numbers["load_friction"].note == "at the bound of the fit"
     assert not numbers["load_friction"].named
     assert np.isnan(numbers["load_friction"].ci_low)
-
-
-def test_the_interval_of_a_positive_number_stays_positive():
-    low, high = interval(1.0, [0.97, 1.04, 1.0, 0.99])
-    assert 0 < low < 1 < high
-    assert interval(1.0, [0.01, 3.0, 0.02, 2.0])[0] == 0.0
 
 
 def test_the_first_message_comes_before_the_libraries(tmp_path):

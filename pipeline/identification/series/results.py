@@ -1,0 +1,330 @@
+"""What a series leaves behind: its sentence, verdict.json and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.table import Column, Columns, Table
+from pipeline.identification.change.table import LoopTable
+from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, numbers_of
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.results.write import finite
+from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
+from pipeline.identification.series.shared_effects import SharedEffects, TriedEffect, share_effects
+from pipeline.identification.series.states import Series, series_of
+from pipeline.identification.series.trends import Trend, trends_of
+from pipeline.statistics.jackknife import jackknife_interval
+
+Real = NDArray[np.float64]
+
+VERDICT_FILE = "verdict.json"
+UNIT_OF = {name: number.unit for name, number in numbers_of(frozenset()).items()}
+STATES = Table(
+    "states",
+    "number of a state",
+    (
+        Column("state", "label", "", "unit"),
+        Column("variable", "float64", "see verdict.json", "value of the variable that orders the states"),
+        Column("source", "label", "", "loops: read off the measured loops; fit: of the model of all states"),
+        Column("number", "label", "", "name"),
+        Column("loops", "label", "", "largest torque of the loops; empty of the fit"),
+        Column("unit", "label", "", "of value and interval"),
+        Column("value", "float64", "see unit", "of the state"),
+        Column("ci_low", "float64", "see unit", "lower end of the 95 % interval; null: not known, or at a bound"),
+        Column("ci_high", "float64", "see unit", "upper end"),
+    ),
+)
+TRENDS = Table(
+    "trends",
+    "number of the loops over the states",
+    (
+        Column("number", "label", "", "name"),
+        Column("loops", "label", "", "largest torque of the loops"),
+        Column("slope_unit", "label", "", "of the slope: 1 where it is a share of a positive number"),
+        Column("slope", "float64", "see slope_unit", "change with one of the variable; null without a variable"),
+        Column("ci_low", "float64", "see slope_unit", "lower end of the 95 % interval"),
+        Column("ci_high", "float64", "see slope_unit", "upper end"),
+        Column("p", "float64", "1", "of no trend"),
+        Column("p_family", "float64", "1", "of no trend, all numbers counted"),
+        Column("p_differ", "float64", "1", "of no difference between the states"),
+        Column("p_bent", "float64", "1", "of no departure of the states from a straight line"),
+        Column("shown", "bool", "", "whether the trend is claimed"),
+    ),
+)
+ERRORS = Table(
+    "errors",
+    "state at a position that no state was fitted to",
+    (
+        Column("state", "label", "", "unit"),
+        Column("position", "label", "", "name of the position, or its crank angle"),
+        Column("before_arcmin", "float64", "arcmin", "rms error with the numbers of the first state"),
+        Column("refitted_arcmin", "float64", "arcmin", "rms error with the state's own numbers"),
+        Column("after_arcmin", "float64", "arcmin", "rms error with the shared effects that are claimed"),
+    ),
+)
+EFFECTS = Table(
+    "effects",
+    "effect that was tried in all states",
+    (
+        Column("effect", "label", "", "name"),
+        Column("title", "label", "", "in words"),
+        Column("beside", "label", "", "effects that were shared already"),
+        Column("rms_arcmin", "float64", "arcmin", "error at positions that no state was fitted to"),
+        Column("p", "float64", "1", "of no gain there, all effects counted; null: not testable"),
+        Column("p_positions", "float64", "1", "of no gain by the scatter over positions alone"),
+        Column("claimed", "bool", "", "whether it is claimed"),
+        Column("note", "label", "", "why it is not"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class SeriesAnswer:
+    """A series and what is said of it."""
+
+    series: Series
+    effects: SharedEffects
+    trends: tuple[Trend, ...]
+    table: LoopTable
+
+    @property
+    def verdict(self) -> str:
+        """Of all states together: identified, equivalent, or unexplained where no shared effect is claimed."""
+        classes = self.effects.classes
+        if not classes:
+            return UNEXPLAINED
+        return IDENTIFIED if all(len(members) == 1 for members in classes) else EQUIVALENT
+
+    @cached_property
+    def errors(self) -> Mapping[str, Real]:
+        """Mean square errors (n_states, n_positions) [arcmin^2] before, refitted and after."""
+        return {
+            "before": self.effects.before,
+            "refitted": self.effects.recalibrated.loss,
+            "after": self.effects.after.loss,
+        }
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        in_sample = len(self.series.positions) < 2
+        basis = "in sample (a single position)" if in_sample else "at positions that were left out in all states"
+        before, refitted, after = (float(np.sqrt(np.nanmean(loss))) for loss in self.errors.values())
+        errors = (
+            f"Root mean square error {basis}: {before:.3g} arcmin with the numbers of {self.series.names[0]} in every "
+            f"state, {refitted:.3g} arcmin with each state's own friction, play and compliance"
+        )
+        if not self.effects.classes:
+            return f"No effect that all states share is shown. {errors}."
+        claims = "; ".join(class_words(members, self.effects) for members in self.effects.classes)
+        return f"All states share: {claims}. {errors}, {after:.3g} arcmin with the shared effects."
+
+    @property
+    def trend_sentence(self) -> str:
+        """Trends that are claimed, in words."""
+        shown = [trend for trend in self.trends if trend.shown]
+        if not self.series.variable:
+            differing = [trend.number.title for trend in self.trends if trend.p_differ < 0.05]
+            listing = "; ".join(differing) if differing else "none"
+            return f"No variable orders the states. Numbers in which they differ (p < 0.05 each): {listing}."
+        if not shown:
+            return f"No trend over {self.series.variable} is shown beyond the scatter of mounting."
+        return f"Over {self.series.variable}: {'; '.join(trend_words(trend) for trend in shown)}."
+
+    @property
+    def advice(self) -> str:
+        """The measurement that separates the members of a class."""
+        names = [effect.name for members in self.effects.classes if len(members) > 1 for effect in members]
+        separating = dict.fromkeys(CRANK_EFFECTS[name].told_apart_by for name in names if name in CRANK_EFFECTS)
+        if separating:
+            return f"To separate them: {'; '.join(separating)}."
+        if len(self.series.positions) < 3:
+            return "Measure 3 or more positions in each state: shared effects can then be judged."
+        return ""
+
+
+def identify_measurements(measurements: Sequence[Measurement], over: str = "") -> SeriesAnswer:
+    """What several states of one drive share, and how each differs.
+
+    Parameters
+    ----------
+    over : variable that orders them, as of ``series_of``.
+
+    Raises
+    ------
+    InputError : as ``series_of`` and ``trends_of``.
+    """
+    series = series_of(measurements, over)
+    trends, table = trends_of(series)
+    return SeriesAnswer(series, share_effects(series), trends, table)
+
+
+def class_words(members: Sequence[TriedEffect], effects: SharedEffects) -> str:
+    """A class of effects with their sizes."""
+    texts = []
+    for effect in members:
+        sizes = effect_sizes(effect)
+        size = ", ".join(f"{name} {number_text(*values)}" for name, values in sizes.items())
+        texts.append(f"{effect.title.split(':')[0]} ({size})")
+    text = " or ".join(texts)
+    share = 100 * (1 - members[0].folds.rms() / effects.recalibrated.rms())
+    return f"{text}, which removes {share:.0f} % of the error of the states' own numbers"
+
+
+def effect_sizes(effect: TriedEffect) -> dict[str, tuple[float, float, float, str]]:
+    """Value, 95 % interval over positions and unit of each size of an effect: its amplitude, or its number."""
+    numbers = numbers_of(frozenset([effect.name]))
+    own = [name for name in numbers if name not in UNIT_OF]
+    final, folds = effect.folds.final.values[0], [fit.values[0] for fit in effect.folds.fits]
+    if len(own) == 2:
+        value, *left_out = (float(np.hypot(values[own[0]], values[own[1]])) for values in (final, *folds))
+        return {"amplitude": (value, *jackknife_interval(value, left_out), numbers[own[0]].unit)}
+    return {
+        name.replace("_", " "): (
+            final[name],
+            *jackknife_interval(final[name], [values[name] for values in folds]),
+            numbers[name].unit,
+        )
+        for name in own
+    }
+
+
+def trend_words(trend: Trend) -> str:
+    """A trend in words."""
+    scale, unit = (100, "%") if trend.number.kind.positive else (1, trend.number.kind.unit)
+    direction = trend.number.kind.grows if trend.slope > 0 else trend.number.kind.falls
+    low, high = scale * trend.slope_low, scale * trend.slope_high
+    bent = "" if trend.straight else ", not in a straight line"
+    return (
+        f"{direction} by {scale * trend.slope:+.3g} {unit} for each 1 ({low:+.3g} to {high:+.3g}; p = {trend.p:.2g}; "
+        f"loops to {trend.number.size.label}{bent})"
+    )
+
+
+def number_text(value: float, low: float, high: float, unit: str) -> str:
+    """A number with its interval."""
+    suffix = "" if unit == "1" else f" {unit}"
+    reach = f", 95 % interval {low:.3g} to {high:.3g}" if math.isfinite(low) else ""
+    return f"{value:.3g}{suffix}{reach}"
+
+
+def write(answer: SeriesAnswer, folder: Path) -> None:
+    """Write tables and, last, the verdict into ``folder``."""
+    for table, columns in (
+        (STATES, state_rows(answer)),
+        (TRENDS, trend_rows(answer)),
+        (ERRORS, error_rows(answer)),
+        (EFFECTS, effect_rows(answer)),
+    ):
+        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+    write_json(folder / VERDICT_FILE, finite(_verdict(answer)))
+
+
+def _verdict(answer: SeriesAnswer) -> dict[str, Any]:
+    return {
+        "states": list(answer.series.names),
+        "variable": answer.series.variable,
+        "values": answer.series.values.tolist() if answer.series.variable else [],
+        "verdict": answer.verdict,
+        "sentence": answer.sentence,
+        "trends": answer.trend_sentence,
+        "advice": answer.advice,
+        "shared": [[_effect(effect) for effect in members] for members in answer.effects.classes],
+        "untestable": dict(answer.effects.untestable),
+        "errors_arcmin": {name: float(np.sqrt(np.nanmean(loss))) for name, loss in answer.errors.items()},
+        "data_faults": {
+            state.name: [asdict(fault) for fault in state.measurement.faults] for state in answer.series.states
+        },
+    }
+
+
+def _effect(effect: TriedEffect) -> dict[str, Any]:
+    sizes = {
+        name: {"value": value, "ci_low": low, "ci_high": high, "unit": unit}
+        for name, (value, low, high, unit) in effect_sizes(effect).items()
+    }
+    return {"effect": effect.name, "title": effect.title, "sizes": sizes, "p": effect.p}
+
+
+def state_rows(answer: SeriesAnswer) -> Columns:
+    """Columns of `STATES`: numbers of the loops, and numbers of the fit with all that is claimed."""
+    records = []
+    after = answer.effects.after
+    for k, name in enumerate(answer.series.names):
+        state = {"state": name, "variable": float(answer.series.values[k]) if answer.series.variable else np.nan}
+        for trend in answer.trends:
+            own = {"number": trend.number.kind.name, "loops": trend.number.size.label, "unit": trend.number.kind.unit}
+            ends = {"value": trend.levels[k], "ci_low": trend.low[k], "ci_high": trend.high[k]}
+            records.append({**state, "source": "loops", **own, **ends})
+        for number, unit in UNIT_OF.items():
+            value = after.final.values[k][number]
+            at_bound = number in after.final.at_bound
+            left_out = [] if at_bound else [fit.values[k][number] for fit in after.fits]
+            low, high = jackknife_interval(value, left_out)
+            own = {"number": number, "loops": "", "unit": unit}
+            records.append({**state, "source": "fit", **own, "value": value, "ci_low": low, "ci_high": high})
+    return {column.name: [record[column.name] for record in records] for column in STATES.columns}
+
+
+def trend_rows(answer: SeriesAnswer) -> Columns:
+    """Columns of `TRENDS`."""
+    trends = answer.trends
+    return {
+        "number": [trend.number.kind.name for trend in trends],
+        "loops": [trend.number.size.label for trend in trends],
+        "slope_unit": ["1" if trend.number.kind.positive else trend.number.kind.unit for trend in trends],
+        "slope": np.array([trend.slope for trend in trends]),
+        "ci_low": np.array([trend.slope_low for trend in trends]),
+        "ci_high": np.array([trend.slope_high for trend in trends]),
+        **{name: np.array([getattr(trend, name) for trend in trends]) for name in ("p", "p_family", "p_differ")},
+        "p_bent": np.array([trend.p_bent for trend in trends]),
+        "shown": np.array([trend.shown for trend in trends]),
+    }
+
+
+def error_rows(answer: SeriesAnswer) -> Columns:
+    """Columns of `ERRORS`."""
+    known = np.argwhere(np.isfinite(answer.errors["refitted"]))
+    return {
+        "state": [answer.series.names[k] for k, _ in known],
+        "position": [answer.series.positions[p] for _, p in known],
+        **{f"{name}_arcmin": np.sqrt(loss[tuple(known.T)]) for name, loss in answer.errors.items()},
+    }
+
+
+def effect_rows(answer: SeriesAnswer) -> Columns:
+    """Columns of `EFFECTS`."""
+    tried = answer.effects.tried
+    return {
+        "effect": [effect.name for effect in tried],
+        "title": [effect.title for effect in tried],
+        "beside": [" + ".join(effect.beside) for effect in tried],
+        "rms_arcmin": np.array([effect.folds.rms() for effect in tried]),
+        "p": np.array([effect.p for effect in tried]),
+        "p_positions": np.array([effect.p_positions for effect in tried]),
+        "claimed": np.array([effect.claimed for effect in tried]),
+        "note": [effect.note for effect in tried],
+    }
+
+
+def state_errors(answer: SeriesAnswer) -> list[tuple[str, dict[str, tuple[float, float, float]]]]:
+    """For each state its errors [arcmin] before, refitted and after, with the 95 % interval over positions."""
+    rows = []
+    for k, name in enumerate(answer.series.names):
+        errors = {}
+        for stage, loss in answer.errors.items():
+            known = loss[k][np.isfinite(loss[k])]
+            value = float(np.sqrt(known.mean())) if known.size else float("nan")
+            left_out = [float(np.sqrt(np.delete(known, p).mean())) for p in range(len(known)) if len(known) > 2]
+            errors[stage] = (value, *jackknife_interval(value, left_out))
+        rows.append((name, errors))
+    return rows

@@ -1,0 +1,96 @@
+"""The page on several states of one drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.engine.store import read_json, write_atomic
+from pipeline.figures.measured.series import states_figure
+from pipeline.identification.series.results import VERDICT_FILE, SeriesAnswer, effect_sizes, number_text, state_errors
+from pipeline.identification.series.shared_effects import TriedEffect
+from pipeline.report.layout.pictures import drawn_pictures
+from pipeline.report.layout.rendering import rendered
+from pipeline.report.unit.numbers import digits, interval
+
+TEMPLATE = "unit/series.html"
+CAPTIONS = {
+    "states": (
+        "Numbers of the loops in each state",
+        "Dots: mean over the positions, with the 95 % interval of the scatter of mounting. Line: trend, blue where it "
+        "is shown beyond that scatter.",
+    ),
+}
+
+
+def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) -> None:
+    """Write report.html and its figure into ``folder``, whose verdict and tables are there already.
+
+    Parameters
+    ----------
+    shown_folder : the folder as a user would type it.
+    """
+    states, trends = (pd.read_parquet(folder / f"{name}.parquet") for name in ("states", "trends"))
+    verdict = read_json(folder / VERDICT_FILE)
+    figures = {"states": states_figure(states[states["source"] == "loops"], trends, verdict["variable"])}
+    page = rendered(
+        TEMPLATE,
+        verdict=verdict,
+        classes=[
+            [(effect.title, [number_text(*size) for size in effect_sizes(effect).values()]) for effect in members]
+            for members in answer.effects.classes
+        ],
+        tried=[_tried(effect) for effect in answer.effects.tried],
+        trends=[_trend(row) for row in trends.to_dict("records")],
+        numbers=_numbers(states),
+        errors=[(name, *(_error(*error) for error in errors.values())) for name, errors in state_errors(answer)],
+        faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
+        folder=shown_folder,
+        pictures=drawn_pictures(figures, CAPTIONS, folder),
+    )
+    write_atomic(folder / "report.html", page.encode())
+
+
+def _tried(effect: TriedEffect) -> dict[str, str | bool]:
+    return {
+        "title": effect.title,
+        "beside": ", ".join(effect.beside).replace("_", " "),
+        "rms": digits(effect.folds.rms()),
+        "p": digits(effect.p, 2),
+        "p_positions": digits(effect.p_positions, 2),
+        "claimed": effect.claimed,
+        "note": effect.note,
+    }
+
+
+def _trend(row: dict) -> dict[str, str | bool]:
+    scale, unit = (100.0, "%") if row["slope_unit"] == "1" else (1.0, row["slope_unit"])
+    return {
+        "number": row["number"].replace("_", " "),
+        "loops": row["loops"],
+        "unit": unit,
+        "slope": digits(scale * row["slope"]),
+        "interval": interval(scale * row["ci_low"], scale * row["ci_high"]),
+        **{name: digits(row[name], 2) for name in ("p", "p_family", "p_differ", "p_bent")},
+        "shown": row["shown"],
+    }
+
+
+def _numbers(states: pd.DataFrame) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Heading of each number, and for each state its values with intervals."""
+    keys = states.drop_duplicates(["source", "number", "loops"])
+    headings = [
+        f"{row['number'].split('_')[0] if row['source'] == 'fit' else row['number'].replace('_', ' ')} ({row['unit']}; "
+        f"{'loops to ' + row['loops'] if row['loops'] else 'fit'})"
+        for row in keys.to_dict("records")
+    ]
+    rows = []
+    for state, of_state in states.groupby("state", sort=False, observed=True):
+        cells = [_error(row["value"], row["ci_low"], row["ci_high"]) for row in of_state.to_dict("records")]
+        rows.append((str(state), cells))
+    return headings, rows
+
+
+def _error(value: float, low: float, high: float) -> str:
+    return f"{digits(value)} ({interval(low, high)})" if low == low else digits(value)

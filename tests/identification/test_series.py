@@ -1,0 +1,180 @@
+"""Several states of one drive: on generated series, moved by their angle, whose truth is known."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from measured_bench import ROOT, write_unit
+
+import pipeline
+from pipeline.cli import settings
+from pipeline.errors import InputError
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.unit_file import load_measured_units
+from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
+from pipeline.identification.series import shared_effects
+from pipeline.identification.series.results import effect_sizes, identify_measurements, state_errors
+from pipeline.identification.series.states import series_of
+from pipeline.identification.series.trends import trends_of
+
+TEXT = """
+title = "A state"
+locked = "output"
+offset = "per_position"
+[generic]
+ratio = 13.0
+rated_torque_Nm = 20.0
+[crank]
+moves = "follows_angle"
+ratio = -13.0
+torque_at = "input"
+[state]
+values = {{turns = {turns}}}
+"""
+TURNED = 2 * np.pi * 13 / 21600
+"""Crank angle by the reading [rad/arcmin]."""
+TOP, ROWS = 20.0, 16
+
+
+def followed(friction: float, play: float, runout: complex, crank: float) -> tuple[np.ndarray, np.ndarray]:
+    """Torque at the motor and angle of two cycles, driven by the angle: friction is the difference of the two senses.
+
+    T_motor = T(a - te) (1 - te'), with the spring at rest within the play.
+    """
+
+    def torque(angle):
+        phi = crank + TURNED * angle
+        error = (runout * np.exp(-1j * phi)).real
+        slope = TURNED * (runout * -1j * np.exp(-1j * phi)).real
+        strain = angle - error
+        spring = np.sign(strain) * np.maximum(np.abs(strain) - play / 2, 0.0) / 5.0
+        return spring * (1 - slope) + 0.02 * strain  # a little stiffness within the play keeps the torque monotone
+
+    def reached(level, start, sense):
+        grid = start + sense * np.linspace(0.0, 600.0, 60_001)
+        past = sense * (torque(grid) + sense * friction) >= TOP - 1e-12 if level else np.zeros(len(grid), bool)
+        return grid[: np.argmax(past) + 1]
+
+    torques, angles, place = [np.zeros(1)], [np.zeros(1)], 0.0
+    for sense in (1, -1, 1, -1, 1):
+        path = reached(True, place, sense)
+        load = torque(path) + sense * friction
+        levels = np.linspace(load[0], load[-1], ROWS)
+        order = np.argsort(load) if sense > 0 else np.argsort(-load)
+        points = np.interp(sense * levels, sense * load[order], path[order])
+        stuck = np.linspace(torques[-1][-1], load[0], 6)[1:-1]
+        torques += [stuck, levels]
+        angles += [np.full(len(stuck), path[0]), points]
+        place = float(path[-1])
+    return np.concatenate(torques), np.concatenate(angles)
+
+
+def write_series(folder: Path, frictions, plays, runout: complex = 0.0, cranks=(20.0, 110.0, 200.0, 290.0), seed=1):
+    """A state for each friction and play, with 2 % of scatter by mounting and 0.3 arcmin of noise."""
+    rng = np.random.default_rng(seed)
+    for number, (friction, play) in enumerate(zip(frictions, plays, strict=True)):
+        parts = []
+        for crank in cranks:
+            mounted = 1 + 0.02 * rng.standard_normal(2)
+            torque, angle = followed(friction * mounted[0], play * mounted[1], runout, np.radians(crank))
+            angle = angle + 0.3 * rng.standard_normal(len(angle))
+            cycle = np.repeat([0, 1], [len(torque) // 2, len(torque) - len(torque) // 2])
+            columns = {"cycle": cycle, "crank_deg": crank, "torque_Nm": torque, "angle_arcmin": angle}
+            parts.append(pd.DataFrame(columns))
+        write_unit(folder / f"state{number}", {"rows.csv": pd.concat(parts)}, TEXT.format(turns=float(number)))
+    return [Measurement.read(unit) for unit in load_measured_units(folder, ROOT)]
+
+
+RUNOUT = 20.0 + 15.0j
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_effects():
+    """Two effects in place of eight: each costs a fit of every fold."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shared_effects, "SOFT", {})
+        names = ("pin_circle_runout", "compliance_once")
+        patch.setattr(shared_effects, "CRANK_EFFECTS", {name: shared_effects.CRANK_EFFECTS[name] for name in names})
+        yield
+
+
+@pytest.fixture(scope="module")
+def answer(few_effects, tmp_path_factory):
+    """Three states that share a run-out; friction differs."""
+    return identify_measurements(
+        write_series(tmp_path_factory.mktemp("drive"), [1.0, 1.3, 1.7], [40.0, 40.0, 40.0], RUNOUT)
+    )
+
+
+def test_a_runout_that_all_states_share_is_found_with_its_size_and_states_keep_their_own(answer):
+    assert answer.verdict in (IDENTIFIED, EQUIVALENT)
+    best = answer.effects.classes[0][0]
+    assert best.name == "pin_circle_runout"
+    value, low, high, unit = effect_sizes(best)["amplitude"]
+    assert unit == "arcmin"
+    assert value == pytest.approx(abs(RUNOUT), rel=0.2)
+    assert low < value < high
+    errors = {name: np.sqrt(np.nanmean(loss)) for name, loss in answer.errors.items()}
+    assert errors["after"] < 0.5 * errors["refitted"] < errors["before"]
+    friction = [values["friction_Nm"] for values in answer.effects.after.final.values]
+    np.testing.assert_allclose(friction, [1.0, 1.3, 1.7], rtol=0.15)
+    (trend,) = (trend for trend in answer.trends if trend.number.kind.name == "friction")
+    assert trend.shown
+    assert trend.slope == pytest.approx(np.sqrt(1.7) - 1, rel=0.1)
+
+
+def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
+    answer = identify_measurements(write_series(tmp_path, [1.0] * 3, [40.0] * 3, 0.0, (20.0, 140.0, 260.0), seed=5))
+    assert answer.verdict == UNEXPLAINED
+    assert "No effect that all states share is shown" in answer.sentence
+    assert not any(trend.shown for trend in answer.trends)
+
+
+def test_two_positions_claim_no_shared_effect(tmp_path):
+    answer = identify_measurements(write_series(tmp_path, [1.0, 1.5], [40.0] * 2, 0.0, (20.0, 110.0)))
+    assert not answer.effects.classes
+    assert all("too few" in effect.note for effect in answer.effects.tried)
+
+
+def test_play_that_closes_over_the_variable_is_a_trend(tmp_path):
+    measurements = write_series(tmp_path, [1.0] * 4, [60.0, 48.0, 38.0, 30.0])
+    series = series_of(measurements)
+    assert series.variable == "turns"
+    trends = {trend.number.kind.name: trend for trend in trends_of(series)[0]}
+    assert trends["width"].shown
+    assert trends["width"].slope < -0.1
+    assert trends["width"].p_differ < 0.01
+    assert not trends["compliance"].shown
+
+
+def test_a_variable_that_a_state_lacks_is_asked_for_by_name(tmp_path):
+    measurements = write_series(tmp_path, [1.0] * 2, [40.0] * 2)
+    with pytest.raises(InputError, match="state0, state1: no 'cycles'; add values"):
+        series_of(measurements, "cycles")
+    with pytest.raises(InputError, match="2 or more states"):
+        series_of(measurements[:1])
+
+
+def test_the_library_function_writes_a_page_that_says_what_the_verdict_says(tmp_path, monkeypatch):
+    write_series(tmp_path / "drive", [1.0, 1.4], [40.0] * 2, 0.0, (20.0, 140.0, 260.0))
+    monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
+    verdict = pipeline.identify_series(tmp_path / "drive")
+    folder = tmp_path / "runs" / "series" / "drive"
+    page = (folder / "report.html").read_text().replace("\u00a0", " ")
+    assert verdict["states"] == ["state0", "state1"]
+    assert verdict == json.loads((folder / "verdict.json").read_text())
+    assert verdict["trends"].split(" ")[0] in page
+    errors = pd.read_parquet(folder / "errors.parquet")
+    assert len(errors) == 6
+    mean = np.sqrt((errors["refitted_arcmin"] ** 2).mean())
+    assert verdict["errors_arcmin"]["refitted"] == pytest.approx(mean, rel=1e-9)
+    states = pd.read_parquet(folder / "states.parquet")
+    assert set(states["source"]) == {"loops", "fit"}
+
+
+def test_errors_of_states_have_intervals_over_positions(answer):
+    for _, errors in state_errors(answer):
+        value, low, high = errors["refitted"]
+        assert low < value < high
