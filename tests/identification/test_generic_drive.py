@@ -104,7 +104,7 @@ def test_the_command_judges_first_and_writes_a_page(tmp_path, monkeypatch, capsy
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
     assert cli.main(["identify", "--unit", str(tmp_path / "u")]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("reading the unit")
+    assert lines[0].startswith("reading")
     assert "3 crank angles" in lines[1]
     assert lines[2].startswith("plan: play, friction and a spring")
     folder = tmp_path / "runs" / "identify" / "u"

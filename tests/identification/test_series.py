@@ -13,9 +13,9 @@ from pipeline.cli import settings
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_units
-from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED
 from pipeline.identification.series import shared_effects
-from pipeline.identification.series.results import effect_sizes, identify_measurements, state_errors
+from pipeline.identification.series.results import NOT_SHARED, effect_sizes, identify_measurements, state_errors
 from pipeline.identification.series.states import series_of
 from pipeline.identification.series.trends import trends_of
 
@@ -127,7 +127,7 @@ def test_a_runout_that_all_states_share_is_found_with_its_size_and_states_keep_t
 
 def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
     answer = identify_measurements(write_series(tmp_path, [1.0] * 3, [40.0] * 3, 0.0, (20.0, 140.0, 260.0), seed=5))
-    assert answer.verdict == UNEXPLAINED
+    assert answer.verdict == NOT_SHARED
     assert "No effect that all states share is shown" in answer.sentence
     assert not any(trend.shown for trend in answer.trends)
 

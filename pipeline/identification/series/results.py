@@ -18,7 +18,7 @@ from pipeline.identification.change.table import LoopTable
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, numbers_of
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.results.write import finite
-from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED, UNEXPLAINED
+from pipeline.identification.selection.statements.verdict import EQUIVALENT, IDENTIFIED
 from pipeline.identification.series.shared_effects import SharedEffects, TriedEffect, share_effects
 from pipeline.identification.series.states import Series, series_of
 from pipeline.identification.series.trends import Trend, trends_of
@@ -27,6 +27,7 @@ from pipeline.statistics.jackknife import jackknife_interval
 Real = NDArray[np.float64]
 
 VERDICT_FILE = "verdict.json"
+NOT_SHARED = "no shared effect shown"
 UNIT_OF = {name: number.unit for name, number in numbers_of(frozenset()).items()}
 STATES = Table(
     "states",
@@ -98,10 +99,10 @@ class SeriesAnswer:
 
     @property
     def verdict(self) -> str:
-        """Of all states together: identified, equivalent, or unexplained where no shared effect is claimed."""
+        """Of all states together: identified, equivalent, or that no shared effect is shown."""
         classes = self.effects.classes
         if not classes:
-            return UNEXPLAINED
+            return NOT_SHARED
         return IDENTIFIED if all(len(members) == 1 for members in classes) else EQUIVALENT
 
     @cached_property

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, numbers_of
 from pipeline.identification.generic.shared_fit import SharedFit, fitted_together
 from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
-from pipeline.identification.selection.judgement import FEWEST_BLOCKS
+from pipeline.identification.selection.criteria import FEWEST_BLOCKS
 from pipeline.identification.series.states import Series
 from pipeline.statistics.blocks import max_t
 
