@@ -83,6 +83,14 @@ def _studies(command: Commands) -> None:
     showing = command("show", "studies.show_run", "print the summary of a run")
     showing.add_argument("run", help="folder of a run, or the name of one in data/runs")
 
+    listing = command("keys", "keys.show_keys", "every key of design, study and unit files: type, unit, default, sign")
+    listing.add_argument("name", nargs="?", help="design, study, unit, or the beginning of a key, as tolerances")
+
+    making = command("new", "new.write_new", "write a commented design, study or measured unit that runs")
+    making.add_argument("kind", choices=("design", "study", "unit"))
+    making.add_argument("name", help="of the file in data/designs or data/studies, or of the folder in data/measured")
+    making.add_argument("--design", help="design of a study; default: pin_in_hole_39")
+
     command("clean-runs", "studies.clean_runs", "forget all runs, never inputs")
 
 

@@ -136,7 +136,7 @@ def test_the_sign_of_a_dimension_is_what_it_does_to_the_play(name):
     base = {"disk_profile": 30.0, "hole_diameter": 30.0, "roller_diameter": -10.0}
     cases = [{"label": "as it is", **base}, {"label": "more", **base, name: base.get(name, 0.0) + 5.0}]
     raw = {**STUDY, "samples": {"experiment": "cases", "nominal_first": False}, "cases": cases}
-    raw["cycle"] = {**STUDY["cycle"], "rigid_angles": 3}
+    raw["cycle"] = {**STUDY["cycle"], "rigid_angles": 7}
     raw = {key: value for key, value in raw.items() if key not in ("tolerances", "costs", "drivers", "tails")}
     study = parse_study(raw, "signs", "signs.toml", lambda name: load_design(name, ROOT))
     ends = rigid_ends(study, draw(study, 0, 2))

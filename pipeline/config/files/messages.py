@@ -8,8 +8,11 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from pipeline.config.files.key_reference import sections_of, wanted_value
 from pipeline.config.files.section import MISSING, Mistake, nearest_name
 
+FEW_KEYS = 12
+"""Keys of a section that a message about an unknown one lists; more: python -m pipeline keys."""
 _ALLOWED = {
     "greater_than": "must be > {gt:g}",
     "greater_than_equal": "must be >= {ge:g}",
@@ -52,11 +55,16 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Mistake]
 def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Mistake:
     key, parent = _located(detail["loc"], model)
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
+    name = str(detail["loc"][-1])
     if kind == "missing":
-        return Mistake(key, MISSING, "add it")
+        field = parent.model_fields.get(name) if parent else None
+        is_value = field is not None and not sections_of(field)
+        wanted = f": {wanted_value(key, field, parent)}" if parent and field and is_value else ""
+        return Mistake(key, MISSING, f"add it{wanted}")
     if kind == "extra_forbidden":
-        names = parent.model_fields if parent else ()
-        return Mistake(key, value, f"unknown key; {nearest_name(str(detail['loc'][-1]), names)}")
+        names = list(parent.model_fields) if parent else []
+        allowed = f"; allowed here: {', '.join(names)}" if len(names) <= FEW_KEYS else ""
+        return Mistake(key, value, f"unknown key; {nearest_name(name, names)}{allowed}")
     if kind == "union_tag_not_found":
         return Mistake(f"{key}.{context['discriminator'].strip(chr(39))}", MISSING, "add it")
     if kind == "union_tag_invalid":

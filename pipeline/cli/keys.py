@@ -1,0 +1,154 @@
+"""The command keys: every key of the files that a user writes, and the signs of the toleranced dimensions."""
+
+import argparse
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pipeline.cli import settings
+from pipeline.config.designs.design import Design
+from pipeline.config.dimensions import Dimension, dimension_library
+from pipeline.config.files.key_reference import Key, keys_of
+from pipeline.config.files.section import nearest_name
+from pipeline.config.notation.written import NOTATION
+from pipeline.config.studies.study import Study
+from pipeline.config.temperature.stated import Temperature
+from pipeline.errors import InputError
+from pipeline.identification.measurement.unit_file import UnitSettings
+
+GROUPED = {"tolerances": "<dimension>", "costs": "<dimension>"}
+NOT_IN_FILES = ("name", "design.", "thermal")
+"""Fields of the sections that the program sets itself."""
+FOLDERS = {"design": "data/designs/*.toml", "study": "data/studies/*.toml", "unit": "data/measured/*/unit.toml"}
+ALLOWED_NOTATION = {
+    "limits_mm": '"+0.000/-0.004" or "±0.002": limits as on a drawing [mm], in place of lower_um and upper_um',
+    "iso": '"6h5": a code of ISO 286, in place of lower_um and upper_um',
+    "of": '"diameter" or "radius": what limits_mm are of',
+    "position": '"dia 0.02": diameter of a circular zone [mm], for positions',
+    "convention": '"drawing" (a larger part is positive) or "material_off": sign of limits_mm of a profile',
+}
+GAP_WORDS = {1: "opens gaps", -1: "closes gaps", 0: "either"}
+
+
+@cache
+def file_keys() -> Mapping[str, tuple[Key, ...]]:
+    """The keys of a design, a study and a unit file."""
+    notation = [
+        Key(f"tolerances.<dimension>.{name}", "text", "", "none", ALLOWED_NOTATION[name], "") for name in NOTATION
+    ]
+    study = [*keys_of(Study, grouped=GROUPED), *notation, *keys_of(Temperature, "temperature.")]
+    study.append(Key("design", "text", "", "required", "a design file, or the stem of one in data/designs", ""))
+    keys = {"design": [*keys_of(Design)], "study": study, "unit": [*keys_of(UnitSettings)]}
+    return {file: tuple(_unique(key for key in of_file if _is_written(file, key))) for file, of_file in keys.items()}
+
+
+def _is_written(file: str, key: Key) -> bool:
+    return file == "unit" or key.path == "design" or not key.path.startswith(NOT_IN_FILES)
+
+
+def _unique(keys: Iterator[Key]) -> Iterator[Key]:
+    """One of the keys that the alternatives of a section share."""
+    seen: dict[str, Key] = {}
+    for key in keys:
+        first = seen.setdefault(key.path, key)
+        if key.allowed not in first.allowed:
+            seen[key.path] = replace(first, allowed=f"{first.allowed}, {key.allowed}")
+    yield from seen.values()
+
+
+@cache
+def examples(root: Path) -> Mapping[tuple[str, str], str]:
+    """A value of each key from the files of the project, by file and key."""
+    found: dict[tuple[str, str], str] = {}
+    for file, pattern in FOLDERS.items():
+        for path in sorted(root.glob(pattern)):
+            for key, value in written_keys(file, tomllib.loads(path.read_text(encoding="utf-8"))):
+                found.setdefault((file, key), _shown(value))
+    return found
+
+
+def written_keys(file: str, tables: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """The keys of a parsed file by the names of the reference, with their values."""
+    known = {key.path for key in file_keys()[file]}
+    for key, value in _flat(tables):
+        yield _reference_name(key, known), value
+
+
+def _flat(value: Any, key: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _flat(inner, (*key, name))
+    elif isinstance(value, list) and value and isinstance(value[0], dict):
+        for entry in value:
+            yield from _flat(entry, (*key[:-1], f"{key[-1]}[]"))
+    else:
+        yield key, value
+
+
+def _reference_name(key: tuple[str, ...], known: set[str]) -> str:
+    """A key with its user's names replaced as in the reference; itself where the reference has none such."""
+    for length in range(len(key), 0, -1):  # a table of free names ends in one
+        for placeholder in ("<dimension>", "<name>"):
+            for position in [None, *range(length)]:
+                parts = [placeholder if place == position else part for place, part in enumerate(key[:length])]
+                if (name := ".".join(parts)) in known:
+                    return name
+    return ".".join(key)
+
+
+def _shown(value: object) -> str:
+    text = str(value).lower() if isinstance(value, bool) else f'"{value}"' if isinstance(value, str) else str(value)
+    return text if len(text) <= 40 else f"{text[:36]} ..."
+
+
+def show_keys(options: argparse.Namespace) -> None:
+    """Print the keys of all files, of one file, or those that begin with a name."""
+    print("\n".join(key_lines(options.name or "")))
+
+
+def key_lines(name: str) -> Iterator[str]:
+    """Lines of the reference.
+
+    Raises
+    ------
+    InputError
+        If no key has this name.
+    """
+    if name == "tolerances":
+        yield from sign_lines()
+    count = 0
+    for file, keys in file_keys().items():
+        chosen = [key for key in keys if name in ("", file) or key.path == name or key.path.startswith(f"{name}.")]
+        section = None
+        for key in chosen:
+            if key.section != section:
+                section = key.section
+                yield f"\n[{file} file] {section}"
+            count += 1
+            yield f"  {key.path}: {describe(key, examples(settings.ROOT).get((file, key.path), ''))}"
+    if not count:
+        names = {key.path.partition(".")[0] for keys in file_keys().values() for key in keys}
+        raise InputError(f"keys {name}: no such key; {nearest_name(name, {*names, *file_keys()})}")
+
+
+def describe(key: Key, example: str) -> str:
+    """Type, unit, default, allowed values and an example of a key in one phrase."""
+    parts = [f"{key.kind} [{key.unit}]" if key.unit else key.kind, key.default if key.default == "required" else ""]
+    parts += [f"default {key.default}" if key.default not in ("required", "none") else "", key.allowed]
+    return "; ".join(part for part in [*parts, f"e.g. {example}" if example else ""] if part)
+
+
+def sign_lines() -> Iterator[str]:
+    """What a positive deviation of each dimension does, and the sign that its limits in mm take."""
+    yield "Signs: a positive deviation of each dimension, what it does to the gaps, the sign of limits_mm"
+    for dimension in dimension_library().values():
+        yield f"  {dimension.name}: {'; '.join(sign_of(dimension))}"
+
+
+def sign_of(dimension: Dimension) -> tuple[str, str, str]:
+    """Sign of a dimension in words, its effect on the gaps, and the sign of limits in mm."""
+    drawing = "as here" if dimension.drawing_sign > 0 else "state convention: a drawing has the other sign"
+    return dimension.sign, GAP_WORDS[dimension.gap_sign], drawing
