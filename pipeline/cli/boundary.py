@@ -4,6 +4,7 @@ import errno
 import re
 import tempfile
 import traceback
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipeline.errors import ChunkError, InputError, shortened
@@ -11,6 +12,8 @@ from pipeline.errors import ChunkError, InputError, shortened
 USER, OURS, INTERRUPTED, PIPE = 2, 1, 130, 141
 """Exit statuses: what the user can mend; a failure of ours; Ctrl-C; nobody reads the output any more."""
 
+MOST_LINES = 20
+"""Lines of an answer."""
 REMEDIES = {
     errno.ENOSPC: "free some space there; the same command goes on from the finished chunks",
     errno.EDQUOT: "free some of your quota; the same command goes on from the finished chunks",
@@ -40,7 +43,7 @@ def answer(error: BaseException) -> ErrorAnswer:
     """What to tell of an error that reached the command line; an unexpected one leaves its traceback in a file."""
     match error:
         case InputError():
-            return ErrorAnswer(tuple(map(shortened, error.problems)), USER)
+            return ErrorAnswer(tuple(map(shortened, _first(error.problems))), USER)
         case ChunkError():
             return ErrorAnswer((shortened(str(error)),), OURS)
         case KeyboardInterrupt():
@@ -54,6 +57,12 @@ def answer(error: BaseException) -> ErrorAnswer:
         case RecursionError():
             return ErrorAnswer(("a file is nested too deeply to be read; flatten it",), USER)
     return ErrorAnswer((_unexpected(error),), OURS)
+
+
+def _first(problems: Sequence[str]) -> list[str]:
+    """Problems, of which a screen shows the first."""
+    more = len(problems) - MOST_LINES + 1
+    return [*problems[: MOST_LINES - 1], f"and {more} more problems"] if more > 1 else list(problems)
 
 
 def _of_system(error: OSError) -> str:

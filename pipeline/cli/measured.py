@@ -15,6 +15,7 @@ from pipeline.identification.change.results import answer
 from pipeline.identification.described import results as described_results
 from pipeline.identification.described.description import described
 from pipeline.identification.identify import FaultyUnit, identify_measured
+from pipeline.identification.measurement.faults.fault import determined
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
 from pipeline.identification.results import write as results
@@ -44,7 +45,8 @@ def identify_designed(measurement: Measurement, options: argparse.Namespace) -> 
         path = outputs["reduce"].path(COMPLIANCE_FILE)
         return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
 
-    identification = identify_measured(measurement, condensed)
+    with determined(measurement.unit.name):
+        identification = identify_measured(measurement, condensed)
     folder = settings.RUNS / "identify" / measurement.unit.name
     findings = identification if isinstance(identification, FaultyUnit) else results.findings(identification)
     results.write(findings, folder)
@@ -61,7 +63,8 @@ def describe_generic(measurement: Measurement) -> None:
     if measurement.fatal:
         print(f"{FAULT}: {described_results.write_fault(measurement, folder)}")
         return
-    description = described(measurement)
+    with determined(measurement.unit.name):
+        description = described(measurement)
     residual_signatures = described_results.write(description, folder)
     write_description_page(description, residual_signatures, folder, settings.shown(folder))
     print(f"{description.verdict}: {described_results.sentence(description)}")
@@ -96,7 +99,8 @@ def compare_states(options: argparse.Namespace) -> None:
     ]
     state_before, state_after, *more_states = (Measurement.read(unit) for unit in (*compared, *further))
     print("\n".join(line for state in (state_before, state_after, *more_states) for line in state.summary), flush=True)
-    answers = answer(state_before, state_after, more_states)
+    with determined(f"{state_before.unit.name}, {state_after.unit.name}"):
+        answers = answer(state_before, state_after, more_states)
     folder = settings.RUNS / "changed" / f"{state_before.unit.name}-{state_after.unit.name}"
     change_results.write(answers, folder)
     write_change_page(answers, folder, settings.shown(folder))
@@ -124,12 +128,13 @@ def compare_population(options: argparse.Namespace) -> None:
     population = read_population_run(settings.RUNS / study.name, study)
     confidence = study.metrics.confidence
     comparisons = compared(units, population.metrics, confidence, over=options.over)
-    closings = {
-        crank: closing(
-            [comparison for comparison in comparisons if comparison.crank_deg == crank], population, confidence
-        )
-        for crank in dict.fromkeys(comparison.crank_deg for comparison in comparisons)
-    }
+    with determined(options.units.name):
+        closings = {
+            crank: closing(
+                [comparison for comparison in comparisons if comparison.crank_deg == crank], population, confidence
+            )
+            for crank in dict.fromkeys(comparison.crank_deg for comparison in comparisons)
+        }
     folder = settings.RUNS / "population" / study.name
     single = single_units(units, population.metrics, options.over)
     population_results.write(comparisons, closings, single, folder)

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.files.table_file import shortened_list
 from pipeline.identification.measurement.faults.data_faults import data_faults
 from pipeline.identification.measurement.faults.fault import Fault
 from pipeline.identification.measurement.measured_rows import MeasuredRows
@@ -48,7 +49,7 @@ class Measurement(MeasuredRows):
         return [
             f"{self.unit.name}: {len(rows)} rows in {len(rows.files)} files, {len(rows.cranks)} crank angles, "
             f"{cycles} cycles",
-            *(fault.line for fault in self.faults),
+            *shortened_list((fault.line for fault in self.faults), self.unit.name),
         ]
 
     @cached_property

@@ -5,6 +5,8 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
+from pipeline.errors import InputError
+from pipeline.identification.measurement.faults.fault import determined
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -268,3 +270,20 @@ def test_repeats_are_matched_by_sense_however_the_cycles_are_cut(tmp_path):
     floor = Measurement.read(unit).repeatability.repeats
     assert floor.blocks == 2
     assert floor.value == pytest.approx(0.02 / np.sqrt(3.5), rel=0.4)  # a cell has three or four rows
+
+
+def test_linear_algebra_that_fails_is_a_fault_with_a_reason():
+    with (
+        pytest.raises(InputError, match="u: fault: undetermined: the data do not determine .*Singular matrix"),
+        determined("u"),
+    ):
+        np.linalg.solve(np.ones((2, 2)), np.ones(2))
+
+
+def test_a_long_list_of_faults_is_cut(tmp_path):
+    """Each cycle with an offset of its own is a fault of its own; an answer has at most twenty lines."""
+    table = measured(positions=(0.0,), cycles=40, per_branch=20)
+    table["angle_arcmin"] += 50.0 * (table["cycle"] % 2)
+    summary = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": table}), ROOT)).summary
+    assert len(summary) == 21
+    assert "more faults" in summary[-1]

@@ -147,8 +147,9 @@ def _order(rows: Rows, good: Truth) -> Iterator[Fault]:
             "time falls within a cycle; rows must be in time order",
         )
     if repeated_rows:
+        places = [f" at {rows.cranks[rows.position[row]]:g} deg" if len(rows.cranks) else "" for row in repeated_rows]
         listing = ", ".join(
-            f"{rows.cycle[row]} at {rows.cranks[rows.position[row]]:g} deg" for row in repeated_rows[:SHOWN_ROWS]
+            f"{rows.cycle[row]}{place}" for row, place in zip(repeated_rows[:SHOWN_ROWS], places, strict=False)
         )
         yield fault_of_rows(
             rows,

@@ -2,18 +2,38 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.identification.measurement.rows import Rows
 
 Severity = Literal["fatal", "note"]
 
 SHOWN_ROWS = 5
 """Rows that a fault names."""
+
+
+@contextlib.contextmanager
+def determined(name: str) -> Iterator[None]:
+    """Turn linear algebra that fails into a fault of the data; ``name`` is that of the unit.
+
+    Raises
+    ------
+    InputError : an equation system is singular, or a decomposition does not converge.
+    """
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{name}: fault: undetermined: the data do not determine the numbers that are fitted to them ({error}); "
+            "measure more torques, positions or cycles, and look for columns that repeat each other"
+        ) from None
 
 
 @dataclass(frozen=True)

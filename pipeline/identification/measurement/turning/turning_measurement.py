@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.files.table_file import shortened_list
 from pipeline.errors import InputError
 from pipeline.identification.measurement.branches import BranchBlocks
 from pipeline.identification.measurement.cells import Cells
@@ -83,7 +84,7 @@ class TurningMeasurement(Measurement):
         counted = f"{motion.turn.max(initial=-1) + 1} turns of the crank at {torques} N m"
         return [
             f"{self.unit.name}: {len(rows)} rows in {len(rows.files)} files, {counted}",
-            *(fault.line for fault in self.faults),
+            *shortened_list((fault.line for fault in self.faults), self.unit.name),
         ]
 
     @cached_property
