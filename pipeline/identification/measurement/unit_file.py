@@ -239,6 +239,9 @@ def load_measured_unit(path_or_name: str | Path, root: Path) -> UnitFile:
     problems += _held_out_problems(parts)
     problems += _turning_problems(parts)
     problems += _crank_problems(parts)
+    if design is not None and parts.get("crank", CrankSection()).moves != "fixed":
+        advice = "a model of a design is fitted with the crank held; of a drive with [generic] the crank turns"
+        problems.append(Mistake("crank.moves", parts["crank"].moves, advice))
     problems += _output_problems(design)
     if problems or lines:
         lines += _table_problems(files, path.parent)

@@ -12,12 +12,14 @@ from pipeline.checks.blind.catalogue import catalogue, no_compliance
 from pipeline.checks.blind.rigid_drive.drive import Bearing, Curve
 from pipeline.checks.blind.rigid_drive.effects import EFFECTS, NMM_PER_NM, RAD_PER_ARCMIN
 from pipeline.checks.blind.rigid_drive.line_contact import LineContact
+from pipeline.checks.blind.rigid_drive.locked import locked_torques
 from pipeline.checks.blind.rigid_drive.noise import SLOW_SHARE, readings
 from pipeline.checks.blind.rigid_drive.train import Train
 from pipeline.checks.blind.rigid_unit import machined, rigid_drive, rigid_unit
 from pipeline.checks.blind.true_unit import true_unit
 from pipeline.identification.fitting.problem import candidates
 from pipeline.model.load_history.backbone import backbone, torque_levels
+from pipeline.model.load_history.turning_crank import CurvesOverCrank
 from pipeline.mounting import drive_of
 from pipeline.sampling import Errors, draw
 
@@ -193,3 +195,33 @@ def test_its_tolerances_lie_within_the_limits_of_the_study():
         low, high = tolerance.limits_um
         assert low <= values.min() < low + 0.3 * (high - low)
         assert high - 0.3 * (high - low) < values.max() <= high
+
+
+def test_both_simulators_turn_the_crank_of_a_locked_output_alike():
+    """A run-out of the pin circle lets the motor feel 1 % less than the output, by virtual work."""
+    study, start = reducer("holes_19").rigid_truth, 2.0
+    gear, dimensions = study.design.cycloid, without_errors(study)
+    angle = -2 * np.pi * np.arange(gear.pins) / gear.pins
+    dimensions = replace(
+        dimensions,
+        pin_radial=10.0 * np.cos(angle)[None],
+        pin_tangential=10.0 * np.sin(angle)[None],
+        disk_profile=np.array([20.0]),
+    )
+    loose = assembly.bearing_clearance(study.design, dimensions.bearing_clearance)
+    cranks = start + np.radians(np.linspace(-4.0, 2.0, 9))
+    models = [drive_of(study, crank, None, assembly.errors(dimensions), loose) for crank in np.degrees(cranks)]
+    curves = CurvesOverCrank.of([backbone(model, torque_levels(24, 1.0)) for model in models], cranks)
+    locked = curves.locked(start, -gear.lobes)
+    nodes, most = [0, 4, 8], 2 * NMM_PER_NM * gear.rated_torque_Nm
+    motor, output = locked_torques(
+        lambda crank: rigid_drive(study.design, dimensions, float(np.degrees(crank))),
+        start,
+        -gear.lobes,
+        locked.angle[nodes],
+        most,
+    )
+    np.testing.assert_allclose(motor, locked.torque[nodes], rtol=0.015)  # the model is linear in the pose
+    felt = (locked.torque / locked.carried)[nodes] - 1
+    assert np.all(felt < -0.008)
+    np.testing.assert_allclose(motor / output - 1, felt, rtol=0.1)

@@ -203,6 +203,10 @@ class RigidDrive:
                 damping *= STIFFENED
         raise NoBalanceError(f"{np.linalg.norm(state.slope):.3g} N unbalanced at {torque:.3g} N mm")
 
+    def energy_stored(self, pose: Real) -> float:
+        """Elastic energy [N mm] at a pose (5,) [mm]."""
+        return self._state(pose, 0.0, None).energy
+
     def curve(self, largest: float) -> Curve:
         """The curve to +- the ``largest`` torque [N mm], each sense from there down.
 

@@ -1,0 +1,110 @@
+"""The curve of a drive whose output is locked while its crank turns, against closed forms and the held crank."""
+
+import numpy as np
+import pytest
+from drives import RATED, history, small_drive
+
+from pipeline.model.contact.friction_elements import Sliders
+from pipeline.model.load_history.backbone import backbone, torque_levels
+from pipeline.model.load_history.friction.output_path import Ripple, output_path
+from pipeline.model.load_history.turning_crank import CurvesOverCrank
+
+TORQUE = np.concatenate([-np.linspace(30, 0.01, 60), np.linspace(0.01, 30, 60)])
+RATIO = -13.0
+SOFT = 2e-3
+"""[rad/(N mm)]"""
+
+
+def curves(error=0.0, softer=0.0, order=1.0, period=2 * np.pi, count=48, play=0.01) -> CurvesOverCrank:
+    """An angle error [rad] and a compliance that vary with an order of the crank angle."""
+    crank = np.arange(count) / count * period
+    wave = np.cos(order * crank)[:, None]
+    angle = SOFT * TORQUE * (1 + softer * wave) + 0.5 * play * np.sign(TORQUE) + error * wave
+    return CurvesOverCrank(crank, TORQUE, angle, period)
+
+
+def test_a_sinusoidal_angle_error_alone_has_a_closed_form_with_its_factor_of_the_torque():
+    start, error = 0.8, 0.008
+    locked = curves(error).locked(start, RATIO)
+    crank = start - RATIO * locked.angle
+    np.testing.assert_allclose(locked.crank, crank, atol=1e-12)
+    strain = SOFT * TORQUE + 0.005 * np.sign(TORQUE)
+    np.testing.assert_allclose(locked.angle, strain + error * np.cos(crank), atol=1e-7)
+    factor = 1 + RATIO * -error * np.sin(crank)  # i tau = T (1 + i dte/dphi)
+    assert np.ptp(factor) > 0.09
+    np.testing.assert_allclose(locked.torque, TORQUE * factor, rtol=1e-4)
+
+
+def test_the_torque_of_the_motor_is_the_derivative_of_the_energy():
+    """V(a) of a spring whose compliance varies: a^2 / (2 c(phi)), without play."""
+    start, softer = 2.1, 0.2
+    locked = curves(softer=softer, play=0.0).locked(start, RATIO)
+
+    def energy(twist):
+        return twist**2 / (2 * SOFT * (1 + softer * np.cos(start - RATIO * twist)))
+
+    step = 1e-6
+    derivative = (energy(locked.angle + step) - energy(locked.angle - step)) / (2 * step)
+    np.testing.assert_allclose(locked.torque, derivative, rtol=2e-4, atol=1e-4)
+    assert np.max(np.abs(locked.torque / TORQUE - 1)) > 0.05
+
+
+def test_where_nothing_depends_on_the_crank_the_loop_is_that_of_the_crank_that_is_held():
+    locked = curves().locked(0.3, RATIO)
+    held = curves().angle[0]
+    np.testing.assert_allclose(locked.torque, TORQUE, rtol=1e-13)
+    np.testing.assert_allclose(locked.angle, held, atol=1e-13)
+    sliders = Sliders(np.ones((1, 1)), np.array([1e5]), np.array([1.0]), np.array([0.1]), np.array([-1]))
+    turns = history(0.0, 20.0, -20.0, 20.0, steps=3)
+    paths = [
+        output_path(turns, torque, angle, sliders, Ripple())
+        for torque, angle in ((TORQUE, held), (locked.torque, locked.angle))
+    ]
+    np.testing.assert_allclose(paths[1].corners, paths[0].corners, atol=1e-10)
+
+
+def test_a_whole_turn_changes_nothing_and_one_of_the_crank_only_what_belongs_to_a_lobe():
+    pin_circle = curves(0.006)
+    lobe = curves(0.006, order=14 / 13, period=2 * np.pi * 13, count=400)
+    for case, turn in ((pin_circle, 2 * np.pi), (lobe, 2 * np.pi * 13)):
+        np.testing.assert_allclose(case.locked(0.4 + turn, RATIO).angle, case.locked(0.4, RATIO).angle, atol=1e-12)
+    changed = lobe.locked(0.4 + 2 * np.pi, RATIO).angle - lobe.locked(0.4, RATIO).angle
+    assert np.max(np.abs(changed)) > 1e-3
+
+
+def test_the_error_of_interpolation_is_stated_and_falls_sixteenfold():
+    errors = []
+    for count in (12, 24, 48):
+        case = curves(0.006, count=count)
+        between = case.crank + np.pi / count
+        true = case.angle[0] - 0.006 + 0.006 * np.cos(between)[:, None]
+        assert np.max(np.abs(case.spline(between) - true)) < case.error
+        errors.append(case.error)
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.4)
+    assert errors[1] / errors[2] == pytest.approx(16, rel=0.4)
+    with pytest.raises(ValueError, match="5 crank angles"):
+        _ = curves(count=5).error
+
+
+def test_a_jump_and_an_unknown_crank_angle_are_refused():
+    with pytest.raises(ValueError, match="jumps"):
+        curves(0.006, order=14.0, count=400).locked(0.0, RATIO)
+    window = CurvesOverCrank(curves().crank[:10], TORQUE, curves().angle[:10])
+    with pytest.raises(ValueError, match="the crank turns from"):
+        window.locked(0.3, RATIO)
+
+
+def test_a_reducer_reaches_the_gaps_of_the_crank_angle_that_it_turns_to():
+    """Curves of the reducer itself: the locked angle is that of the crank held where the locked drive has come to."""
+    cranks = 0.4 + np.linspace(-0.2, 0.2, 9)
+    shares = torque_levels(8, 1.0)
+    solved = [backbone(small_drive(crank=crank, seed=3), shares) for crank in cranks]
+    case = CurvesOverCrank.of(solved, cranks)
+    locked = case.locked(0.4, -9.0)
+    last = backbone(small_drive(crank=float(locked.crank[-1]), seed=3), shares)
+    assert abs(locked.crank[-1] - 0.4) > 1e-3
+    assert last.angle[0, -1] == pytest.approx(locked.angle[-1], abs=2 * case.error + 1e-10)
+    assert locked.carried[-1] == pytest.approx(RATED)
+    tight = [backbone(small_drive(crank=crank, seed=3, play=-4e-3), shares) for crank in cranks[:2]]
+    with pytest.raises(ValueError, match="preloaded"):
+        CurvesOverCrank.of(tight, cranks[:2])
