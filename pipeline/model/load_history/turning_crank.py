@@ -1,7 +1,7 @@
 """The frictionless curve of a drive whose output is locked while its crank turns.
 
-At each crank angle phi the output turns by a(T, phi) under a torque T while the crank is held. With the output locked it
-is the crank that turns, to phi = phi_0 - i a, where i is its turns per turn of the output: -Z with the housing held,
+At each crank angle phi the output turns by a(T, phi) under a torque T while the crank is held. With the output locked
+it is the crank that turns, to phi = phi_0 - i a, where i is its turns per turn of the output: -Z with the housing held,
 N with the flange held. A state of the locked drive is therefore the root of delta = a(T, phi_0 - i delta), and gaps,
 transmission error and stiffness are those of the crank angle reached.
 

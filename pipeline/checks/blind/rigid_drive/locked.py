@@ -17,7 +17,7 @@ from pipeline.checks.blind.rigid_drive.drive import RigidDrive
 Real = NDArray[np.float64]
 
 STEP = 1e-4
-"""Of the output's angle [rad], by which the energy is differentiated: balance leaves a part in a million of a torque."""
+"""Of the output's angle [rad], by which the energy is differentiated."""
 
 
 def locked_torques(
