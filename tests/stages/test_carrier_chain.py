@@ -276,3 +276,24 @@ def test_rubbing_pins_of_two_disks_on_cranks_open_the_loop(tmp_path):
     for _, rows in curves.groupby("sample"):
         middle = rows[(rows["torque_Nm"] - 200.0).abs() < 1e-6].set_index("branch")["angle_arcmin"]
         assert middle["unloading+"] > middle["reloading+"] + 1e-4  # more is left of the way than was on it
+
+
+def test_order_2_of_the_loaded_error_grows_in_proportion_to_the_torque_in_both_senses():
+    """A perfect unit of two unlike cranks by the solver: bearings that press one side only, gears, rigid disks."""
+    output = DESIGN["output"] | {"stiffness_of_cranks": [1.0, 0.4]}
+    output["first_stage"] = output["first_stage"] | {"backlash_um": 0.0}
+    data = DESIGN | {"output": output, "bearing": DESIGN["bearing"] | {"clearance_um": 0.0}}
+    study = small_study("rv_two_disks", parse_design(data, "rv.toml"), reduce={"disk": "rigid"})
+    sampled = draw(study, 0, 1)
+    errors = assembly.errors(sampled)
+    errors = replace(errors, lobe=np.zeros_like(errors.lobe))
+    torque, turned = 1e3 * np.array([100.0, 200.0, 400.0]), []
+    for step in range(16):  # of a turn of a crank against the carrier
+        drive = drive_of(study, 360.0 * 39 / 40 * step / 16, None, errors, np.zeros((1, 2)))
+        start = np.zeros((1, len(drive.reducer.motions)))
+        both = [drive.equilibria(start, sense * torque) for sense in (1, -1)]
+        assert all(solved.converged.all() for solved in both)
+        turned.append([solved.motion[0, :, drive.reducer.output_motion] for solved in both])
+    wave = 2 * np.abs(np.fft.fft(turned, axis=0)[2]) / 16
+    np.testing.assert_allclose(wave / wave[:, -1:], [[0.25, 0.5, 1.0]] * 2, rtol=0.05)
+    assert np.all(wave[:, -1] > 1e-3 * np.mean(np.abs(turned), axis=0)[:, -1])

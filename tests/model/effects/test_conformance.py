@@ -35,6 +35,7 @@ CLOSE = 0.03
 def sizes(name, share=0.3):
     """Numbers of an effect well within its bounds, but for twists, which are looked for up to the pins' tenfold."""
     pairs = LIBRARY[name].bounds(small_drive())
+    share += 0.23 * (name == "crank_compliance_2")  # else the drive's crank stands in the trough of its wave
     soft = {"output_torsion", "creep", "rayleigh", "softening_compliance", "seat_compliance"}
     return [low + share * (0.02 if name in soft and low == 0 else 1.0) * (high - low) for low, high in pairs]
 

@@ -232,3 +232,34 @@ def test_a_ratio_that_is_no_integer_has_a_period_of_several_turns():
         update={"first_stage": stage.model_copy(update={"sun_teeth": 12, "planet_teeth": 37})}
     )
     assert uneven.output_turns(Teeth) == 3  # 1 + 37 * 40/12 = 373/3
+
+
+def orders(values):
+    """Amplitudes of the orders of a turn from 0 of values (n,) evenly over it."""
+    return np.abs(np.fft.rfft(values)) / len(values) * np.where(np.arange(len(values) // 2 + 1) == 0, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("factors", "crankshaft", "growing"),
+    [
+        ((1.0, 1.0), None, ()),
+        ((1.0, 1.0), shaft(None, 20.0, 12.5, (2e5, 2e5)), ()),
+        ((1.0, 0.4), None, (2,)),
+        ((1.0, 1.0), shaft(), (2,)),
+        ((1.0, 0.4), shaft(), (1, 2)),
+    ],
+    ids=["alike", "alike on shafts", "unlike cranks", "unlike supports", "both unlike"],
+)
+def test_bearings_that_are_unlike_give_the_compliance_orders_of_the_eccentrics(factors, crankshaft, growing):
+    """Which a linear unit multiplies by the torque: some tenths of a percent to percents of its deflection.
+
+    Like bearings are alike in all directions, and the force of the pins, which turns with the eccentrics, finds one
+    compliance. Between two unlike cranks the loads move over twice a turn; disks at unlike supports meet either.
+    """
+    mechanism, turned = carrier(2, crankshaft, factors), []
+    for angle in 2 * np.pi * np.arange(32) / 32:  # of a crank against the carrier
+        reducer = nominal_reducer(PROFILE, mechanism, angle * LOBES / 40, disks=2)
+        turned.append(both_sided(mechanism, reducer)[0][reducer.output_motion])
+    waves = orders(np.array(turned)) / np.mean(turned)
+    assert [order for order in (1, 2, 3, 4) if waves[order] > 1e-3] == list(growing)
+    assert np.all(waves[[order for order in (1, 2, 3) if order not in growing]] < 1e-4)
