@@ -13,6 +13,7 @@ position 1 again. The whole turns of the crank follow from the number of the pos
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -71,13 +72,20 @@ torque_at = "input"
 
 [state]
 assembly = "{series}"
+{turns}
 
 [instrument]
 angle_resolution_arcmin = 0.33
 
 [held_out]
 by = "position"
-train = [{crank}]
+train = [{trained}]
+"""
+FILE = """
+[[files]]
+path = "{name}.csv"
+position = "{number}"
+crank_deg = {crank}
 """
 
 
@@ -118,15 +126,29 @@ def write_unit(state: Path, folder: Path, files: Sequence[str] = ()) -> Path:
     names = list(files) or sorted(path.name.split(".")[0] for path in state.glob("position?.csv.gz"))
     parts = {name: thinned(state / f"{name}.csv.gz") for name in names}
     folder.mkdir(parents=True, exist_ok=True)
-    pd.concat(parts.values()).to_csv(folder / "rows.csv", index=False)
-    trained = parts[TRAINED]["crank_deg"].iloc[0]
-    text = UNIT.format(state=state.name, series=series_name(state.name), crank=trained)
+    turns = preload_turns(state.name)
+    text = UNIT.format(
+        state=state.name,
+        series=series_name(state.name),
+        turns="" if turns is None else f"values = {{ preload_turns = {turns} }}",
+        trained=parts[TRAINED][1],
+    )
+    for name, (rows, crank) in parts.items():
+        rows.to_csv(folder / f"{name}.csv", index=False)
+        text += FILE.format(name=name, number=name.removeprefix("position"), crank=crank)
     (folder / "unit.toml").write_text(text, encoding="utf-8")
     return folder
 
 
-def thinned(path: Path) -> pd.DataFrame:
-    """Rows of one lock position in the columns of a measured unit, with the crank angle of its first row.
+def preload_turns(state: str) -> int | None:
+    """Turns of the preload screw or spring, by the name of a state; None where it is another change."""
+    change = state.rpartition("_")[2]
+    found = re.fullmatch(r"(\d+)pre|preload(\d+)", change)
+    return 0 if change == "runin" else int(found[1] or found[2]) if found else None
+
+
+def thinned(path: Path) -> tuple[pd.DataFrame, float]:
+    """Rows of one lock position in the columns of a measured unit, and the crank angle of the first [deg].
 
     Raises
     ------
@@ -138,16 +160,17 @@ def thinned(path: Path) -> pd.DataFrame:
         )
     raw = pd.read_csv(path)
     rows = raw[raw["test_nr"] >= FIRST_RAMP].iloc[::EVERY]
-    return pd.DataFrame(
+    crank = crank_angle(int(path.name.removeprefix("position")[0]), float(rows["POSITION"].iloc[0]))
+    table = pd.DataFrame(
         {
             "cycle": rows["test_nr"] - FIRST_RAMP,
-            "crank_deg": crank_angle(int(path.name.removeprefix("position")[0]), float(rows["POSITION"].iloc[0])),
             "torque_Nm": rows["TORQUE"].round(4),
             "angle_arcmin": (ARCMIN_A_TURN * rows["POSITION"]).round(3),
             "time_s": rows["TIME"].round(3),
             "command_torque_Nm": rows["CONTROL_TORQUE"].round(3),
         }
     )
+    return table, crank
 
 
 def crank_angle(number: int, position: float) -> float:
@@ -167,7 +190,8 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
     position 1 alone; ``effect`` and ``reversed`` with what the other states of the series say of the material and of
     the crank's angle, and with the sign of the latter turned round as a control; the baselines of position 1; ``floor``
     where position 1 was locked again: what its loops predict of themselves. ``left_out`` to ``left_out_replay`` predict
-    each position from all others of the state: refitted, with the effect, and by replay.
+    each position from all others of the state: refitted, with the effect (its numbers those of the other states of the
+    series, its own where there is none), and by replay.
     """
     loops = {name: crank_loops(measurement) for name, measurement in measurements.items()}
     rows = []
@@ -176,25 +200,32 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
         before = fitted_together([state.some(trained)])
         refitted = fitted_together([state.some(trained)], SOFT_TERMS)
         row = {"state": name, "before": before.predicted[0], "refitted": refitted.predicted[0]}
-        row |= with_effect(state.some(trained), [loops[other] for other in loops if _beside(name, other)])
+        held = shared_numbers([loops[other] for other in loops if _beside(name, other)])
+        row |= with_effect(state.some(trained), held)
         row |= replays(measurement, trained)
         errors = {key: curve if key == "state" else rms(state, curve, ~trained) for key, curve in row.items()}
         floor = again.get(name)
         if floor is not None:
             first = floor.training_cells
             errors["floor"] = rms(crank_loops(floor), replays(floor, first)["replay"], ~first)
-        rows.append(errors | left_out(measurement, state))
+        rows.append(errors | left_out(measurement, state, held))
     frame = pd.DataFrame(rows)
     return pd.concat([frame, pd.DataFrame([{"state": "median", **frame.median(numeric_only=True)}])], ignore_index=True)
 
 
-def with_effect(state: CrankLoops, others: Sequence[CrankLoops]) -> dict[str, Real]:
-    """Predictions (n_cells,) with the shared numbers of other states, and with their effect reversed; none without."""
+def shared_numbers(others: Sequence[CrankLoops]) -> dict[str, float]:
+    """Numbers of the material and of the crank angle that other states of a series share; none without any."""
     if not others:
         return {}
+    known = fitted_together(others, (*SHARED_TERMS, EFFECT), (*SHARED_TERMS, EFFECT))
+    return {name: known.values[0][name] for name in known.shared}
+
+
+def with_effect(state: CrankLoops, held: Mapping[str, float]) -> dict[str, Real]:
+    """Predictions (n_cells,) with the shared numbers of other states, and with their effect reversed; none without."""
+    if not held:
+        return {}
     terms = (*SHARED_TERMS, EFFECT)
-    known = fitted_together(others, terms, terms)
-    held = {name: known.values[0][name] for name in known.shared}
     turned = {name: -value if name in CRANK_EFFECTS[EFFECT].numbers(EFFECT) else value for name, value in held.items()}
     fits = {
         title: fitted_together([state], terms, held=[values])
@@ -203,14 +234,15 @@ def with_effect(state: CrankLoops, others: Sequence[CrankLoops]) -> dict[str, Re
     return {title: fit.predicted[0] for title, fit in fits.items()}
 
 
-def left_out(measurement: Measurement, state: CrankLoops) -> dict[str, float]:
-    """Errors [arcmin] of each position predicted from all others of its state."""
+def left_out(measurement: Measurement, state: CrankLoops, held: Mapping[str, float]) -> dict[str, float]:
+    """Errors [arcmin] of each position predicted from all others of its state, and from the numbers ``held``."""
+    terms = (*(SHARED_TERMS if held else SOFT_TERMS), EFFECT)
     curves = {name: np.full(len(state.angle), np.nan) for name in ("left_out", "left_out_effect", "left_out_replay")}
     for position in np.unique(state.position):
         cells = state.position == position
         rest = [state.some(~cells)]
         curves["left_out"][cells] = fitted_together(rest, SOFT_TERMS).predicted[0][cells]
-        curves["left_out_effect"][cells] = fitted_together(rest, (*SOFT_TERMS, EFFECT)).predicted[0][cells]
+        curves["left_out_effect"][cells] = fitted_together(rest, terms, held=[held]).predicted[0][cells]
         curves["left_out_replay"][cells] = replays(measurement, ~cells)["replay"][cells]
     return {name: rms(state, curve, np.ones(len(curve), bool)) for name, curve in curves.items()}
 

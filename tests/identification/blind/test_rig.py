@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, path_of
 
-from pipeline.checks.rig import EVERY, HOLES, RATIO, crank_angle, predicted_states, states_of, write_unit
+from pipeline.checks.rig import EVERY, HOLES, RATIO, crank_angle, predicted_states, preload_turns, states_of, write_unit
 from pipeline.errors import InputError
 from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
 from pipeline.identification.measurement.measurement import Measurement
@@ -46,6 +46,8 @@ def test_a_state_becomes_a_unit_that_is_trained_on_its_first_position(tmp_path):
     np.testing.assert_allclose(turns, np.array([0.01, 0.0101, 1 - 1 / HOLES + 0.01]) * RATIO, atol=1e-3)
     assert measurement.unit.settings.held_out.train == pytest.approx((360 * 0.13,), abs=0.1)
     assert measurement.unit.settings.state.assembly == "loose_split"
+    assert [file.position for file in measurement.unit.files] == ["1", "2", "9"]
+    assert [preload_turns(name) for name in ("a_runin", "a_b_3pre", "a_preload5", "a_new")] == [0, 3, 5, None]
     assert len(measurement.rows) == pytest.approx(3 * 2 * len(torque) / EVERY, abs=6)
     assert not measurement.saturated.any()
     with pytest.raises(InputError, match="position1"):
