@@ -11,6 +11,7 @@ sys.path[:0] = [str(FOLDER.parent), str(FOLDER)]
 
 from architecture import draw  # noqa: E402  beside this file
 from constants import write_constants  # noqa: E402
+from keys import write_keys  # noqa: E402
 from tables import write_tables  # noqa: E402
 
 project = "Tolerance study of cycloid reducers"
@@ -32,6 +33,7 @@ warnings.filterwarnings("ignore", "Unknown section Source")  # of signatures; in
 draw(FOLDER / "generated")
 write_tables(FOLDER / "generated")
 write_constants(FOLDER / "generated")
+write_keys(FOLDER / "generated")
 
 
 def as_written(_app, _kind, _name, _object, _options, lines):
