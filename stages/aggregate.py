@@ -13,7 +13,7 @@ from pipeline.model.metrics.turn import TurnReadings, turn_library
 from pipeline.sampling import replicates
 from pipeline.statistics import Estimate, distribution, pass_share
 from stages.tables.bearings import bearing_forces
-from stages.tables.convergence import CONVERGENCE, angles_of_turn, convergence_rows, strides_of
+from stages.tables.convergence import CONVERGENCE, angles_of_turn, convergence_rows, searched_pitches, strides_of
 from stages.tables.keys import CRANK, SAMPLE, STATUS
 from stages.tables.sample_convergence import SAMPLE_CONVERGENCE, sample_convergence_rows
 from stages.tables.sensitivity import SENSITIVITY, sensitivity
@@ -30,9 +30,12 @@ from stages.tables.turn import (
     turn_readings,
     unit_status,
 )
+from stages.tables.whole_turn import FOUND_AT, WHOLE_TURN, found_columns, shortfalls, whole_turn_estimates
 
 OVER_ALL = "turn"
 """What a metric of the whole turn is over."""
+LOST = "a metric has no value at some pitch of the output turn"
+"""Status of a unit whose loops at the angles of the study have results."""
 SAMPLES_AT_ONCE = 10_000
 """Samples whose loops are read together: at most a few million rows."""
 METRICS = Table(
@@ -59,9 +62,13 @@ UNITS = Table(
     (
         SAMPLE,
         *OVER_TURN,
+        *FOUND_AT,
         *OF_TURN,
         Column("preloaded", "bool", "", "whether the gaps of some part interfere at some crank angle"),
-        Column("n_angles", "int32", "1", "loaded crank angles"),
+        Column(
+            "n_angles", "int32", "1", "loaded crank angles: of means, bests and metrics of the turn"
+        ),
+        Column("n_searched", "int32", "1", "pitches of the output turn among which the worst was searched; 0: none"),
         Column("n_rigid_angles", "int32", "1", "crank angles of the clearance backlash: of rigid bodies, and loaded"),
         STATUS,
     ),
@@ -75,7 +82,9 @@ DISTRIBUTIONS = Table(
             "over",
             "label",
             "",
-            "angle: at one crank angle; worst, mean or best: of each unit over the turn; turn: metric of the turn",
+            "angle: at one crank angle; worst, mean or best: of each unit over the turn, as in the table units; turn: "
+            "metric of the turn; whole_turn: the worst over the whole turn of the output, corrected by the audited "
+            "units, with an interval for the sampling and the search together",
         ),
         Column("crank_deg", "float64", "deg", "crank angle; null but for over = angle"),
         Column("statistic", "label", "", "mean, std, quantile, or yield: the share within the limit"),
@@ -140,18 +149,25 @@ def _of_turn(job: Job) -> dict[int, dict[str, np.ndarray]]:
     }
 
 
-def _units(job: Job, metrics: Columns, turns: Mapping[str, Turn], of_turn: Mapping[str, np.ndarray]) -> Columns:
+def _units(
+    job: Job, metrics: Columns, turns: Mapping[str, Turn], of_turn: Mapping[str, np.ndarray], search: Columns
+) -> Columns:
     """Worst, mean and best of every sample over the turn; missing where some crank angle has no result."""
     study: Study = job.study
     n, angles = study.samples.rows, len(study.cycle.crank_deg)
+    of_angles, found = over_turn_columns(turns), found_columns(study, turns, search)
+    status = unit_status(metrics["status"], angles)
+    lost = np.any([np.isnan(found[f"{name}_worst"]) & ~np.isnan(of_angles[f"{name}_worst"]) for name in turns], axis=0)
     return {
         "sample": np.arange(n),
-        **over_turn_columns(turns),
+        **of_angles,
+        **found,
         **of_turn,
         "preloaded": job.read("clearance", "kinematic")["preloaded"].reshape(n, -1).any(axis=1),
         "n_angles": np.full(n, angles),
+        "n_searched": np.full(n, searched_pitches(study)),
         "n_rigid_angles": np.full(n, turns["clearance_backlash_arcmin"].values.shape[1]),
-        "status": unit_status(metrics["status"], angles),
+        "status": np.where((status == "ok") & lost, LOST, status),
     }
 
 
@@ -203,8 +219,11 @@ def over_turn(units: pd.DataFrame, turn_value: str) -> pd.DataFrame:
     return solved_units[[*metric_columns, *turn_library(), "preloaded"]].rename(columns=metric_columns)
 
 
-def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> Columns:
+def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame, shortfall: pd.DataFrame) -> Columns:
     rows = []
+    for metric, name, estimate in whole_turn_estimates(study, over_turn(units, "worst"), shortfall):
+        keys = {"metric": metric, "over": WHOLE_TURN, "crank_deg": np.nan, "statistic": name}
+        rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
     single = dict.fromkeys(library(), 1)
     for crank, part in metrics[metrics[list(library())].notna().any(axis=1)].groupby("crank_deg"):
         rows += _distribution_rows(study, part.set_index("sample"), "angle", float(crank), single)
@@ -215,7 +234,9 @@ def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame) -> 
             for name, metric in library().items()
         }
         for turn_value in OVER:
-            rows += _distribution_rows(study, over_turn(units, turn_value), turn_value, np.nan, turn)
+            searched = searched_pitches(study) if turn_value == "worst" else 0
+            counts_of_turn = {name: max(count, searched) for name, count in turn.items()}
+            rows += _distribution_rows(study, over_turn(units, turn_value), turn_value, np.nan, counts_of_turn)
         of_turn = {name: angles_of_turn(study, 1, metric.of_play) for name, metric in turn_library().items()}
         rows += _distribution_rows(study, over_turn(units, OVER[0]), OVER_ALL, np.nan, of_turn)
     if not rows:
@@ -230,8 +251,10 @@ def _run(job: Job) -> WholeTables:
     kinematic = job.read("clearance", "kinematic")
     rigid = np.where(kinematic["preloaded"], np.nan, kinematic["backlash_arcmin"])
     turns = metric_turns(study, columns, rigid.reshape(study.samples.rows, -1))
-    of_turn = _of_turn(job)
-    of_units = _units(job, columns, turns, of_turn[1])
+    of_turn, search = _of_turn(job), job.read("worst", "found") if study.cycle.searched else {}
+    of_units = _units(job, columns, turns, of_turn[1], search)
+    audit = job.read("worst", "audit")
+    shortfall = shortfalls(pd.DataFrame(of_units), audit)
     counted = np.any([~np.isnan(of_units[f"{name}_worst"]) for name in library()], axis=0)
     counted[: int(study.samples.nominal_first)] = False
     metrics, units = pd.DataFrame(columns), pd.DataFrame(of_units)
@@ -240,10 +263,10 @@ def _run(job: Job) -> WholeTables:
     return {
         "metrics": columns,
         "units": of_units,
-        "distributions": _distributions(study, metrics, units),
-        "convergence": convergence_rows(study, turns, of_turn, counted),
+        "distributions": _distributions(study, metrics, units, shortfall),
+        "convergence": convergence_rows(study, turns, of_turn, counted, of_units),
         "sample_convergence": sample_convergence_rows(study, over_turn(units, study.limits.over)),
-        "sensitivity": sensitivity(job, of_units, over_turn(units, "worst")),
+        "sensitivity": sensitivity(job, of_units | over_turn_columns(turns), over_turn(units, "worst")),
         "transmission": (transmission_rows(study, *block) for block in _turn_blocks(job)),
         "orders": (order_rows(study, *block) for block in _turn_blocks(job)),
     }
@@ -251,7 +274,7 @@ def _run(job: Job) -> WholeTables:
 
 AGGREGATE = Stage(
     name="aggregate",
-    reads=("sample", "clearance", "hysteresis", "drivers"),
+    reads=("sample", "clearance", "hysteresis", "worst", "drivers"),
     sections=(
         "samples",
         "tolerances",
@@ -265,6 +288,7 @@ AGGREGATE = Stage(
         "cycle.crank_deg",
         "cycle.crank_turns",
         "cycle.evenly_loaded",
+        "cycle.searched",
         "cycle.turn_deg",
         "cycle.rigid_crank_deg",
     ),

@@ -10,7 +10,8 @@ from stages.report import report_of
 from stages.sample import SAMPLE
 from stages.springs import SPRINGS
 from stages.tails import TAILS
+from stages.worst import WORST
 
-UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, DRIVERS, TAILS, AGGREGATE)
+UPSTREAM = (SAMPLE, CLEARANCE, SPRINGS, REDUCE, HYSTERESIS, WORST, DRIVERS, TAILS, AGGREGATE)
 REPORT = report_of(UPSTREAM)
 STAGES: tuple[Stage, ...] = (*UPSTREAM, REPORT)

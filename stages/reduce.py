@@ -1,7 +1,6 @@
 """Stage 4a: the elastic disk condensed to the patches of its contacts, once per crank angle, before any sample."""
 
 import json
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,49 +56,68 @@ def _write_mesh(study: Study, disk: "ElasticBody", reducer: Reducer, folder: Pat
     )
 
 
-def _run(job: Job) -> Tables:
-    from pipeline import elastic  # slow to import, and few runs mesh
+class DiskMatrices:
+    """Compliance of the elastic disks of a study at any crank angle, condensed once for equal settings and sources."""
 
-    study: Study = job.study
-    if study.reduce.disk == "rigid":
-        return _rigid(job, study)
-    settings = json.dumps(
-        {
+    def __init__(self, job: Job) -> None:
+        study: Study = job.study
+        self.job, self.study = job, study
+        self.bodies: dict[float, ElasticBody] = {}
+        sections = {
             "cycloid": study.design.cycloid.model_dump(mode="json"),
             "disk": study.design.disk.model_dump(mode="json", exclude={"count", "clocking"}),
             "material": study.design.materials[study.design.disk.material].model_dump(mode="json"),
             "output": study.design.output.model_dump(mode="json"),
             "reduce": study.reduce.model_dump(mode="json"),
-        },
-        sort_keys=True,
-    )
-    reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
+        }
+        self.settings = json.dumps(sections, sort_keys=True)
 
-    @cache
-    def disk(rotation: float) -> "ElasticBody":
-        return elastic.elastic_disk(study, rotation)
+    def body(self, rotation: float = 0.0) -> "ElasticBody":
+        """The meshed disk, its holes turned by ``rotation`` [rad]."""
+        from pipeline import elastic  # slow to import, and few runs mesh
 
-    def condensed(reducer: Reducer, number: int, rotation: float, key: str) -> np.ndarray:
-        def condense(folder: Path) -> None:
-            patches = elastic.disk_patches(study, disk(rotation), reducer, number)
-            np.save(folder / "matrix.npy", UM_PER_MM * disk(rotation).compliance(patches).matrix)
+        if rotation not in self.bodies:
+            self.bodies[rotation] = elastic.elastic_disk(self.study, rotation)
+        return self.bodies[rotation]
 
-        return np.load(job.memo(f"{settings} {key}", condense) / "matrix.npy")
-
-    matrices: dict[str, Any] = {}
-    for crank, reducer in reducers.items():
-        for number, clocking in enumerate(assembly.clockings(study.design)):
-            name, part = matrix_name(crank, number), assembly.first_part(study.design, crank, number)
+    def at(self, crank_deg: float) -> list[np.ndarray]:
+        """Of each disk between its contacts (n_rows, n_rows) [um/N]."""
+        matrices, design = [], self.study.design
+        for number, clocking in enumerate(assembly.clockings(design)):
+            part = assembly.first_part(design, crank_deg, number)
             if part is None:
-                matrices[name] = condensed(reducer, number, clocking.turned, f"crank {crank:.9g} disk {number}")
+                reducer = assembly.reducer(design, crank_deg)
+                key = f"crank {crank_deg:.9g} disk {number}"
+                matrices.append(self._condensed(reducer, number, clocking.turned, key))
                 continue
             turned_on, places = part
-            first_disk = condensed(assembly.reducer(study.design, turned_on), 0, 0.0, f"crank {turned_on:.9g}")
-            matrices[name] = first_disk[np.ix_(places, places)]
+            reducer = assembly.reducer(design, turned_on)
+            matrices.append(self._condensed(reducer, 0, 0.0, f"crank {turned_on:.9g}")[np.ix_(places, places)])
+        return matrices
+
+    def _condensed(self, reducer: Reducer, number: int, rotation: float, key: str) -> np.ndarray:
+        def condense(folder: Path) -> None:
+            from pipeline import elastic
+
+            patches = elastic.disk_patches(self.study, self.body(rotation), reducer, number)
+            np.save(folder / "matrix.npy", UM_PER_MM * self.body(rotation).compliance(patches).matrix)
+
+        return np.load(self.job.memo(f"{self.settings} {key}", condense) / "matrix.npy")
+
+
+def _run(job: Job) -> Tables:
+    study: Study = job.study
+    if study.reduce.disk == "rigid":
+        return _rigid(job, study)
+    disks = DiskMatrices(job)
+    reducers = {crank: assembly.reducer(study.design, crank) for crank in study.cycle.crank_deg}
+    matrices: dict[str, Any] = {
+        matrix_name(crank, number): matrix for crank in reducers for number, matrix in enumerate(disks.at(crank))
+    }
     first_reducer = next(iter(reducers.values()))
     drawn_disk = job.memo(
-        f"{settings} mesh at {first_reducer.crank:.9g}",
-        lambda folder: _write_mesh(study, disk(0.0), first_reducer, folder),
+        f"{disks.settings} mesh at {first_reducer.crank:.9g}",
+        lambda folder: _write_mesh(study, disks.body(), first_reducer, folder),
     )
     for name in (MESH_FILE, "mesh.vtu"):
         job.path(name).write_bytes((drawn_disk / name).read_bytes())

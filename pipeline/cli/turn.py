@@ -14,7 +14,8 @@ from pipeline.errors import InputError
 from pipeline.figures.loads.turn import output_turn_figure
 from pipeline.figures.style import save
 from pipeline.model.turn.orders import orders
-from pipeline.population.output_turn import OutputTurn, free_error, loaded_error, symmetric
+from pipeline.population.output_turn import OutputTurn, free_error, loaded_error
+from pipeline.population.turn_drives import symmetric
 from pipeline.sampling import draw
 from stages.tables.keys import CRANK
 from stages.tables.transmission import SENSE, SENSES, TORQUE

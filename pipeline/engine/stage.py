@@ -124,6 +124,8 @@ class Stage:
         Upstream "stage/table" whose rows are handed to `solve`.
     failures : callable, optional
         `failures(tables) -> int`: how many items of a chunk have no result, for the progress line and the record.
+    chunk_factor : int
+        Chunks of a run that are one of this stage, whose work is the less the more items are solved together.
 
     Raises
     ------
@@ -143,6 +145,7 @@ class Stage:
     solve: Callable[[Any, Chunk], Tables] | None = None
     chunk_reads: tuple[str, ...] = ()
     failures: Callable[[Tables], int] | None = None
+    chunk_factor: int = 1
 
     def __post_init__(self) -> None:
         chunked = [body is not None for body in (self.items, self.prepare, self.solve)]

@@ -169,12 +169,6 @@ def loaded_error(study: Study, unit: Errors) -> OutputTurn:
     return OutputTurn(cranks, angles, on_bearing, on_pin)
 
 
-def symmetric(study: Study) -> bool:
-    """Whether the disk repeats from lobe to lobe: a single elastic one without holes."""
-    reducer = assembly.reducer(study.design, 0.0)
-    return reducer.n_disks == 1 and study.reduce.disk == "elastic" and not np.any(reducer.contacts.hole >= 0)
-
-
 @dataclass(frozen=True)
 class TurnedDisk:
     """A disk of equal sectors at one phase of the pins' pitch, condensed for all lobes.

@@ -41,6 +41,11 @@ def angles_of_turn(study: Study, stride: int, of_play: bool) -> int:
     return -(-len(study.cycle.rigid_crank_deg if of_play else study.cycle.crank_deg) // stride)
 
 
+def searched_pitches(study: Study) -> int:
+    """Pitches of the output turn among which the worst of units is searched for; 0 where it is not."""
+    return study.design.cycloid.pins * study.design.cycloid.lobes if study.cycle.searched else 0
+
+
 def strides_of(study: Study) -> list[int]:
     """Strides over the crank angles of a study that leave enough of them, descending to 1; 1 alone of uneven angles."""
     if not study.cycle.evenly_loaded:
@@ -50,7 +55,11 @@ def strides_of(study: Study) -> list[int]:
 
 
 def convergence_rows(
-    study: Study, turns: Mapping[str, Turn], of_turn: Mapping[int, Mapping[str, np.ndarray]], counted: np.ndarray
+    study: Study,
+    turns: Mapping[str, Turn],
+    of_turn: Mapping[int, Mapping[str, np.ndarray]],
+    counted: np.ndarray,
+    units: Mapping[str, np.ndarray],
 ) -> Columns:
     """How worst values and yields move with the number of crank angles, and how they would with twice as many.
 
@@ -58,27 +67,24 @@ def convergence_rows(
     ----------
     of_turn : metrics of the turn (n,) by name, at every so many of the angles, as `strides_of` has them.
     counted : (n,) samples of the statistics.
+    units : columns of the table of units; a worst that was searched for is the last row of its metric.
     """
     rows: list[dict[str, object]] = []
     for stride in of_turn:
-        worst = {name: values[counted] for name, values in of_turn[stride].items()}
+        worst: dict[str, np.ndarray] = {}
         angles = {name: angles_of_turn(study, stride, metric.of_play) for name, metric in turn_library().items()}
         for name, turn in turns.items():
             values = turn.values[counted]
             part = values[:, turn.even][:, ::stride] if stride > 1 else values
             worst[name], angles[name] = library()[name].over_turn(part)[0], part.shape[1]
-        passes_limit = study.limits.kept(worst)
-        for name in (*turns, *of_turn[stride], *([ALL_LIMITS] if passes_limit else [])):
-            limited = study.limits.limited(name, worst)
-            holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
-            share = float(passes_limit[name][holding].mean()) if name in passes_limit and holding.any() else np.nan
-            mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan
-            n_angles = angles.get(name, min(angles.values()))
-            rows.append(
-                {"metric": name, "n_angles": n_angles, "worst_mean": mean, "yield": share, "extrapolated": False}
-            )
+        worst |= {name: values[counted] for name, values in of_turn[stride].items()}
+        rows += _rows(study, worst, angles)
+    if study.cycle.searched:
+        worst |= {name: units[f"{name}_worst"][counted] for name in turns}
+        searched = _rows(study, worst, dict.fromkeys(turns, searched_pitches(study)))
+        rows += [row for row in searched if row["metric"] not in turn_library()]
     frame = pd.DataFrame(rows)
-    for name, part in frame.groupby("metric", sort=False) if len(of_turn) > 2 else ():
+    for name, part in frame.groupby("metric", sort=False) if len(of_turn) > 2 and not study.cycle.searched else ():
         doubled: dict[str, float] = {}
         for key in ("worst_mean", "yield"):
             doubled[key], doubled[f"{key}_settled"] = continued(part[key].to_numpy())
@@ -87,6 +93,20 @@ def convergence_rows(
         rows.append({"metric": name, "n_angles": 2 * int(part["n_angles"].iloc[-1]), **doubled, "extrapolated": True})
     frame = pd.DataFrame(rows, columns=CONVERGENCE.schema.names)
     return {name: frame[name].to_numpy() for name in frame}
+
+
+def _rows(study: Study, worst: Mapping[str, np.ndarray], angles: Mapping[str, int]) -> list[dict[str, object]]:
+    """Mean worst values and yields of units (n,) from so many crank angles."""
+    rows: list[dict[str, object]] = []
+    passes_limit = study.limits.kept(worst)
+    for name in (*worst, *([ALL_LIMITS] if passes_limit else [])):
+        limited = study.limits.limited(name, worst)
+        holding = ~np.isnan([worst[metric] for metric in limited]).any(axis=0)
+        share = float(passes_limit[name][holding].mean()) if name in passes_limit and holding.any() else np.nan
+        mean = float(worst[name][holding].mean()) if name in worst and holding.any() else np.nan
+        n_angles = angles.get(name, min(angles.values()))
+        rows.append({"metric": name, "n_angles": n_angles, "worst_mean": mean, "yield": share, "extrapolated": False})
+    return rows
 
 
 SETTLED_RATE = 0.25

@@ -100,8 +100,9 @@ class Cycle(Section):
     The turn is that of the `"output"`, after which a unit repeats, or the first one of the `"crank"`; it has
     `crank_turns`, which follow from the design. The loaded angles are `loaded_angles` evenly over it from 0, or the
     list `crank_deg`; whole curves are kept at `curve_angles` of them. The play of rigid bodies is taken at
-    `rigid_angles` evenly over the turn and at the loaded ones. A branch has `levels_per_branch` equal steps and the
-    torques of the metrics; with 0 steps, those alone.
+    `rigid_angles` evenly over the turn and at the loaded ones. Over a turn of the output with `loaded_angles` the worst
+    of each unit is searched for at every pitch of the pins, and `audited_units` are solved at all of them. A branch has
+    `levels_per_branch` equal steps and the torques of the metrics; with 0 steps, those alone.
     """
 
     turn: Literal["output", "crank"] = "output"
@@ -109,6 +110,7 @@ class Cycle(Section):
     loaded_angles: Annotated[int, Field(ge=1, le=3600)] | None = None
     crank_deg: Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=1)]
     rigid_angles: Annotated[int, Field(ge=1, le=36_000)] = 181
+    audited_units: Annotated[int, Field(ge=10, le=10_000)] = 40
     curve_angles: Annotated[int, Field(ge=1, le=3600)] = 4
     levels_per_branch: Annotated[int, Field(ge=0, le=10_000)]
     torque_fraction: Annotated[float, Field(gt=0, le=10)] = 1.0
@@ -129,6 +131,11 @@ class Cycle(Section):
     def turn_deg(self) -> float:
         """The turn as an angle of the crank [deg]."""
         return 360.0 * self.crank_turns
+
+    @property
+    def searched(self) -> bool:
+        """Whether the worst of each unit is searched for over the whole turn of the output."""
+        return self.turn == "output" and self.loaded_angles is not None and self.crank_turns > 1
 
     @property
     def evenly_loaded(self) -> bool:

@@ -7,7 +7,7 @@ from contract import CONTRACT, path_of
 
 INTEGERS = {
     "sample", "pin", "lobe", "disk", "interface", "roller", "contact", "face", "end", "station", "row", "step",
-    "pins_in_contact", "outputs_in_contact", "iterations", "n", "n_angles", "n_rigid_angles",
+    "pins_in_contact", "outputs_in_contact", "iterations", "n", "n_angles", "n_rigid_angles", "n_searched", "n_solved",
 }  # fmt: skip
 LABELS = {
     "kind", "body_a", "body_b", "label", "law", "branch", "status", "metric", "statistic", "parameter", "over",

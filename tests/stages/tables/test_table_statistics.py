@@ -75,12 +75,13 @@ def test_a_number_without_meaning_is_no_unit_beyond_the_limit(study):
         values.setdefault(name, np.ones((4, 12)))
     values["lost_motion_arcmin"][:2] = [[np.nan], [9.0]]
     turns = {name: Turn(values[name], np.full(12, True)) for name in library()}
-    rows = pd.DataFrame(convergence_rows(study, turns, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
+    rows = pd.DataFrame(convergence_rows(study, turns, {4: {}, 2: {}, 1: {}}, np.full(4, True), {})).set_index("metric")
     assert list(rows.loc["lost_motion_arcmin", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["all_limits", "yield"]) == pytest.approx([2 / 3] * 4)
     assert list(rows.loc["clearance_backlash_arcmin", "yield"]) == [1.0] * 4
     no_effect = {**turns, "lost_motion_arcmin": Turn(np.full((4, 12), np.nan), np.full(12, True))}
-    rows = pd.DataFrame(convergence_rows(study, no_effect, {4: {}, 2: {}, 1: {}}, np.full(4, True))).set_index("metric")
+    rows = convergence_rows(study, no_effect, {4: {}, 2: {}, 1: {}}, np.full(4, True), {})
+    rows = pd.DataFrame(rows).set_index("metric")
     assert rows.loc[["lost_motion_arcmin", "all_limits"], "yield"].isna().all()
 
 

@@ -1,0 +1,179 @@
+"""The drives of a study at every step of a turn of the output: condensed disks, laws and gaps of any unit there.
+
+A step is a phase of a pitch of the pins. After a pitch the pins stand about the eccentric as before, each in the place
+of the next one, and the disk has gone on by a lobe: laws and compliance are kept in the order of places about the
+eccentric, once for each phase and lobe, and read in the order of the pins.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.config.studies.study import Study
+from pipeline.model.contact.laws import ContactLaws
+from pipeline.model.geometry.clearance import Errors as ModelErrors
+from pipeline.model.load_history.drive import Drive
+from pipeline.model.load_history.load_cycle import LoadCycle
+from pipeline.model.load_history.loop_readings import loop_readings
+from pipeline.model.load_history.response import CycleResponse, respond
+from pipeline.model.load_history.validity import invalid_metrics
+from pipeline.model.metrics import library
+from pipeline.model.turn.held_torque import torque_shares
+from pipeline.mounting import drive_of
+from pipeline.sampling import Errors
+
+if TYPE_CHECKING:
+    from pipeline.model.elastic.condensed_body import ElasticBody
+
+Real = NDArray[np.float64]
+Index = NDArray[np.intp]
+Condense = Callable[[float], Sequence[Real]]
+"""Crank angle [degrees] to the compliance of each disk between its contacts (n_rows, n_rows) [mm/N]."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """Errors of ``n`` units as the model takes them, the clearance of their bearings [mm], and their modulus."""
+
+    errors: ModelErrors
+    clearance: Real
+    modulus: Real | None
+
+    @classmethod
+    def of(cls, study: Study, sampled: Errors) -> "Units":
+        """Sampled units of a study."""
+        clearance = assembly.bearing_clearance(study.design, sampled.bearing_clearance)
+        return cls(assembly.errors(sampled), clearance, assembly.modulus(study.design, sampled))
+
+    def __len__(self) -> int:
+        return len(self.clearance)
+
+    def some(self, rows: Index | slice) -> "Units":
+        """Some of the units."""
+        errors = ModelErrors(**{name: values[rows] for name, values in vars(self.errors).items()})
+        return Units(errors, self.clearance[rows], None if self.modulus is None else self.modulus[rows])
+
+
+@dataclass(frozen=True)
+class TurnDrives:
+    """The drives of a study over a turn of the output.
+
+    Attributes
+    ----------
+    phases : of each pitch.
+    blocks : of each phase (n_lobes, n_contacts, n_contacts) [mm/N] compliance after 0, 1, ... pitches, the pins of each
+        disk in the order of their places about its eccentric.
+    laws : of each phase, in the same order.
+    cycle : torques of the metrics.
+    """
+
+    study: Study
+    phases: int
+    blocks: tuple[Real, ...]
+    laws: tuple[ContactLaws, ...]
+    cycle: LoadCycle
+
+    @classmethod
+    def of(cls, study: Study, phases: int, blocks: Sequence[Real]) -> "TurnDrives":
+        """From the condensed disks of each phase."""
+        cranks = [360.0 * phase / (study.design.cycloid.pins * phases) for phase in range(phases)]
+        laws = tuple(assembly.contact_laws(study, assembly.reducer(study.design, crank)) for crank in cranks)
+        return cls(study, phases, tuple(blocks), laws, assembly.load_cycle(study, 0))
+
+    @property
+    def pitches(self) -> int:
+        """Pitches of the pins in a turn of the output."""
+        return self.study.design.cycloid.pins * self.study.design.cycloid.lobes
+
+    def crank_deg(self, step: int | Index) -> float | Real:
+        """Crank angle [degrees] of steps."""
+        return 360.0 * step / (self.study.design.cycloid.pins * self.phases)
+
+    def places(self, pitch: int) -> Index:
+        """Place about the eccentric (n_contacts,) of each contact after so many pitches; outputs have their own."""
+        return places(self.study, len(self.laws[0]), pitch)
+
+    def drive(self, step: int, units: Units) -> Drive:
+        """Units at a step."""
+        pitch, phase = divmod(int(step), self.phases)
+        order = self.places(pitch)
+        block = self.blocks[phase]
+        compliance = block[pitch % len(block)][np.ix_(order, order)]
+        crank, laws = float(self.crank_deg(int(step))), self.laws[phase][order]
+        return drive_of(self.study, crank, compliance, units.errors, units.clearance, laws, units.modulus)
+
+    def solved(self, step: int, units: Units) -> tuple[Drive, CycleResponse, Real]:
+        """Drive and response of units at a step, and every metric (n, n_metrics); missing where it does not hold."""
+        drive = self.drive(step, units)
+        response = respond(drive, self.cycle)
+        definitions = assembly.definitions(self.study)
+        force = np.max(response.equilibria.force, axis=1, keepdims=True)
+        peak = np.max(drive.laws_of_states.peak_pressure(force), axis=(1, 2))
+        readings = loop_readings(response, peak, definitions)
+        if drive.reducer.n_disks > 1:
+            readings.load_share[:] = torque_shares(drive, response, definitions).max(axis=(1, 2))
+        invalid = invalid_metrics(drive, response, definitions)
+        values = [
+            np.where(response.converged & (invalid[name] == ""), metric.value(readings, definitions), np.nan)
+            for name, metric in library().items()
+        ]
+        return drive, response, np.stack(values, axis=1)
+
+
+def places(study: Study, n_contacts: int, pitch: int) -> Index:
+    """Place about the eccentric (n_contacts,) of each contact of a reducer after so many pitches of the pins."""
+    pins, disks = study.design.cycloid.pins, study.design.disk.count
+    order = np.arange(n_contacts)
+    for disk in range(disks):
+        order[disk * pins : (disk + 1) * pins] = disk * pins + (np.arange(pins) + pitch) % pins
+    return order
+
+
+def full_blocks(study: Study, phase_deg: float, condense: Condense) -> Real:
+    """Compliance (n_lobes, n_contacts, n_contacts) [mm/N] of any disks after 0, 1, ... pitches, by places.
+
+    Parameters
+    ----------
+    phase_deg : crank angle of the phase.
+    condense : the disks at a crank angle.
+
+    Notes
+    -----
+    Seen from a disk its eccentric comes back to the same direction after as many pitches as it has lobes.
+    """
+    cycloid = study.design.cycloid
+    blocks = []
+    for pitch in range(cycloid.lobes):
+        crank = phase_deg + 360.0 * pitch / cycloid.pins
+        reducer = assembly.reducer(study.design, crank)
+        full = np.zeros((len(reducer.contacts), len(reducer.contacts)))
+        for disk, matrix in enumerate(condense(crank)):
+            rows = assembly.disk_contacts(reducer, disk)
+            full[np.ix_(rows, rows)] = matrix
+        order = places(study, len(full), pitch)
+        by_place = np.empty_like(full)
+        by_place[np.ix_(order, order)] = full
+        blocks.append(by_place)
+    return np.array(blocks)
+
+
+def turned_blocks(study: Study, disk: "ElasticBody", phase_deg: float) -> Real:
+    """As `full_blocks`, of a single disk of equal sectors: condensed once, with the slide at every lobe."""
+    from pipeline.elastic import disk_patches  # slow to import, and few runs mesh
+
+    reducer = assembly.reducer(study.design, phase_deg)
+    patches, rows = disk_patches(study, disk, reducer), assembly.disk_contacts(reducer)
+    matrices = disk.turned_compliance(patches, np.arange(reducer.n_pins, len(patches)))
+    full = np.zeros((len(matrices), len(reducer.contacts), len(reducer.contacts)))
+    full[:, rows[:, None], rows] = matrices
+    return full
+
+
+def symmetric(study: Study) -> bool:
+    """Whether the disk repeats from lobe to lobe: a single elastic one without holes."""
+    reducer = assembly.reducer(study.design, 0.0)
+    return reducer.n_disks == 1 and study.reduce.disk == "elastic" and not np.any(reducer.contacts.hole >= 0)

@@ -1,0 +1,73 @@
+"""Estimates from values that fall short of what is asked for, by units of which the shortfall is known.
+
+Every unit has the worst value that a search found; of some, drawn at random, the worst over the whole turn is known,
+and so the shortfall of the search. A unit's true value is its found one and a shortfall of the audited units, each of
+which is as likely: the shortfall is taken to be independent of the value. Both samples enter the interval.
+
+Source
+------
+Two-sample statistics: Lehmann, Nonparametrics (1975), app. 5; effective numbers of units: Korn and Graubard, Analysis
+of Health Surveys (1999), sec. 2.6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy  # its statistics are slow to import: they are when they are called
+from numpy.typing import NDArray
+
+from pipeline.statistics.intervals import QUANTILES, Estimate
+
+Real = NDArray[np.float64]
+
+
+def audited_share(passes: NDArray[np.bool_], confidence: float) -> Estimate:
+    """Share of the units that pass, with the interval of both samples.
+
+    Parameters
+    ----------
+    passes : (n_units, n_audited) whether each unit passes with the shortfall of each audited one.
+
+    Notes
+    -----
+    The variance is that of the units' own shares over their number and that of the audited ones' over theirs (the first
+    projections of a two-sample statistic); Clopper and Pearson's interval follows with the effective number of units.
+    """
+    n, share = passes.shape[0], float(np.mean(passes))
+    variance = _mean_variance(passes.mean(axis=1)) + _mean_variance(passes.mean(axis=0))
+    effective = min(n, share * (1 - share) / variance) if variance > 0 else n
+    tail, hits = (1 - confidence) / 2, share * effective
+    low = scipy.stats.beta.ppf(tail, hits, effective - hits + 1) if share > 0 else 0.0
+    high = scipy.stats.beta.ppf(1 - tail, hits + 1, effective - hits) if share < 1 else 1.0
+    return Estimate(share, float(low), float(high), n)
+
+
+def audited_distribution(found: Real, shortfall: Real, confidence: float) -> dict[str, Estimate]:
+    """Mean and the quantiles of `QUANTILES` of true values, by name.
+
+    Parameters
+    ----------
+    found : (n_units,) values of the search.
+    shortfall : (n_audited,) what is to be added to the found values of the audited units.
+
+    Notes
+    -----
+    A quantile's interval lies between the quantiles of the levels that the interval of its share has (Woodruff).
+    """
+    mean = float(np.mean(found) + np.mean(shortfall))
+    spread = np.sqrt(_mean_variance(found) + _mean_variance(shortfall))
+    half = scipy.stats.t.ppf((1 + confidence) / 2, max(min(len(found), len(shortfall)) - 1, 1)) * spread
+    estimates = {"mean": Estimate(mean, mean - half, mean + half, len(found))}
+    values = np.add.outer(found, shortfall)
+    ascending = np.sort(values, axis=None)
+    for name, level in QUANTILES.items():
+        value = float(np.quantile(ascending, level))
+        share = audited_share(values <= value, confidence)
+        low, high = np.quantile(ascending, [share.ci_low, share.ci_high])
+        estimates[name] = Estimate(value, float(low), float(high), len(found))
+    return estimates
+
+
+def _mean_variance(values: Real) -> float:
+    """Variance of the mean of independent values."""
+    return float(np.var(values, ddof=1) / len(values)) if len(values) > 1 else 0.0

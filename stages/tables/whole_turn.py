@@ -1,0 +1,103 @@
+"""The worst of units over the whole turn: what the search found, and what the audited samples correct it by."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pandas as pd
+
+from pipeline.config.studies.study import Study
+from pipeline.engine.table import Column, Columns
+from pipeline.model.metrics import library
+from pipeline.statistics import Estimate
+from pipeline.statistics.audited import audited_distribution, audited_share
+from stages.clearance import rigid_angles
+from stages.tables.turn import Turn
+
+WHOLE_TURN = "whole_turn"
+"""What estimates for the whole turn are over."""
+CRANK_DEG_PER_TURN = 360.0
+"""Degrees of a turn of the crank."""
+FOUND_AT = tuple(
+    column
+    for name, metric in library().items()
+    for column in (
+        Column(f"{name}_at_crank_deg", "float64", "deg", f"crank angle of the worst {metric.inline}"),
+        Column(f"{name}_at_crank_turn", "float64", "1", "turn of the crank in which that lies"),
+    )
+)
+"""Columns of where a unit's worst values were found."""
+
+
+def found_columns(study: Study, turns: Mapping[str, Turn], search: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The worst of every metric (n,) of the angles of the study and of the search, and where it was found.
+
+    Parameters
+    ----------
+    search : columns of the table of the search; none where the study looks at its angles alone.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for name, turn in turns.items():
+        metric = library()[name]
+        angles = rigid_angles(study) if metric.turn_of_rigid_bodies else np.array(study.cycle.crank_deg)
+        bad = np.where(np.isnan(turn.values), -np.inf, -turn.values if metric.smaller_is_worse else turn.values)
+        place = bad.argmax(axis=1)
+        worst, crank = turn.values[np.arange(len(place)), place], angles[place]
+        if len(search):
+            searched = search[f"{name}_worst"]
+            worse = searched < worst if metric.smaller_is_worse else searched > worst
+            lost = np.isnan(searched) & (search["n_solved"] > 0)
+            worst = np.where(lost, np.nan, np.where(worse, searched, worst))
+            crank = np.where(worse, search[f"{name}_at_crank_deg"], crank)
+        missing = np.isnan(turn.values).any(axis=1) | np.isnan(worst)
+        columns[f"{name}_worst"] = np.where(missing, np.nan, worst)
+        columns[f"{name}_at_crank_deg"] = np.where(missing, np.nan, crank)
+        columns[f"{name}_at_crank_turn"] = columns[f"{name}_at_crank_deg"] // CRANK_DEG_PER_TURN
+    return columns
+
+
+def shortfalls(units: pd.DataFrame, audit: Columns) -> pd.DataFrame:
+    """What each metric's worst of the audited units lies beyond that in the table of units, by sample."""
+    whole = pd.DataFrame(dict(audit)).set_index("sample")
+    found = units.set_index("sample").loc[whole.index]
+    beyond = {}
+    for name, metric in library().items():
+        difference = whole[f"{name}_worst"] - found[f"{name}_worst"]
+        beyond[name] = difference.clip(upper=0.0) if metric.smaller_is_worse else difference.clip(lower=0.0)
+    return pd.DataFrame(beyond)
+
+
+def whole_turn_estimates(
+    study: Study, values: pd.DataFrame, shortfall: pd.DataFrame
+) -> Iterator[tuple[str, str, Estimate]]:
+    """Metric, statistic and estimate for the whole turn, with an interval for the sampling and the search together.
+
+    Parameters
+    ----------
+    values : (n, n_metrics) the worst of each unit as it was found, and the metrics of the turn, by sample.
+    shortfall : (n_audited, n_metrics) as `shortfalls`.
+    """
+    confidence = study.metrics.confidence
+    for name in library():
+        found, missed = values[name].dropna().to_numpy(float), shortfall[name].dropna().to_numpy(float)
+        if len(found) and len(missed):
+            for statistic, estimate in audited_distribution(found, missed, confidence).items():
+                yield name, statistic, estimate
+    if study.limits.over != "worst":
+        return
+    for name in study.limits.kept({column: values[column].to_numpy(float) for column in values}):
+        limited = study.limits.limited(name, values)
+        counted, missed = values[limited].dropna(), shortfall[[m for m in limited if m in shortfall]].dropna()
+        if len(counted) and len(missed):
+            yield name, "yield", audited_share(_passes(study, name, counted, missed), confidence)
+
+
+def _passes(study: Study, name: str, counted: pd.DataFrame, missed: pd.DataFrame) -> np.ndarray:
+    """Whether each unit keeps a limit, or all, with the shortfall of each audited one (n, n_audited)."""
+    passes = []
+    for row in range(len(missed)):
+        true = {
+            metric: counted[metric].to_numpy(float) + (missed[metric].iloc[row] if metric in missed else 0.0)
+            for metric in counted
+        }
+        passes.append(study.limits.kept(true)[name])
+    return np.stack(passes, axis=1)

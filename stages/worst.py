@@ -1,0 +1,124 @@
+"""Stage 4e: the worst of every sample over the whole turn of the output, by search; some samples at every pitch."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import assembly
+from pipeline.config.studies.study import Study
+from pipeline.engine.stage import Chunk, Job, Stage, Tables
+from pipeline.engine.table import Column, Table
+from pipeline.model.metrics import library
+from pipeline.model.units import UM_PER_MM
+from pipeline.population.turn_drives import TurnDrives, Units, full_blocks, symmetric, turned_blocks
+from pipeline.population.turn_ranking import Ranking
+from pipeline.population.turn_search import TRAINING_UNITS, Worst, audit, search, trained
+from stages.reduce import DiskMatrices
+from stages.sample import SAMPLED, errors_of_columns
+from stages.tables.keys import SAMPLE
+
+PHASES = 5
+"""Phases of a pitch that are looked at beside the worst pitches, of disks that one condensation serves."""
+TRAINING, AUDIT_DRAW = 2**31 + 1, 2**31 + 2
+"""Keys of the random numbers by which pitches for the ranking and audited samples are drawn."""
+FOUND = tuple(
+    column
+    for name, metric in library().items()
+    for column in (
+        Column(f"{name}_worst", "float64", metric.unit, f"{metric.inline}, the worst that was found; null without one"),
+        Column(f"{name}_at_crank_deg", "float64", "deg", "crank angle where it was found"),
+    )
+)
+SOLVED = Column("n_solved", "int32", "1", "pitches and phases of them at which the sample was load-solved")
+SEARCH = Table("found", "sample", (SAMPLE, *FOUND, SOLVED))
+AUDIT = Table("audit", "sample that was solved at every pitch", (SAMPLE, *FOUND, SOLVED))
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What every chunk needs: the drives over the turn, the ranking of its pitches, and the audited samples."""
+
+    drives: TurnDrives
+    ranking: Ranking
+    audited: NDArray[np.intp]
+
+
+def drives_of(job: Job) -> TurnDrives:
+    """The drives of a study over the turn of its output."""
+    study: Study = job.study
+    pins = study.design.cycloid.pins
+    if study.reduce.disk == "rigid":
+        n_contacts = len(assembly.reducer(study.design, 0.0).contacts)
+        return TurnDrives.of(study, PHASES, [np.zeros((1, n_contacts, n_contacts))] * PHASES)
+    disks = DiskMatrices(job)
+    if symmetric(study):
+        cranks = [360.0 * phase / (pins * PHASES) for phase in range(PHASES)]
+        return TurnDrives.of(study, PHASES, [turned_blocks(study, disks.body(), crank) for crank in cranks])
+    blocks = full_blocks(study, 0.0, lambda crank: [matrix / UM_PER_MM for matrix in disks.at(crank)])
+    return TurnDrives.of(study, 1, [blocks])
+
+
+def audited_samples(study: Study) -> NDArray[np.intp]:
+    """Numbers of the samples that are solved at every pitch, ascending: drawn from all but the nominal one."""
+    first, rows = int(study.samples.nominal_first), study.samples.rows
+    rng = np.random.default_rng(np.random.SeedSequence(study.samples.seed, spawn_key=(AUDIT_DRAW,)))
+    count = min(study.cycle.audited_units, rows - first)
+    return np.sort(rng.choice(np.arange(first, rows), count, replace=False))
+
+
+def prepare(job: Job) -> Shared:
+    """Condense the disks for the whole turn, and train the ranking on the first samples."""
+    study: Study = job.study
+    drives, stop = drives_of(job), min(study.samples.rows, TRAINING_UNITS)
+    units = units_of(study, {name: job.read_items("sample", name, 0, stop) for name in SAMPLED})
+    seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))
+    return Shared(drives, trained(drives, units, seed), audited_samples(study))
+
+
+def units_of(study: Study, tables: Tables) -> Units:
+    """Units of the tables of errors."""
+    return Units.of(study, errors_of_columns(tables))
+
+
+def _solve(shared: Shared, chunk: Chunk) -> Tables:
+    drives, samples = shared.drives, np.arange(chunk.start, chunk.stop)
+    units = units_of(drives.study, {name: chunk.tables[f"sample/{name}"] for name in SAMPLED})
+    audited = np.flatnonzero(np.isin(samples, shared.audited))
+    found = _columns(drives, samples, search(drives, shared.ranking, units))
+    whole = _columns(drives, samples[audited], audit(drives, units.some(audited))) if len(audited) else AUDIT.empty()
+    return {"found": found, "audit": whole}
+
+
+def _columns(drives: TurnDrives, samples: NDArray[np.intp], worst: Worst) -> dict[str, np.ndarray]:
+    columns: dict[str, np.ndarray] = {"sample": samples}
+    for name, values in worst.value.items():
+        columns[f"{name}_worst"] = values
+        columns[f"{name}_at_crank_deg"] = np.where(np.isnan(values), np.nan, drives.crank_deg(worst.step[name]))
+    return columns | {"n_solved": worst.solved}
+
+
+WORST = Stage(
+    name="worst",
+    reads=("sample",),
+    sections=(
+        "samples",
+        "design",
+        "clearance",
+        "springs",
+        "reduce",
+        "cycle.searched",
+        "cycle.audited_units",
+        "cycle.torque_fraction",
+        "metrics.lost_motion_percent",
+        "metrics.rigidity_percent",
+    ),
+    tables=(SEARCH, AUDIT),
+    module="stages.worst",
+    unit="samples",
+    items=lambda job: job.study.samples.rows if job.study.cycle.searched else 0,
+    prepare=prepare,
+    solve=_solve,
+    chunk_reads=tuple(f"sample/{name}" for name in SAMPLED),
+    chunk_factor=20,
+)
