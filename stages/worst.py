@@ -67,9 +67,11 @@ def audited_samples(study: Study) -> NDArray[np.intp]:
     return np.sort(rng.choice(np.arange(first, rows), count, replace=False))
 
 
-def prepare(job: Job) -> Shared:
-    """Condense the disks for the whole turn, and train the ranking on the first samples."""
+def prepare(job: Job) -> Shared | None:
+    """Condense the disks for the whole turn, and train the ranking on the first samples; None without a search."""
     study: Study = job.study
+    if not study.cycle.searched:
+        return None
     drives, stop = drives_of(job), min(study.samples.rows, TRAINING_UNITS)
     units = units_of(study, {name: job.read_items("sample", name, 0, stop) for name in SAMPLED})
     seed = np.random.SeedSequence(study.samples.seed, spawn_key=(TRAINING,))

@@ -351,13 +351,9 @@ def _solve_chunks(stage: Stage, job: Job, work: Work, resources: Resources, code
     assert stage.items is not None
     assert stage.prepare is not None
     total = stage.items(job)
-<<<<<<< HEAD
-    bounds = [(start, min(start + resources.chunk, total)) for start in range(0, total, resources.chunk)]
-    work.keep(bounds)
-=======
     size = resources.chunk * stage.chunk_factor
     bounds = [(start, min(start + size, total)) for start in range(0, total, size)]
->>>>>>> 5b8c688 (The worst of each unit is searched for over the whole output turn)
+    work.keep(bounds)
     unfinished = [bound for bound in bounds if bound[0] not in work.finished]
     reads = {name: name.partition("/") for name in stage.chunk_reads}
 
