@@ -1,5 +1,6 @@
 """A validated design and study as objects of the model: where millimetres of a file become bodies and contacts."""
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -95,8 +96,10 @@ def errors(sampled: "SampledErrors") -> Errors:
 def _displacement(sampled: "SampledErrors", dimension: Dimension) -> Complex:
     """Displacements (n, n_elements) [mm] of a dimension; of one without a direction along that of its element."""
     if dimension.direction:
-        return _vector(sampled, dimension.name, 1).reshape(len(sampled), -1)
-    return (MM_PER_UM * getattr(sampled, dimension.field)).reshape(len(sampled), -1).astype(complex)
+        values = _vector(sampled, dimension.name, 1)
+    else:
+        values = (MM_PER_UM * getattr(sampled, dimension.field)).astype(complex)
+    return values.reshape(len(sampled), math.prod(values.shape[1:]))
 
 
 def _vector(sampled: "SampledErrors", name: str, turns: int) -> Complex:

@@ -60,7 +60,8 @@ def compare_runs(options: argparse.Namespace) -> None:
 
 def _comparable_studies(*names: str) -> list[Study]:
     """Two studies, both checked before anything runs."""
-    studies, problems = [], []
+    studies: list[Study] = []
+    problems: list[str] = []
     for name in names:
         try:
             studies.append(load_study(name, settings.ROOT))

@@ -72,6 +72,7 @@ class _Errors:
     pins_growth: Real
     housing_growth: Real
     crank_growth: Real
+    planet_backlash: Real
 
     def __len__(self) -> int:
         return len(self.eccentricity)

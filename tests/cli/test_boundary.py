@@ -204,7 +204,7 @@ def test_a_study_whose_name_would_leave_the_runs(tmp_path: Path, monkeypatch, ca
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
     for name in ("..toml", ".hidden.toml", "a b.toml", "-x.toml", "é" * 61 + ".toml"):
         (tmp_path / name).write_text(QUICK)
-        assert "rename the file" in told(capsys, "run", "sample", "--study", tmp_path / name)
+        assert "rename it" in told(capsys, "run", "sample", "--study", tmp_path / name)
     assert not (tmp_path / "runs").exists()
 
 

@@ -80,9 +80,11 @@ FORKED = """
 import multiprocessing, sys
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
-from pipeline.model.load_history import rayleigh
+from pipeline.model.effects.friction import rayleigh
+from pipeline.model.elements import Path
 def twist(_):
-    return rayleigh.rayleigh_twist(np.array([0.0, 1.0, 0.5]), 2.0).tolist()
+    torque = np.array([0.0, 1.0, 0.5])
+    return rayleigh.Rayleigh(2.0).twist(Path(torque, torque, None, np.zeros_like)).tolist()
 if __name__ == "__main__":
     kind = sys.argv[1]
     pool = ThreadPoolExecutor(2) if kind == "threads" else multiprocessing.get_context(kind).Pool(2)

@@ -151,7 +151,9 @@ def test_a_part_in_series_without_its_origin_is_refused():
 @pytest.mark.parametrize(("name", "disks", "torque"), [("rv", 1, 200.0), ("rv_two_disks", 2, 400.0)])
 def test_forces_life_and_efficiency_of_the_crank_bearings_by_hand(tmp_path, name, disks, torque):
     """Tables and pencil: balance of each rigid disk, ratio of the cranks, ISO 281, friction part by part."""
-    study = small_study(name, cycle={"crank_deg": [360.0 * k / 9 for k in range(9)]}, reduce={"disk": "rigid"})
+    study = small_study(
+        name, cycle={"turn": "crank", "crank_deg": [360.0 * k / 9 for k in range(9)]}, reduce={"disk": "rigid"}
+    )
     outputs = run(STAGES, study, ["aggregate"], tmp_path, Resources(1, 4))
     units = pd.DataFrame(outputs["aggregate"].read("units")).set_index("sample")
     bearings, contacts = (pd.DataFrame(outputs["hysteresis"].read(table)) for table in ("bearings", "turn_contacts"))

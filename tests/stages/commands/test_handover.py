@@ -98,4 +98,4 @@ def test_a_crate_names_every_file_with_its_hash(
     part = part if part.is_file() else next(part.iterdir())
     part.write_bytes(b"changed")
     assert cli.main(["provenance", "quick"]) == 2
-    assert "damaged" in capsys.readouterr().err
+    assert "altered" in capsys.readouterr().err

@@ -239,7 +239,14 @@ def test_numbers_of_a_curve_count_every_contact(study):
     states = Equilibria(motion, force, np.array([[3, 4]]), np.zeros((1, 2)), np.ones((1, 2), bool))
     drive = replace(drive_of(study, 0.0, None, assembly.errors(draw(study, 1, 2)), np.zeros(1), laws), reducer=reducer)
     response = CycleResponse(
-        np.zeros(2, int), np.zeros(2), np.zeros((1, 2)), np.arange(2), states, np.zeros((1, 2)), np.ones(1, bool)
+        np.zeros(2, int),
+        np.zeros(2),
+        np.zeros(2),
+        np.zeros((1, 2)),
+        np.arange(2),
+        states,
+        np.zeros((1, 2)),
+        np.ones(1, bool),
     )
     values = curves._curve_values(curves.Solved(0.0, drive, response, {}))
     assert values["peak_pressure_MPa"][0, 0] == laws.pressure[100] * 100
