@@ -7,6 +7,7 @@ from measured_bench import ROOT, UNIT, loop, measured, path_of, write_unit
 
 from pipeline.errors import InputError
 from pipeline.identification.measurement.faults.fault import determined
+from pipeline.identification.measurement.faults.shape_faults import gains_energy
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
 
@@ -287,3 +288,13 @@ def test_a_long_list_of_faults_is_cut(tmp_path):
     summary = Measurement.read(load_measured_unit(write_unit(tmp_path / "u", {"rows.csv": table}), ROOT)).summary
     assert len(summary) == 21
     assert "more faults" in summary[-1]
+
+
+def test_a_loop_with_play_that_begins_without_torque_takes_work_or_none():
+    """0, +T, -T, +T through play without friction: the first loading is no part of the cycle."""
+    torque = np.concatenate([np.linspace(0, 10, 50), np.linspace(10, -10, 100), np.linspace(-10, 10, 100)])
+    angle = 2.0 * np.sign(torque) + 0.1 * torque
+    assert not gains_energy(torque, angle)
+    rubbing = angle - 0.3 * np.sign(np.gradient(torque))  # rising torque turns the output less
+    assert not gains_energy(torque, rubbing)
+    assert gains_energy(torque, angle + 0.3 * np.sign(np.gradient(torque)))

@@ -53,14 +53,26 @@ def columns_exchanged(torque: Real, angle: Real) -> bool:
     return _bend(torque, angle) < 1 / BENT and _bend(angle, torque) > BENT
 
 
+CLOSED = 0.02
+"""Difference of the torque between the ends of a closed cycle, in parts of its range."""
+
+
 def gains_energy(torque: Real, angle: Real) -> bool:
-    """Whether rows in time order, closed from the last to the first, give back more work than they take.
+    """Whether rows in time order give back more work than they take over a closed cycle of the torque.
 
     Notes
     -----
-    The work taken is the integral of the torque over the angle, which of a passive drive is not negative over a closed
-    cycle. With the columns exchanged, or the rows reversed in time, it has the other sign.
+    The work taken is the integral of the torque over the angle, which of a passive drive is not negative over a
+    closed cycle. With the columns exchanged, or the rows reversed in time, it has the other sign. Rows before the
+    torque of the last one is reached for the first time are left out: loading from zero is no part of the cycle, and
+    through play it takes less work than the chord that would close it. A record without a cycle of half of the
+    torque's range is not judged.
     """
+    whole_range = float(np.ptp(torque))
+    first = int(np.argmax(np.abs(torque - torque[-1]) <= CLOSED * whole_range))
+    torque, angle = torque[first:], angle[first:]
+    if np.ptp(torque) < 0.5 * whole_range:
+        return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
     return work < -GAINED * float(np.ptp(torque) * np.ptp(angle))
 
