@@ -2,7 +2,24 @@
 
 from typing import Any
 
-__all__ = ["identify", "identify_series", "load_study", "parts", "run"]
+ROOMS = {
+    "Answer": "answer",
+    "Run": "studies",
+    "Workers": "running",
+    "allocate": "decisions",
+    "bounds": "decisions",
+    "changed": "measured",
+    "compare": "decisions",
+    "identify": "measured",
+    "identify_series": "measured",
+    "load_design": "studies",
+    "load_study": "studies",
+    "population": "measured",
+    "run": "studies",
+    "tails": "studies",
+}
+"""Module of ``pipeline.library`` that has each name."""
+__all__ = ["use_root", *ROOMS]
 
 
 def __getattr__(name: str) -> Any:
@@ -10,4 +27,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module  # the command line's help must not wait for the libraries
 
-    return getattr(import_module("pipeline.api"), name)
+    return getattr(import_module(f"pipeline.library.{ROOMS[name]}" if name in ROOMS else "pipeline.settings"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -10,8 +10,8 @@ from pipeline.engine.stage import Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.load_history.winkler import secant_compliance
 from pipeline.model.metrics import library
-from pipeline.population import prediction
-from pipeline.population.tails import far_tails, population
+from pipeline.populations import prediction
+from pipeline.populations.tails import far_tails, population
 from pipeline.sampling import Errors, draw
 from stages.hysteresis import Shared, prepare, solve_samples, solved_loops
 from stages.tables.turn import loop_metrics

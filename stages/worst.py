@@ -11,9 +11,9 @@ from pipeline.engine.stage import Chunk, Job, Stage, Tables
 from pipeline.engine.table import Column, Table
 from pipeline.model.metrics import library
 from pipeline.model.units import UM_PER_MM
-from pipeline.population.turn_drives import TurnDrives, Units, full_blocks, symmetric, turned_blocks
-from pipeline.population.turn_ranking import Ranking
-from pipeline.population.turn_search import TRAINING_UNITS, Worst, audit, search, trained
+from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, symmetric, turned_blocks
+from pipeline.populations.turn_ranking import Ranking
+from pipeline.populations.turn_search import TRAINING_UNITS, Worst, audit, search, trained
 from stages.reduce import DiskMatrices
 from stages.sample import SAMPLED, errors_of_columns
 from stages.tables.keys import SAMPLE

@@ -3,6 +3,7 @@
 import argparse
 import sys
 
+from pipeline import settings
 from pipeline.checks import bench, calibrate, coverage, verify
 from pipeline.checks.blind.report import write_reports
 from pipeline.checks.blind.run import FULL_RUN, SEED, blind
@@ -17,13 +18,13 @@ from pipeline.checks.rig import (
     states_of,
     write_unit,
 )
-from pipeline.cli import settings
-from pipeline.cli.running import known_size, up_to_date
+from pipeline.cli.arguments import check_sample, workers
 from pipeline.config import load_study
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.library.running import known_size, up_to_date
 
 COARSE = "quick"
 """Study whose mesh CalculiX takes minutes for, not hours."""
@@ -46,7 +47,7 @@ def measure_speed(options: argparse.Namespace) -> None:
 def compare_paper(options: argparse.Namespace) -> None:
     """Hold the paper's numbers and figures against the model."""
     study = load_study(comparison.STUDY, settings.ROOT)
-    outputs = up_to_date(study, ["aggregate"], options).outputs
+    outputs = up_to_date(study, ["aggregate"], workers(options)).outputs
     folder = settings.RUNS / study.name
     variations = settings.PUBLISHED.parent / comparison.VARIATIONS
     comparison.write(comparison.compared(study, outputs, settings.PUBLISHED, folder), folder, variations)
@@ -100,7 +101,7 @@ def count_coverage(options: argparse.Namespace) -> None:
 def export_deck(options: argparse.Namespace) -> None:
     """Write a sample as an input deck of CalculiX."""
     study = known_size(load_study(options.study, settings.ROOT))
-    settings.check_sample(study, options.sample)
+    check_sample(study, options.sample)
     crank = study.cycle.crank_deg[0] if options.crank is None else options.crank
     print(export(study, options.sample, crank, settings.RUNS / study.name / "calculix"))
 

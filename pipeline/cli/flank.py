@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from pipeline import assembly
-from pipeline.cli import settings
+from pipeline import assembly, settings
 from pipeline.config import load_design
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError

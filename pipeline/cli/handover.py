@@ -5,20 +5,21 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.cli import settings
-from pipeline.cli.running import up_to_date
+from pipeline import settings
+from pipeline.cli.arguments import workers
 from pipeline.config import load_study
 from pipeline.decisions.joint import FORMATS, JOINTS, joints
 from pipeline.engine.provenance import FILE, crate
 from pipeline.engine.store import write_atomic, write_json
 from pipeline.errors import InputError
+from pipeline.library.running import up_to_date
 from pipeline.report.workbook import write_workbook
 
 
 def write_joints(options: argparse.Namespace) -> None:
     """Write backlash, stiffness and friction of a study's quantiles for simulators."""
     study = load_study(options.study, settings.ROOT)
-    outputs = up_to_date(study, ["aggregate"], options).outputs
+    outputs = up_to_date(study, ["aggregate"], workers(options)).outputs
     joint_rows = joints(pd.DataFrame(outputs["aggregate"].read("units")).iloc[int(study.samples.nominal_first) :])
     folder = settings.RUNS / "joints" / study.name
     rows = pd.DataFrame([vars(joint) for joint in joint_rows])

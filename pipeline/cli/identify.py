@@ -2,7 +2,7 @@
 
 import argparse
 
-from pipeline.cli import settings
+from pipeline import settings
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.turning.turning_measurement import TurningMeasurement
@@ -18,12 +18,11 @@ def identify_unit(options: argparse.Namespace) -> None:
         return
     measurement = read_measurement(load_measured_unit(options.unit, settings.ROOT))
     print("\n".join([*measurement.summary, *plan(measurement)]), flush=True)
-    from pipeline.cli.measured import describe_generic, identify_designed  # seconds of imports, behind the first lines
+    from pipeline.cli.arguments import workers  # seconds of imports, behind the first lines
+    from pipeline.cli.printing import print_answer
+    from pipeline.library.measured import explained
 
-    if measurement.unit.designed is None:
-        describe_generic(measurement)
-    else:
-        identify_designed(measurement, options)
+    print_answer(explained(measurement, workers(options)))
 
 
 def plan(measurement: Measurement) -> list[str]:

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.cli import settings
-from pipeline.cli.decisions import DESIGN_FILE, loaded_units
-from pipeline.cli.running import up_to_date
+from pipeline import settings
+from pipeline.cli.arguments import workers
 from pipeline.config import load_study
 from pipeline.config.files.table_file import read_table
 from pipeline.config.files.writing import toml_of
@@ -27,12 +26,12 @@ from pipeline.decisions.lots import results
 from pipeline.decisions.lots.measured_lot import MeasuredLot, measured_lot
 from pipeline.decisions.lots.ovalities import with_separate_ovalities
 from pipeline.decisions.selective_assembly import assembled, write_pairs
-from pipeline.engine.cache import Cache
-from pipeline.engine.stage import Job
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
+from pipeline.library.decisions import DESIGN_FILE, loaded_units
+from pipeline.library.running import prepared_loops, up_to_date
 from pipeline.model.load_history.load_cycle import BRANCHES
 from pipeline.model.units import ARCMIN, NM_PER_NMM
 from pipeline.report.decisions.assembly import assembly_sentences, write_assembly_page
@@ -57,8 +56,8 @@ def judge_lots(options: argparse.Namespace) -> None:
     lots = [read_lot(path, study) for path in options.csv]
     for lot in lots:
         results.lot_fits(study, lot)  # says what is missing before anything is condensed
-    condensed = up_to_date(study, ["springs", "reduce"], options)
-    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
+    condensed = up_to_date(study, ["springs", "reduce"], workers(options))
+    shared = prepared_loops(study, condensed.outputs)
     solve = partial(loaded_units, shared)
     findings = [results.lot_findings(study, lot, solve, options.units, condensed.jobs) for lot in lots]
     folder = settings.RUNS / "lots" / "-".join([study.name, *(lot.name for lot in lots)])
@@ -84,8 +83,8 @@ def assemble_parts(options: argparse.Namespace) -> None:
     if options.mounting_force is not None and not options.mounting_force > 0:
         raise InputError(f"--mounting-force = {options.mounting_force:g}; must be above 0 N")
     first, second = (read_lot(path, study) for path in options.csv)
-    condensed = up_to_date(study, ["springs", "reduce"], options)
-    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
+    condensed = up_to_date(study, ["springs", "reduce"], workers(options))
+    shared = prepared_loops(study, condensed.outputs)
     mounting = None if options.mounting_force is None else partial(hysteresis.mounting_forces, shared)
     assembly = assembled(study, first, second, partial(loaded_units, shared), condensed.jobs, mounting)
     folder = settings.RUNS / "assemble" / f"{study.name}-{first.name}-{second.name}"
@@ -107,8 +106,8 @@ def certify_unit(options: argparse.Namespace) -> None:
         update={"crank_deg": tuple(sorted({float(c) for c in cranks})), "loaded_angles": None, "curve_angles": 3600}
     )
     study = study.model_copy(update={"cycle": cycle, "name": f"certificate-{case.label}"})
-    condensed = up_to_date(study, ["springs", "reduce"], options)
-    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, condensed.outputs, Cache(settings.RUNS / ".cache", "")))
+    condensed = up_to_date(study, ["springs", "reduce"], workers(options))
+    shared = prepared_loops(study, condensed.outputs)
     unit = certificate(study, case, partial(loaded_units, shared), partial(_loops, shared), options.draws)
     loop = None if measurement is None else _measured_loop(unit, measurement)
     folder = settings.RUNS / "certificate" / case.label

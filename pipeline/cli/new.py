@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.cli import settings
+from pipeline import settings
 from pipeline.cli.keys import describe, file_keys
 from pipeline.config.files.section import NAME, NAME_RULE
 from pipeline.config.reading import found_file

@@ -64,7 +64,7 @@ def _studies(command: Commands) -> None:
     turning.add_argument("study", help="study file, or the stem of one in data/studies")
     turning.add_argument("--sample", required=True, type=int)
 
-    sparing = command("tails", "tails.find_tails", "units beyond the limits in parts per million, and far quantiles")
+    sparing = command("tails", "studies.find_tails", "units beyond the limits in parts per million, and far quantiles")
     _study(sparing)
     _where(sparing)
     sparing.add_argument("--units", type=int, help="looked at by a rough model; default: the study's, or 100,000")

@@ -8,15 +8,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.cli import settings
-from pipeline.cli.running import known_size, up_to_date
+from pipeline import settings
+from pipeline.cli.arguments import check_sample, workers
+from pipeline.cli.printing import print_answer
 from pipeline.config import Study, load_study, load_unit
-from pipeline.engine.cache import Cache
 from pipeline.engine.lock import locked
 from pipeline.engine.runner import damages, plan, set_aside, why
-from pipeline.engine.stage import Job
 from pipeline.engine.store import DAMAGED, Output, remove, write_atomic
 from pipeline.errors import InputError
+from pipeline.library.running import known_size, prepared_loops, up_to_date
+from pipeline.library.studies import tails
 from pipeline.model.metrics import library
 from pipeline.report.samples.known_yield import needed_sentences, preload_warning, yield_estimate
 from stages import hysteresis
@@ -35,7 +36,7 @@ def run_stages(options: argparse.Namespace) -> None:
     if options.dry_run:
         print("\n".join(_planned(study, stages)))
         return
-    outputs = up_to_date(study, stages, options).outputs
+    outputs = up_to_date(study, stages, workers(options)).outputs
     if "aggregate" in outputs:
         distributions = pd.DataFrame(outputs["aggregate"].read("distributions"))
         if warning := preload_warning(distributions, study.limits.over):
@@ -112,7 +113,7 @@ def reasons(options: argparse.Namespace) -> None:
 def solve_unit(options: argparse.Namespace) -> None:
     """Solve a unit with as-measured dimensions and print its metrics."""
     study = load_unit(options.dimensions, options.design, options.study, settings.ROOT)
-    outputs = up_to_date(study, ["report"], options).outputs
+    outputs = up_to_date(study, ["report"], workers(options)).outputs
     metrics = pd.DataFrame(outputs["aggregate"].read("metrics"))
     metric_rows = metrics.loc[metrics["sample"] == 1, ["crank_deg", *library(), "status"]]
     print(metric_rows.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
@@ -123,8 +124,8 @@ def resolve_contacts(options: argparse.Namespace) -> None:
     """Write the contact forces of one sample."""
     study = known_size(load_study(options.study, settings.ROOT))
     sample = options.sample
-    settings.check_sample(study, sample)
-    outputs = up_to_date(study, ["hysteresis"], options).outputs
+    check_sample(study, sample)
+    outputs = up_to_date(study, ["hysteresis"], workers(options)).outputs
     path = settings.RUNS / study.name / "resolved" / f"contacts-{sample}.parquet"
     path.parent.mkdir(exist_ok=True)
     write_atomic(path, CONTACTS.part(_resolved(study, sample, outputs)).data)
@@ -133,7 +134,7 @@ def resolve_contacts(options: argparse.Namespace) -> None:
 
 def _resolved(study: Study, sample: int, outputs: dict[str, Output]) -> dict[str, np.ndarray]:
     """Rows of the contacts of one sample of a finished run."""
-    shared = hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
+    shared = prepared_loops(study, outputs)
     tables = {name: outputs["sample"].read_items(name, sample, sample + 1) for name in SAMPLED}
     solution = hysteresis.solve_samples(shared, errors_of_columns(tables))
     curves = [loop for loop in solution if loop.crank_deg in study.cycle.curve_crank_deg]
@@ -183,3 +184,8 @@ def _removed(path: Path) -> list[str]:
         name = "" if culprit == path else f"{culprit.relative_to(path) if culprit.is_relative_to(path) else culprit}: "
         return [f"{path}: not removed: {name}{error.strerror}; remove it yourself, then run this again"]
     return []
+
+
+def find_tails(options: argparse.Namespace) -> None:
+    """Write shares beyond the limits and far quantiles of a study."""
+    print_answer(tails(options.study, options.units, options.solve, workers(options)))

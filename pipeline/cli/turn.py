@@ -5,17 +5,18 @@ import argparse
 import numpy as np
 import pandas as pd
 
-from pipeline.cli import settings
-from pipeline.cli.running import known_size
+from pipeline import settings
+from pipeline.cli.arguments import check_sample
 from pipeline.config import Study, load_study
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Column, Table
 from pipeline.errors import InputError
 from pipeline.figures.loads.turn import output_turn_figure
 from pipeline.figures.style import save
+from pipeline.library.running import known_size
 from pipeline.model.turn.orders import orders
-from pipeline.population.output_turn import OutputTurn, free_error, loaded_error
-from pipeline.population.turn_drives import symmetric
+from pipeline.populations.output_turn import OutputTurn, free_error, loaded_error
+from pipeline.populations.turn_drives import symmetric
 from pipeline.sampling import draw
 from stages.tables.keys import CRANK
 from stages.tables.transmission import SENSE, SENSES, TORQUE
@@ -53,7 +54,7 @@ ORDERS = Table(
 def turn_unit(options: argparse.Namespace) -> None:
     """Write the transmission error of one sample over a turn of the output, and its orders."""
     study = known_size(load_study(options.study, settings.ROOT))
-    settings.check_sample(study, options.sample)
+    check_sample(study, options.sample)
     unit = draw(study, options.sample, options.sample + 1)
     held_torque = study.metrics.rigidity_percent[1] / 100 * study.design.cycloid.rated_torque_Nm
     curves, reasons = {}, [] if symmetric(study) else [ASYMMETRIC]

@@ -13,15 +13,14 @@ import pandas as pd
 import pytest
 from fuzzed_inputs import SETTINGS_MUTATIONS, TABLE_MUTATIONS
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.cli.boundary import answer
 from pipeline.config import load_design, load_study
 from pipeline.errors import InputError
 from pipeline.identification.described.description import described
 from pipeline.identification.measurement.turning.reading import read_measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.population.comparison import compared, load_population
+from pipeline.populations.comparison import compared, load_population
 
 ROOT = Path(__file__).parent.parent.parent
 POPULATION_METRICS = ("zero_torque_width_arcmin", "lost_motion_arcmin", "torsional_rigidity_Nm_per_arcmin")

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import cli
-from pipeline.cli import boundary, settings, studies
+from pipeline import cli, settings
+from pipeline.cli import boundary, studies
 from pipeline.engine.lock import locked
 from pipeline.errors import ChunkError, InputError
 
@@ -21,7 +21,7 @@ SAMPLE_STAGE = """
 import resource, sys
 from pathlib import Path
 from pipeline import cli
-from pipeline.cli import settings
+from pipeline import settings
 settings.RUNS = Path(sys.argv[1])
 if len(sys.argv) > 2:
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)

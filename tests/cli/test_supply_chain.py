@@ -20,7 +20,7 @@ STUDY = """
 import sys
 from pathlib import Path
 from pipeline import cli
-from pipeline.cli import settings
+from pipeline import settings
 settings.RUNS = Path(sys.argv[1])
 sys.exit(cli.main(["run", sys.argv[3], "--study", sys.argv[2], "--jobs", "2"]))
 """

@@ -56,7 +56,7 @@ def test_the_model_reads_no_file_and_no_setting(graph: grimp.ImportGraph) -> Non
 
 
 def test_a_report_loads_no_library_of_other_stages() -> None:
-    program = "import sys, pipeline.cli.running, stages.report; stages.report.library(); print(*sys.modules)"
+    program = "import sys, pipeline.library.running, stages.report; stages.report.library(); print(*sys.modules)"
     modules = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout

@@ -10,8 +10,7 @@ import pytest
 from measured_bench import ROOT, path_of, write_unit
 from scipy import stats
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import CHANGED, NOTHING
 from pipeline.identification.change.loops import State

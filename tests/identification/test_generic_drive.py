@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 from measured_bench import ROOT, path_of, write_unit
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.errors import InputError
 from pipeline.identification.described.description import DESCRIBED, described
 from pipeline.identification.measurement.measurement import Measurement

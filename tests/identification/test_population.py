@@ -12,14 +12,14 @@ from pipeline.config import load_study
 from pipeline.errors import InputError
 from pipeline.model.metrics import measurable_metrics
 from pipeline.model.units import ARCMIN
-from pipeline.population.comparison import (
+from pipeline.populations.comparison import (
     compared,
     load_population,
     metrics_at,
     permutation_tests,
 )
-from pipeline.population.results import comparison_frame
-from pipeline.population.tolerance_shift import StudyPopulation, closing, mean_deviations, read_population_run
+from pipeline.populations.results import comparison_frame
+from pipeline.populations.tolerance_shift import StudyPopulation, closing, mean_deviations, read_population_run
 from pipeline.sampling import draw
 from stages.sample import columns_of_errors
 
@@ -113,7 +113,7 @@ def test_ties_are_one_step():
 
 
 def test_intervals_of_bias_and_spread_cover(monkeypatch):
-    monkeypatch.setattr("pipeline.population.comparison.PERMUTATIONS", 9)
+    monkeypatch.setattr("pipeline.populations.comparison.PERMUTATIONS", 9)
     rng = np.random.default_rng(3)
     hits = np.zeros(2)
     samples = pd.DataFrame({"sample": np.arange(1500), "crank_deg": 0.0, "status": "ok"})

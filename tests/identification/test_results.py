@@ -14,8 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from measured_bench import measured, write_unit
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.config import load_study
 from pipeline.config.files.writing import toml_of
 from pipeline.engine.store import Output

@@ -9,7 +9,7 @@ import pytest
 from measured_bench import ROOT, write_unit
 
 import pipeline
-from pipeline.cli import settings
+from pipeline import settings
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_units

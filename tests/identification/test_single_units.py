@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from pipeline.population.comparison import measurable_metrics
-from pipeline.population.single_units import single_units
+from pipeline.populations.comparison import measurable_metrics
+from pipeline.populations.single_units import single_units
 
 NAMES = list(measurable_metrics())
 COVARIANCE = 0.02 * (np.eye(len(NAMES)) + 0.5)

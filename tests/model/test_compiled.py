@@ -14,7 +14,8 @@ from pathlib import Path
 from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 from pipeline import cli
-from pipeline.cli import running, settings
+from pipeline import settings
+from pipeline.library import running
 settings.RUNS = Path(sys.argv[1])
 running.solver_is_compiled = lambda: True
 for study in sys.argv[2:]:

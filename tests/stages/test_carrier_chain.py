@@ -18,7 +18,7 @@ from pipeline.model.load_history.response import respond
 from pipeline.model.load_history.winkler import secant_compliance, winkler_readings
 from pipeline.model.metrics import Quantity
 from pipeline.mounting import drive_of
-from pipeline.population.tails import tails_of
+from pipeline.populations.tails import tails_of
 from pipeline.report.inputs import reducer_facts
 from pipeline.sampling import draw
 from stages.chain import STAGES

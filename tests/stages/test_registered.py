@@ -42,7 +42,7 @@ DRAW = """
 import sys
 from pathlib import Path
 from pipeline import cli
-from pipeline.cli import settings
+from pipeline import settings
 from pipeline.config import load_study
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.report.inputs import tolerance_rows
@@ -55,13 +55,13 @@ RUN = """
 import sys
 from pathlib import Path
 from pipeline import cli
-from pipeline.cli import settings
+from pipeline import settings
 settings.RUNS = Path(sys.argv[1])
 sys.exit(cli.main(["run", *sys.argv[3:], "--study", sys.argv[2], "--jobs", "1"]))
 """
 RUN_WITHOUT_COMPILING_AHEAD = (
     """
-from pipeline.cli import running
+from pipeline.library import running
 running.solver_is_compiled = lambda: True
 """
     + RUN
@@ -75,7 +75,7 @@ from pathlib import Path
 import numpy as np
 from pipeline.identification.results.prediction_errors import LoopError
 from pipeline.model.metrics import Definitions, LoopReadings, measurable_metrics
-from pipeline.population.comparison import load_population
+from pipeline.populations.comparison import load_population
 from pipeline.report.unit.rows import loop_row
 from pipeline.identification.selection.held_out import STAGES
 print(list(load_population(Path(sys.argv[1]))))

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.config import load_study, parse_design
 from pipeline.config.files.writing import toml_of
 from pipeline.errors import InputError

@@ -7,15 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import api, assembly, cli
-from pipeline.cli import settings
+from pipeline import api, assembly, cli, settings
 from pipeline.config.studies.study import Limits
 from pipeline.config.studies.tails import Tails
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError
-from pipeline.population import tails
-from pipeline.population.prediction import Tail, TailPrediction, rough_metrics
+from pipeline.populations import tails
+from pipeline.populations.prediction import Tail, TailPrediction, rough_metrics
 from pipeline.report.samples.tails import tail_lines
 from pipeline.sampling import draw
 from stages import hysteresis

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from pipeline import assembly
-from pipeline.cli.decisions import loaded_units
 from pipeline.cli.lots import _loops
 from pipeline.config import load_study
 from pipeline.config.reading import load_case
 from pipeline.decisions.bounds.play import ATTAINED, LEAST_FOUND
 from pipeline.decisions.certificate import certificate, compensated, measured_values
 from pipeline.errors import InputError
+from pipeline.library.decisions import loaded_units
 from pipeline.sampling import draw_with_parts
 from stages import hysteresis
 

@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import assembly, cli
-from pipeline.cli import settings
+from pipeline import assembly, cli, settings
 from pipeline.config import Study, load_design, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
-from pipeline.population import output_turn
-from pipeline.population.output_turn import PHASES, TurnedDisk, free_error, loaded_steps, rigid_cranks
+from pipeline.populations import output_turn
+from pipeline.populations.output_turn import PHASES, TurnedDisk, free_error, loaded_steps, rigid_cranks
 from pipeline.sampling import draw
 
 ROOT = Path(__file__).parents[2]

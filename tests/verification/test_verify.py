@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import cli
+from pipeline import cli, settings
 from pipeline.checks.calculix import calculix_deck, calculix_program, run_calculix
 from pipeline.checks.specimen import Specimen, loaded
 from pipeline.checks.verify import CHECKS, page, run_checks, suite
 from pipeline.checks.verify.findings import Finding, at_least, compared, positive, skipped, stated
 from pipeline.checks.verify.suite import COLUMNS, PAGE, CheckRow, write_results
-from pipeline.cli import settings
 from pipeline.config import load_study
 from pipeline.errors import InputError
 

@@ -12,8 +12,8 @@ from pipeline.config import Study, load_design, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
 from pipeline.model.metrics import library
-from pipeline.population.turn_drives import TurnDrives, Units, full_blocks, turned_blocks
-from pipeline.population.turn_ranking import SeparateGaps
+from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, turned_blocks
+from pipeline.populations.turn_ranking import SeparateGaps
 from pipeline.sampling import draw
 from pipeline.statistics.audited import audited_distribution, audited_share
 from stages.chain import STAGES

@@ -12,7 +12,7 @@ from pipeline.config import parse_study
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.study import Study
 from pipeline.decisions.allocation.allocate import Allocation
-from pipeline.engine.store import write_atomic
+from pipeline.engine.frames import write_tables
 from pipeline.engine.table import Column, Columns, Table
 
 ALLOCATION = Table(
@@ -116,13 +116,8 @@ def _rounded(section: dict[str, Any]) -> dict[str, Any]:
     return {key: float(f"{value:.9g}") if isinstance(value, float) else value for key, value in section.items()}
 
 
-def write_tables(allocation: Allocation, folder: Path) -> None:
-    """Write the three tables as CSV and Parquet into ``folder``."""
+def write(allocation: Allocation, folder: Path) -> dict[str, pd.DataFrame]:
+    """Write the three tables as CSV and Parquet into ``folder``; their frames by name."""
     tradeoff = {"yield": allocation.tradeoff[:, 0], "cost": allocation.tradeoff[:, 1]}
-    for table, rows in (
-        (ALLOCATION, allocation_rows(allocation)),
-        (CHECK, check_rows(allocation)),
-        (TRADEOFF, tradeoff),
-    ):
-        write_atomic(folder / f"{table.name}.parquet", table.part(rows).data)
-        write_atomic(folder / f"{table.name}.csv", pd.DataFrame(rows).to_csv(index=False, float_format="%.8g").encode())
+    tables = {ALLOCATION: allocation_rows(allocation), CHECK: check_rows(allocation), TRADEOFF: tradeoff}
+    return write_tables(tables, folder, as_csv=True)

@@ -19,7 +19,7 @@ from pipeline.decisions.allocation.cheapest import LinearUnits, cheapest
 from pipeline.decisions.allocation.priced import Priced, scaled
 from pipeline.decisions.fresh_units import BATCH, Angles, Solve, fresh_yields
 from pipeline.model.metrics import library
-from pipeline.population.prediction import Tail, predicted_turn
+from pipeline.populations.prediction import Tail, predicted_turn
 from pipeline.sampling import Errors, draw
 from pipeline.statistics import Estimate, pass_share
 

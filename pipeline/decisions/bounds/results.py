@@ -16,7 +16,7 @@ from pipeline.decisions.bounds.box import Box, Evaluate, climbed
 from pipeline.decisions.bounds.capability import Capability, capability
 from pipeline.decisions.bounds.linear import stack, statistics_of
 from pipeline.decisions.bounds.play import Bound, play_bounds
-from pipeline.engine.store import write_atomic
+from pipeline.engine.frames import write_tables
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.model.metrics import library
 from pipeline.sampling import Errors, dimensions, errors_at, uniforms
@@ -190,8 +190,6 @@ def _columns(table: Table, rows: Sequence[tuple]) -> Columns:
     return {name: frame[name].to_numpy() for name in frame}
 
 
-def write_tables(bound_findings: BoundFindings, folder: Path) -> None:
-    """Write the tables as CSV and Parquet into ``folder``."""
-    for table, rows in table_rows(bound_findings).items():
-        write_atomic(folder / f"{table.name}.parquet", table.part(rows).data)
-        write_atomic(folder / f"{table.name}.csv", pd.DataFrame(rows).to_csv(index=False, float_format="%.8g").encode())
+def write(bound_findings: BoundFindings, folder: Path) -> dict[str, pd.DataFrame]:
+    """Write the tables as CSV and Parquet into ``folder``; their frames by name."""
+    return write_tables(table_rows(bound_findings), folder, as_csv=True)

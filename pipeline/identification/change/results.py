@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_json
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.errors import InputError
 from pipeline.identification.change.comparison import Change, Comparison, compare_states
@@ -214,15 +216,13 @@ def comparable_states(measurements: Sequence[Measurement]) -> list[State]:
     return [State.of(measurement) for measurement in measurements]
 
 
-def write(change_answer: ChangeAnswer, folder: Path) -> None:
-    """Write tables and, last, the verdict into ``folder``."""
-    for table, columns in (
-        (CHANGES, change_rows(change_answer.comparison)),
-        (POSITIONS, position_rows(change_answer.comparison)),
-        (LOOPS, loop_rows(change_answer.comparison)),
-    ):
-        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+def write(change_answer: ChangeAnswer, folder: Path) -> dict[str, pd.DataFrame]:
+    """Write tables and, last, the verdict into ``folder``; the frames by name."""
+    comparison = change_answer.comparison
+    tables = {CHANGES: change_rows(comparison), POSITIONS: position_rows(comparison), LOOPS: loop_rows(comparison)}
+    frames = write_tables(tables, folder)
     write_json(folder / VERDICT_FILE, _verdict(change_answer))
+    return frames
 
 
 def _verdict(change_answer: ChangeAnswer) -> dict[str, Any]:

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_json
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.described.description import DESCRIBED, FEWEST_GROUPS, Description, Number
 from pipeline.identification.measurement.measurement import Measurement
@@ -44,15 +46,14 @@ DESCRIPTION = Table(
 )
 
 
-def write(description: Description, folder: Path) -> tuple[Signature, ...]:
-    """Write tables and, last, the verdict into ``folder``; returns the signatures of what is left."""
+def write(description: Description, folder: Path) -> tuple[tuple[Signature, ...], dict[str, pd.DataFrame]]:
+    """Write tables and, last, the verdict into ``folder``; the signatures of what is left, and the frames by name."""
     remaining_signatures = signatures(description.measurement, description.data, description.curves["described"])
     signatures_before = signatures(description.measurement, description.data, description.curves["spring"])
     by_stage = {"recalibrated": signatures_before, "after": remaining_signatures}
-    for table, columns in ((DESCRIPTION, cell_rows(description)), (SIGNATURES, signature_rows(by_stage))):
-        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+    frames = write_tables({DESCRIPTION: cell_rows(description), SIGNATURES: signature_rows(by_stage)}, folder)
     write_json(folder / VERDICT_FILE, finite(_verdict(description)))
-    return remaining_signatures
+    return remaining_signatures, frames
 
 
 def write_fault(measurement: Measurement, folder: Path) -> str:

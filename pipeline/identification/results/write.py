@@ -8,7 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.store import write_atomic, write_json
+import pandas as pd
+
+from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_json
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
@@ -60,11 +63,12 @@ def findings(identification: Identification) -> Findings:
     return Findings(identification, of_loops, loop_errors(identification))
 
 
-def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> None:
+def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Write tables, verdict, and the corrected design and study into ``folder``, the verdict last.
 
-    Of a faulty unit the verdict alone is written.
+    Of a faulty unit the verdict alone is written. Returns the content of the verdict and the frames by name.
     """
+    frames: dict[str, pd.DataFrame] = {}
     identification = findings_of_unit if isinstance(findings_of_unit, FaultyUnit) else findings_of_unit.identification
     for name in (*STALE, *(study_file(identification.measurement.unit.name, kind) for kind in DESIGN_FILES)):
         (folder / name).unlink(missing_ok=True)
@@ -75,28 +79,30 @@ def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> None:
         corrected, best = write_corrected(identification, folder), write_best(identification, folder)
         paths = best.paths or corrected.paths
         trial_written = written_study(identification, paths[-1]) if paths else None
-        _write_tables(findings_of_unit, trial_written, folder)
+        frames = _write_tables(findings_of_unit, trial_written, folder)
         content = _common(identification) | _tested(findings_of_unit)
         content |= {"corrected": [path.name for path in corrected.paths], "not_corrected": corrected.why_not}
         content |= {"best": [path.name for path in best.paths]}
         content |= {
             "written": {"study": trial_written.study, "rms_arcmin": trial_written.rms_arcmin} if trial_written else None
         }
-    write_json(folder / VERDICT_FILE, finite(content))
+    content = finite(content)
+    write_json(folder / VERDICT_FILE, content)
+    return content, frames
 
 
-def _write_tables(findings_of_unit: Findings, written_trial: WrittenStudy | None, folder: Path) -> None:
-    for table, columns in (
-        (
-            tables.RESIDUAL,
-            tables.residual_rows(
-                findings_of_unit.identification, None if written_trial is None else written_trial.angle
-            ),
-        ),
-        (tables.SIGNATURES, tables.signature_rows(findings_of_unit.signatures)),
-        (tables.CANDIDATES, tables.candidate_rows(findings_of_unit.identification)),
-    ):
-        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+def _write_tables(
+    findings_of_unit: Findings, written_trial: WrittenStudy | None, folder: Path
+) -> dict[str, pd.DataFrame]:
+    identification, angle = findings_of_unit.identification, None if written_trial is None else written_trial.angle
+    return write_tables(
+        {
+            tables.RESIDUAL: tables.residual_rows(identification, angle),
+            tables.SIGNATURES: tables.signature_rows(findings_of_unit.signatures),
+            tables.CANDIDATES: tables.candidate_rows(identification),
+        },
+        folder,
+    )
 
 
 def _common(identification: Identification | FaultyUnit) -> dict[str, Any]:

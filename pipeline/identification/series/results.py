@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.engine.store import write_atomic, write_json
+from pipeline.engine.frames import write_tables
+from pipeline.engine.store import write_json
 from pipeline.engine.table import Column, Columns, Table
 from pipeline.identification.change.table import LoopTable
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, numbers_of
@@ -218,16 +220,17 @@ def number_text(value: float, low: float, high: float, unit: str) -> str:
     return f"{value:.3g}{suffix}{reach}"
 
 
-def write(answer: SeriesAnswer, folder: Path) -> None:
-    """Write tables and, last, the verdict into ``folder``."""
-    for table, columns in (
-        (STATES, state_rows(answer)),
-        (TRENDS, trend_rows(answer)),
-        (ERRORS, error_rows(answer)),
-        (EFFECTS, effect_rows(answer)),
-    ):
-        write_atomic(folder / f"{table.name}.parquet", table.part(columns).data)
+def write(answer: SeriesAnswer, folder: Path) -> dict[str, pd.DataFrame]:
+    """Write tables and, last, the verdict into ``folder``; the frames by name."""
+    tables = {
+        STATES: state_rows(answer),
+        TRENDS: trend_rows(answer),
+        ERRORS: error_rows(answer),
+        EFFECTS: effect_rows(answer),
+    }
+    frames = write_tables(tables, folder)
     write_json(folder / VERDICT_FILE, finite(_verdict(answer)))
+    return frames
 
 
 def _verdict(answer: SeriesAnswer) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import pandas as pd
 from pipeline.config.files.section import shown_value
 from pipeline.config.studies.study import ALL_LIMITS
 from pipeline.decisions.run_comparison import DIFFERENCES, DRIVER_CHANGES, INPUTS, ComparedRun, differing_inputs
+from pipeline.engine.frames import write_tables
 from pipeline.engine.store import write_atomic
 from pipeline.engine.table import Columns
 from pipeline.figures.labels import LIMITED, METRICS, parameter_title
@@ -39,15 +40,12 @@ def write_comparison(
     rows: Columns,
     drivers: Columns,
     folder: Path,
-) -> None:
-    """Write report.html, its figure and the three tables as CSV and Parquet into ``folder``."""
+) -> dict[str, pd.DataFrame]:
+    """Write report.html, its figure and the three tables as CSV and Parquet into ``folder``; their frames by name."""
     settings = [(key, *(_text(value) for value in pair)) for key, *pair in inputs]
     columns = {name: np.array([row[k] for row in settings], object) for k, name in enumerate(("key", "a", "b"))}
-    for table, content in ((DIFFERENCES, rows), (DRIVER_CHANGES, drivers), (INPUTS, columns)):
-        write_atomic(folder / f"{table.name}.parquet", table.part(content).data)
-        text = pd.DataFrame(content).to_csv(index=False, float_format="%.8g")
-        write_atomic(folder / f"{table.name}.csv", text.encode())
-    frame = pd.DataFrame(rows)
+    frames = write_tables({DIFFERENCES: rows, DRIVER_CHANGES: drivers, INPUTS: columns}, folder, as_csv=True)
+    frame = frames[DIFFERENCES.name]
     metrics = [name for name in METRICS if not _constant(a, b, name)]
     page = rendered(
         TEMPLATE,
@@ -65,6 +63,7 @@ def write_comparison(
         pictures=_pictures(a, b, metrics, folder),
     )
     write_atomic(folder / "report.html", page.encode())
+    return frames
 
 
 ANSWERED = ("mean", "std")

@@ -12,15 +12,15 @@ from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.figures.labels import METRICS
 from pipeline.figures.measured.unit import quantiles_figure
-from pipeline.population.comparison import MetricComparison
-from pipeline.population.results import (
+from pipeline.populations.comparison import MetricComparison
+from pipeline.populations.results import (
     candidate_frame,
     comparison_frame,
     quantile_frame,
     sentence,
 )
-from pipeline.population.single_units import SingleUnits
-from pipeline.population.tolerance_shift import Closing
+from pipeline.populations.single_units import SingleUnits
+from pipeline.populations.tolerance_shift import Closing
 from pipeline.report.layout.pictures import drawn_picture
 from pipeline.report.layout.rendering import rendered
 from pipeline.report.layout.wording import NOTHING

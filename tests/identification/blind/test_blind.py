@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from pipeline import assembly, cli
+from pipeline import assembly, cli, settings
 from pipeline.checks.blind import generate as generating
 from pipeline.checks.blind import run
 from pipeline.checks.blind.bench import draw_bench
@@ -22,7 +22,6 @@ from pipeline.checks.blind.outside_effects import OUTSIDE
 from pipeline.checks.blind.rates import lower_bound, rates
 from pipeline.checks.blind.report import write_reports
 from pipeline.checks.blind.true_unit import UnsoundError, true_unit
-from pipeline.cli import settings
 from pipeline.engine.fingerprint import source_hashes
 from pipeline.identification.fitting.build import refitted
 from pipeline.identification.fitting.fitter import Fitter

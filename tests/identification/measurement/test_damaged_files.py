@@ -16,7 +16,7 @@ from measured_bench import ROOT, UNIT, measured, write_unit
 from pipeline.errors import InputError
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.measurement.unit_file import load_measured_unit
-from pipeline.population.comparison import load_population
+from pipeline.populations.comparison import load_population
 
 CSV = measured().to_csv(index=False).encode()
 PACKED = gzip.compress(CSV)

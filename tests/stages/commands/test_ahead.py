@@ -5,7 +5,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from pipeline.cli import running
+from pipeline.library import running
 
 
 def test_another_process_compiles_the_solver_only_where_none_has_and_ends_with_the_run(

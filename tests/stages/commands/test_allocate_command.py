@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.config import load_study
 
 ROOT = Path(__file__).parent.parent.parent.parent

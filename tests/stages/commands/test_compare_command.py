@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.config import load_study
 from pipeline.decisions.run_comparison import differing_inputs, shared_draws
 

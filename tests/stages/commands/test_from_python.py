@@ -10,8 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.config import Study
 from pipeline.config.studies.tails import Tails
 from pipeline.engine import runner

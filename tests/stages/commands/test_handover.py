@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.decisions.joint import FORMATS, joints
 from pipeline.errors import InputError
 

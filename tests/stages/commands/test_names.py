@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.config.files.writing import toml_of
 
 ROOT = Path(__file__).parent.parent.parent.parent

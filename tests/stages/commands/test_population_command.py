@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.engine.store import Output
 from pipeline.model.metrics import measurable_metrics
 

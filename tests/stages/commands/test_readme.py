@@ -9,8 +9,7 @@ import pandas as pd
 import pyarrow.dataset
 import pytest
 
-from pipeline import cli
-from pipeline.cli import settings
+from pipeline import cli, settings
 from pipeline.engine.store import Output
 from pipeline.identification.results import tables
 

@@ -9,13 +9,13 @@ import pytest
 from scipy import stats
 from small_study import small_study
 
-from pipeline import api
-from pipeline.cli import running, settings
+from pipeline import api, settings
 from pipeline.config import Study
 from pipeline.config.studies.study import Until
 from pipeline.engine import runner
 from pipeline.engine.store import Output
 from pipeline.errors import InputError
+from pipeline.library import running
 from pipeline.report.samples.known_yield import needed_units
 from pipeline.report.samples.section import SamplesSection
 from pipeline.statistics.sample_size import next_units

@@ -11,7 +11,7 @@ from pipeline.checks.verify.findings import Finding, compared, relative, vanishi
 from pipeline.model.geometry.clearance import Errors, gaps
 from pipeline.model.geometry.cycloid_profile import Real
 from pipeline.model.geometry.rigid_play.rigid_backlash import separated_play
-from pipeline.population.output_turn import PHASES, TurnedDisk
+from pipeline.populations.output_turn import PHASES, TurnedDisk
 from pipeline.sampling import draw
 
 CRANKS_DEG = 360.0 * np.arange(23) / 23

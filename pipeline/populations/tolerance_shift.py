@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.config import Study
 from pipeline.config.dimensions import dimension_library
 from pipeline.errors import InputError
-from pipeline.population.comparison import MetricComparison, metrics_at
+from pipeline.populations.comparison import MetricComparison, metrics_at
 
 Real = NDArray[np.float64]
 

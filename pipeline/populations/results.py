@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import write_atomic
-from pipeline.population.comparison import TESTS, MetricComparison
-from pipeline.population.single_units import SingleUnits
-from pipeline.population.tolerance_shift import Closing
+from pipeline.populations.comparison import TESTS, MetricComparison
+from pipeline.populations.single_units import SingleUnits
+from pipeline.populations.tolerance_shift import Closing
 
 
 def comparison_frame(comparisons: Sequence[MetricComparison]) -> pd.DataFrame:
@@ -105,12 +105,14 @@ def write(
     closings: Mapping[float | None, Closing],
     single: Sequence[SingleUnits],
     folder: Path,
-) -> None:
-    """Write comparison.csv, candidates.csv, quantiles.csv and units.csv into ``folder``."""
-    for name, frame in (
-        ("comparison", comparison_frame(comparisons)),
-        ("candidates", candidate_frame(closings)),
-        ("quantiles", quantile_frame(comparisons)),
-        ("units", single_frame(single)),
-    ):
+) -> dict[str, pd.DataFrame]:
+    """Write comparison.csv, candidates.csv, quantiles.csv and units.csv into ``folder``; their frames by name."""
+    frames = {
+        "comparison": comparison_frame(comparisons),
+        "candidates": candidate_frame(closings),
+        "quantiles": quantile_frame(comparisons),
+        "units": single_frame(single),
+    }
+    for name, frame in frames.items():
         write_atomic(folder / f"{name}.csv", frame.to_csv(index=False, float_format="%.8g").encode())
+    return frames

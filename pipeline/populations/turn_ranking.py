@@ -21,7 +21,7 @@ from pipeline.model.geometry.rigid_play.rigid_backlash import rigid_play
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.units import NMM_PER_NM
 from pipeline.mounting import drive_of
-from pipeline.population.turn_drives import TurnDrives, Units
+from pipeline.populations.turn_drives import TurnDrives, Units
 
 Real = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.model.metrics import library
-from pipeline.population.turn_drives import TurnDrives, Units
-from pipeline.population.turn_ranking import Ranking, SeparateGaps, Springs, fitted_slopes, place_compliance, waves
+from pipeline.populations.turn_drives import TurnDrives, Units
+from pipeline.populations.turn_ranking import Ranking, SeparateGaps, Springs, fitted_slopes, place_compliance, waves
 
 Real = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.population.comparison import measurable_metrics, metrics_at
+from pipeline.populations.comparison import measurable_metrics, metrics_at
 
 Real = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from pipeline.config.studies.tails import limited_under_load, without_tails
 from pipeline.config.studies.tolerances import Tolerances
 from pipeline.errors import InputError
 from pipeline.model.metrics import library
-from pipeline.population.prediction import LEVEL, Tail, TailPrediction
+from pipeline.populations.prediction import LEVEL, Tail, TailPrediction
 from pipeline.sampling import Errors, draw
 from pipeline.statistics.replicated import FEWEST_BEYOND
 from pipeline.statistics.two_phase import inclusion_probability, tail_quantile, tail_share

@@ -4,7 +4,6 @@ A study that asks for samples `until` its yield is known runs in batches. What a
 the settings and sources that it rests on, so that a killed study goes on where it was and a finished one asks nothing.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -16,19 +15,23 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.cli import settings
-from pipeline.config import Study
+from pipeline import settings
+from pipeline.config import Study, load_study
 from pipeline.config.studies.study import Drivers
 from pipeline.engine import progress, runner
 from pipeline.engine.cache import Cache
 from pipeline.engine.fingerprint import code_of, package_versions, source_hashes
+from pipeline.engine.processes.cluster import dask_cluster
 from pipeline.engine.processes.parent import end_with_parent
 from pipeline.engine.runner import Resources
+from pipeline.engine.stage import Job
 from pipeline.engine.store import Output, write_json
+from pipeline.errors import InputError
 from pipeline.model.equilibrium.solve import compile_solver, solver_is_compiled
 from pipeline.report.samples.known_yield import yield_estimate
 from pipeline.statistics import Estimate
 from pipeline.statistics.sample_size import next_units
+from stages import hysteresis
 from stages.aggregate import AGGREGATE
 from stages.chain import STAGES
 from stages.hysteresis import HYSTERESIS
@@ -45,6 +48,44 @@ COMPILES_SOLVER = (
 
 
 @dataclass(frozen=True)
+class Workers:
+    """Who solves: ``jobs`` processes of this machine (the study's own number if None), or those of a Dask cluster.
+
+    Attributes
+    ----------
+    backend : "loky", or "dask" with the address of its ``scheduler``.
+    open_scheduler : whether one may be used that does not authenticate its peers.
+    """
+
+    jobs: int | None = None
+    backend: str = "loky"
+    scheduler: str | None = None
+    open_scheduler: bool = False
+
+    @contextmanager
+    def resources(self, study: Study) -> Iterator[Resources]:
+        """Where and with how many processes chunks are solved; a cluster is connected while the context lasts.
+
+        Raises
+        ------
+        InputError : of numbers and names that do not go together.
+        """
+        if self.jobs is not None and self.jobs < 1:
+            raise InputError(f"--jobs = {self.jobs}; must be at least 1")
+        if (self.backend == "dask") != (self.scheduler is not None):
+            raise InputError("--backend dask and --scheduler ADDRESS go together; give both or neither")
+        if self.scheduler is not None:
+            with dask_cluster(self.scheduler, self.open_scheduler) as cluster:
+                yield Resources(self.jobs or ALL_WORKERS, study.run.chunk, cluster)
+        else:
+            yield Resources(self.jobs or study.run.jobs, study.run.chunk)
+
+
+ALL_WORKERS = -1
+"""Joblib's number of processes for as many as the cluster has."""
+
+
+@dataclass(frozen=True)
 class Finished:
     """A study with the samples that it came to, the outputs of its stages, and the processes that it may use."""
 
@@ -53,7 +94,17 @@ class Finished:
     jobs: int
 
 
-def up_to_date(study: Study, targets: Sequence[str], options: argparse.Namespace) -> Finished:
+def study_of(study: Study | str | Path) -> Study:
+    """A study, or that of a TOML file, or of its stem in data/studies; raises InputError as ``load_study``."""
+    return study if isinstance(study, Study) else load_study(study, settings.ROOT)
+
+
+def workers_of(jobs: int | Workers | None) -> Workers:
+    """Processes by their number."""
+    return jobs if isinstance(jobs, Workers) else Workers(jobs)
+
+
+def up_to_date(study: Study, targets: Sequence[str], jobs: int | Workers | None = None) -> Finished:
     """Bring stages of a study up to date; if one of them draws samples, their number is settled before.
 
     Raises
@@ -63,11 +114,16 @@ def up_to_date(study: Study, targets: Sequence[str], options: argparse.Namespace
     """
     required = runner.needed_stages(STAGES, targets)
     ahead = solver_compiled_ahead() if HYSTERESIS in required else nullcontext()
-    with settings.resources(study, options) as resources, ahead:
+    with workers_of(jobs).resources(study) as resources, ahead:
         if any("samples" in stage.sections for stage in required):
             study = _settled(study, resources)
         outputs = runner.run(STAGES, study, targets, settings.RUNS, resources)
         return Finished(study, outputs, resources.jobs)
+
+
+def prepared_loops(study: Study, outputs: dict[str, Output]) -> hysteresis.Shared:
+    """What the loops of further units of a study share, from its stages ``springs`` and ``reduce``."""
+    return hysteresis.prepare(Job(study, 1, settings.RUNS, outputs, Cache(settings.RUNS / ".cache", "")))
 
 
 @contextmanager

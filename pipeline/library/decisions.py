@@ -1,0 +1,192 @@
+"""Questions that help to decide: two runs side by side, what to loosen or tighten, and worst cases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pipeline import settings
+from pipeline.config import Study
+from pipeline.config.files.writing import toml_of
+from pipeline.decisions.allocation import results as allocation_results
+from pipeline.decisions.allocation.allocate import Allocation
+from pipeline.decisions.allocation.allocate import allocate as cheapest_tolerances
+from pipeline.decisions.allocation.priced import priced_tolerances
+from pipeline.decisions.bounds import results as bounds_results
+from pipeline.decisions.bounds.box import Box
+from pipeline.decisions.fresh_units import Angles
+from pipeline.decisions.run_comparison import (
+    ComparedRun,
+    check_comparable,
+    differences,
+    differing_inputs,
+    driver_changes,
+)
+from pipeline.engine.progress import Line, say
+from pipeline.engine.store import write_atomic
+from pipeline.errors import InputError
+from pipeline.library.answer import Answer
+from pipeline.library.running import Workers, prepared_loops, study_of, up_to_date
+from pipeline.model.metrics import library
+from pipeline.populations import prediction, tails
+from pipeline.report.decisions.allocation import sentence as allocation_sentence
+from pipeline.report.decisions.allocation import write_allocation_page
+from pipeline.report.decisions.bounds import write_bounds_page
+from pipeline.report.decisions.compare import answer_lines, write_comparison
+from pipeline.sampling import Errors, draw
+from stages import hysteresis
+from stages.aggregate import over_turn
+from stages.clearance import rigid_ends
+from stages.tables.turn import loop_metrics, metric_turns, over_turn_columns
+from stages.tails import TRIAL, at_angles, springs
+
+FEWEST_BAD = 20
+"""Units beyond a limit that a slope of the yield is told from."""
+DESIGN_FILE = "design.toml"
+
+
+def compare(
+    a: Study | str | Path, b: Study | str | Path, jobs: int | Workers | None = None
+) -> Answer[tuple[ComparedRun, ComparedRun]]:
+    """Two studies side by side: what differs, by how much; what is missing of both is run.
+
+    Parameters
+    ----------
+    a, b : studies, or names or files of them; differences are b less a.
+    jobs : processes; each study's own number if not given.
+
+    Raises
+    ------
+    InputError
+        If a file is wrong, or the two cannot be compared.
+    """
+    first, second = (compared_run(study, jobs) for study in _comparable_studies(a, b))
+    rows = differences(first, second)
+    folder = settings.RUNS / "compare" / f"{first.label}-{second.label}"
+    inputs = differing_inputs(first.study, second.study)
+    frames = write_comparison(first, second, inputs, rows, driver_changes(first, second), folder)
+    return Answer((first, second), tuple(answer_lines(first, second, pd.DataFrame(rows))), folder, frames)
+
+
+def _comparable_studies(*names: Study | str | Path) -> list[Study]:
+    """Two studies, both checked before anything runs."""
+    studies: list[Study] = []
+    problems: list[str] = []
+    for name in names:
+        try:
+            studies.append(study_of(name))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    check_comparable(*studies)
+    return studies
+
+
+def compared_run(study: Study, jobs: int | Workers | None = None) -> ComparedRun:
+    """The run of a study with its random units, as it is compared with another one."""
+    finished = up_to_date(study, ["aggregate"], jobs)
+    units, sensitivity = (pd.DataFrame(finished.outputs["aggregate"].read(name)) for name in ("units", "sensitivity"))
+    return ComparedRun(finished.study, _random_units(study, units), sensitivity)
+
+
+def _random_units(study: Study, units: pd.DataFrame) -> pd.DataFrame:
+    """The metrics of the units of a study over the turn, as its limits count them, without the nominal reducer."""
+    return over_turn(units, study.limits.over).drop(index=[0] * study.samples.nominal_first, errors="ignore")
+
+
+def allocate(
+    study: Study | str | Path, target: float = 0.99, units: int = 4_000, jobs: int | Workers | None = None
+) -> Answer[Allocation]:
+    """The cheapest tolerances of a study at a wanted yield.
+
+    Parameters
+    ----------
+    study : with costs, or the name or file of one.
+    target : yield against all limits.
+    units : load-solved in each round.
+    jobs : processes; the study's own number if not given.
+
+    Raises
+    ------
+    InputError
+        If the study has no costs or limits, or a number is wrong.
+    """
+    if not 0.5 <= target < 1:
+        raise InputError(f"--yield = {target:g}; must be from 0.5 to below 1, as 0.99")
+    if round(units * (1 - target), 6) < FEWEST_BAD:
+        raise InputError(
+            f"--units {units} is too small for a yield of {100 * target:g} %; "
+            f"use at least {round(FEWEST_BAD / (1 - target))}"
+        )
+    study = study_of(study)
+    priced_tolerances(study)  # says what is missing before anything is condensed
+    condensed = up_to_date(study, ["springs", "reduce"], jobs)
+    shared = prepared_loops(study, condensed.outputs)
+    trial = draw(tails.population(study, TRIAL), 0, TRIAL)
+    rough = partial(prediction.rough_metrics, study, springs(shared, trial))
+    solve, tell = partial(loaded_units, shared), partial(say, "allocate")
+    allocation = cheapest_tolerances(study, target, units, solve, rough, condensed.jobs, tell)
+    folder = settings.RUNS / "allocate" / study.name
+    frames = allocation_results.write(allocation, folder)
+    file = f"{allocation_results.study_name(study)}.toml"
+    write_atomic(folder / file, allocation_results.study_text(allocation, DESIGN_FILE).encode())
+    write_atomic(folder / DESIGN_FILE, toml_of(study.design.model_dump()).encode())
+    write_allocation_page(allocation, file, folder)
+    sentences = allocation_sentence(allocation), f"study: {settings.shown(folder / file)}"
+    return Answer(allocation, sentences, folder, frames)
+
+
+def loaded_units(shared: hysteresis.Shared, sampled: Errors) -> tuple[Angles, Angles]:
+    """Every metric of ``n`` units at the loaded angles (n, n_angles), and over the turn as the limits mean it (n,)."""
+    study = shared.study
+    loops = hysteresis.solved_loops(replace(shared, curve=shared.brief), sampled)
+    metrics, ends = loop_metrics(study, loops.columns), rigid_ends(study, sampled)
+    turn_values = over_turn_columns(metric_turns(study, metrics, ends[:, 0] - ends[:, 1]))
+    angles = {name: metrics[name].reshape(len(sampled), -1) for name in library()}
+    return angles, {name: turn_values[f"{name}_{study.limits.over}"] for name in library()}
+
+
+def bounds(study: Study | str | Path, jobs: int | Workers | None = None) -> Answer[bounds_results.BoundFindings]:
+    """Worst cases over the tolerances of a study, beside linear stacks and capability.
+
+    Parameters
+    ----------
+    study : or the name or file of one.
+    jobs : processes; the study's own number if not given.
+
+    Raises
+    ------
+    InputError
+        If the study has no tolerances with limits.
+    """
+    study = study_of(study)
+    Box.of(study)  # says what is missing before anything is run
+    finished = up_to_date(study, ["aggregate"], jobs)
+    study, outputs = finished.study, finished.outputs
+    shared = prepared_loops(study, outputs)
+    units = _random_units(study, pd.DataFrame(outputs["aggregate"].read("units")))
+    cranks = study.cycle.curve_crank_deg
+    with Line("bounds", "metrics and angles", len(cranks) * len(bounds_results.all_bounded(study))) as line:
+        solve = partial(_at_crank, shared)
+        findings = bounds_results.findings(study, cranks, solve, units, partial(line.advance, 1, 0))
+    folder = settings.RUNS / "bounds" / study.name
+    frames = bounds_results.write(findings, folder)
+    write_bounds_page(findings, folder)
+    table = frames["bounds"].to_csv(index=False, float_format="%.8g").rstrip("\n")
+    return Answer(findings, (table,), folder, frames)
+
+
+def _at_crank(shared: hysteresis.Shared, crank_deg: float, sampled: Errors) -> dict[str, np.ndarray]:
+    """Every metric of ``n`` units at one loaded crank angle, (n,) each."""
+    study, k = shared.study, shared.study.cycle.crank_deg.index(crank_deg)
+    cycle = study.cycle.model_copy(update={"crank_deg": (crank_deg,), "loaded_angles": None})
+    reduced_study = study.model_copy(update={"cycle": cycle})
+    single = replace(
+        shared, study=reduced_study, laws=shared.laws[k : k + 1], compliances=shared.compliances[k : k + 1]
+    )
+    return {name: values[:, 0] for name, values in at_angles(single, sampled).items()}

@@ -1,0 +1,236 @@
+"""Questions about measured units: why one differs from its model, what changed, whether many differ from a study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline import assembly, settings
+from pipeline.config import Study
+from pipeline.identification.change import results as change_results
+from pipeline.identification.change.results import ChangeAnswer
+from pipeline.identification.described import results as described_results
+from pipeline.identification.described.description import Description, described
+from pipeline.identification.identify import FaultyUnit, identify_measured
+from pipeline.identification.measurement.faults.fault import determined
+from pipeline.identification.measurement.measurement import Measurement
+from pipeline.identification.measurement.turning.reading import read_measurement
+from pipeline.identification.measurement.unit_file import load_measured_unit, load_measured_units
+from pipeline.identification.results import write as results
+from pipeline.identification.selection.statements.verdict import FAULT
+from pipeline.identification.series import results as series_results
+from pipeline.identification.series.results import SeriesAnswer, identify_measurements
+from pipeline.library.answer import Answer
+from pipeline.library.running import Workers, study_of, up_to_date
+from pipeline.populations import results as population_results
+from pipeline.populations.comparison import MetricComparison, compared, load_population
+from pipeline.populations.single_units import single_units
+from pipeline.populations.tolerance_shift import closing, read_population_run
+from pipeline.report.unit.change import write_change_page
+from pipeline.report.unit.description import write_description_page
+from pipeline.report.unit.page import write_page
+from pipeline.report.unit.population import write_population_page
+from pipeline.report.unit.series import write_series_page
+from stages.tables.condensed import COMPLIANCE_FILE, full_compliance
+
+
+@dataclass(frozen=True)
+class UnitAnswer(Answer[results.Findings | FaultyUnit | Description | Measurement]):
+    """The answer on one measured unit.
+
+    Attributes
+    ----------
+    verdict : one word, as "identified"; of a drive without a design, as "described".
+    content : of ``verdict.json``; empty of a drive without a design.
+    """
+
+    verdict: str = ""
+    content: Mapping[str, Any] = field(default_factory=dict)
+
+
+def identify(unit: str | Path, jobs: int | Workers | None = None) -> UnitAnswer:
+    """Why a measured unit differs from its model; of a drive without a design, its play, friction and spring.
+
+    Parameters
+    ----------
+    unit : folder with a ``unit.toml``, or the name of one in data/measured.
+    jobs : processes that condense the disk; the study's own number if not given.
+
+    Raises
+    ------
+    InputError
+        If the folder or its data cannot be read.
+    """
+    return explained(read_measurement(load_measured_unit(str(unit), settings.ROOT)), jobs)
+
+
+def explained(measurement: Measurement, jobs: int | Workers | None = None) -> UnitAnswer:
+    """As ``identify``, of a measurement that has been read."""
+    folder = settings.RUNS / "identify" / measurement.unit.name
+    if measurement.unit.designed is None:
+        return _described(measurement, folder)
+
+    def condensed(study: Study, cranks: Sequence[float]) -> list[np.ndarray]:
+        at_cranks = study.model_copy(
+            update={"cycle": study.cycle.model_copy(update={"crank_deg": tuple(float(crank) for crank in cranks)})}
+        )
+        path = up_to_date(at_cranks, ["reduce"], jobs).outputs["reduce"].path(COMPLIANCE_FILE)
+        return [full_compliance(path, assembly.reducer(study.design, crank), crank) for crank in cranks]
+
+    with determined(measurement.unit.name):
+        identification = identify_measured(measurement, condensed)
+    findings = identification if isinstance(identification, FaultyUnit) else results.findings(identification)
+    content, frames = results.write(findings, folder)
+    write_page(findings, folder, settings.shown(folder))
+    verdict, statement = identification.verdict.verdict, identification.statement
+    sentences = _sentences(verdict, statement.sentence, statement.advice)
+    return UnitAnswer(findings, sentences, folder, frames, verdict=verdict, content=content)
+
+
+def _described(measurement: Measurement, folder: Path) -> UnitAnswer:
+    """The answer on a drive of which no design is known."""
+    if measurement.fatal:
+        sentence = described_results.write_fault(measurement, folder)
+        return UnitAnswer(measurement, (f"{FAULT}: {sentence}",), folder, page="", verdict=FAULT)
+    with determined(measurement.unit.name):
+        description = described(measurement)
+    residual_signatures, frames = described_results.write(description, folder)
+    write_description_page(description, residual_signatures, folder, settings.shown(folder))
+    sentences = _sentences(
+        description.verdict, described_results.sentence(description), described_results.advice(description)
+    )
+    return UnitAnswer(description, sentences, folder, frames, verdict=description.verdict)
+
+
+def _sentences(verdict: str, sentence: str, advice: str) -> tuple[str, ...]:
+    return (f"{verdict}: {sentence}", *([advice] if advice else []))
+
+
+def states_of(before: str | Path, after: str | Path, also: Sequence[str | Path] = ()) -> list[Measurement]:
+    """Measurements of two states of a drive and of further ones, which are folders of states or single ones.
+
+    Raises
+    ------
+    InputError
+        If a folder or its data cannot be read.
+    """
+    units = [load_measured_unit(str(name), settings.ROOT) for name in (before, after)]
+    known = [unit.folder.resolve() for unit in units]
+    further = [
+        unit
+        for name in also
+        for unit in load_measured_units(str(name), settings.ROOT)
+        if unit.name == Path(name).name or unit.folder.resolve() not in known
+    ]
+    return [Measurement.read(unit) for unit in (*units, *further)]
+
+
+def changed(before: str | Path, after: str | Path, also: Sequence[str | Path] = ()) -> Answer[ChangeAnswer]:
+    """What changed between two measurements of one drive.
+
+    Parameters
+    ----------
+    before, after : folders with a ``unit.toml``, or names of them in data/measured.
+    also : further states of the drive, or folders of them: they give the scatter of mounting.
+
+    Raises
+    ------
+    InputError
+        If a folder or its data cannot be read, or the states cannot be compared.
+    """
+    return compared_states(states_of(before, after, also))
+
+
+def compared_states(states: Sequence[Measurement]) -> Answer[ChangeAnswer]:
+    """As ``changed``, of measurements that have been read: before, after, further ones."""
+    before, after, *further = states
+    with determined(f"{before.unit.name}, {after.unit.name}"):
+        answer = change_results.answer(before, after, further)
+    folder = settings.RUNS / "changed" / f"{before.unit.name}-{after.unit.name}"
+    frames = change_results.write(answer, folder)
+    write_change_page(answer, folder, settings.shown(folder))
+    sentences = (
+        f"{answer.comparison.verdict}: {answer.sentence}",
+        answer.limits_sentence,
+        answer.unmeasured_sentence,
+        answer.pattern_sentence,
+        answer.advice,
+    )
+    return Answer(answer, tuple(filter(None, sentences)), folder, frames)
+
+
+def series_of(folder: str | Path) -> list[Measurement]:
+    """Measurements of all states of a drive, each in its folder of one; raises InputError where one cannot be read."""
+    return [Measurement.read(unit) for unit in load_measured_units(str(folder), settings.ROOT)]
+
+
+def identify_series(folder: str | Path, over: str = "") -> Answer[SeriesAnswer]:
+    """What several states of one drive share, and how each differs.
+
+    Parameters
+    ----------
+    folder : has a folder with a ``unit.toml`` for each state.
+    over : variable of ``[state]`` that orders them; by default the first that all have.
+
+    Raises
+    ------
+    InputError
+        If the folder or its data cannot be read, or the states cannot be compared.
+    """
+    return shared_by_states(series_of(folder), folder, over)
+
+
+def shared_by_states(measurements: Sequence[Measurement], folder: str | Path, over: str = "") -> Answer[SeriesAnswer]:
+    """As ``identify_series``, of measurements that have been read."""
+    answer = identify_measurements(measurements, over)
+    runs = settings.RUNS / "series" / Path(folder).resolve().name
+    frames = series_results.write(answer, runs)
+    write_series_page(answer, runs, settings.shown(runs))
+    sentences = (f"{answer.verdict}: {answer.sentence}", answer.trend_sentence, answer.advice)
+    return Answer(answer, tuple(filter(None, sentences)), runs, frames)
+
+
+def population(
+    units: str | Path, study: Study | str | Path, over: str = "mean", jobs: int | Workers | None = None
+) -> Answer[list[MetricComparison]]:
+    """Many measured units against the distributions of a study.
+
+    Parameters
+    ----------
+    units : CSV file, one row per unit with its metrics.
+    study : or the name or file of one.
+    over : "mean" or "worst" over the study's crank angles, for units without ``crank_deg``.
+    jobs : processes; the study's own number if not given.
+
+    Raises
+    ------
+    InputError
+        If the file or the study is wrong.
+    """
+    units = Path(units)
+    measured = load_population(units)
+    study = up_to_date(study_of(study), ["aggregate"], jobs).study
+    samples = read_population_run(settings.RUNS / study.name, study)
+    confidence = study.metrics.confidence
+    comparisons = compared(measured, samples.metrics, confidence, over=over)
+    with determined(units.name):
+        closings = {
+            crank: closing([entry for entry in comparisons if entry.crank_deg == crank], samples, confidence)
+            for crank in dict.fromkeys(entry.crank_deg for entry in comparisons)
+        }
+    folder = settings.RUNS / "population" / study.name
+    single = single_units(measured, samples.metrics, over)
+    frames = population_results.write(comparisons, closings, single, folder)
+    write_population_page(study, units.name, over, comparisons, closings, single, folder)
+    every_angle = f"{over} over {len(study.cycle.crank_deg)} crank angles"
+    sentences = [
+        f"{every_angle if crank is None else f'crank at {crank:g} deg'}: {population_results.sentence(of_crank)}"
+        for crank, of_crank in closings.items()
+    ]
+    sentences += [group.sentence for group in single]
+    table = frames["comparison"].to_csv(index=False, float_format="%.8g").rstrip("\n")
+    return Answer(comparisons, (table, *sentences), folder, frames, page="population.html")

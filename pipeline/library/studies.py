@@ -1,0 +1,125 @@
+"""Designs, studies and their runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline import config, settings
+from pipeline.config import Design, Study
+from pipeline.config.studies.tails import Tails, without_tails
+from pipeline.engine.store import Output, write_atomic
+from pipeline.errors import InputError
+from pipeline.library.answer import Answer
+from pipeline.library.running import Workers, study_of, up_to_date
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run: its folder, and its tables as frames."""
+
+    study: Study
+    folder: Path
+    outputs: Mapping[str, Output]
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table by stage and name, as ``"aggregate/units"``.
+
+        Raises
+        ------
+        InputError
+            If its file is damaged.
+        KeyError
+            If the stage was not asked for.
+        """
+        stage, _, table = name.partition("/")
+        return pd.DataFrame(self.outputs[stage].read(table))
+
+    def to_frame(self) -> pd.DataFrame:
+        """The units, as ``units``."""
+        return self.units
+
+    @property
+    def units(self) -> pd.DataFrame:
+        """Worst, mean and best of every metric over the turn, one row a unit; the nominal reducer left out."""
+        return self.table("aggregate/units").iloc[int(self.study.samples.nominal_first) :].reset_index(drop=True)
+
+    @property
+    def report(self) -> Path:
+        """The page, if the stage ``report`` was asked for."""
+        return self.folder / "report" / "report.html"
+
+
+def load_design(name: str | Path) -> Design:
+    """The design of a TOML file, or of its stem in data/designs.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong in the file.
+    """
+    return config.load_design(name, settings.ROOT)
+
+
+def load_study(name: str | Path) -> Study:
+    """The study of a TOML file, or of its stem in data/studies.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong in the file and its design.
+    """
+    return config.load_study(name, settings.ROOT)
+
+
+def run(study: Study | str | Path, stages: Sequence[str] = ("report",), jobs: int | Workers | None = None) -> Run:
+    """Bring stages of a study up to date and return its tables.
+
+    Parameters
+    ----------
+    study : or the name or file of one.
+    stages : wanted; what they depend on runs too where it is missing or stale.
+    jobs : processes; the study's own number if not given.
+
+    Raises
+    ------
+    InputError
+        If a file or a setting is wrong, or another process writes the run.
+    """
+    outputs = up_to_date(study_of(study), stages, jobs)
+    return Run(outputs.study, settings.RUNS / outputs.study.name, outputs.outputs)
+
+
+def tails(
+    study: Study | str | Path, units: int | None = None, solve: int | None = None, jobs: int | Workers | None = None
+) -> Answer[Study]:
+    """Shares beyond the limits and far quantiles of a study.
+
+    Parameters
+    ----------
+    study : or the name or file of one.
+    units : looked at by a rough model; the study's own number, or 100,000, if not given.
+    solve : of them load-solved on average; the study's own number, or 4,000, if not given.
+    jobs : processes; the study's own number if not given.
+
+    Raises
+    ------
+    InputError
+        If the study has no limits that units may break, or a number is wrong.
+    """
+    study = study_of(study)
+    if reason := without_tails(study.samples, study.limits):
+        raise InputError(f"study {study.name}: {reason}")
+    of_study = study.tails or Tails()
+    typed = {"units": units or of_study.units, "solve": solve or of_study.solve}
+    if not 0 < typed["solve"] <= typed["units"]:
+        raise InputError(f"--solve = {typed['solve']}; must be from 1 to --units = {typed['units']}")
+    asked_study = study.model_copy(update={"tails": of_study.model_copy(update=typed)})
+    rows = pd.DataFrame(up_to_date(asked_study, ["tails"], jobs).outputs["tails"].read("tails"))
+    table = settings.RUNS / "tails" / f"{study.name}.csv"
+    write_atomic(table, rows.to_csv(index=False).encode())
+    text = rows.to_string(index=False, float_format=lambda value: f"{value:.6g}")
+    return Answer(asked_study, (text, f"table: {settings.shown(table)}"), table.parent, {"tails": rows}, page="")
