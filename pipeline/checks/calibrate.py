@@ -14,6 +14,7 @@ import numpy as np
 from pipeline.checks.leastsquares import Fitted, fitted
 from pipeline.checks.response import METRICS, Condensed, condensed, metrics_of, solved, with_numbers
 from pipeline.config import Design, Study, parse_design
+from pipeline.config.files.keys import with_value
 from pipeline.config.files.section import nearest_name, number_at
 from pipeline.config.files.writing import toml_of
 from pipeline.config.studies.consistency import number_keys
@@ -227,11 +228,7 @@ def _design_file(calibration: Calibration, source: str) -> str:
             "reason": f"fitted to {source} with {len(calibration.parameters)} numbers, {fit.freedom} degrees of "
             f"freedom left; interval {ends[0]} to {ends[1]}",
         }
-        section, name = parameter.key.rsplit(".", 1)
-        table = content
-        for part in section.split("."):
-            table = table[part]
-        table[name] = float(f"{value:.6g}")
+        content = with_value(content, parameter.key, float(f"{value:.6g}"))
     parse_design(content, "design.toml")
     return toml_of(content)
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
 
 from pipeline import assembly, elastic
 from pipeline.config.designs.design import Design
-from pipeline.config.files.section import key_path
+from pipeline.config.files.keys import with_value
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws
 from pipeline.model.geometry.cycloid_profile import Real
@@ -92,17 +91,8 @@ def with_numbers(study: Study, values: Mapping[str, float]) -> Study:
     """The study with the design's numbers of these dotted keys replaced, not validated."""
     design: Any = study.design
     for key, value in values.items():
-        design = _replaced(design, list(key_path(design, key)), value)
+        design = with_value(design, key, value)
     return study.model_copy(update={"design": design})
-
-
-def _replaced(section: Any, path: list[str], value: float) -> Any:
-    name, *inner_path = path
-    model = isinstance(section, BaseModel)
-    new_value = (
-        _replaced(getattr(section, name) if model else section[name], inner_path, value) if inner_path else value
-    )
-    return section.model_copy(update={name: new_value}) if model else {**section, name: new_value}
 
 
 def solved(study: Study, disk: Condensed, backlash_percent: float = 0.0) -> SolvedCases:

@@ -41,6 +41,8 @@ from pipeline.config.temperature.stated import (
 )
 from pipeline.errors import InputError
 
+BUNDLED = Path(__file__).parent.parent / "bundled"
+"""Designs and studies of an installed package; a checkout has them in data."""
 LARGEST_FILE = 1 << 24
 """Bytes of a settings file: measured deviations of a thousand units with a hundred pins fit three times."""
 CRANK_TURNS = 'unknown key; it follows from turn = "output" or "crank" and the design'
@@ -342,11 +344,12 @@ def found_file(name: str | Path, root: Path, kind: str, bases: list[Path], key: 
     home = root / "data" / kind
     if not NAME.fullmatch(Path(name).stem):
         raise InputError([f"{key or kind} = {shown_value(str(name))}; the file's name {NAME_RULE}"])
-    places = [base / name for base in bases] if Path(name).suffix == ".toml" else [home / f"{name}.toml"]
+    homes = [home, BUNDLED / kind]
+    places = [base / name for base in bases] if Path(name).suffix == ".toml" else [h / f"{name}.toml" for h in homes]
     for candidate in places:
         if candidate.is_file():
             return candidate
-    stems = [path.stem for path in home.glob("*.toml")]
+    stems = [path.stem for folder in homes for path in folder.glob("*.toml")]
     advice = nearest_name(Path(name).stem, stems) if stems else f"data/{kind} is empty"
     raise InputError([f"{key or kind} = {str(name)!r}; no such file; {advice}"])
 

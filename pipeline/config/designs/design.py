@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -120,3 +121,15 @@ class Design(Section):
     effects: dict[str, dict[str, float]] = {}
     provenance: dict[str, Provenance] = {}
     thermal: Thermal | None = None
+
+    def with_(self, changes: Mapping[str, Any]) -> Design:
+        """The design with other values at dotted keys, as ``{"disk.thickness_mm": 2.0}``, checked.
+
+        Raises
+        ------
+        InputError
+            With everything that is wrong with the new values.
+        """
+        from pipeline.config.changing import changed_design  # which needs this class
+
+        return changed_design(self, changes)

@@ -242,3 +242,15 @@ class Study(Section):
     drivers: Drivers = Drivers()
     tails: Tails | None = None
     run: RunSection = RunSection()
+
+    def with_(self, changes: Mapping[str, Any]) -> Study:
+        """The study with other values at dotted keys, as ``{"tolerances.pin_radial.upper_um": 2.0}``, checked.
+
+        Raises
+        ------
+        InputError
+            With everything that is wrong with the new values.
+        """
+        from pipeline.config.changing import changed_study  # which needs this class
+
+        return changed_study(self, changes)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config.designs.design import Design
-from pipeline.config.files.section import key_path
+from pipeline.config.files.keys import with_value
+from pipeline.config.files.section import number_at
 from pipeline.config.studies.study import Study
 from pipeline.model.contact.laws import ContactLaws, concatenated, scaled
 from pipeline.model.effects import Conditions
@@ -39,18 +40,8 @@ KEPT_SCALES = 64
 def scaled_design(design: Design, keys: Sequence[str], scales: Sequence[float]) -> Design:
     """The design with the numbers at ``keys`` times their scales, not checked again."""
     for key, scale in zip(keys, scales, strict=True):
-        design = _scaled(design, key_path(design, key), scale)
+        design = with_value(design, key, number_at(design, key) * scale)
     return design
-
-
-def _scaled(section: Any, path: Sequence[str], scale: float) -> Any:
-    """A section, or a mapping of sections, with the number at the end of a path times a scale."""
-    name, *further_names = path
-    content = section[name] if isinstance(section, dict) else getattr(section, name)
-    scaled_content = _scaled(content, further_names, scale) if further_names else content * scale
-    if isinstance(section, dict):
-        return {**section, name: scaled_content}
-    return section.model_copy(update={name: scaled_content})
 
 
 def _scaled_study(study: Study, keys: Sequence[str], scales: Sequence[float]) -> Study:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.config.files.section import key_path, number_at
+from pipeline.config.files.keys import with_value
+from pipeline.config.files.section import number_at
 from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import parse_design, parse_study
 from pipeline.config.studies.study import Study
@@ -100,7 +101,7 @@ def _design_text(identification: Identification, trial: Trial, kind: str) -> str
     content["title"] = f"{design_before.title}, {of_best} the unit {unit.name}"
     provenance = content.pop("provenance")
     for key in problem.calibrated:
-        _round(content, key)
+        content = with_value(content, key, float(f"{number_at(content, key):.{DIGITS}g}"))
         provenance[key] = DESCRIBES if kind == BEST else _refitted(identification, key)
     intervals = {(p.effect, p.name): p for p in identification.verdict.parameters}
     comments = [_reading(identification) if kind == CORRECTED else BEST_READING.format(unit=unit.name)]
@@ -158,13 +159,6 @@ def _refitted(identification: Identification, key: str) -> dict[str, str]:
     low, high = declared * number.plausible_low, declared * number.plausible_high
     mark = f"; AT AN END of its plausible range, {low:.4g} to {high:.4g}: not to be believed" if number.leaves else ""
     return {"status": "calibrated", "reason": reason + mark}
-
-
-def _round(content: dict[str, Any], key: str) -> None:
-    *path, field = key_path(content, key)
-    for name in path:
-        content = content[name]
-    content[field] = float(f"{content[field]:.{DIGITS}g}")
 
 
 def _study_text(identification: Identification, kind: str) -> str:

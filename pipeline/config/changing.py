@@ -1,0 +1,51 @@
+"""Designs and studies with other numbers, checked as those of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pipeline.config.designs.design import Design
+from pipeline.config.files.keys import with_value
+from pipeline.config.reading import parse_design, parse_study, with_tuples
+from pipeline.config.studies.study import Study
+
+OF_DESIGN = "design."
+
+
+def changed_design(design: Design, changes: Mapping[str, Any]) -> Design:
+    """The design with other values at dotted keys.
+
+    Raises
+    ------
+    InputError : with everything that is wrong with the new values.
+    """
+    raw = design.model_dump(exclude_unset=True, exclude={"thermal"})
+    for key, value in changes.items():
+        raw = with_value(raw, key, value)
+    changed = parse_design(raw, "design")
+    return changed.model_copy(update={"thermal": design.thermal}) if design.thermal else changed
+
+
+def changed_study(study: Study, changes: Mapping[str, Any]) -> Study:
+    """The study with other values at dotted keys; those of its design begin with "design.".
+
+    Temperatures of the file are contained in its numbers already, and stay as they are.
+
+    Raises
+    ------
+    InputError : with everything that is wrong with the new values.
+    """
+    of_design = {key.removeprefix(OF_DESIGN): value for key, value in changes.items() if key.startswith(OF_DESIGN)}
+    design = changed_design(study.design, of_design) if of_design else study.design
+    raw = study.model_dump(exclude_unset=True, exclude={"name", "design"})
+    raw["cycle"].pop("crank_turns", None)  # follows from the design
+    if "loaded_angles" in raw["cycle"] or "cycle.loaded_angles" in changes:
+        raw["cycle"].pop("crank_deg", None)
+    if "cycle.crank_deg" in changes:
+        raw["cycle"].pop("loaded_angles", None)
+    name = str(changes.get("name", study.name))
+    for key, value in changes.items():
+        if key != "name" and not key.startswith(OF_DESIGN):
+            raw = with_value(raw, key, value)
+    return parse_study(with_tuples(raw) | {"design": "design"}, name, f"study {name}", lambda _: design)
