@@ -93,6 +93,21 @@ def run(study: Study | str | Path, stages: Sequence[str] = ("report",), jobs: in
     return Run(outputs.study, settings.RUNS / outputs.study.name, outputs.outputs)
 
 
+def parts(run_folder: str | Path, table: str) -> list[str]:
+    """Parquet files of a table of a run, as ``"hysteresis/contacts"``: those that its record names, and no others.
+
+    Raises
+    ------
+    InputError
+        If the run has no such table.
+    """
+    stage, _, name = table.partition("/")
+    output = Output.open(Path(run_folder) / stage)
+    if output is None or name not in output.record["tables"]:
+        raise InputError(f"{run_folder}: no table {table}; run its stage")
+    return [str(path) for path in output.parts(name)]
+
+
 def tails(
     study: Study | str | Path, units: int | None = None, solve: int | None = None, jobs: int | Workers | None = None
 ) -> Answer[Study]:

@@ -43,10 +43,7 @@ def hysteresis_figure(
     cycle_axes, middle = figure.subplots(1, 2)
     loops = {label: _centred_frame(rows) for label, rows in traces.items()}
     for axes in (cycle_axes, middle):
-        _draw_spread(axes, spread, "angle")
-        for style, rows in zip(line_styles(loops), loops.values(), strict=True):
-            axes.plot(rows["torque_Nm"], rows["angle_arcmin"], **{**style, "markersize": 2.5})
-        axes.set(xlabel="torque on the output (N m)", ylabel="torsion angle (arcmin)")
+        draw_loops(axes, loops, spread)
     cycle_axes.set_title("Load cycle")
     middle.set_title("About zero torque")
     if marks is not None:
@@ -57,6 +54,15 @@ def hysteresis_figure(
         _mark_widths(middle, widest, marks.lost_motion)
     legend_below(figure, cycle_axes)
     return figure
+
+
+def draw_loops(axes: Axes, loops: Mapping[str, pd.DataFrame], spread: pd.DataFrame | None = None) -> Axes:
+    """Angle against torque of loops by label, and the spread of others; frames as in ``hysteresis_figure``."""
+    _draw_spread(axes, spread, "angle")
+    for style, rows in zip(line_styles(loops), loops.values(), strict=True):
+        axes.plot(rows["torque_Nm"], rows["angle_arcmin"], **{**style, "markersize": 2.5})
+    axes.set(xlabel="torque on the output (N m)", ylabel="torsion angle (arcmin)")
+    return axes
 
 
 @styled

@@ -44,12 +44,15 @@ def distributions_figure(
         axes.set_visible(False)
     for axes, metric in zip(figure.axes, metrics, strict=False):
         rows = estimates[estimates["metric"] == metric].set_index("statistic")
-        _histogram(axes, values[metric].dropna().to_numpy(), metric, limits.get(metric), nominal.get(metric))
+        draw_histogram(axes, values[metric].dropna().to_numpy(), metric, limits.get(metric), nominal.get(metric))
         _estimates(axes, rows)
     return figure
 
 
-def _histogram(axes: Axes, values: np.ndarray, metric: str, limit: float | None, nominal: float | None) -> None:
+def draw_histogram(
+    axes: Axes, values: np.ndarray, metric: str, limit: float | None = None, nominal: float | None = None
+) -> Axes:
+    """Histogram of values (n,) of a metric, its limit and the value of the nominal reducer."""
     quantity = METRICS[metric]
     edges = np.histogram_bin_edges(values, "fd") if np.ptp(values) > 0 else np.array([0.0, 1.0])
     bars = int(np.clip(len(edges) - 1, *BINS)) if np.ptp(values) > 0 else 1
@@ -94,6 +97,7 @@ def _histogram(axes: Axes, values: np.ndarray, metric: str, limit: float | None,
             color=ALARM,
         )
         axes.set_xlim(start, end)
+    return axes
 
 
 def _estimates(axes: Axes, rows: pd.DataFrame) -> None:

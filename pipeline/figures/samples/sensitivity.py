@@ -43,12 +43,12 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     }
     figure = new_figure(0.85 + 0.24 * max((bars[kind] for kind in panels), default=1))
     for axes, kind in zip(figure.subplots(1, max(len(panels), 1), squeeze=False)[0], panels, strict=False):
-        _panel(axes, shown_indices, (RANK_CORRELATION,) if kind == RANK_CORRELATION else (FIRST_ORDER, TOTAL))
+        draw_shares(axes, shown_indices, (RANK_CORRELATION,) if kind == RANK_CORRELATION else (FIRST_ORDER, TOTAL))
         axes.set_title(PANELS[kind])
     return figure
 
 
-def _panel(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> None:
+def draw_shares(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> Axes:
     """Parameters by the size of their last kind, a bar for each kind; sums of shares come last."""
     order = rows[rows["kind"] == kinds[-1]]
     summed = (order["parameter"] == SUM).to_numpy()
@@ -70,6 +70,7 @@ def _panel(axes: Axes, rows: pd.DataFrame, kinds: tuple[str, ...]) -> None:
         shares = rows[rows["kind"].isin(kinds)]
         axes.set_xlim(min(0.0, float(shares["ci_low"].min())), max(1.0, float(shares["ci_high"].max())))
         axes.legend(handles=[Patch(color=COLOURS[kind], label=LABELS[kind]) for kind in kinds], loc="center right")
+    return axes
 
 
 def _bars(axes: Axes, rows: pd.DataFrame, positions: Real, height: float, colours: list[str]) -> None:

@@ -42,6 +42,45 @@ def test_the_package_imports_nothing_before_it_is_asked() -> None:
         _ = pipeline.solve_everything
 
 
+def test_the_package_shows_its_names_and_takes_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pipeline
+
+    assert {"run", "identify", "changed", "population", "compare", "allocate", "bounds", "tails"} < set(dir(pipeline))
+    assert all(callable(getattr(pipeline, name)) for name in dir(pipeline))
+    for name in ("ROOT", "RUNS", "PUBLISHED"):
+        monkeypatch.setattr(settings, name, getattr(settings, name))
+    pipeline.use_root(tmp_path)
+    assert tmp_path / "data" / "runs" == settings.RUNS
+    with pytest.raises(InputError, match="no such file"):
+        pipeline.load_study("quick")
+
+
+def test_answers_have_tables_and_drawings_take_axes(own_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Objects of a comparison and a run, drawn on axes of the caller."""
+    from matplotlib.figure import Figure
+
+    from pipeline import compare, draw_distribution, draw_drivers, draw_loop, load_study, run
+
+    monkeypatch.setattr(settings, "RUNS", own_runs)
+    study = load_study("quick")
+    finished = run(study, ["aggregate"], jobs=1)
+    axes = Figure().subplots()
+    assert draw_loop(finished, axes) is axes
+    assert len(axes.lines) == 1
+    assert draw_distribution(finished, "lost_motion_arcmin", Figure().subplots()).get_xlabel() == "Lost motion (arcmin)"
+    assert draw_drivers(finished, "lost_motion_arcmin", Figure().subplots()).patches
+    with pytest.raises(KeyError, match="no curve of sample 77"):
+        draw_loop(finished, axes, sample=77)
+    same = compare(study, study.with_({"limits.lost_motion_arcmin": 2.9, "name": "wider"}), jobs=1)
+    rows = same.to_frame()
+    assert rows is same.table("differences")
+    assert (rows.loc[rows["statistic"] == "mean", "difference"] == 0).all()
+    assert same.report is not None
+    assert same.report.is_file()
+    with pytest.raises(KeyError, match="no table 'nothing'"):
+        same.table("nothing")
+
+
 def test_the_notebook_runs_cell_by_cell(
     own_runs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
@@ -116,4 +155,4 @@ def test_the_readmes_five_lines_run() -> None:
     (snippet,) = [block.split("```")[0] for block in readme.split("```python\n")[1:] if "from pipeline import" in block]
     names: dict = {}
     exec(compile(snippet, "README.md", "exec"), names)
-    assert names["verdict"]["verdict"] == "identified"
+    assert names["unit"].verdict == "identified"
