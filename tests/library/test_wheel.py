@@ -18,7 +18,7 @@ if sys.argv[2] == "report":
     assert pipeline.run(study, jobs=1).report.stat().st_size > 1e6
 else:
     finished = pipeline.run(study.with_({"samples.count": 3}), ["sample"], jobs=1)
-    assert len(finished.table("sample/samples")) == 4
+    assert len(finished.table("sample/reducer")) == 4
     assert finished.folder == Path.cwd() / "data/runs/quick"
 """
 
