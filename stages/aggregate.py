@@ -65,9 +65,7 @@ UNITS = Table(
         *FOUND_AT,
         *OF_TURN,
         Column("preloaded", "bool", "", "whether the gaps of some part interfere at some crank angle"),
-        Column(
-            "n_angles", "int32", "1", "loaded crank angles: of means, bests and metrics of the turn"
-        ),
+        Column("n_angles", "int32", "1", "loaded crank angles: of means, bests and metrics of the turn"),
         Column("n_searched", "int32", "1", "pitches of the output turn among which the worst was searched; 0: none"),
         Column("n_rigid_angles", "int32", "1", "crank angles of the clearance backlash: of rigid bodies, and loaded"),
         STATUS,
