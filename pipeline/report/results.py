@@ -70,6 +70,8 @@ class Results:
         """A statistic and its interval at a crank angle, or over the turn as the limits mean it; NaN where missing."""
         whole_turn = "turn" if metric in LIMITED and metric not in METRICS else self.frames.over
         turn_value = whole_turn if crank is None else "angle"
+        if turn_value == "worst" and (metric, "whole_turn", None, statistic) in self._estimates:
+            turn_value = "whole_turn"
         return self._estimates.get((metric, turn_value, crank, statistic), (np.nan, np.nan, np.nan))
 
     def _cell(self, metric: str, statistic: str, crank: float | None = None) -> Cell:
@@ -131,10 +133,17 @@ class Results:
         """Share of samples that are preloaded at some crank angle."""
         return self.share("preloaded", "mean")
 
+    @property
+    def searched(self) -> int:
+        """Pitches of the output turn among which the worst of each unit was searched; 0 where it was not."""
+        return int(self.frames.units.iloc[0]["n_searched"]) if self.frames.over == "worst" else 0
+
     @cached_property
     def angles(self) -> str:
         """From how many crank angles a worst value is taken."""
         counts = self.frames.units.iloc[0]
+        if self.searched:
+            return f"all {self.searched:,} pitches of the pins in a turn of the output"
         n_loaded, rigid = int(counts["n_angles"]), int(counts["n_rigid_angles"])
         return f"{counted(n_loaded, 'loaded crank angle')}; of the clearance backlash {rigid:,}"
 

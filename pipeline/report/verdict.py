@@ -70,7 +70,7 @@ class Verdict:
         if ALL_LIMITS not in self.breaks or not self.results.all_limits.interval:
             return ""
         failing = self.breaks[ALL_LIMITS]
-        _, low, high = self.results.estimate(ALL_LIMITS, "yield")
+        value, low, high = self.results.estimate(ALL_LIMITS, "yield")
         if not failing.any():
             return f"No unit of {len(failing):,} fails a limit; the failing share is at most {percent(1 - low)}."
         shares = {name: float(np.mean(broken[failing])) for name, broken in self.breaks.items() if name != ALL_LIMITS}
@@ -78,7 +78,7 @@ class Verdict:
         contributor = main_contributor(self.frames, worst)
         driven = f"; its main contributor is the {contributor}" if contributor else ""
         return (
-            f"{percent(float(np.mean(failing)))} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
+            f"{percent(1 - value)} of the units fail (95 % CI {percent_interval(1 - high, 1 - low)}); "
             f"{percent(shares[worst])} of these on {LIMITED[worst].inline}{driven}."
         ).replace("95 % CI", f"{100 * self.frames.study.metrics.confidence:g} % CI")
 
@@ -105,6 +105,14 @@ class Verdict:
         """Which crank angles the yield counts, and on which side of it the yield of a whole turn lies."""
         if self.frames.over != "worst":
             return f"It counts the {self.frames.over} value of each unit over {self.results.angles}."
+        if self.results.searched:
+            pitches = f"{self.results.searched:,} pitches of the pins"
+            audited = min(self.frames.study.cycle.audited_units, len(self.frames.over_turn))
+            return (
+                f"It holds for the whole turn of the output: {pitches} were ranked for each unit, and the most "
+                f"promising load-solved. {audited} random units, solved at all pitches, correct what that "
+                "misses; the interval includes it."
+            )
         angles = counted(int(self.frames.units.iloc[0]["n_angles"]), "loaded angle")
         doubled = self.results.doubled_yield
         more = f" With twice as many angles it would be an estimated {doubled}." if doubled else ""

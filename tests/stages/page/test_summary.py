@@ -94,3 +94,20 @@ def test_without_limits_the_cards_are_those_of_the_headline_metrics(frames):
     assert page.count('<p class="title">') == 3
     assert "The study sets no limits" in page
     assert ALL_LIMITS not in page
+
+
+def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
+    """Where the worst was searched over the output turn: its row of the distributions, and what it rests on."""
+    failing = failing_on_pressure(frames)
+    row = {"metric": ALL_LIMITS, "over": "whole_turn", "crank_deg": np.nan, "statistic": "yield"}
+    rows = pd.DataFrame([{**row, "value": 0.412, "ci_low": 0.308, "ci_high": 0.521, "n": 12, "n_angles": 6320}])
+    searched = replace(
+        failing,
+        units=failing.units.assign(n_searched=6320),
+        distributions=pd.concat([failing.distributions, rows]),
+    )
+    page = written(searched)
+    assert "41.2 %" in page
+    assert "58.8 % of the units fail" in page
+    assert "It holds for the whole turn of the output: 6,320 pitches" in page
+    assert "upper bound" not in page
