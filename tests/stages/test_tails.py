@@ -7,12 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import api, assembly, cli, settings
+from pipeline import assembly, cli, settings
 from pipeline.config.studies.study import Limits
 from pipeline.config.studies.tails import Tails
 from pipeline.engine.cache import Cache
 from pipeline.engine.stage import Job
 from pipeline.errors import InputError
+from pipeline.library import studies
 from pipeline.populations import tails
 from pipeline.populations.prediction import Tail, TailPrediction, rough_metrics
 from pipeline.report.samples.tails import tail_lines
@@ -152,7 +153,7 @@ def test_a_study_asks_for_its_tails_and_the_page_tells_them(study, outputs, runs
     (tmp_path / ".cache").symlink_to(runs / ".cache")
     monkeypatch.setattr(settings, "RUNS", tmp_path)
     study_asked = study.model_copy(update={"name": "asked", "tails": Tails(units=1000, solve=200)})
-    rows = pd.DataFrame(api.run(study_asked, ["tails"], jobs=1).table("tails/tails"))
+    rows = pd.DataFrame(studies.run(study_asked, ["tails"], jobs=1).table("tails/tails"))
     shared = hysteresis.prepare(Job(study, 1, runs, outputs, Cache(runs / ".cache", "")))
     rough = partial(rough_metrics, study, springs(shared, draw(tails.population(study, 1000), 1000, 1050)))
     repeat = pd.DataFrame(map(vars, tails.far_tails(study, 1000, 200, rough, partial(at_angles, shared))))

@@ -9,13 +9,13 @@ import pytest
 from scipy import stats
 from small_study import small_study
 
-from pipeline import api, settings
+from pipeline import settings
 from pipeline.config import Study
 from pipeline.config.studies.study import Until
 from pipeline.engine import runner
 from pipeline.engine.store import Output
 from pipeline.errors import InputError
-from pipeline.library import running
+from pipeline.library import running, studies
 from pipeline.report.samples.known_yield import needed_units
 from pipeline.report.samples.section import SamplesSection
 from pipeline.statistics.sample_size import next_units
@@ -73,9 +73,9 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
 
     monkeypatch.setattr(runner, "run", killed)
     with pytest.raises(KeyboardInterrupt):
-        api.run(until(), ["aggregate"], jobs=1)
+        studies.run(until(), ["aggregate"], jobs=1)
     assert running.known_size(until()).samples.count == sizes[1]
-    outputs = api.run(until(), ["aggregate"], jobs=1)
+    outputs = studies.run(until(), ["aggregate"], jobs=1)
     assert sizes[2] == sizes[1]  # the first batch was not run again
     n = outputs.study.samples.count
     passes = kept(outputs.units, outputs.study)
@@ -85,7 +85,7 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
     assert all(half_width(passes[:size]) > HALF_WIDTH for size in {*sizes} - {n})
 
     reference = outputs.study.samples.model_copy(update={"until": None})
-    single_change = api.run(until().model_copy(update={"name": "plain", "samples": reference}), ["aggregate"], jobs=1)
+    single_change = studies.run(until().model_copy(update={"name": "plain", "samples": reference}), ["aggregate"], jobs=1)
     for stage, output in single_change.outputs.items():
         assert output.hashes == outputs.outputs[stage].hashes, stage
     table = outputs.table("aggregate/sample_convergence")
@@ -95,13 +95,13 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
         assert row.value == pytest.approx(passes[: row.n].mean())
         assert (row.ci_high - row.ci_low) / 2 == pytest.approx(half_width(passes[: row.n]))
     n_looks = len(sizes)
-    api.run(until(), ["aggregate"], jobs=1)
+    studies.run(until(), ["aggregate"], jobs=1)
     assert len(sizes) == n_looks + 1  # up to date: no batch is asked again
     assert "yield" in capsys.readouterr().err
 
 
 def test_it_ends_at_the_most_that_it_may_take_and_says_so(own_runs: Path) -> None:
-    outputs = api.run(until(at_most=11), ["aggregate"], jobs=1)
+    outputs = studies.run(until(at_most=11), ["aggregate"], jobs=1)
     assert outputs.study.samples.count == 11
     frames = SimpleNamespace(study=outputs.study, over="worst", distributions=outputs.table("aggregate/distributions"))
     section = SamplesSection(frames)
@@ -124,7 +124,7 @@ def test_a_setting_that_cannot_end_is_refused(tmp_path: Path) -> None:
         file = tmp_path / "study.toml"
         file.write_text(content.replace("[samples]\n", f"[samples]\n{line}"))
         with pytest.raises(InputError, match=message.replace("[", r"\[").replace("]", r"\]")):
-            api.load_study(file)
+            studies.load_study(file)
 
 
 @pytest.mark.attack
@@ -144,7 +144,7 @@ def test_looking_several_times_costs_little_of_the_confidence() -> None:
 
 
 def test_what_is_remembered_belongs_to_the_settings(own_runs: Path, outputs: dict[str, Output]) -> None:
-    api.run(until(at_most=BATCH), ["aggregate"], jobs=1)
+    studies.run(until(at_most=BATCH), ["aggregate"], jobs=1)
     assert running.known_size(until(at_most=50)).samples.count > BATCH  # the same batch, whatever is to come of it
     variant = until().model_copy(update={"samples": until().samples.model_copy(update={"seed": 5})})
     assert running.known_size(variant).samples.count == BATCH
