@@ -85,7 +85,9 @@ def test_it_ends_where_the_yield_is_known_with_the_rows_of_one_run(
     assert all(half_width(passes[:size]) > HALF_WIDTH for size in {*sizes} - {n})
 
     reference = outputs.study.samples.model_copy(update={"until": None})
-    single_change = studies.run(until().model_copy(update={"name": "plain", "samples": reference}), ["aggregate"], jobs=1)
+    single_change = studies.run(
+        until().model_copy(update={"name": "plain", "samples": reference}), ["aggregate"], jobs=1
+    )
     for stage, output in single_change.outputs.items():
         assert output.hashes == outputs.outputs[stage].hashes, stage
     table = outputs.table("aggregate/sample_convergence")
