@@ -15,7 +15,7 @@ PIPELINE := $(VENV)/bin/python -m pipeline
 JOBS_OPTION := $(if $(JOBS),--jobs "$$JOBS")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup study $(STAGES) why test attack lint types docs identify rig changed population blind lots assemble certificate workbook \
+.PHONY: help setup study $(STAGES) why test attack mutants lint types docs identify rig changed population blind lots assemble certificate workbook \
 	bench paper calibrate verify coverage tails flank compare allocate bounds joints provenance check licences clean-runs
 
 help:  ## list the targets
@@ -96,6 +96,9 @@ test: $(VENV)/installed  ## run the tests
 
 attack: $(VENV)/installed  ## run what make test runs in part at full size: 500 random designs, 3 million rows
 	$(VENV)/bin/python -m pytest -n 0 -s -m attack -o faulthandler_timeout=7200
+
+mutants: $(VENV)/installed  ## change one operator, constant or bound at a time and see which no test notices: make mutants COUNT=200
+	$(VENV)/bin/python tests/attack/mutants.py $(if $(COUNT),--count "$$COUNT") $(if $(SEED),--seed "$$SEED")
 
 lint: $(VENV)/installed  ## check style and the direction of imports
 	$(VENV)/bin/ruff check .
