@@ -118,6 +118,18 @@ def _metrics_of(job: Job, start: int, stop: int) -> dict[str, np.ndarray]:
     }
 
 
+def _rigid_play(job: Job) -> tuple[np.ndarray, np.ndarray]:
+    """Play of rigid bodies (n, n_angles) [arcmin], missing where preloaded; whether a unit is so at some angle (n,)."""
+    rows = job.study.samples.rows
+    plays, preloaded = [], []
+    for start in range(0, rows, SAMPLES_AT_ONCE):
+        stop = min(start + SAMPLES_AT_ONCE, rows)
+        kinematic = job.read_items("clearance", "kinematic", start, stop)
+        plays.append(np.where(kinematic["preloaded"], np.nan, kinematic["backlash_arcmin"]).reshape(stop - start, -1))
+        preloaded.append(kinematic["preloaded"].reshape(stop - start, -1).any(axis=1))
+    return np.concatenate(plays), np.concatenate(preloaded)
+
+
 def _turn_blocks(job: Job) -> Iterator[tuple[np.ndarray, TurnReadings]]:
     """Numbers of samples and what the metrics of their turn are read from, block by block."""
     study: Study = job.study
@@ -148,7 +160,12 @@ def _of_turn(job: Job) -> dict[int, dict[str, np.ndarray]]:
 
 
 def _units(
-    job: Job, metrics: Columns, turns: Mapping[str, Turn], of_turn: Mapping[str, np.ndarray], search: Columns
+    job: Job,
+    metrics: Columns,
+    turns: Mapping[str, Turn],
+    of_turn: Mapping[str, np.ndarray],
+    search: Columns,
+    preloaded: np.ndarray,
 ) -> Columns:
     """Worst, mean and best of every sample over the turn; missing where some crank angle has no result."""
     study: Study = job.study
@@ -161,7 +178,7 @@ def _units(
         **of_angles,
         **found,
         **of_turn,
-        "preloaded": job.read("clearance", "kinematic")["preloaded"].reshape(n, -1).any(axis=1),
+        "preloaded": preloaded,
         "n_angles": np.full(n, angles),
         "n_searched": np.full(n, searched_pitches(study)),
         "n_rigid_angles": np.full(n, turns["clearance_backlash_arcmin"].values.shape[1]),
@@ -223,8 +240,10 @@ def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame, sho
         keys = {"metric": metric, "over": WHOLE_TURN, "crank_deg": np.nan, "statistic": name}
         rows.append({**keys, **vars(estimate), "n_angles": searched_pitches(study)})
     single = dict.fromkeys(library(), 1)
-    for crank, part in metrics[metrics[list(library())].notna().any(axis=1)].groupby("crank_deg"):
-        rows += _distribution_rows(study, part.set_index("sample"), "angle", float(crank), single)
+    for crank, part in metrics.groupby("crank_deg"):
+        solved = part[part[list(library())].notna().any(axis=1)]
+        if len(solved):
+            rows += _distribution_rows(study, solved.set_index("sample"), "angle", float(crank), single)
     if len(units):
         counts = units.iloc[0]
         turn = {
@@ -243,23 +262,28 @@ def _distributions(study: Study, metrics: pd.DataFrame, units: pd.DataFrame, sho
     return {name: frame[name].to_numpy() for name in frame}
 
 
+def _blocks(columns: Columns, rows: int) -> Iterator[Columns]:
+    """Columns in parts of so many rows: as a whole they would be held a second time while they are written."""
+    for start in range(0, len(columns["sample"]), rows):
+        yield {name: values[start : start + rows] for name, values in columns.items()}
+
+
 def _run(job: Job) -> WholeTables:
     study: Study = job.study
     columns = _metrics(job)
-    kinematic = job.read("clearance", "kinematic")
-    rigid = np.where(kinematic["preloaded"], np.nan, kinematic["backlash_arcmin"])
-    turns = metric_turns(study, columns, rigid.reshape(study.samples.rows, -1))
+    rigid, preloaded = _rigid_play(job)
+    turns = metric_turns(study, columns, rigid)
     of_turn, search = _of_turn(job), job.read("worst", "found") if study.cycle.searched else {}
-    of_units = _units(job, columns, turns, of_turn[1], search)
+    of_units = _units(job, columns, turns, of_turn[1], search, preloaded)
     audit = job.read("worst", "audit")
     shortfall = shortfalls(pd.DataFrame(of_units), audit)
     counted = np.any([~np.isnan(of_units[f"{name}_worst"]) for name in library()], axis=0)
     counted[: int(study.samples.nominal_first)] = False
-    metrics, units = pd.DataFrame(columns), pd.DataFrame(of_units)
-    if study.samples.nominal_first:
-        metrics, units = (table[table["sample"] > 0] for table in (metrics, units))
+    metrics, units, angles = pd.DataFrame(columns, copy=False), pd.DataFrame(of_units), len(study.cycle.crank_deg)
+    if study.samples.nominal_first:  # its rows are the first: slices are no copies
+        metrics, units = metrics.iloc[angles:], units.iloc[1:]
     return {
-        "metrics": columns,
+        "metrics": _blocks(columns, SAMPLES_AT_ONCE * angles) if study.samples.rows > SAMPLES_AT_ONCE else columns,
         "units": of_units,
         "distributions": _distributions(study, metrics, units, shortfall),
         "convergence": convergence_rows(study, turns, of_turn, counted, of_units),
