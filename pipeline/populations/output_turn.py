@@ -112,9 +112,16 @@ def free_error(study: Study, unit: Errors) -> OutputTurn:
 
 
 def _turns_alike(study: Study) -> bool:
-    """Whether a turn of the crank leaves one disk's flank and the output's contacts as they lie to each other."""
-    profile = assembly.profile(study.design)
-    if study.design.disk.count > 1 or (profile.modification.deviates and len(deviation_table(profile)) > 1):
+    """Whether a turn of the crank leaves one disk's flank and the output's contacts as they lie to each other.
+
+    Cranks, planets and sun of a carrier turn against it by no whole number of turns.
+    """
+    profile, design = assembly.profile(study.design), study.design
+    if (
+        design.disk.count > 1
+        or design.output.carries_disks
+        or (profile.modification.deviates and len(deviation_table(profile)) > 1)
+    ):
         return False
     lists = [assembly.reducer(study.design, crank).contacts for crank in (PROBE_DEG, PROBE_DEG + 360.0)]
     first_angle, second_angle = (part.some(part.kind == OUTPUT) for part in lists)

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pipeline import assembly, cli, settings
-from pipeline.config import Study, load_design, parse_study
+from pipeline.config import Study, load_design, load_study, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.populations import output_turn
 from pipeline.populations.output_turn import PHASES, TurnedDisk, free_error, loaded_steps, rigid_cranks
@@ -61,6 +61,21 @@ def test_a_unit_after_turns_of_the_crank_is_one_with_other_lobes_at_the_pins(mon
     angle_by_angle = free_error(study, unit)
     np.testing.assert_allclose(rotation.error, angle_by_angle.error, atol=1e-9 * np.abs(rotation.error).max())
     assert np.ptp(rotation.error[:, ::2], axis=1).min() > 0.1  # of the turns at one crank angle [arcsec]
+
+
+def test_a_carrier_with_tight_bearings_is_another_unit_after_each_turn_of_the_crank(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The sun's run-out has turned by (R - 1)/Z turns against the carrier; taken for alike, turns had one play."""
+    study = load_study("rv", ROOT)
+    bearing = study.design.bearing.model_copy(update={"clearance_um": 0.0})
+    study = study.model_copy(update={"design": study.design.model_copy(update={"bearing": bearing})})
+    unit = draw(study, 0, 1)
+    unit = type(unit)(**(vars(unit) | {"sun_runout_amplitude": np.array([9.0])}))
+    monkeypatch.setattr(output_turn, "rigid_cranks", lambda study: 2 * np.pi * np.arange(39))
+    error = free_error(study, unit).error
+    nominal = free_error(study, draw(study, 0, 1)).error
+    assert np.ptp(error - nominal, axis=1).min() > 0.05  # [arcsec]
 
 
 @pytest.mark.attack
