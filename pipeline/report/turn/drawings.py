@@ -75,7 +75,10 @@ def _transmission(frames: Frames) -> Drawing:
 
 def _orders(frames: Frames) -> Drawing:
     pins, panels = frames.study.design.cycloid.pins, {}
-    lowest = (len(frames.study.cycle.crank_deg) - 1) // 2
+    cycle, under_load = frames.study.cycle, bool((frames.orders["torque_Nm"] != 0).any())
+    angles = len(cycle.crank_deg) if under_load else cycle.rigid_angles
+    lowest = (angles - 1) // 2 // cycle.crank_turns
+    folded = f" Orders beyond {lowest} fold back onto these" if under_load else ""
     for title, torque in _panels(frames).items():
         rows = _of_torque(frames.orders, torque)
         rows = rows[(rows["sample"] >= frames.first_random) & (rows["order"] <= lowest)]
@@ -88,8 +91,8 @@ def _orders(frames: Frames) -> Drawing:
     return Drawing(
         "orders",
         "Orders of the transmission error",
-        f"Amplitude of the waves per turn of the crank, both senses.{at_pins} Orders beyond {lowest} fold back onto "
-        "these under load, for the loaded angles do not tell them apart.",
+        f"Amplitude of the waves per turn of the crank, both senses.{at_pins}{folded}"
+        f"{' under load, for the loaded angles do not tell them apart.' if folded else ''}",
         partial(orders_figure, panels),
     )
 
