@@ -94,6 +94,17 @@ class Curves:
     torque: Mapping[int, Real]
     angle: Mapping[int, Real]
 
+    def half(self, first: int) -> Curves:
+        """Every second point of each sense from the ``first`` or second on, and its ends."""
+        kept = {}
+        for sense, values in self.torque.items():
+            numbers = np.arange(len(values))
+            kept[sense] = (numbers % 2 == first) | (numbers == 0) | (numbers == len(values) - 1)
+        return Curves(
+            {sense: self.torque[sense][chosen] for sense, chosen in kept.items()},
+            {sense: self.angle[sense][chosen] for sense, chosen in kept.items()},
+        )
+
     @property
     def reach(self) -> float:
         """Largest torque [N m] that both senses reach on both sides; 0 where one of them was not measured."""

@@ -38,6 +38,7 @@ class Contrast:
     size : standard deviation of the mean over that of a row.
     residuals : (n_rows, n_kinds) what mounting adds.
     freedom : degrees of freedom of the scatter.
+    bias : (n_kinds,) largest error that all positions may share: means up to it are no difference.
     """
 
     mean: Real
@@ -45,20 +46,26 @@ class Contrast:
     size: float
     residuals: Real
     freedom: int
+    bias: Real
 
     @cached_property
     def family(self) -> Family:
         """Tests of all kinds together."""
-        return family(self.mean / self.size, self.residuals, self.freedom)
+        return family(self._beyond_bias / self.size, self.residuals, self.freedom)
+
+    @property
+    def _beyond_bias(self) -> Real:
+        """Size of each mean (n_kinds,) beyond its bias."""
+        return np.maximum(np.abs(self.mean) - self.bias, 0.0)
 
     @property
     def p(self) -> Real:
         """Two-sided p (n_kinds,) of no difference, each kind by itself."""
-        return 2 * scipy.stats.t.sf(np.abs(self.mean) / self.error, self.freedom)
+        return 2 * scipy.stats.t.sf(self._beyond_bias / self.error, self.freedom)
 
     def reach(self, confidence: float) -> Real:
         """Half of the confidence interval (n_kinds,)."""
-        return float(scipy.stats.t.ppf(0.5 + confidence / 2, self.freedom)) * self.error
+        return float(scipy.stats.t.ppf(0.5 + confidence / 2, self.freedom)) * self.error + self.bias
 
     def detectable(self, chance: float) -> Real:
         """Size (n_kinds,) that the tests of all kinds, of which any errs with ``chance``, show with ``POWER``.
@@ -67,7 +74,7 @@ class Contrast:
         """
         critical = float(scipy.stats.t.isf(self.family.level(chance) / 2, self.freedom))
         shift = brentq(lambda shift: scipy.stats.nct.sf(critical, self.freedom, shift) - POWER, critical / 4, LARGEST)
-        return shift * self.error
+        return shift * self.error + self.bias
 
 
 @dataclass(frozen=True)
@@ -104,8 +111,13 @@ class Layout:
             return np.full(self.values.shape[1], np.nan)
         return np.asarray(np.sqrt(np.sum(self.residuals**2, axis=0) / self.freedom), float)
 
-    def contrast(self, weights: Sequence[float]) -> Contrast | None:
-        """The contrast of the states' levels by ``weights`` (n_states,); None where it or the scatter is unknown."""
+    def contrast(self, weights: Sequence[float], bias: Real | float = 0.0) -> Contrast | None:
+        """The contrast of the states' levels by ``weights`` (n_states,); None where it or the scatter is unknown.
+
+        Parameters
+        ----------
+        bias : (n_states, n_kinds) error of each level that all positions may share; none by default.
+        """
         coefficients = np.zeros(self._columns.shape[1])
         coefficients[: len(weights)] = weights
         of_rows = coefficients @ self._inverse
@@ -114,7 +126,8 @@ class Layout:
         size = float(np.linalg.norm(of_rows))
         mean = of_rows @ self.values
         error = np.maximum(size * self.scatter, LEAST_ERROR)
-        return Contrast(mean, error, size, self.residuals, self.freedom)
+        shared = np.abs(weights) @ np.broadcast_to(bias, (len(weights), len(mean)))
+        return Contrast(mean, error, size, self.residuals, self.freedom, np.asarray(shared, float))
 
     def half_interval(self, confidence: float) -> Real:
         """Half of the confidence interval (n_kinds,) of what mounting adds to a single row; NaN where it is unknown."""

@@ -46,6 +46,8 @@ class LoopTable:
     state, position : (n_rows,) number of each row; positions are numbered within an assembly.
     label : (n_rows,) name of the position of each row; equal names within an assembly are one position.
     values : (n_rows, n_numbers) in the unit of each.
+    halves : the same of every second point of the loops, from the first and from the second on; NaN where those do not
+        show a number.
     loops : by row and size, up to the torque that all loops of the size reach.
     """
 
@@ -56,6 +58,7 @@ class LoopTable:
     position: Whole
     label: tuple[str, ...]
     values: Real
+    halves: tuple[Real, Real]
     loops: tuple[dict[LoopSize, Loop], ...]
 
     @cached_property
@@ -66,8 +69,26 @@ class LoopTable:
     @cached_property
     def layout(self) -> Layout:
         """The layout of logarithms of positive numbers, and of the others as they are."""
-        safe = np.where(self.positive, self.values, 1.0)
-        return Layout(self.state, self.position, np.where(self.positive, np.log(safe), self.values))
+        return Layout(self.state, self.position, self._on_scale(self.values))
+
+    @cached_property
+    def resolution(self) -> Real:
+        """Error (n_states, n_numbers) of each state's level by the distance of the torques that were measured.
+
+        Half of what the two halves of the points differ by, or the distance of their mean from the value of all, in the
+        mean over the positions, which all share the torques. Infinite where the halves do not show a number.
+        """
+        first, second = (self._on_scale(half) for half in self.halves)
+        apart, moved = 0.5 * (first - second), 0.5 * (first + second) - self.layout.values
+        errors = [
+            np.max(np.abs([apart[rows].mean(axis=0), moved[rows].mean(axis=0)]), axis=0)
+            for rows in (self.state == state for state in range(len(self.states)))
+        ]
+        return np.nan_to_num(np.array(errors), nan=np.inf)
+
+    def _on_scale(self, values: Real) -> Real:
+        """Logarithms of positive numbers (n_rows, n_numbers), the others as they are."""
+        return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)
 
     def level(self, state: int, labels: Sequence[str]) -> Real:
         """Mean (n_numbers,) of a state over some positions, geometric of positive numbers."""
@@ -95,12 +116,26 @@ def loop_table(states: Sequence[State], compared: int) -> LoopTable:
     rows = [(number, place) for number, state in enumerate(states) for place in range(len(state.labels))]
     loops = [{size: curves_at(states[number], place, size) for size in sizes} for number, place in rows]
     tops = {size: _common_reach([curves[size] for curves in loops]) for size in sizes}
+    halves = [
+        [
+            {
+                size: loop_of(curve.half(first), tops[size])
+                for size, curve in curves.items()
+                if curve.reach >= tops[size] > 0
+            }
+            for curves in loops
+        ]
+        for first in (0, 1)
+    ]
     read = [
         {size: loop_of(curve, tops[size]) for size, curve in curves.items() if curve.reach >= tops[size] > 0}
         for curves in loops
     ]
     every = tuple(LoopNumber(kind, size) for size in sizes for kind in KINDS)
-    values = np.array([[_value(number, curves) for number in every] for curves in read]).reshape(len(rows), len(every))
+    values, first, second = (
+        np.array([[_value(number, curves) for number in every] for curves in part]).reshape(len(rows), len(every))
+        for part in (read, *halves)
+    )
     state = np.array([number for number, _ in rows])
     complete = np.isfinite(values[state < compared]).all(axis=0)
     kept = np.isfinite(values[:, complete]).all(axis=1) & bool(complete.any())
@@ -116,6 +151,7 @@ def loop_table(states: Sequence[State], compared: int) -> LoopTable:
         _positions(states, state[kept], label, compared),
         tuple(label),
         values[np.ix_(kept, complete)],
+        (first[np.ix_(kept, complete)], second[np.ix_(kept, complete)]),
         tuple(curves for curves, is_kept in zip(read, kept, strict=True) if is_kept),
     )
 
