@@ -11,6 +11,7 @@ from pipeline import assembly
 from pipeline.config import Study, load_design, parse_study
 from pipeline.elastic import disk_patches, elastic_disk
 from pipeline.engine.runner import Resources, run
+from pipeline.model.elastic.condensed_body import ElasticBody
 from pipeline.model.metrics import library
 from pipeline.populations.turn_drives import TurnDrives, Units, full_blocks, turned_blocks
 from pipeline.populations.turn_ranking import SeparateGaps
@@ -30,18 +31,19 @@ def small(name: str, disk: str, count: int, **cycle: object) -> Study:
     return parse_study(data, "whole", "whole.toml", lambda design: load_design(design, ROOT))
 
 
-def fresh(study: Study, crank: float) -> np.ndarray:
+def fresh(study: Study, disk: ElasticBody, crank: float) -> np.ndarray:
     """Compliance of the one disk at a crank angle, condensed for it alone."""
-    reducer, disk = assembly.reducer(study.design, crank), elastic_disk(study)
+    reducer = assembly.reducer(study.design, crank)
     return disk.compliance(disk_patches(study, disk, reducer)).matrix
 
 
 def test_disks_without_holes_are_those_of_fresh_condensations_at_any_step() -> None:
     study = small("quick", "elastic", 2, loaded_angles=31)
-    drives = TurnDrives.of(study, 3, [turned_blocks(study, elastic_disk(study), 4.5 * k / 3) for k in range(3)])
+    disk = elastic_disk(study)
+    drives = TurnDrives.of(study, 3, [turned_blocks(study, disk, 4.5 * k / 3) for k in range(3)])
     units = Units.of(study, draw(study, 1, 2))
     for step in (1, 3 * 80 + 2, 3 * 4001):
-        expected = fresh(study, float(drives.crank_deg(step)))
+        expected = fresh(study, disk, float(drives.crank_deg(step)))
         rows = assembly.disk_contacts(assembly.reducer(study.design, 0.0))
         drive = drives.drive(step, units)
         np.testing.assert_allclose(drive.compliance[np.ix_(rows, rows)], expected, atol=1e-8 * expected.max(), rtol=0)
@@ -52,9 +54,10 @@ def test_disks_without_holes_are_those_of_fresh_condensations_at_any_step() -> N
 def test_a_disk_with_holes_repeats_after_as_many_pitches_as_it_has_lobes() -> None:
     study = small("printed_drive", "elastic", 2, loaded_angles=11)
     condensed: dict[float, np.ndarray] = {}
+    disk = elastic_disk(study)
 
     def condense(crank: float) -> list[np.ndarray]:
-        condensed[crank] = fresh(study, crank)
+        condensed[crank] = fresh(study, disk, crank)
         return [condensed[crank]]
 
     drives = TurnDrives.of(study, 1, [full_blocks(study, 0.0, condense)])
@@ -62,7 +65,7 @@ def test_a_disk_with_holes_repeats_after_as_many_pitches_as_it_has_lobes() -> No
     units = Units.of(study, draw(study, 1, 2))
     rows = assembly.disk_contacts(assembly.reducer(study.design, 0.0))
     for pitch in (20, 100):
-        expected = fresh(study, float(drives.crank_deg(pitch)))
+        expected = fresh(study, disk, float(drives.crank_deg(pitch)))
         result = drives.drive(pitch, units).compliance[np.ix_(rows, rows)]
         np.testing.assert_allclose(result, expected, atol=1e-6 * expected.max(), rtol=0)
 
