@@ -42,7 +42,7 @@ check: $(VENV)/installed  ## compare every byte of a run with its records: make 
 why: $(VENV)/installed  ## say why a stage would run: make why STAGE=hysteresis STUDY=quick
 	@$(PIPELINE) why $(if $(STAGE),"$$STAGE",report) --study "$$STUDY"
 
-compare: $(VENV)/installed  ## hold two studies against each other: make compare A=paper B=quick
+compare: $(VENV)/installed  ## compare two studies: make compare A=paper B=quick
 	$(PIPELINE) compare $(if $(A),"$$A",$(error say which: make compare A=<study> B=<study>)) \
 		$(if $(B),"$$B",$(error say which: make compare A=<study> B=<study>)) $(JOBS_OPTION)
 
@@ -84,7 +84,7 @@ changed: $(VENV)/installed  ## say what changed between two measurements of one 
 	$(PIPELINE) changed --before $(if $(A),"$$A",$(error say which units: make changed A=<folder> B=<folder>)) \
 		--after $(if $(B),"$$B",$(error say which units: make changed A=<folder> B=<folder>)) $(if $(ALSO),--also $$ALSO)
 
-population: $(VENV)/installed  ## hold many measured units against a study: make population UNITS=units.csv STUDY=paper
+population: $(VENV)/installed  ## compare measured units with a study: make population UNITS=units.csv STUDY=paper
 	$(PIPELINE) population --units $(if $(UNITS),"$$UNITS",$(error say which units: make population UNITS=<file>)) --study "$$STUDY" \
 		$(JOBS_OPTION)
 
@@ -117,13 +117,13 @@ docs: $(VENV)/documented  ## build the pages of docs/ with the reference: build/
 bench: $(VENV)/installed  ## measure speed, as ratios within one run
 	$(PIPELINE) bench --study "$$STUDY"
 
-paper: $(VENV)/installed  ## hold the paper's Table 2, contacts and figures against the model: one HTML page
+paper: $(VENV)/installed  ## compare the paper's Table 2, contacts and figures with the model: one HTML page
 	$(PIPELINE) paper $(JOBS_OPTION)
 
 calibrate: $(VENV)/installed  ## fit numbers of the design to Table 2, with intervals and what is not determined
 	$(PIPELINE) calibrate
 
-verify: $(VENV)/installed  ## hold the mechanics against exact answers and independent solvers: make verify MESH=coarse
+verify: $(VENV)/installed  ## compare the mechanics with exact answers and independent solvers: make verify MESH=coarse
 	$(PIPELINE) verify --mesh $(if $(MESH),"$$MESH",paper)
 
 flank: $(VENV)/installed  ## write a design's flank as CSV and DXF: make flank DESIGN=pham2017 OUT=flank
@@ -139,5 +139,5 @@ coverage: $(VENV)/installed  ## count how often intervals hold the truth, over 2
 licences: $(VENV)/installed  ## list the licence of every package that is installed; fails where one is unknown
 	@$(PIPELINE) licences
 
-clean-runs: $(VENV)/installed  ## forget all runs, never inputs
+clean-runs: $(VENV)/installed  ## delete all runs, never inputs
 	$(PIPELINE) clean-runs

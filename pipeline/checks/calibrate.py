@@ -126,7 +126,7 @@ def read_parameters(path: Path, design: Design) -> tuple[FittedNumber, ...]:
         value = number_at(design, parameter.key)
         if not 0 < parameter.lower < value < parameter.upper:
             problems.append(
-                f"{path.name}: {parameter.key} = {value:g} in the design; must lie within 0 < lower < it < upper"
+                f"{path.name}: {parameter.key} = {value:g} in the design; must satisfy 0 < lower < value < upper"
             )
     if problems:
         raise InputError(problems)

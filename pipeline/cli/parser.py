@@ -67,7 +67,7 @@ def _studies(command: Commands) -> None:
     sparing = command("tails", "studies.find_tails", "units beyond the limits in parts per million, and far quantiles")
     _study(sparing)
     _where(sparing)
-    sparing.add_argument("--units", type=int, help="looked at by a rough model; default: the study's, or 100,000")
+    sparing.add_argument("--units", type=int, help="evaluated by the surrogate; default: the study's, or 100,000")
     sparing.add_argument("--solve", type=int, help="of them load-solved on average; default: the study's, or 4,000")
 
     drawing = command("flank", "flank.write_flank", "write the flank of a design as CSV and DXF, drawn and measured")
@@ -91,12 +91,12 @@ def _studies(command: Commands) -> None:
     making.add_argument("name", help="of the file in data/designs or data/studies, or of the folder in data/measured")
     making.add_argument("--design", help="design of a study; default: pin_in_hole_39")
 
-    command("clean-runs", "studies.clean_runs", "forget all runs, never inputs")
+    command("clean-runs", "studies.clean_runs", "delete all runs, never inputs")
 
 
 def _decisions(command: Commands) -> None:
     comparing = command(
-        "compare", "decisions.compare_runs", "hold one study against another: what differs, by how much"
+        "compare", "decisions.compare_runs", "compare two studies: what differs, and by how much"
     )
     comparing.add_argument("a", help="study file, or the stem of one in data/studies")
     comparing.add_argument("b", help="the other one; differences are b less a")
@@ -115,7 +115,7 @@ def _decisions(command: Commands) -> None:
     counting = command(
         "reweigh", "decisions.reweigh_run", "yield of a study with tighter tolerances from the run of a wider one"
     )
-    counting.add_argument("wide", help="study file, or the stem of one in data/studies, whose run is counted anew")
+    counting.add_argument("wide", help="study file, or the stem of one in data/studies, whose run is reweighted")
     counting.add_argument("narrow", help="the study with the tighter tolerances")
     counting.add_argument("--check", type=int, default=1_000, help="fresh load-solved units; default: 1,000")
     _where(counting)
@@ -195,7 +195,7 @@ def _measured(command: Commands) -> None:
     changing.set_defaults(opening="reading the units {before} and {after}")
 
     comparing = command(
-        "population", "measured.compare_population", "hold many measured units against the distributions of a study"
+        "population", "measured.compare_population", "compare measured units with a study"
     )
     comparing.add_argument("--units", required=True, type=Path, help="CSV file, one row per unit with its metrics")
     comparing.add_argument(
@@ -219,7 +219,7 @@ def _measured(command: Commands) -> None:
 def _checks(command: Commands) -> None:
     _study(command("bench", "checks.measure_speed", "measure the speed of a study's hot parts"))
 
-    _where(command("paper", "checks.compare_paper", "hold the paper's Table 2, contacts and figures against the model"))
+    _where(command("paper", "checks.compare_paper", "compare the paper's Table 2, contacts and figures with the model"))
 
     fitting = command(
         "calibrate", "checks.fit_design", "fit numbers of a study's design to published metrics of its cases"
@@ -229,7 +229,7 @@ def _checks(command: Commands) -> None:
     fitting.add_argument("--parameters", type=Path, help="CSV of fitted numbers (key, lower, upper); default: three")
 
     verifying = command(
-        "verify", "checks.verify_mechanics", "hold the mechanics against exact answers and independent solvers"
+        "verify", "checks.verify_mechanics", "compare the mechanics with exact answers and independent solvers"
     )
     verifying.add_argument("--mesh", choices=("coarse", "paper"), default="paper", help="default: paper")
 
@@ -257,7 +257,7 @@ def _where(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--backend", choices=("loky", "dask"), default="loky", help="this machine, or a Dask cluster")
     sub.add_argument("--scheduler", help="address of the cluster's scheduler, as in tls://192.0.2.1:8786")
     sub.add_argument(
-        "--open-scheduler", action="store_true", help="the scheduler authenticates nobody, and nobody else reaches it"
+        "--open-scheduler", action="store_true", help="allow an unauthenticated scheduler on a private network"
     )
 
 

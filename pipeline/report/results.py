@@ -222,7 +222,7 @@ class Results:
         if len(doubtful):
             limits = (
                 f" Of {counted(len(doubtful), 'load cycle')} of {counted(doubtful['sample'].nunique(), 'sample')} a "
-                "number does not mean what its definition says; it is missing and in no statistic: "
+                "value is outside its range of validity; it is missing and in no statistic: "
                 f"{'; '.join(sorted(set(doubtful['status'].astype(str))))}."
             )
         if not len(failed):

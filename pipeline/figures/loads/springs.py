@@ -35,7 +35,7 @@ def spring_laws_figure(
 
     Notes
     -----
-    Beyond the law's range its tangent goes on, drawn dashed.
+    The linear extrapolation beyond the law's range is dashed.
     """
     curves = dict(iter(laws.groupby("contact")))
     figure = new_figure(5.4)

@@ -74,7 +74,7 @@ class Conditions:
 
     @classmethod
     def run_in(cls, n: int) -> "Conditions":
-        """Run in for ever at the drawing's temperature."""
+        """Fully run in, at the reference temperature."""
         return cls(np.full(n, np.inf), np.zeros(n))
 
 

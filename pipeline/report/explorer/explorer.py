@@ -10,7 +10,9 @@ from pipeline.figures.labels import METRICS
 from pipeline.report.frames import Frames, case_label
 
 UNITS_SHOWN = 150
-"""Points that can be told apart, and whose loops stay below 100 kB of the page."""
+"""Points that can be distinguished, and whose loops stay below 100 kB of the page."""
+WORST_SHOWN = 50
+"""Of them, the units nearest to a limit or beyond one."""
 KEPT_UNITS = 24
 """Units at most whose contact forces are read for the page."""
 
@@ -59,14 +61,26 @@ def kept_samples(study: Study) -> list[int]:
 
 
 def explored_units(frames: Frames) -> pd.DataFrame:
-    """Metrics over the turn (n_units, n_metrics) of the first units that have all of them, and their loop."""
+    """Metrics over the turn (n_units, n_metrics) of units that have all of them, and their loop.
+
+    The first ones, which are random, and those at hand that come nearest to a limit or lie farthest beyond one.
+    """
     metrics = [name for name in frames.shown_metrics if frames.over_turn[name].notna().any()]
     solved_units = frames.over_turn[metrics].dropna()
-    return (
-        solved_units[solved_units.index.isin(np.unique(frames.curves["sample"]))].head(UNITS_SHOWN)
-        if metrics
-        else solved_units[:0]
-    )
+    if not metrics:
+        return solved_units[:0]
+    at_hand = solved_units[solved_units.index.isin(np.unique(frames.curves["sample"]))]
+    worst = _excess(frames, at_hand).nlargest(WORST_SHOWN).index
+    first = at_hand.index[~at_hand.index.isin(worst)][: UNITS_SHOWN - len(worst)]
+    return at_hand[at_hand.index.isin([*first, *worst])]
+
+
+def _excess(frames: Frames, units: pd.DataFrame) -> pd.Series:
+    """How far each unit lies beyond its nearest limit, in standard deviations of the metric; no rows without limits."""
+    limits = {name: limit for name, limit in frames.limits.items() if name in units and units[name].std() > 0}
+    signs = {name: -1.0 if METRICS[name].smaller_is_worse else 1.0 for name in limits}
+    excess = pd.DataFrame({n: signs[n] * (units[n] - limit) / units[n].std() for n, limit in limits.items()})
+    return excess.max(axis=1)
 
 
 def _pin_forces(frames: Frames, samples: pd.Index) -> dict[int, np.ndarray]:

@@ -70,7 +70,7 @@ def sample_drawings(frames: Frames) -> Iterator[Drawing]:
     dotted = ", dotted the accuracy that was asked for" if stop_rule else ""
     yield Drawing(
         "sample_convergence",
-        "What more samples told",
+        "Convergence with sample size",
         f"Each estimate from the first samples alone, {frames.over} value over the turn; bands are "
         f"{plain(100 * frames.study.metrics.confidence)} % intervals, drawn where both ends are determined{dotted}. "
         "A curve wanders within its band, since each point holds the samples of those before it.",

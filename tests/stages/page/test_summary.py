@@ -9,6 +9,7 @@ from tiny_pages import written
 
 from pipeline.config.studies.study import ALL_LIMITS, Limits
 from pipeline.figures.labels import METRICS
+from pipeline.report.explorer import explorer
 from pipeline.report.frames import Frames
 from pipeline.statistics import pass_share
 
@@ -111,3 +112,14 @@ def test_the_yield_of_the_whole_turn_stands_before_that_of_the_angles(frames):
     assert "58.8 % of the units fail" in page
     assert "It holds for the whole turn of the output: 6,320 pitches" in page
     assert "upper bound" not in page
+
+
+def test_the_explorer_holds_the_worst_units(frames, monkeypatch):
+    monkeypatch.setattr(explorer, "UNITS_SHOWN", 4)
+    monkeypatch.setattr(explorer, "WORST_SHOWN", 2)
+    failing = failing_on_pressure(frames)
+    shown = explorer.explored_units(failing).index
+    assert len(shown) == 4
+    assert set(frames.over_turn["peak_pressure_MPa"].nlargest(1).index) <= set(shown)
+    without = replace(failing, study=frames.study.model_copy(update={"limits": Limits()}))
+    assert explorer.explored_units(without).index.tolist() == [1, 2, 3, 4]

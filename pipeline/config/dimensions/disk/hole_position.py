@@ -5,15 +5,15 @@ from pipeline.config.dimensions.dimension import HOLED, HOLES, Dimension
 DIMENSION = Dimension(
     name="hole_position",
     title="position of holes in the disk",
-    sign="way of each hole's axis from its true place, at most half of the zone's diameter; direction random",
-    meaning="way of the hole's axis from its true place",
+    sign="offset of each hole axis from its true position, at most half of the zone's diameter; direction random",
+    meaning="offset of the hole's axis from its true position",
     rank=73,
     draw_columns=(122, 123),
     elements=HOLES,
     of_disk=True,
     need=HOLED,
     one_sided=True,
-    direction="direction of that way in the disk's frame, counterclockwise from the crank at 0",
+    direction="direction of that offset in the disk's frame, counterclockwise from the crank at 0",
     zone=True,
     counted_where_varied=True,
 )

@@ -5,14 +5,14 @@ from pipeline.config.dimensions.dimension import OUTPUT_PINS, PINS_IN_HOLES, Dim
 DIMENSION = Dimension(
     name="output_pin_position",
     title="position of output pins",
-    sign="way of each pin's axis from its true place, at most half of the zone's diameter; direction random",
-    meaning="way of the output pin's axis from its true place; 0 of rollers",
+    sign="offset of each pin axis from its true position, at most half of the zone's diameter; direction random",
+    meaning="offset of the output pin's axis from its true position; 0 of rollers",
     rank=72,
     draw_columns=(120, 121),
     elements=OUTPUT_PINS,
     need=PINS_IN_HOLES,
     one_sided=True,
-    direction="direction of that way in the flange's frame, counterclockwise from the crank at 0",
+    direction="direction of that offset in the flange's frame, counterclockwise from the crank at 0",
     zone=True,
     counted_where_varied=True,
 )

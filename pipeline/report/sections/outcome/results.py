@@ -5,12 +5,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from pipeline.figures.samples.distributions import crank_figure, distributions_figure
 from pipeline.figures.samples.units import units_figure
 from pipeline.report.cases import ROWS_SHOWN, case_crank_rows, case_rows
 from pipeline.report.drawing import Drawing
-from pipeline.report.explorer.explorer import explored_units
+from pipeline.report.explorer.explorer import UNITS_SHOWN, WORST_SHOWN, explored_units
 from pipeline.report.frames import HEADLINES, Frames
 from pipeline.report.layout.wording import counted, plain
 from pipeline.report.results import STATISTICS
@@ -64,11 +65,18 @@ def _units(frames: Frames) -> Iterator[Drawing]:
     yield Drawing(
         "units",
         "Single units",
-        f"The first {counted(len(units), 'unit')}: their values over the turn, and their loops at crank angle "
-        f"{plain(frames.crank_deg)}°. Point at a unit, or go from unit to unit with the arrow keys, to see its loop "
-        "and the forces on its pins (filled points).",
+        f"{counted(len(units), 'unit').capitalize()}{_choice(frames, units)}: their values over the turn, and their "
+        f"loops at crank angle {plain(frames.crank_deg)}°. Point at a unit, or go from unit to unit with the arrow "
+        "keys, to see its loop and the forces on its pins (filled points).",
         partial(units_figure, pair, units[pair].to_numpy(), frames.limits, torque, angles),
     )
+
+
+def _choice(frames: Frames, units: pd.DataFrame) -> str:
+    """How the units of the explorer were chosen."""
+    if not frames.limits or len(units) < UNITS_SHOWN:
+        return ""
+    return f", {WORST_SHOWN} of them the nearest to a limit or farthest beyond one, the others random"
 
 
 def _cranks(frames: Frames, metrics: list[str]) -> Drawing:

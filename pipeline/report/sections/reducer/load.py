@@ -33,8 +33,8 @@ def _springs(frames: Frames) -> Drawing:
     return Drawing(
         "spring_laws",
         "Spring laws",
-        "Local deformation and tangent stiffness of single contacts, beyond their clearance. What the disk yields as a "
-        "whole comes on top. Dashed: beyond the law's range its tangent goes on.",
+        "Local deformation and tangent stiffness of single contacts, beyond their clearance. The overall "
+        "disk deflection is additional. Dashed: linear extrapolation beyond the law's range.",
         partial(
             spring_laws_figure,
             frames.at_crank(frames.laws),
