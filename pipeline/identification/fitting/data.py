@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.identification.measurement.turning.motion import TURN_DEG
-from pipeline.model.effects.effect import CRANKS, CYCLES, LOOPS, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
+from pipeline.model.effects.effect import CRANKS, CYCLES, FLANGE, LOOPS, RATE, SENSES, STILL, TEMPERATURE, TIME, TORQUES
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -23,6 +23,7 @@ SHORTFALLS: Mapping[str, str] = {
     TIME: "no time stamps",
     TEMPERATURE: "no temperature that varies",
     RATE: "neither a change of the torque's rate nor a dwell: see rayleigh",
+    FLANGE: "no angle of the flange beside that of the lever: see pin_circle_error",
     STILL: "the locked output lets the crank turn by more than half a pitch of the pins: see load_friction",
 }
 """Of loops at a standing crank."""

@@ -36,7 +36,7 @@ def sizes(name, share=0.3):
     """Numbers of an effect well within its bounds, but for twists, which are looked for up to the pins' tenfold."""
     pairs = LIBRARY[name].bounds(small_drive())
     share += 0.23 * (name == "crank_compliance_2")  # else the drive's crank stands in the trough of its wave
-    soft = {"output_torsion", "creep", "rayleigh", "softening_compliance", "seat_compliance"}
+    soft = {"output_torsion", "creep", "rayleigh", "softening_compliance", "seat_compliance", "loose_flange"}
     return [low + share * (0.02 if name in soft and low == 0 else 1.0) * (high - low) for low, high in pairs]
 
 
@@ -153,6 +153,10 @@ CLOSED_FORMS = {
     "output_torsion": lambda response, reference, size: (
         angles_of(response, "loading+")[-1] - angles_of(reference, "loading+")[-1],
         1e-3 * RATED * size[0] / ARCMIN,
+    ),
+    "loose_flange": lambda response, reference, size: (
+        response.clearance_backlash[0] - reference.clearance_backlash[0],
+        size[0] / ARCMIN,
     ),
     "rayleigh": lambda response, reference, size: (
         response.zero_torque_width[0] - reference.zero_torque_width[0],

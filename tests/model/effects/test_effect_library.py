@@ -11,6 +11,7 @@ from pipeline.model.effects import Conditions
 from pipeline.model.effects.effect import (
     CRANKS,
     CYCLES,
+    FLANGE,
     LOOPS,
     RATE,
     SENSES,
@@ -41,7 +42,7 @@ def test_texts_are_complete_and_names_are_known(name):
     assert set(effect.confused_with) <= set(ALL_NAMES) - {name}
     assert effect.limit_case in {"", *ALL_NAMES}
     assert effect.starts in ("secants", "periods")
-    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE, LOOPS, SENSES, TORQUES}
+    assert effect.needs <= {CRANKS, CYCLES, TIME, TEMPERATURE, STILL, RATE, LOOPS, SENSES, TORQUES, FLANGE}
 
 
 @pytest.mark.parametrize(
