@@ -61,11 +61,11 @@ assemble: $(VENV)/installed  ## which measured parts to put together: make assem
 		--csv $(if $(B),"$$B",$(error say which parts: make assemble A=<file> B=<file>)) --study "$$STUDY" $(JOBS_OPTION)
 
 certificate: $(VENV)/installed  ## what one unit will do: make certificate DIMENSIONS=unit17.toml [UNIT=measured] STUDY=quick
-	$(PIPELINE) certificate --dimensions $(or $(DIMENSIONS),$(error say which: make certificate DIMENSIONS=<file>)) \
-		$(if $(UNIT),--unit $(UNIT)) --study $(STUDY) $(JOBS_OPTION)
+	$(PIPELINE) certificate --dimensions $(if $(DIMENSIONS),"$$DIMENSIONS",$(error say which: make certificate DIMENSIONS=<file>)) \
+		$(if $(UNIT),--unit "$$UNIT") --study "$$STUDY" $(JOBS_OPTION)
 
 workbook: $(VENV)/installed  ## tables of a page or a run as one .xlsx file: make workbook RUN=quick
-	$(PIPELINE) workbook $(or $(RUN),$(error say which: make workbook RUN=<folder in data/runs>))
+	$(PIPELINE) workbook $(if $(RUN),"$$RUN",$(error say which: make workbook RUN=<folder in data/runs>))
 
 joints: $(VENV)/installed  ## write backlash, stiffness and friction of STUDY as joints for MuJoCo, URDF and SDFormat
 	$(PIPELINE) joints --study "$$STUDY" $(JOBS_OPTION)

@@ -121,3 +121,11 @@ def test_make_runs_no_command_that_a_variable_holds(tmp_path: Path, target: str)
     assert process.returncode == 0, process.stderr
     assert f"[{value}]" in process.stdout.splitlines()
     assert not (tmp_path / "y").exists()
+
+
+def test_every_variable_of_a_user_is_quoted_in_the_makefile() -> None:
+    """Recipes name it as "$$NAME", or test whether it is given; $(NAME) itself would be read by the shell."""
+    ours = {"PIPELINE", "VENV", "JOBS_OPTION", "NO_PYTHON", "PLAIN_STAGES", "SUITS", "PYTHON", "MAKE"}
+    recipes = [line for line in (ROOT / "Makefile").read_text().splitlines() if line.startswith("\t")]
+    expanded = {name for line in recipes for name in re.findall(r"(?<!if )\$\((\w+)\)", line)}
+    assert expanded <= ours
