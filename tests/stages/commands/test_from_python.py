@@ -55,13 +55,15 @@ def test_the_package_shows_its_names_and_takes_a_folder(tmp_path: Path, monkeypa
         pipeline.load_study("quick")
 
 
-def test_answers_have_tables_and_drawings_take_axes(own_runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_answers_have_tables_and_drawings_take_axes(
+    outputs: dict, new_runs: Callable[[], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Objects of a comparison and a run, drawn on axes of the caller."""
     from matplotlib.figure import Figure
 
     from pipeline import compare, draw_distribution, draw_drivers, draw_loop, load_study, run
 
-    monkeypatch.setattr(settings, "RUNS", own_runs)
+    monkeypatch.setattr(settings, "RUNS", new_runs())
     study = load_study("quick")
     finished = run(study, ["aggregate"], jobs=1)
     axes = Figure().subplots()
