@@ -66,7 +66,7 @@ def drive_of(
         bearing_clearance=clearance,
         elements=(*of_modulus, *in_series),
     )
-    return with_effects(drive, study.design.effects)
+    return with_effects(drive, study.design.effects, study.design.temperature_rise_K or 0.0)
 
 
 def _full_compliance(study: Study, reducer: Reducer, of_disks: Real | None) -> Real:
@@ -77,9 +77,9 @@ def _full_compliance(study: Study, reducer: Reducer, of_disks: Real | None) -> R
     return of_disks if of_output is None else of_disks + of_output
 
 
-def with_effects(drive: Drive, effects: Mapping[str, Mapping[str, float]]) -> Drive:
-    """The drive with effects of the library at their parameters, run in and at the temperature of the drawing."""
-    conditions = Conditions.run_in(len(drive.bearing_clearance))
+def with_effects(drive: Drive, effects: Mapping[str, Mapping[str, float]], temperature_rise: float = 0.0) -> Drive:
+    """The drive with effects of the library at their parameters, run in, at a temperature over the drawing's [K]."""
+    conditions = Conditions.run_in(len(drive.bearing_clearance), temperature_rise)
     for name, values in effects.items():
         effect = library()[name]
         drive = effect.apply(drive, [values[parameter.name] for parameter in effect.parameters], conditions)

@@ -259,6 +259,7 @@ HYSTERESIS = Stage(
         "design.flank",
         "design.series",
         "design.effects",
+        "design.temperature_rise_K",
         "design.thermal",
         "clearance",
         "cycle.crank_deg",

@@ -128,3 +128,16 @@ def test_the_page_has_one_noise_floor(answer):
     assert len(floors) >= 3
     floor = verdict["noise"]["floor_arcmin"]
     assert [float(value) for value in floors] == pytest.approx([floor] * len(floors), rel=5.1e-3)
+
+
+def test_the_study_that_is_written_leaves_what_its_fit_leaves(answer):
+    """Dimensions, factors of the laws and effects are all in its files; the bench's drift is taken out of the data."""
+    verdict, page, _ = answer
+    written = verdict["written"]
+    if written is None:
+        assert "the design as declared" in verdict["not_corrected"]
+        return
+    floor = verdict["noise"]["floor_arcmin"]
+    assert written["rms_arcmin"] == pytest.approx(written["fit_rms_arcmin"], rel=0.02, abs=0.1 * floor)
+    assert written["rms_arcmin"] <= written["declared_rms_arcmin"]
+    assert written["study"] in page

@@ -257,7 +257,7 @@ def test_every_other_effect_changes_a_study(study: Study) -> None:
             for parameter, (low, high) in zip(effect.parameters, effect.bounds(bare), strict=True)
         }
         variant = with_design_effects(study, **{name: values})
-        if list(study_effect_problems({name: values}, 1)):
+        if list(study_effect_problems({name: values}, 1, 0.0)):
             continue
         drive = drive_of(variant, *settings[1:])
         is_same = (
@@ -298,3 +298,11 @@ def test_effects_are_sources_of_the_stages_that_honour_them_and_of_no_mesh() -> 
 
 def test_a_design_without_effects_says_so() -> None:
     assert load_design("pham2017", ROOT).effects == {}
+
+
+@pytest.mark.parametrize("name", ["thermal_growth", "modulus_temperature"])
+def test_an_effect_of_the_temperature_runs_where_the_design_states_a_rise(name):
+    effect = library()[name]
+    values = {parameter.name: 0.01 for parameter in effect.parameters}
+    assert list(study_effect_problems({name: values}, 1, 0.0))
+    assert not list(study_effect_problems({name: values}, 1, 12.0))

@@ -101,6 +101,33 @@ def _loose_flange(amplitude: float, shape: Mapping[str, float]) -> Outside:
     return angle
 
 
+def _drawn_law(amplitude: float, shape: Mapping[str, float]) -> Outside:
+    """A power of the torque times a harmonic of the crank, of the torque as it is or as a lag remembers it."""
+
+    def angle(track: Track) -> Real:
+        load = track.ramp.torque / _top(track.ramp)
+        felt, memory = np.empty(len(load)), 0.0
+        for k, now in enumerate(load):
+            memory = min(max(memory, now - shape["memory"]), now + shape["memory"])
+            felt[k] = memory
+        bent = np.sign(felt) ** (shape["odd"]) * np.abs(felt) ** shape["power"]
+        around = np.cos(shape["harmonic"] * track.crank + shape["phase"]) if shape["harmonic"] else 1.0
+        return track.angle_at(track.ramp.torque) + 0.5 * amplitude * track.span * bent * around
+
+    return angle
+
+
+def _law_shape(rng: np.random.Generator) -> Mapping[str, float]:
+    """A law that nobody chose: even or odd in the torque, its power, the harmonic of the crank, and its memory."""
+    return {
+        "odd": float(rng.integers(0, 2)),
+        "power": float(rng.uniform(0.3, 4.0)),
+        "harmonic": float(rng.integers(0, 4)),
+        "phase": float(rng.uniform(0, 2 * np.pi)),
+        "memory": float(rng.choice([0.0, rng.uniform(0.05, 0.6)])),
+    }
+
+
 def _uniform(**limits: tuple[float, float]) -> Callable[[np.random.Generator], Mapping[str, float]]:
     return lambda rng: {name: float(rng.uniform(low, high)) for name, (low, high) in limits.items()}
 
@@ -146,4 +173,5 @@ OUTSIDE = (
         _uniform(threshold=(0.3, 0.65), run=(0.1, 0.3)),
         _loose_flange,
     ),
+    OutsideEffect("drawn_law", "a law drawn by seed: torque, crank and memory", _law_shape, _drawn_law),
 )

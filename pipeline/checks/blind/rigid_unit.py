@@ -74,13 +74,14 @@ class RigidUnit:
     def angles_outside(self, effect: Outside) -> list[Real]:
         """The same with an effect that the library lacks."""
         angles = []
-        for position, ramp in zip(self.positions, self.bench.ramps, strict=True):
+        for position, ramp, crank in zip(self.positions, self.bench.ramps, self.bench.cranks, strict=True):
             curve = position.curve({}, 0, NMM_PER_NM * float(np.max(np.abs(ramp.turns))))
 
             def angle_at(torque: Real, curve=curve) -> Real:
                 return curve.at(NMM_PER_NM * np.asarray(torque)) / RAD_PER_ARCMIN
 
-            angles.append(effect(Track(ramp, angle_at, float(np.ptp(angle_at(ramp.torque))))))
+            span = float(np.ptp(angle_at(ramp.torque)))
+            angles.append(effect(Track(ramp, angle_at, span, float(np.radians(crank)))))
         return angles
 
     @staticmethod

@@ -52,11 +52,13 @@ class Track:
     ramp : of the position.
     angle_at : angle [arcmin] of the unit without friction at torques (n_rows,) [N m].
     span : range of the angle [arcmin].
+    crank : angle of the crank [rad].
     """
 
     ramp: Ramp
     angle_at: Callable[[Real], Real]
     span: float
+    crank: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -100,14 +102,14 @@ class TrueUnit:
     def angles_outside(self, effect: Outside) -> list[Real]:
         """The same with an effect that the library lacks."""
         angles = []
-        for drive, ramp in zip(self.drives, self.bench.ramps, strict=True):
+        for drive, ramp, crank in zip(self.drives, self.bench.ramps, self.bench.cranks, strict=True):
             curve = _fine(drive, float(np.max(np.abs(ramp.turns))))
             single = ARCMIN * (curve.angle[0] + drive.twist(curve.torque))
 
             def angle_at(torque: Real, curve: Backbone = curve, single: Real = single) -> Real:
                 return np.interp(NMM_PER_NM * torque, curve.torque, single)
 
-            angles.append(effect(Track(ramp, angle_at, float(np.ptp(single)))))
+            angles.append(effect(Track(ramp, angle_at, float(np.ptp(single)), float(np.radians(crank)))))
         return angles
 
 

@@ -102,8 +102,9 @@ class Design(Section):
     """A nominal one-stage cycloid reducer. Lengths in mm, moduli in MPa, as the names say.
 
     `series` are parts in series with the output, by names of their own; each stiffness has a provenance.
-    `effects` are of the library `pipeline.model.effects`, by name, each with all of its parameters. `thermal` is no key
-    of a file: it is there where a study draws temperatures.
+    `effects` are of the library `pipeline.model.effects`, by name, each with all of its parameters; those of the
+    temperature act at `temperature_rise_K` over that of the drawing. `thermal` is no key of a file: it is there where a
+    study draws temperatures.
     """
 
     title: str
@@ -119,6 +120,7 @@ class Design(Section):
     operation: Operation | None = None
     series: dict[str, SeriesPart] = {}
     effects: dict[str, dict[str, float]] = {}
+    temperature_rise_K: Annotated[float, Field(ge=-100, le=300)] | None = None
     provenance: dict[str, Provenance] = {}
     thermal: Thermal | None = None
 

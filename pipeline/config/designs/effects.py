@@ -51,8 +51,8 @@ def effect_problems(effects: Effects) -> Iterator[Mistake]:
                 yield Mistake(f"effects.{name}.{key}", MISSING, f"add it ({parameter.unit}: {parameter.meaning})")
 
 
-def study_effect_problems(effects: Effects, disks: int) -> Iterator[Mistake]:
-    """Effects that a load cycle of equilibria cannot show, or not of so many ``disks``."""
+def study_effect_problems(effects: Effects, disks: int, temperature_rise: float) -> Iterator[Mistake]:
+    """Effects that a load cycle of equilibria cannot show, or not of so many ``disks``, or at no rise [K]."""
     if not effects:
         return
     from pipeline.model.effects import library  # the mechanics are slow to import
@@ -61,10 +61,11 @@ def study_effect_problems(effects: Effects, disks: int) -> Iterator[Mistake]:
     if {"contact_friction", "directional_load_friction"} <= set(effects):
         allowed = "is not solved beside contact_friction; delete one of both from the design of the study"
         yield Mistake("design.effects.directional_load_friction", None, allowed)
-    reasons = {
-        TIME: "a study's load cycle has no time",
-        TEMPERATURE: "a study is at the temperature of the drawing, where it changes nothing",
-    }
+    reasons = {TIME: "a study's load cycle has no time"}
+    if not temperature_rise:
+        reasons[TEMPERATURE] = (
+            "a study is at the temperature of the drawing unless its design states temperature_rise_K"
+        )
     for name in effects:
         if name not in library():
             continue

@@ -67,11 +67,16 @@ class Clearance(Section):
 
 
 class Springs(Section):
-    """Law of the line contacts, the stiffness of each where the law is linear, and the length of its tables."""
+    """Law of the line contacts, the stiffness of each where the law is linear, and the length of its tables.
+
+    The deflections of the law at the pins and at the output may be multiplied by factors, as they are fitted to a unit.
+    """
 
     law: LawName = "hertz"
     stiffness_N_per_mm: Annotated[float, Field(ge=1, le=1e9)] | None = None
     table_points: Annotated[int, Field(ge=16, le=10**6)] = 200
+    pin_deflection_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
+    output_deflection_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
 
 
 class Reduce(Section):

@@ -89,7 +89,8 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     by_state = Forward(courses, nmm, reach)
     nominal = first_states([drives((1.0,) * ranges.shape[1], position) for position in range(len(rows.cranks))])
     errors = assembly.errors(population_errors)
-    population = [drive.with_errors(_measured(errors) if measured else errors).gap for drive in nominal]
+    errors = _measured(errors) if measured else errors
+    population = [drive.with_errors(errors).gap for drive in nominal]
     curves = [stateless.backbone(drive) for drive in nominal]
     nodes = _asked_nodes(measurement, curves[0].torque)
     influences = tuple(curve.influence[0][nodes] for curve in curves)
@@ -98,6 +99,7 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
     def trained_on(training: Truth) -> Problem:
         data = data_of(measurement, training)
         modes = components.above(RESOLUTION * data.noise)
+        weights = components.weights(RESOLUTION * data.noise)
         return Problem(
             data=data,
             training=training,
@@ -113,9 +115,16 @@ def build_problem(measurement: Measurement, compliances: Sequence[Real], visible
             conditions=tuple(conditions),
             offered=offered(measurement, training),
             rated_torque=rated,
+            usual=sampled,
+            modes_of_errors=lambda amounts: _combined(errors, amounts @ weights),
         )
 
     return trained_on(visible_cells)
+
+
+def _combined(population: Errors, amounts: Real) -> Errors:
+    """Deviations [mm] of a combination of units, with so much (n_units,) of each, from their mean."""
+    return Errors(**{name: np.tensordot(amounts, v - v.mean(axis=0), axes=1) for name, v in vars(population).items()})
 
 
 def _refuse_paths(unit: UnitFile) -> None:

@@ -15,8 +15,10 @@ from pipeline.identification.bench.simulator import SECONDS_AN_HOUR, Forward, In
 from pipeline.identification.fitting.data import FEWEST_CRANKS, Data, TurningData
 from pipeline.model.effects import Conditions, Effect, library
 from pipeline.model.effects.effect import CRANKS, CYCLES, TEMPERATURE, TIME
+from pipeline.model.geometry.clearance import Errors
 from pipeline.model.load_history.drive import Drive
 from pipeline.model.load_history.load_cycle import ARCMIN
+from pipeline.sampling import Errors as SampledErrors
 
 Real = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -52,6 +54,8 @@ class Problem:
     conditions : of the states of the drives.
     offered : what the data have of what effects need (``effects.effect``).
     rated_torque : [N m]
+    usual : dimensions of the unit without any mode [um], one sample.
+    modes_of_errors : amounts of the modes (n_modes,) to deviations [mm] from the usual dimensions.
     """
 
     data: Data
@@ -68,6 +72,8 @@ class Problem:
     conditions: tuple[Conditions, ...]
     offered: frozenset[str]
     rated_torque: float
+    usual: SampledErrors
+    modes_of_errors: Callable[[Real], Errors]
 
     @property
     def n_modes(self) -> int:
@@ -287,13 +293,17 @@ class PriorModes:
         return cls(centred, units, sizes, curves.shape[1] / len(gaps))
 
     def above(self, resolution: float) -> tuple[Real, ...]:
-        """Patterns of gaps of unit variance, per position (n_modes, n_contacts) [mm].
+        """Patterns of gaps of unit variance, per position (n_modes, n_contacts) [mm]."""
+        weights = self.weights(resolution)
+        return tuple(weights @ of_units for of_units in self.gaps)
+
+    def weights(self, resolution: float) -> Real:
+        """What each mode has of each unit (n_modes, n_units): amounts times these are a combination of units.
 
         Modes of the population's curves, not of its gaps, so that few are left: those that change the curves by less
         than the ``resolution`` [arcmin rms] are left out.
         """
         n = len(self.units)
         large = self.sizes > resolution * np.sqrt(n * self.nodes)
-        weights = self.units[:, large].T * np.sqrt(1 / (n - 1)) if np.any(large) else np.zeros((0, n))
         # a unit's coefficient of mode m is its row of units times sqrt(n - 1), of variance 1
-        return tuple(weights @ of_units for of_units in self.gaps)
+        return self.units[:, large].T * np.sqrt(1 / (n - 1)) if np.any(large) else np.zeros((0, n))

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.config.dimensions import dimension_library
 from pipeline.config.files.keys import with_value
 from pipeline.config.files.section import number_at
 from pipeline.config.files.writing import toml_of
 from pipeline.config.reading import parse_design, parse_study
+from pipeline.config.studies.cases import Case, elements
 from pipeline.config.studies.study import Study
 from pipeline.engine.store import write_atomic
 from pipeline.errors import InputError
@@ -30,7 +32,7 @@ from pipeline.identification.selection.statements.verdict import (
 )
 from pipeline.model.effects import Effect
 from pipeline.model.effects.effect import TIME
-from pipeline.sampling import usual_beside
+from pipeline.model.units import MM_PER_UM
 
 DIGITS = 6
 """Digits of a number that a written design has; its interval is wider."""
@@ -40,6 +42,8 @@ DESCRIBES = {
 }
 BEST_READING = f"Describes the unit {{unit}} best. Not claimed: the verdict is {UNEXPLAINED}, structure is left."
 CORRECTED, BEST = "corrected", "best"
+OF_TEMPERATURE = ("disk_growth", "pins_growth", "housing_growth", "crank_growth")
+"""Growth by temperatures that a study draws: no dimension of a unit."""
 DESIGN_FILES = {CORRECTED: "design.toml", BEST: "best-design.toml"}
 
 
@@ -82,12 +86,12 @@ def write_best(identification: Identification, folder: Path) -> Corrected:
 
 def _written(identification: Identification, trial: Trial, kind: str, folder: Path) -> Corrected:
     try:
-        text = _design_text(identification, trial, kind)
+        text, study_text = _design_text(identification, trial, kind), _study_text(identification, trial, kind)
     except InputError as error:
         return Corrected((), f"the refitted numbers make no reducer: {'; '.join(error.problems)}")
     design, study = folder / DESIGN_FILES[kind], folder / study_file(identification.measurement.unit.name, kind)
     write_atomic(design, text.encode())
-    write_atomic(study, _study_text(identification, kind).encode())
+    write_atomic(study, study_text.encode())
     return Corrected((design, study))
 
 
@@ -122,6 +126,10 @@ def _design_text(identification: Identification, trial: Trial, kind: str) -> str
                 "reason": f"{effect.title}, identified on the measured unit {unit.name}{ends}",
             }
             provenance[f"effects.{effect.name}.{name}"] = DESCRIBES if kind == BEST else named_numbers
+    rise = float(np.mean([np.mean(of_position.temperature_rise) for of_position in problem.conditions]))
+    if rise and content["effects"]:
+        content["temperature_rise_K"] = round(rise, 3)
+        provenance["temperature_rise_K"] = {"status": "given", "reason": f"mean of the measurement of {unit.name}"}
     content["provenance"] = provenance
     parse_design(content, DESIGN_FILES[kind])
     return "".join(f"# {line}\n" for line in comments) + toml_of(content)
@@ -161,29 +169,53 @@ def _refitted(identification: Identification, key: str) -> dict[str, str]:
     return {"status": "calibrated", "reason": reason + mark}
 
 
-def _study_text(identification: Identification, kind: str) -> str:
+def _study_text(identification: Identification, trial: Trial, kind: str) -> str:
     unit = identification.measurement.unit
-    content = _study_content(unit.study, identification, kind)
+    content = _study_content(unit.study, identification, trial, kind)
     name = study_file(unit.name, kind)
     parse_study(content, Path(name).stem, name, lambda _: unit.study.design)
     comment = (
-        f"# Runs the {kind} model of the measured unit {unit.name} at its crank angles,\n"
-        "# run in and at the temperature of the drawing.\n"
+        f"# Runs the {kind} model of the measured unit {unit.name} at its crank angles, fully run in.\n"
+        "# Its one case has the dimensions that were measured, or the usual ones, and on top what was fitted of them.\n"
     )
     return comment + toml_of(content)
 
 
-def _study_content(study: Study, identification: Identification, kind: str) -> Mapping[str, Any]:
-    unit = identification.measurement.unit
-    content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design", "cases"})
+def _study_content(study: Study, identification: Identification, trial: Trial, kind: str) -> Mapping[str, Any]:
+    unit, problem = identification.measurement.unit, identification.problem
+    content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design", "cases", "tolerances"})
     claim = ": it describes, nothing is claimed" if kind == BEST else ""
     content["title"] = f"{unit.settings.title}: {kind} model"
     content["description"] = f"The {kind} model of the measured unit {unit.name}{claim}."
     cranks = tuple(sorted({round(float(crank) % 360, 6) for crank in identification.measurement.drive_cranks}))
     cycle = {key: value for key, value in content["cycle"].items() if key != "loaded_angles"}
     content["cycle"] = {**cycle, "crank_deg": cranks, "keep_contacts": (0,)}
-    if unit.dimensions is not None:
-        content.pop("tolerances", None)
-        content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}
-        content["cases"] = (usual_beside(study, unit.dimensions).model_dump(exclude_defaults=True),)
+    factors = np.exp(trial.fit.unknowns.scales[len(problem.calibrated) :]).tolist()
+    declared = study.springs.pin_deflection_factor, study.springs.output_deflection_factor
+    written = [float(f"{factor * before:.{DIGITS}g}") for factor, before in zip(factors, declared, strict=True)]
+    names = "pin_deflection_factor", "output_deflection_factor"
+    content["springs"] = {**content.get("springs", {}), **dict(zip(names, written, strict=True))}
+    content["samples"] = {"experiment": "cases", "count": 1, "nominal_first": True}
+    content["cases"] = (fitted_dimensions(identification, trial).model_dump(exclude_defaults=True),)
     return {"design": DESIGN_FILES[kind], **{key: value for key, value in content.items() if value != {}}}
+
+
+def fitted_dimensions(identification: Identification, trial: Trial) -> Case:
+    """The dimensions [um] of a unit: measured or usual ones, and on top the fitted amounts of the tolerances' modes."""
+    problem, study = identification.problem, identification.measurement.unit.study
+    counts = elements(study.design)
+    moved = vars(problem.modes_of_errors(trial.fit.unknowns.modes))
+    values: dict[str, Any] = {"label": "as fitted"}
+    for name, dimension in dimension_library().items():
+        usual = getattr(problem.usual, name, None)
+        alone = dimension.fewest_disks > study.design.disk.count
+        if usual is None or not np.size(usual) or name in OF_TEMPERATURE or alone or dimension.acts_on:
+            continue
+        change = moved.get({"lobe_profile": "lobe"}.get(name, name))
+        total = usual[0] + (0.0 if change is None or np.iscomplexobj(change) else change.ravel() / MM_PER_UM)
+        rounded = np.round(total, 4).tolist()
+        is_list = name in counts and isinstance(rounded, list) and len(rounded) > 1
+        value = tuple(rounded) if is_list else float(np.ravel(rounded)[0])
+        if np.any(value):
+            values[name] = value
+    return Case(**values)

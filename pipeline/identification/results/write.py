@@ -10,13 +10,14 @@ from typing import Any
 
 import pandas as pd
 
-from pipeline.engine.frames import write_tables
 from pipeline.engine.store import write_json
 from pipeline.identification.fitting.data import TurningData
 from pipeline.identification.identify import FaultyUnit, Identification
 from pipeline.identification.results import tables
 from pipeline.identification.results.corrected_design import (
     DESIGN_FILES,
+    Corrected,
+    best_trial,
     corrected_trial,
     study_file,
     write_best,
@@ -78,17 +79,31 @@ def write(findings_of_unit: Findings | FaultyUnit, folder: Path) -> tuple[dict[s
         identification = findings_of_unit.identification
         corrected, best = write_corrected(identification, folder), write_best(identification, folder)
         paths = best.paths or corrected.paths
-        trial_written = written_study(identification, paths[-1]) if paths else None
+        fit = ((best_trial(identification) if best.paths else None) or corrected_trial(identification)).fit
+        trial_written = written_study(identification, paths[-1], fit) if paths else None
+        if trial_written and corrected.paths and not best.paths and _is_behind(trial_written):
+            for path in corrected.paths:
+                path.unlink()
+            reason = "the study that was written leaves {:.3g} arcmin, the design as declared {:.3g}"
+            corrected = Corrected((), reason.format(trial_written.rms_arcmin, trial_written.declared_rms_arcmin))
+            trial_written = None
         frames = _write_tables(findings_of_unit, trial_written, folder)
         content = _common(identification) | _tested(findings_of_unit)
         content |= {"corrected": [path.name for path in corrected.paths], "not_corrected": corrected.why_not}
         content |= {"best": [path.name for path in best.paths]}
         content |= {
-            "written": {"study": trial_written.study, "rms_arcmin": trial_written.rms_arcmin} if trial_written else None
+            "written": {name: value for name, value in vars(trial_written).items() if name != "angle"}
+            if trial_written
+            else None
         }
     content = finite(content)
     write_json(folder / VERDICT_FILE, content)
     return content, frames
+
+
+def _is_behind(written: WrittenStudy) -> bool:
+    """Whether a written study is worse than the design as declared."""
+    return written.rms_arcmin > written.declared_rms_arcmin
 
 
 def _write_tables(

@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from pipeline import assembly
 from pipeline.config import load_study
+from pipeline.identification.bench.instrument_effects import InstrumentEffect
 from pipeline.identification.bench.simulator import Instrument
+from pipeline.identification.fitting.data import Data
 from pipeline.identification.fitting.fitter import Fitter
+from pipeline.identification.fitting.parameters import Fit
+from pipeline.identification.fitting.problem import Model
 from pipeline.identification.fitting.scaled_drives import softness
 from pipeline.identification.identify import Identification
 from pipeline.mounting import drive_of
@@ -30,19 +34,28 @@ class WrittenStudy:
     angle : (n_cells,) [arcmin] of the unit as measured, else of the nominal one, on the measured torques, with
         the offset of each position.
     rms_arcmin : of what it leaves, each cell counted by its rows.
+    fit_rms_arcmin, declared_rms_arcmin : of the fit that it was written from, and of the model as declared.
     """
 
     study: str
     angle: Real
     rms_arcmin: float
+    fit_rms_arcmin: float
+    declared_rms_arcmin: float
 
 
-def written_study(identification: Identification, path: Path) -> WrittenStudy:
+def written_study(identification: Identification, path: Path, fit: Fit) -> WrittenStudy:
     """The study of a file, with its design, on the load history of the unit.
 
-    Nothing is taken from the fits: numbers, effects and tolerances are those of the files, run in and at the
-    temperature of the drawing. Instrument, time and the fitted factors of the force laws are not in them. The disk is
-    the one that was condensed, softer or stiffer by modulus and thickness.
+    Parameters
+    ----------
+    fit : that it was written from.
+
+    Notes
+    -----
+    Of the fit only the errors of the bench are taken, which are none of the reducer: numbers, effects, dimensions and
+    factors of the force laws are those of the files, run in. The disk is the one that was condensed, softer or stiffer
+    by modulus and thickness.
 
     Raises
     ------
@@ -54,10 +67,22 @@ def written_study(identification: Identification, path: Path) -> WrittenStudy:
     factor = softness(study.design) / softness(identification.measurement.unit.study.design)
     clearance = assembly.bearing_clearance(study.design, sample.bearing_clearance)
     angle = np.full(len(problem.data), np.nan)
+    bench = Instrument()
+    for effect, values in fit.model.split(fit.values.tolist()):
+        bench = effect.apply(bench, values) if isinstance(effect, InstrumentEffect) else bench
     for position, compliance in enumerate(problem.compliances):
         crank = float(identification.measurement.drive_cranks[position])
         drive = drive_of(study, crank, factor * compliance, assembly.errors(sample), clearance)
-        angle[problem.data.position == position] = problem.forward.read(drive, position, Instrument()).angle
-    angle += Fitter(problem).offsets(angle, np.ones(len(angle), bool), problem.data.sigma)
-    square = (problem.data.angle - angle) ** 2
-    return WrittenStudy(path.name, angle, float(np.sqrt(np.average(square, weights=problem.data.count))))
+        angle[problem.data.position == position] = problem.forward.read(drive, position, bench).angle
+    fitter = Fitter(problem)
+    declared = fitter.predict(Model(), fitter.start(Model())).angle
+    curves = [
+        curve + fitter.offsets(curve, np.ones(len(angle), bool), problem.data.sigma) for curve in (angle, declared)
+    ]
+    errors = [_rms(problem.data, curve) for curve in (curves[0], fit.predicted, curves[1])]
+    return WrittenStudy(path.name, curves[0], *errors)
+
+
+def _rms(data: Data, angle: Real) -> float:
+    """Root mean square [arcmin] of what a prediction (n_cells,) leaves, each cell counted by its rows."""
+    return float(np.sqrt(np.average((data.angle - angle) ** 2, weights=data.count)))

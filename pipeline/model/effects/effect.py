@@ -77,9 +77,9 @@ class Conditions:
     temperature_rise: Real
 
     @classmethod
-    def run_in(cls, n: int) -> "Conditions":
-        """Fully run in, at the reference temperature."""
-        return cls(np.full(n, np.inf), np.zeros(n))
+    def run_in(cls, n: int, temperature_rise: float = 0.0) -> "Conditions":
+        """Fully run in, at a temperature over that of the drawing [K]."""
+        return cls(np.full(n, np.inf), np.full(n, temperature_rise))
 
 
 @dataclass(frozen=True)

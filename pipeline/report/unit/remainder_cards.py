@@ -37,7 +37,9 @@ def scatter_words(remainder: Remainder) -> str:
     return f"scatter between {scatter.groups} positions, 95 % interval {limits}"
 
 
-def written_facts(verdict: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Name of the written study, and what it leaves of the measured angles [arcmin]."""
-    written_verdict = verdict["written"]
-    return None if written_verdict is None else (written_verdict["study"], digits(written_verdict["rms_arcmin"]))
+def written_facts(verdict: Mapping[str, Any]) -> tuple[str, str, str] | None:
+    """Name of the written study, what it leaves of the measured angles [arcmin], and what its fit does."""
+    written = verdict["written"]
+    if written is None:
+        return None
+    return written["study"], digits(written["rms_arcmin"]), digits(written["fit_rms_arcmin"])

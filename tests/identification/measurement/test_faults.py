@@ -298,3 +298,13 @@ def test_a_loop_with_play_that_begins_without_torque_takes_work_or_none():
     rubbing = angle - 0.3 * np.sign(np.gradient(torque))  # rising torque turns the output less
     assert not gains_energy(torque, rubbing)
     assert gains_energy(torque, angle + 0.3 * np.sign(np.gradient(torque)))
+
+
+def test_a_record_that_ends_at_another_load_is_judged_by_its_closed_loops():
+    """The way from its end back to its start is none that was measured: it took work from a loop with friction."""
+    legs = [(0, 12), (12, -12), (-12, 12), (12, -12)]
+    torque = np.concatenate([np.linspace(*leg, 200) for leg in legs])
+    sense = np.repeat([np.sign(end - start) for start, end in legs], 200)
+    angle = 5.0 * np.tanh((torque - 0.3 * sense) / 3.0)
+    assert not gains_energy(torque, angle)
+    assert gains_energy(torque[::-1], angle[::-1])

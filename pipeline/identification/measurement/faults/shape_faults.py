@@ -17,6 +17,8 @@ LOW, HIGH = 0.2, 0.5
 """Shares of the largest torque below which a row is near zero torque, and above which it is loaded."""
 BENT = 2.0
 """Ratio of the slopes near zero and under load by which a curve is bent: play makes it larger than 1, never half."""
+CLOSED = 0.02
+"""Torque, in parts of its range, up to which a drive counts as unloaded."""
 GAINED = 0.01
 """Work that a loop gives back, in parts of torque range times angle range; noise makes less than a tenth of it."""
 FEWEST_ROWS = 20
@@ -53,24 +55,20 @@ def columns_exchanged(torque: Real, angle: Real) -> bool:
     return _bend(torque, angle) < 1 / BENT and _bend(angle, torque) > BENT
 
 
-CLOSED = 0.02
-"""Difference of the torque between the ends of a closed cycle, in parts of its range."""
-
-
 def gains_energy(torque: Real, angle: Real) -> bool:
-    """Whether rows in time order give back more work than they take over a closed cycle of the torque.
+    """Whether closed loops of rows in time order give back more work than they take.
 
     Notes
     -----
-    The work taken is the integral of the torque over the angle, which of a passive drive is not negative over a
-    closed cycle. With the columns exchanged, or the rows reversed in time, it has the other sign. Rows before the
-    torque of the last one is reached for the first time are left out: loading from zero is no part of the cycle, and
-    through play it takes less work than the chord that would close it. A record without a cycle of half of the
-    torque's range is not judged.
+    The work taken is the integral of the torque over the angle, which of a passive drive is not negative over a closed
+    cycle. With the columns exchanged, or the rows reversed in time, it has the other sign. Rows before the first and
+    after the last visit of no torque belong to no closed loop: a record may end under load. There the way that closes
+    it does no work, whatever the angle drifts by. A record without a cycle of half of the torque's range is not judged.
     """
+    unloaded = np.flatnonzero(np.abs(torque) <= CLOSED * np.ptp(torque))
+    closed = slice(unloaded[0], unloaded[-1] + 1) if len(unloaded) else slice(None)
     whole_range = float(np.ptp(torque))
-    first = int(np.argmax(np.abs(torque - torque[-1]) <= CLOSED * whole_range))
-    torque, angle = torque[first:], angle[first:]
+    torque, angle = torque[closed], angle[closed]
     if np.ptp(torque) < 0.5 * whole_range:
         return False
     work = 0.5 * float(np.sum((torque + np.roll(torque, -1)) * (np.roll(angle, -1) - angle)))
