@@ -64,8 +64,9 @@ class Contrast:
         return 2 * scipy.stats.t.sf(self._beyond_bias / self.error, self.freedom)
 
     def reach(self, confidence: float) -> Real:
-        """Half of the confidence interval (n_kinds,)."""
-        return float(scipy.stats.t.ppf(0.5 + confidence / 2, self.freedom)) * self.error + self.bias
+        """Half of the confidence interval (n_kinds,); NaN where the bias is unknown."""
+        bias = np.where(np.isfinite(self.bias), self.bias, np.nan)
+        return float(scipy.stats.t.ppf(0.5 + confidence / 2, self.freedom)) * self.error + bias
 
     def detectable(self, chance: float) -> Real:
         """Size (n_kinds,) that the tests of all kinds, of which any errs with ``chance``, show with ``POWER``.

@@ -76,12 +76,13 @@ class LoopTable:
         """Error (n_states, n_numbers) of each state's level by the distance of the torques that were measured.
 
         Half of what the two halves of the points differ by, or the distance of their mean from the value of all, in the
-        mean over the positions, which all share the torques. Infinite where the halves do not show a number.
+        mean over the positions, which all share the torques, less its standard error. Infinite where a half lacks the
+        number.
         """
         first, second = (self._on_scale(half) for half in self.halves)
         apart, moved = 0.5 * (first - second), 0.5 * (first + second) - self.layout.values
         errors = [
-            np.max(np.abs([apart[rows].mean(axis=0), moved[rows].mean(axis=0)]), axis=0)
+            np.maximum(_shared_error(apart[rows]), _shared_error(moved[rows]))
             for rows in (self.state == state for state in range(len(self.states)))
         ]
         return np.nan_to_num(np.array(errors), nan=np.inf)
@@ -154,6 +155,13 @@ def loop_table(states: Sequence[State], compared: int) -> LoopTable:
         (first[np.ix_(kept, complete)], second[np.ix_(kept, complete)]),
         tuple(curves for curves, is_kept in zip(read, kept, strict=True) if is_kept),
     )
+
+
+def _shared_error(errors: Real) -> Real:
+    """Size (n_numbers,) of the mean error over positions (n_positions, n_numbers) beyond its standard error."""
+    count = len(errors)
+    scatter = errors.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else 0.0
+    return np.asarray(np.maximum(np.abs(errors.mean(axis=0)) - scatter, 0.0), float)
 
 
 def _positions(states: Sequence[State], state: Whole, label: Sequence[str], compared: int) -> Whole:
