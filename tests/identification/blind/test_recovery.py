@@ -16,6 +16,7 @@ CASES = {
     "bearing_clearance": ((8.0,), THREE, 0.05),
     "contact_friction": ((0.1,), replace(TWO, cycles=1, rows=160), 0.05),
     "coulomb": ((0.3,), TWO, 0.03),
+    "crank_compliance_2": ((0.02, -0.01), THREE, 0.1),
     "creep": ((0.02, 40.0), replace(TWO, rows=100), 0.1),
     "eccentricity_error": ((6.0,), THREE, 0.03),
     "flank_wear": ((5.0,), replace(TWO, rows=160), 0.03),
