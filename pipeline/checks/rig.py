@@ -199,16 +199,16 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
         state, trained = loops[name], measurement.training_cells
         before = fitted_together([state.some(trained)])
         refitted = fitted_together([state.some(trained)], SOFT_TERMS)
-        row = {"state": name, "before": before.predicted[0], "refitted": refitted.predicted[0]}
+        curves = {"before": before.predicted[0], "refitted": refitted.predicted[0]}
         held = shared_numbers([loops[other] for other in loops if _beside(name, other)])
-        row |= with_effect(state.some(trained), held)
-        row |= replays(measurement, trained)
-        errors = {key: curve if key == "state" else rms(state, curve, ~trained) for key, curve in row.items()}
+        curves |= with_effect(state.some(trained), held)
+        curves |= replays(measurement, trained)
+        errors = {key: rms(state, curve, ~trained) for key, curve in curves.items()}
         floor = again.get(name)
         if floor is not None:
             first = floor.training_cells
             errors["floor"] = rms(crank_loops(floor), replays(floor, first)["replay"], ~first)
-        rows.append(errors | left_out(measurement, state, held))
+        rows.append({"state": name, **errors, **left_out(measurement, state, held)})
     frame = pd.DataFrame(rows)
     return pd.concat([frame, pd.DataFrame([{"state": "median", **frame.median(numeric_only=True)}])], ignore_index=True)
 

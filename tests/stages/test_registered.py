@@ -344,7 +344,7 @@ def test_a_section_of_another_package_stands_on_the_page(extended_run: Path) -> 
     section = page.partition('<section id="play">')[2].partition("</section>")[0]
     assert "<h2>Play &lt;rigid&gt;</h2>" in section
     assert f"{len(kinematic):,} rows, at most {kinematic['backlash_arcmin'].max():.6f} arcmin." in section
-    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\. ", page)]
-    assert numbers == list(range(1, len(numbers) + 1))
+    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)[a-z]?\. ", page)]
+    assert sorted(set(numbers)) == list(range(1, max(numbers) + 1))
     assert re.search(r"<b>Figure \d+\. Play of rigid bodies\.</b> Of every sample\.", section)
     assert (extended_run / "report" / "figures" / "rigid_play.png").stat().st_size > 1000

@@ -106,7 +106,7 @@ class CurvesOverCrank:
                 break
         crank = start - ratio * delta
         slopes = self.spline(self._placed(crank), 1)
-        work = np.array([self._integral(slopes[k], k) for k in nodes])
+        work = np.array([self._integral(slopes[k], int(k)) for k in nodes])
         motor = self.torque + ratio * work
         if np.any(np.diff(motor) <= 0) or np.any(np.diff(delta) < 0):
             raise ValueError("the drive varies so much over the crank angle that it jumps; smaller torques do not")

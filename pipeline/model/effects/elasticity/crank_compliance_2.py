@@ -15,7 +15,7 @@ ORDER = 2
 
 def _apply(drive: Drive, values: Sequence[float], conditions: Conditions) -> Drive:
     angle = ORDER * drive.reducer.crank
-    wave = np.hypot(*values) + values[0] * np.cos(angle) + values[1] * np.sin(angle)
+    wave = np.hypot(values[0], values[1]) + values[0] * np.cos(angle) + values[1] * np.sin(angle)
     return drive.with_elements(LinearSpring(1e-3 * float(wave) / ARCMIN))
 
 
