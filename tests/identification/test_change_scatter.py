@@ -30,6 +30,14 @@ def pair_weights(n_states: int) -> list[float]:
     return [-1.0, 1.0, *[0.0] * (n_states - 2)]
 
 
+def test_a_level_without_weight_counts_nothing_whatever_its_error():
+    layout = drawn(np.random.default_rng(2), 3)
+    bias = np.array([[0.1], [np.inf], [0.1]])
+    found = layout.contrast([-1.0, 0.0, 1.0], bias)
+    assert found.bias[0] == pytest.approx(0.2)
+    assert np.isfinite(found.family.p[0])
+
+
 def test_two_states_are_the_test_of_the_mean_difference():
     layout = drawn(np.random.default_rng(1), 2, 3.0)
     before, after = layout.values[:, 0].reshape(2, -1)

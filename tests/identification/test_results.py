@@ -165,8 +165,10 @@ def test_a_study_of_angles_evenly_over_the_turn_is_written_with_those_of_the_uni
     assert study.cycle.loaded_angles is not None
     unit = SimpleNamespace(name="u", settings=SimpleNamespace(title="U"), dimensions=None, study=study)
     measurement = SimpleNamespace(unit=unit, drive_cranks=np.array([0.0, 65.4545, 425.4545]))
-    identification = SimpleNamespace(measurement=measurement)
-    written = tomllib.loads(corrected_design._study_text(identification, corrected_design.BEST))
+    problem = SimpleNamespace(calibrated=("a",), usual=None, modes_of_errors=lambda modes: SimpleNamespace())
+    identification = SimpleNamespace(measurement=measurement, problem=problem)
+    trial = SimpleNamespace(fit=SimpleNamespace(unknowns=SimpleNamespace(scales=np.zeros(3), modes=np.zeros(0))))
+    written = tomllib.loads(corrected_design._study_text(identification, trial, corrected_design.BEST))
     assert written["cycle"]["crank_deg"] == [0.0, 65.4545]
     assert "loaded_angles" not in written["cycle"]
 

@@ -175,11 +175,13 @@ def test_a_variable_that_a_state_lacks_is_asked_for_by_name(tmp_path):
 def test_the_library_function_writes_a_page_that_says_what_the_verdict_says(tmp_path, monkeypatch):
     write_series(tmp_path / "drive", [1.0, 1.4], [40.0] * 2, 0.0, (20.0, 140.0, 260.0))
     monkeypatch.setattr(settings, "RUNS", tmp_path / "runs")
-    verdict = pipeline.identify_series(tmp_path / "drive")
+    answer = pipeline.identify_series(tmp_path / "drive")
     folder = tmp_path / "runs" / "series" / "drive"
+    verdict = json.loads((folder / "verdict.json").read_text())
     page = (folder / "report.html").read_text().replace("\u00a0", " ")
     assert verdict["states"] == ["state0", "state1"]
-    assert verdict == json.loads((folder / "verdict.json").read_text())
+    assert answer.report == folder / "report.html"
+    assert answer.sentences[0].startswith(verdict["verdict"])
     assert verdict["trends"].split(" ")[0] in page
     errors = pd.read_parquet(folder / "errors.parquet")
     assert len(errors) == 6

@@ -138,7 +138,7 @@ def test_a_number_that_changes_nothing_is_not_determined():
     ("text", "message"),
     [
         ("key,lower,upper\noutput.roler_length_mm,1,3\n", "did you mean 'output.roller_length_mm'"),
-        ("key,lower,upper\noutput.roller_length_mm,3,4\n", "must lie within"),
+        ("key,lower,upper\noutput.roller_length_mm,3,4\n", "must satisfy 0 < lower < value < upper"),
         ("key,lower,upper\noutput.roller_length_mm,one,4\n", "must be a number"),
         ("key,lower\noutput.roller_length_mm,1\n", "must be key, lower, upper"),
     ],

@@ -127,7 +127,8 @@ class Layout:
         size = float(np.linalg.norm(of_rows))
         mean = of_rows @ self.values
         error = np.maximum(size * self.scatter, LEAST_ERROR)
-        shared = np.abs(weights) @ np.broadcast_to(bias, (len(weights), len(mean)))
+        known = np.flatnonzero(weights)  # a level without weight counts nothing, whatever its error
+        shared = np.abs(np.asarray(weights)[known]) @ np.broadcast_to(bias, (len(weights), len(mean)))[known]
         return Contrast(mean, error, size, self.residuals, self.freedom, np.asarray(shared, float))
 
     def half_interval(self, confidence: float) -> Real:

@@ -169,6 +169,10 @@ def _refitted(identification: Identification, key: str) -> dict[str, str]:
     return {"status": "calibrated", "reason": reason + mark}
 
 
+OF_SAMPLES = {"name", "design", "cases", "tolerances", "costs", "drivers", "tails"}
+"""Settings of a study that its one case has no use for."""
+
+
 def _study_text(identification: Identification, trial: Trial, kind: str) -> str:
     unit = identification.measurement.unit
     content = _study_content(unit.study, identification, trial, kind)
@@ -183,7 +187,7 @@ def _study_text(identification: Identification, trial: Trial, kind: str) -> str:
 
 def _study_content(study: Study, identification: Identification, trial: Trial, kind: str) -> Mapping[str, Any]:
     unit, problem = identification.measurement.unit, identification.problem
-    content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude={"name", "design", "cases", "tolerances"})
+    content: dict[str, Any] = study.model_dump(exclude_defaults=True, exclude=OF_SAMPLES)
     claim = ": it describes, nothing is claimed" if kind == BEST else ""
     content["title"] = f"{unit.settings.title}: {kind} model"
     content["description"] = f"The {kind} model of the measured unit {unit.name}{claim}."
