@@ -25,11 +25,16 @@ from pipeline.config.files.section import nearest_name
 from pipeline.errors import InputError
 from pipeline.identification.fitting.cells_in_noise import data_of
 from pipeline.identification.fitting.measured_loops import crank_loops
-from pipeline.identification.generic.drive_terms import CRANK_EFFECTS
 from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.generic.turning_crank import CrankLoops
 from pipeline.identification.measurement.measurement import Measurement
 from pipeline.identification.selection.baselines import Cycles, baselines
+from pipeline.identification.series.folds import (
+    held_numbers,
+    mean_squares,
+    predicted_by_others,
+    reversed_numbers,
+)
 
 Real = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -50,6 +55,7 @@ SHARED_TERMS = (*SOFT_TERMS, "asymmetry")
 """Whose numbers come from the other states of a series."""
 EFFECT = "pin_circle_runout"
 """Effect of the crank angle whose numbers come from the other states: first of its class."""
+EFFECT_TERMS = (*SHARED_TERMS, EFFECT)
 TITLES = {
     "replay of the training loops": "replay",
     "polynomial for each branch": "polynomial",
@@ -215,23 +221,13 @@ def predicted_states(measurements: Mapping[str, Measurement], again: Mapping[str
 
 def shared_numbers(others: Sequence[CrankLoops]) -> dict[str, float]:
     """Numbers of the material and of the crank angle that other states of a series share; none without any."""
-    if not others:
-        return {}
-    known = fitted_together(others, (*SHARED_TERMS, EFFECT), (*SHARED_TERMS, EFFECT))
-    return {name: known.values[0][name] for name in known.shared}
+    return held_numbers(fitted_together(others, EFFECT_TERMS, EFFECT_TERMS)) if others else {}
 
 
 def with_effect(state: CrankLoops, held: Mapping[str, float]) -> dict[str, Real]:
     """Predictions (n_cells,) with the shared numbers of other states, and with their effect reversed; none without."""
-    if not held:
-        return {}
-    terms = (*SHARED_TERMS, EFFECT)
-    turned = {name: -value if name in CRANK_EFFECTS[EFFECT].numbers(EFFECT) else value for name, value in held.items()}
-    fits = {
-        title: fitted_together([state], terms, held=[values])
-        for title, values in (("effect", held), ("reversed", turned))
-    }
-    return {title: fit.predicted[0] for title, fit in fits.items()}
+    numbers = {"effect": held, "reversed": reversed_numbers(held, EFFECT)} if held else {}
+    return {title: predicted_by_others(state, EFFECT_TERMS, values) for title, values in numbers.items()}
 
 
 def left_out(measurement: Measurement, state: CrankLoops, held: Mapping[str, float]) -> dict[str, float]:
@@ -256,10 +252,8 @@ def replays(measurement: Measurement, trained: Truth) -> dict[str, Real]:
 
 
 def rms(state: CrankLoops, curve: Real, cells: Truth) -> float:
-    """Root mean square error [arcmin] over some cells, each counted by its rows, each position less its mean error."""
-    error = state.some(cells & np.isfinite(curve))
-    residual = np.where(error.weight > 0, state.angle - curve, 0.0)
-    return float(np.sqrt(np.average((residual - error.zeros(residual)) ** 2, weights=error.weight)))
+    """Root mean square error [arcmin] over some cells."""
+    return float(np.sqrt(mean_squares(state, curve, cells)))
 
 
 def _beside(state: str, other: str) -> bool:

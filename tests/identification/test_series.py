@@ -133,6 +133,22 @@ def test_without_a_shared_effect_none_is_claimed_and_no_trend(tmp_path):
     assert not any(trend.shown for trend in answer.trends)
 
 
+def test_of_few_positions_the_other_states_show_the_class_with_its_size_and_control(tmp_path):
+    """Three positions in each of four states: folds over positions train on two, the other states hold the wave."""
+    answer = identify_measurements(
+        write_series(tmp_path, [1.0, 1.2, 1.5, 1.8], [40.0] * 4, RUNOUT, (20.0, 140.0, 260.0), seed=3)
+    )
+    (members,) = answer.effects.classes
+    assert members[0].name == "pin_circle_runout"
+    assert members[0].left_out == "states"
+    value, low, high, _ = effect_sizes(members[0])["amplitude"]
+    assert value == pytest.approx(abs(RUNOUT), rel=0.2)
+    assert low < value < high
+    assert members[0].folds.rms() < 0.3 * answer.effects.without.rms() < 0.3 * members[0].control
+    assert np.all(np.isfinite(members[0].folds.loss).sum(axis=1) == 1)  # a unit trains on two of three by default
+    assert "with its sign reversed" in answer.sentence
+
+
 def test_two_positions_claim_no_shared_effect(tmp_path):
     answer = identify_measurements(write_series(tmp_path, [1.0, 1.5], [40.0] * 2, 0.0, (20.0, 110.0)))
     assert not answer.effects.classes

@@ -81,9 +81,11 @@ EFFECTS = Table(
         Column("effect", "label", "", "name"),
         Column("title", "label", "", "in words"),
         Column("beside", "label", "", "effects that were shared already"),
-        Column("rms_arcmin", "float64", "arcmin", "error at positions that no state was fitted to"),
+        Column("rms_arcmin", "float64", "arcmin", "error at positions that the state was not fitted to"),
+        Column("left_out", "label", "", "positions of all states, or states; errors of the two differ in their cells"),
+        Column("reversed_arcmin", "float64", "arcmin", "the same with the sign turned round; null over positions"),
         Column("p", "float64", "1", "of no gain there, all effects counted; null: not testable"),
-        Column("p_positions", "float64", "1", "of no gain by the scatter over positions alone"),
+        Column("p_left_out", "float64", "1", "of no gain by the scatter over what was left out alone"),
         Column("claimed", "bool", "", "whether it is claimed"),
         Column("note", "label", "", "why it is not"),
     ),
@@ -127,9 +129,21 @@ class SeriesAnswer:
             f"state, {refitted:.3g} arcmin with each state's own friction, play and compliance"
         )
         if not self.effects.classes:
-            return f"No effect that all states share is shown. {errors}."
+            return f"No effect that all states share is shown. {errors}.{self._leading_words}"
         claims = "; ".join(class_words(members, self.effects) for members in self.effects.classes)
-        return f"All states share: {claims}. {errors}, {after:.3g} arcmin with the shared effects."
+        return f"All states share: {claims}. {errors}, {after:.3g} arcmin with the shared effects.{self._leading_words}"
+
+    @property
+    def _leading_words(self) -> str:
+        """The class that predicts best from the other states without being claimed; empty without one."""
+        members = self.effects.leading
+        if not members:
+            return ""
+        p = min(effect.p for effect in members)
+        return (
+            f" Not shown, but the best that other states offer: {class_words(members, self.effects)} (p of the first "
+            f"{members[0].p:.2g}, smallest {p:.2g}, all effects counted; {len(self.series.states)} states)."
+        )
 
     @property
     def trend_sentence(self) -> str:
@@ -146,7 +160,8 @@ class SeriesAnswer:
     @property
     def advice(self) -> str:
         """The measurement that separates the members of a class."""
-        names = [effect.name for members in self.effects.classes if len(members) > 1 for effect in members]
+        classes = (*self.effects.classes, self.effects.leading)
+        names = [effect.name for members in classes if len(members) > 1 for effect in members]
         separating = dict.fromkeys(CRANK_EFFECTS[name].told_apart_by for name in names if name in CRANK_EFFECTS)
         if separating:
             return f"To separate them: {'; '.join(separating)}."
@@ -179,6 +194,11 @@ def class_words(members: Sequence[TriedEffect], effects: SharedEffects) -> str:
         size = ", ".join(f"{name} {number_text(*values)}" for name, values in sizes.items())
         texts.append(f"{effect.title.split(':')[0]} ({size})")
     text = " or ".join(texts)
+    if effects.without and members[0].left_out == "states":
+        return (
+            f"{text}, which predicts unused positions of a state from the other states to {members[0].folds.rms():.3g} "
+            f"arcmin, {effects.without.rms():.3g} without it and {members[0].control:.3g} with its sign reversed"
+        )
     share = 100 * (1 - members[0].folds.rms() / effects.recalibrated.rms())
     return f"{text}, which removes {share:.0f} % of the error of the states' own numbers"
 
@@ -243,6 +263,7 @@ def _verdict(answer: SeriesAnswer) -> dict[str, Any]:
         "trends": answer.trend_sentence,
         "advice": answer.advice,
         "shared": [[_effect(effect) for effect in members] for members in answer.effects.classes],
+        "leading": [_effect(effect) for effect in answer.effects.leading],
         "untestable": dict(answer.effects.untestable),
         "errors_arcmin": {name: float(np.sqrt(np.nanmean(loss))) for name, loss in answer.errors.items()},
         "data_faults": {
@@ -313,8 +334,10 @@ def effect_rows(answer: SeriesAnswer) -> Columns:
         "title": [effect.title for effect in tried],
         "beside": [" + ".join(effect.beside) for effect in tried],
         "rms_arcmin": np.array([effect.folds.rms() for effect in tried]),
+        "left_out": [effect.left_out for effect in tried],
+        "reversed_arcmin": np.array([effect.control for effect in tried]),
         "p": np.array([effect.p for effect in tried]),
-        "p_positions": np.array([effect.p_positions for effect in tried]),
+        "p_left_out": np.array([effect.p_left_out for effect in tried]),
         "claimed": np.array([effect.claimed for effect in tried]),
         "note": [effect.note for effect in tried],
     }

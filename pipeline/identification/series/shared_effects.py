@@ -2,7 +2,8 @@
 
 Each state has its own friction, play and compliance. What belongs to the parts (errors over the crank angle, the
 material) has one size in all states. A fold leaves out one position in every state, so that an effect must predict
-what it has not seen.
+what it has not seen. Where fewer than ``FEWEST_OF_A_WAVE`` positions leave too few for an effect of the crank angle, a
+fold leaves out a state: the effect comes from the other states, and must predict unused positions of that one.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import scipy  # its statistics are slow to import: they are when they are called
 from numpy.typing import NDArray
 
 from pipeline.identification.generic.drive_terms import CRANK_EFFECTS, SOFT, numbers_of
-from pipeline.identification.generic.shared_fit import SharedFit, fitted_together
+from pipeline.identification.generic.shared_fit import fitted_together
 from pipeline.identification.generic.turning_crank import CrankLoops, LoopModel
 from pipeline.identification.selection.criteria import FEWEST_BLOCKS
+from pipeline.identification.series.folds import Folds, StateFolds, state_folds
 from pipeline.identification.series.states import Series
 from pipeline.statistics.blocks import max_t
 
@@ -31,35 +33,19 @@ FEWEST_POSITIONS = 3
 """Positions below which no shared effect is claimed: a fold then trains on one."""
 LEVEL = 0.05
 """Chance of claiming any effect that is not there, over all that are tried."""
+FEWEST_OF_A_WAVE = 4
+"""Positions below which effects of the crank angle are judged by the other states: without one, three are left for the
+mean, amplitude and phase of a wave."""
+FEWEST_STATES = 3
+"""States below which none is left out: the scatter over two has one degree of freedom."""
 MOST_SHARED = 2
 """Effects that are added one after the other."""
+NOT_SHOWN = "no significant gain at unused positions of states that were left out"
+"""Why the class that predicts best from the other states is not claimed."""
 RESAMPLES, SEED = 2000, 33
 """Of the bootstrap over positions and states."""
 LEAST_LOSS = 1e-12
 """Mean square error [arcmin^2] below which errors are equal."""
-
-
-@dataclass(frozen=True)
-class Folds:
-    """A model with given shared terms, fitted without each group of positions and to all.
-
-    Attributes
-    ----------
-    terms : shared.
-    fits : one without each group of positions; of a single position the fit to all.
-    final : to all positions.
-    loss : (n_states, n_positions) mean square error [arcmin^2] at positions that were left out; NaN where a state has
-        no such position.
-    """
-
-    terms: tuple[str, ...]
-    fits: tuple[SharedFit, ...]
-    final: SharedFit
-    loss: Real
-
-    def rms(self) -> float:
-        """Root mean square error [arcmin] over all states and positions that were left out."""
-        return float(np.sqrt(np.nanmean(self.loss)))
 
 
 @dataclass(frozen=True)
@@ -71,9 +57,10 @@ class TriedEffect:
     name, title : of it.
     beside : effects that were shared already.
     folds : of the model with it.
-    p : of no gain at positions that were left out, all effects of its round counted.
-    p_positions : the same by the scatter over positions alone, without counting.
-    claimed : whether both are significant, and no number of it ended at a bound.
+    p : of no gain at what was left out, all effects of its round counted.
+    p_left_out : the same by the scatter over positions, or states, alone, without counting.
+    claimed : whether both are significant, and no number of it ended at a bound; of folds over states, whether it is
+        one of a class of which that holds.
     note : why it is not claimed, empty where it is.
     """
 
@@ -82,9 +69,19 @@ class TriedEffect:
     beside: tuple[str, ...]
     folds: Folds
     p: float
-    p_positions: float
+    p_left_out: float
     claimed: bool
     note: str
+
+    @property
+    def left_out(self) -> str:
+        """What its folds leave out."""
+        return "states" if isinstance(self.folds, StateFolds) else "positions"
+
+    @property
+    def control(self) -> float:
+        """Root mean square error [arcmin] with its sign turned round; NaN of folds over positions."""
+        return self.folds.reversed_rms() if isinstance(self.folds, StateFolds) else float("nan")
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,9 @@ class SharedEffects:
     series : of the states.
     recalibrated : each state's own numbers alone.
     tried : all effects, round by round.
-    classes : claimed effects, one class for each round: its members predict equally well, the best first.
+    classes : claimed effects, one class for each round: its members predict equally well, the best first. The last may
+        come from folds over states.
+    without : folds over states without an effect of the crank angle; none where they are over positions.
     untestable : effects that these loops do not show, with the reason.
     """
 
@@ -104,12 +103,20 @@ class SharedEffects:
     recalibrated: Folds
     tried: tuple[TriedEffect, ...]
     classes: tuple[tuple[TriedEffect, ...], ...]
+    without: StateFolds | None
     untestable: Mapping[str, str]
 
     @property
     def after(self) -> Folds:
         """The model with all that is claimed."""
-        return self.classes[-1][0].folds if self.classes else self.recalibrated
+        folds = [members[0].folds for members in self.classes if not isinstance(members[0].folds, StateFolds)]
+        return folds[-1] if folds else self.recalibrated
+
+    @property
+    def leading(self) -> tuple[TriedEffect, ...]:
+        """The class that predicts best from the other states where it is not claimed, the best first."""
+        members = (effect for effect in self.tried if effect.note == NOT_SHOWN)
+        return tuple(sorted(members, key=lambda effect: effect.folds.rms()))
 
     @cached_property
     def before(self) -> Real:
@@ -126,19 +133,29 @@ def share_effects(series: Series) -> SharedEffects:
     """The effects that the states share."""
     recalibrated = fold_fits(series, (), ())
     testable, untestable = candidates(series)
+    by_states = len(series.positions) < FEWEST_OF_A_WAVE and states_with_unused(series) >= FEWEST_STATES
+    waves = [name for name in testable if by_states and name in CRANK_EFFECTS]
     tried: list[TriedEffect] = []
     classes: list[tuple[TriedEffect, ...]] = []
     base = recalibrated
     for _ in range(MOST_SHARED if len(series.positions) >= FEWEST_POSITIONS else 1):
         known = {name for members in classes for effect in members for name in (effect.name, *twins(effect.name))}
-        round_effects = _tried_round(series, base, [name for name in testable if name not in known])
+        round_effects = _tried_round(series, base, [name for name in testable if name not in {*known, *waves}])
         tried += round_effects
         claimed = sorted((effect for effect in round_effects if effect.claimed), key=lambda effect: effect.folds.rms())
         if not claimed:
             break
         classes.append(tuple(effect for effect in claimed if _as_good(effect, claimed[0])))
         base = claimed[0].folds
-    return SharedEffects(series, recalibrated, tuple(tried), tuple(classes), untestable)
+    without, by_others = _tried_by_states(series, waves) if waves else (None, ())
+    members = tuple(sorted((effect for effect in by_others if effect.claimed), key=lambda effect: effect.folds.rms()))
+    all_classes = (*classes, members) if members else tuple(classes)
+    return SharedEffects(series, recalibrated, (*tried, *by_others), all_classes, without, untestable)
+
+
+def states_with_unused(series: Series) -> int:
+    """Number of states that have a position beside one to fit their own numbers to."""
+    return sum(len(np.unique(loops.position)) > 1 for loops in series.loops)
 
 
 def candidates(series: Series) -> tuple[list[str], dict[str, str]]:
@@ -230,26 +247,66 @@ def _tried_round(series: Series, base: Folds, names: Sequence[str]) -> list[Trie
     )
     effects = []
     for name, trial, gain, p in zip(names, trials, gains, p_family, strict=True):
-        p_positions = _positions_p(gain) if held_out else float("nan")
+        p_left_out = _left_out_p(np.nanmean(gain, axis=0)) if held_out else float("nan")
         at_bound = sorted((set(numbers_of((name,))) - set(numbers_of(()))) & trial.final.at_bound)
-        note = next(_reasons(series, held_out, at_bound, float(p), p_positions), "")
-        effects.append(TriedEffect(name, title(name), base.terms, trial, float(p), p_positions, not note, note))
+        note = next(_reasons(series, held_out, at_bound, float(p), p_left_out), "")
+        effects.append(TriedEffect(name, title(name), base.terms, trial, float(p), p_left_out, not note, note))
     return effects
 
 
-def _reasons(series: Series, held_out: bool, at_bound: Sequence[str], p: float, p_positions: float) -> Iterator[str]:
+def _tried_by_states(series: Series, names: Sequence[str]) -> tuple[StateFolds, tuple[TriedEffect, ...]]:
+    """Folds over states without and with each effect, beside all that the material may do.
+
+    A class is claimed where its best member predicts unused positions better than without it (t test over the states,
+    all effects counted by Bonferroni). Members are all that help, that hurt with their sign turned round, and that
+    are not significantly worse than the best.
+    """
+    beside = tuple(SOFT)
+    without = state_folds(series, beside)
+    trials = {name: state_folds(series, (*beside, name), without) for name in names}
+    bounds = {name: set(CRANK_EFFECTS[name].numbers(name)) & trial.final.at_bound for name, trial in trials.items()}
+    gains = {name: _gains(without.loss, trial.loss) for name, trial in trials.items()}
+    helping = [
+        name
+        for name, trial in trials.items()
+        if not bounds[name] and gains[name].mean() > 0 > _gains(without.loss, trial.reversed_loss).mean()
+    ]
+    best = min(helping, key=lambda name: trials[name].rms(), default="")
+    shown = bool(best) and len(names) * _left_out_p(gains[best]) < LEVEL
+    effects = []
+    for name, trial in trials.items():
+        p = _left_out_p(gains[name])
+        note = ""
+        if bounds[name]:
+            note = f"{', '.join(sorted(bounds[name]))} at a bound of the fit"
+        elif name not in helping:
+            note = "unused positions are not predicted better by the other states, or not worse with its sign reversed"
+        elif _left_out_p(_gains(trial.loss, trials[best].loss)) < LEVEL:
+            note = f"significantly worse than: {title(best)}"
+        elif not shown:
+            note = NOT_SHOWN
+        effects.append(TriedEffect(name, title(name), beside, trial, min(1.0, len(names) * p), p, not note, note))
+    return without, tuple(effects)
+
+
+def _gains(base: Real, loss: Real) -> Real:
+    """Mean gain (n_states,) over unused positions: logarithm of mean square errors without over with an effect."""
+    gains = np.log(base + LEAST_LOSS) - np.log(loss + LEAST_LOSS)
+    return np.nanmean(gains[np.any(np.isfinite(gains), axis=1)], axis=1)
+
+
+def _reasons(series: Series, held_out: bool, at_bound: Sequence[str], p: float, p_left_out: float) -> Iterator[str]:
     """Why an effect is not claimed."""
     if not held_out:
         yield f"{len(series.positions)} positions in {len(series.states)} states are too few to leave any out"
     elif at_bound:
         yield f"{', '.join(at_bound)} at a bound of the fit"
-    elif not (p < LEVEL and p_positions < LEVEL):
+    elif not (p < LEVEL and p_left_out < LEVEL):
         yield "no significant gain at positions that were left out"
 
 
-def _positions_p(gain: Real) -> float:
-    """One-sided p of no mean gain over positions, which all states share (n_states, n_positions)."""
-    means = np.nanmean(gain, axis=0)
+def _left_out_p(means: Real) -> float:
+    """One-sided p of no mean gain, by mean gains (n,) of the positions or states that were left out."""
     spread = float(means.std(ddof=1)) / np.sqrt(len(means))
     return float(scipy.stats.t.sf(means.mean() / max(spread, LEAST_LOSS), len(means) - 1))
 
@@ -259,4 +316,4 @@ def _as_good(effect: TriedEffect, best: TriedEffect) -> bool:
     if effect is best:
         return True
     gap = np.log(effect.folds.loss + LEAST_LOSS) - np.log(best.folds.loss + LEAST_LOSS)
-    return _positions_p(gap) >= LEVEL
+    return _left_out_p(np.nanmean(gap, axis=0)) >= LEVEL

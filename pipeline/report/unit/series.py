@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from pipeline.engine.store import read_json, write_atomic
 from pipeline.figures.measured.series import states_figure
+from pipeline.identification.series.folds import StateFolds
 from pipeline.identification.series.results import VERDICT_FILE, SeriesAnswer, effect_sizes, number_text, state_errors
 from pipeline.identification.series.shared_effects import TriedEffect
 from pipeline.report.layout.pictures import drawn_pictures
@@ -44,6 +46,7 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
         tried=[_tried(effect) for effect in answer.effects.tried],
         trends=[_trend(row) for row in trends.to_dict("records")],
         numbers=_numbers(states),
+        by_others=_by_others(answer),
         errors=[(name, *(_error(*error) for error in errors.values())) for name, errors in state_errors(answer)],
         faults=[(name, fault) for name, faults in verdict["data_faults"].items() for fault in faults],
         folder=shown_folder,
@@ -52,13 +55,31 @@ def write_series_page(answer: SeriesAnswer, folder: Path, shown_folder: Path) ->
     write_atomic(folder / "report.html", page.encode())
 
 
+def _by_others(answer: SeriesAnswer) -> list[tuple[str, list[str]]]:
+    """Errors of each state, and of all, by the other states: without, with and with the reversed best effect."""
+    without = answer.effects.without
+    trials = [effect.folds for effect in answer.effects.tried if isinstance(effect.folds, StateFolds)]
+    if without is None or not trials:
+        return []
+    best = min(trials, key=StateFolds.rms)
+    losses = without.loss, best.loss, best.reversed_loss
+    rows = [
+        (name, [digits(float(np.sqrt(np.nanmean(loss[k])))) for loss in losses])
+        for k, name in enumerate(answer.series.names)
+        if np.any(np.isfinite(without.loss[k]))
+    ]
+    return [*rows, ("all", [digits(float(np.sqrt(np.nanmean(loss)))) for loss in losses])]
+
+
 def _tried(effect: TriedEffect) -> dict[str, str | bool]:
     return {
         "title": effect.title,
         "beside": ", ".join(effect.beside).replace("_", " "),
         "rms": digits(effect.folds.rms()),
         "p": digits(effect.p, 2),
-        "p_positions": digits(effect.p_positions, 2),
+        "left_out": effect.left_out,
+        "reversed": digits(effect.control) if effect.control == effect.control else "",
+        "p_left_out": digits(effect.p_left_out, 2),
         "claimed": effect.claimed,
         "note": effect.note,
     }
