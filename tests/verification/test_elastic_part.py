@@ -232,4 +232,4 @@ def test_the_readme_says_what_the_table_says(paper_shortfalls):
     nearest = float(re.search(r"touch one another come nearest \((-\d+) %\)", text)[1]) / 100
     of_table = VARIATIONS[VARIATIONS["fitted_to"] == refits.BOTH].set_index("assumption")
     assert nearest == pytest.approx(of_table.loc["rollers of a row touching", "elastic_error"], abs=0.006)
-    assert f"{len(paper_shortfalls.choices)} choices against {paper_shortfalls.targets} numbers" in text
+    assert f"{len(paper_shortfalls.choices)} choices for {paper_shortfalls.targets} numbers" in text
